@@ -1,0 +1,3 @@
+def main() -> int:
+    print("femsub")
+    return 0
