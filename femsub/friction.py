@@ -1,0 +1,144 @@
+"""Friction laws μ(v) with their slopes μ'(v), and the belt that brings one of them to a port.
+
+The sign, once and for all: the belt drags the mass along, so the friction force acts on the right-hand side,
+M ẍ + P ẋ + Q x = w F μ(v0 - wᵀẋ). Linearised about steady sliding this is **D = P + F μ'(v0) w wᵀ**, and a
+falling characteristic (μ' < 0) takes damping away. The paper's eq. (1) read literally has the opposite sign, with
+which its own Fig. 4 could not be unstable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.errors import InputError
+from femsub.pencil import Array, Matrix
+
+
+class FrictionLaw(Protocol):
+    """What a friction law offers: μ and μ' at a sliding speed, scalar or array."""
+
+    def value(self, v: Any) -> Any: ...
+
+    def slope(self, v: Any) -> Any: ...
+
+
+def _check(**values: float) -> None:
+    for name, value in values.items():
+        if not np.isfinite(value):
+            raise InputError(f"{name} must be a finite number, not {value!r}")
+
+
+@dataclass(frozen=True)
+class StribeckArctan:
+    """μ(v) = c (2/π) arctan(v/ε) + d exp(-r|v|), the law as the paper prints it (its eq. (7)).
+
+    With c = 0.3, d = 0.2, r = 2. It is not odd: μ(0) = d, so that the friction force does not vanish with the
+    sliding speed; `StribeckArctanOdd` is the odd law next to it.
+
+    Parameters
+    ----------
+    eps : float
+        Width ε of the transition from sticking to sliding, in units of speed.
+    coulomb, drop, decay : float
+        c and d (dimensionless) and r (1/speed).
+    """
+
+    eps: float = 1e-3
+    coulomb: float = 0.3
+    drop: float = 0.2
+    decay: float = 2.0
+
+    def __post_init__(self) -> None:
+        _check(eps=self.eps, coulomb=self.coulomb, drop=self.drop, decay=self.decay)
+        if self.eps <= 0:
+            raise InputError(f"eps must be positive, not {self.eps!r}: it is the width of the stick-slip transition")
+
+    def value(self, v: Any) -> Any:
+        """μ(v)."""
+        return self.coulomb * 2 / np.pi * np.arctan(v / self.eps) + self.drop * np.exp(-self.decay * np.abs(v))
+
+    def slope(self, v: Any) -> Any:
+        """μ'(v) = c (2/π) ε/(ε² + v²) - d r sign(v) exp(-r|v|); at v = 0 the mean of both sides."""
+        rise = self.coulomb * 2 / np.pi * self.eps / (self.eps**2 + np.square(v))
+        return rise - self.drop * self.decay * np.sign(v) * np.exp(-self.decay * np.abs(v))
+
+
+@dataclass(frozen=True)
+class StribeckArctanOdd(StribeckArctan):
+    """μ(v) = (c + d exp(-r|v|)) (2/π) arctan(v/ε), the odd variant of the paper's eq. (7): μ(-v) = -μ(v)."""
+
+    def value(self, v: Any) -> Any:
+        """μ(v)."""
+        return (self.coulomb + self.drop * np.exp(-self.decay * np.abs(v))) * 2 / np.pi * np.arctan(v / self.eps)
+
+    def slope(self, v: Any) -> Any:
+        """μ'(v), even in v and smooth."""
+        level = self.coulomb + self.drop * np.exp(-self.decay * np.abs(v))
+        fall = self.drop * self.decay * np.exp(-self.decay * np.abs(v)) * np.arctan(np.abs(v) / self.eps)
+        return 2 / np.pi * (level * self.eps / (self.eps**2 + np.square(v)) - fall)
+
+
+LAWS = {"stribeck-arctan": StribeckArctan, "stribeck-arctan-odd": StribeckArctanOdd}
+
+
+@dataclass(frozen=True)
+class Belt:
+    """A belt sliding at speed v0 under a normal force F on a port w: D = P + F μ'(v0) w wᵀ.
+
+    Parameters
+    ----------
+    port : str
+        The port it acts on.
+    force : float
+        Normal force F, not negative.
+    speed : float, optional
+        Belt speed v0; needed with a `law`.
+    law : FrictionLaw, optional
+        Gives μ'(v0).
+    slope : float, optional
+        μ'(v0) itself, instead of a law. Negative destabilises.
+
+    Raises
+    ------
+    InputError
+        Neither `law` nor `slope`, both in contradiction, a law without a speed, a negative force, NaN.
+    """
+
+    port: str = "belt"
+    force: float = 1.0
+    speed: float | None = None
+    law: FrictionLaw | None = None
+    slope: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.port, str):
+            raise InputError(f"port must be the name of a port, not {self.port!r}")
+        _check(force=self.force)
+        if self.force < 0:
+            raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
+        if self.speed is not None:
+            _check(speed=self.speed)
+        if self.law is None and self.slope is None:
+            raise InputError("a belt needs a friction law with the belt's speed, or a slope: Belt(slope=-0.2677)")
+        if self.law is not None:
+            if self.speed is None:
+                raise InputError("a belt with a friction law needs its speed, e.g. Belt(speed=0.1911, law=...)")
+            slope = float(self.law.slope(self.speed))
+            if self.slope is not None and self.slope != slope:
+                raise InputError(f"slope={self.slope!r} contradicts the law, whose slope at {self.speed!r} is {slope!r}")
+            object.__setattr__(self, "slope", slope)
+        _check(slope=self.slope)  # type: ignore[arg-type]
+
+    def damping(self, w: Array) -> Matrix:
+        """F μ'(v0) w wᵀ, sparse, shape (n, n), for a port w of shape (n,) or (n, p)."""
+        return contact_damping(w, self.force * self.slope)  # type: ignore[operator]
+
+
+def contact_damping(w: Array, coefficient: float) -> Matrix:
+    """c w wᵀ as a sparse matrix, shape (n, n); w of shape (n,) or (n, p)."""
+    column = sp.csr_array(np.asarray(w).reshape(len(w), -1))
+    return sp.csr_array(coefficient * (column @ column.T))

@@ -1,0 +1,180 @@
+"""The quadratic pencil λ²M + λD + K: what every stability question is asked of, full and reduced alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.errors import InputError, InputTypeError
+
+Array: TypeAlias = np.ndarray
+Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (sparse), both float64
+
+EPS = float(np.finfo(float).eps)
+
+
+def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
+    """A square real matrix, checked: dense as a read-only array, sparse as a canonical, read-only CSR.
+
+    The data are copied, so that what is checked stays as it was checked.
+
+    Raises
+    ------
+    InputTypeError
+        Not numeric, or complex.
+    InputError
+        Not square, not of the given size, or with NaN or Inf in it (the first place is named).
+    """
+    if sp.issparse(value):
+        matrix = sp.csr_array(value)
+        if np.iscomplexobj(matrix.data):
+            raise InputTypeError(f"{name} is complex; femsub takes real matrices (damping belongs in D)")
+        matrix = matrix.astype(np.float64, copy=True)
+        matrix.sum_duplicates()
+        data = matrix.data
+    else:
+        try:
+            raw = np.asarray(value)
+            if np.iscomplexobj(raw):
+                raise InputTypeError(f"{name} is complex; femsub takes real matrices (damping belongs in D)")
+            matrix = data = np.array(raw, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            if isinstance(error, InputTypeError):
+                raise
+            raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}")\
+                from None
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise InputError(f"{name} must be square, but its shape is {matrix.shape}")
+    if matrix.shape[0] == 0:
+        raise InputError(f"{name} is empty; a model needs at least one DOF")
+    if size is not None and matrix.shape[0] != size:
+        raise InputError(f"{name} is {matrix.shape[0]} x {matrix.shape[1]}, but the other matrices are {size} x {size}")
+    if not np.isfinite(data).all():
+        row, column = _first(matrix, ~np.isfinite(data))
+        raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
+    data.flags.writeable = False
+    return matrix
+
+
+def _first(matrix: Matrix, mask: Array) -> tuple[int, int]:
+    where = int(np.flatnonzero(mask)[0])
+    if sp.issparse(matrix):
+        return int(np.searchsorted(matrix.indptr, where, side="right") - 1), int(matrix.indices[where])
+    row, column = np.unravel_index(where, matrix.shape)
+    return int(row), int(column)
+
+
+def is_symmetric(matrix: Matrix) -> bool:
+    """A = Aᵀ to the last digit."""
+    if sp.issparse(matrix):
+        return (matrix != matrix.T).nnz == 0
+    return bool(np.array_equal(matrix, matrix.T))
+
+
+def norm(matrix: Matrix) -> float:
+    """sqrt(‖A‖₁ ‖A‖_∞), which bounds the spectral norm from above (and is ‖A‖_∞ for a symmetric A)."""
+    absolute = abs(matrix)
+    return float(np.sqrt(np.max(absolute.sum(axis=0)) * np.max(absolute.sum(axis=1))))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Pencil:
+    """P(λ) = λ²M + λD + K with real M, D, K of shape (n, n), sparse or dense, symmetric or not.
+
+    Parameters
+    ----------
+    M, D, K : array_like or sparse, shape (n, n)
+        Mass, damping and stiffness in any consistent units; λ then comes in radians per unit of time.
+        ``D=None`` means no damping. If one of the three is dense, all are kept dense.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Shapes that do not fit, NaN or Inf, complex entries.
+    """
+
+    M: Matrix
+    D: Matrix
+    K: Matrix
+
+    def __init__(self, M: Any, D: Any, K: Any) -> None:
+        mass = as_matrix("M", M)
+        stiffness = as_matrix("K", K, mass.shape[0])
+        damping = sp.csr_array(mass.shape) if D is None else as_matrix("D", D, mass.shape[0])
+        parts = (mass, damping, stiffness)
+        if not all(sp.issparse(part) for part in ((mass, stiffness) if D is None else parts)):
+            parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)  # type: ignore[assignment]
+        for name, part in zip("MDK", parts, strict=True):
+            object.__setattr__(self, name, part)
+
+    def __repr__(self) -> str:
+        kind = "sparse" if self.is_sparse else "dense"
+        odd = [name for name, flag in zip("MDK", self.symmetric, strict=True) if not flag]
+        return f"Pencil: {self.size} DOF, {kind}, {'all symmetric' if not odd else ' and '.join(odd) + ' unsymmetric'}"
+
+    @property
+    def size(self) -> int:
+        return int(self.M.shape[0])
+
+    @property
+    def is_sparse(self) -> bool:
+        return bool(sp.issparse(self.K))
+
+    @cached_property
+    def symmetric(self) -> tuple[bool, bool, bool]:
+        """Whether M, D and K are symmetric to the last digit."""
+        return is_symmetric(self.M), is_symmetric(self.D), is_symmetric(self.K)
+
+    @cached_property
+    def norms(self) -> tuple[float, float, float]:
+        """Upper bounds of ‖M‖₂, ‖D‖₂ and ‖K‖₂ (see `norm`)."""
+        return norm(self.M), norm(self.D), norm(self.K)
+
+    def dense(self) -> Pencil:
+        """The same pencil with dense matrices."""
+        return Pencil(*(part.toarray() for part in (self.M, self.D, self.K))) if self.is_sparse else self
+
+    def transposed(self) -> Pencil:
+        """λ²Mᵀ + λDᵀ + Kᵀ, whose right eigenvectors are the conjugated left ones of this pencil."""
+        return Pencil(self.M.T, self.D.T, self.K.T)
+
+    def with_damping(self, extra: Matrix) -> Pencil:
+        """A copy with D + extra."""
+        if self.is_sparse:
+            return Pencil(self.M, self.D + sp.csr_array(extra), self.K)
+        return Pencil(self.M, self.D + (extra.toarray() if sp.issparse(extra) else extra), self.K)
+
+    def at(self, value: complex) -> Matrix:
+        """P(value), shape (n, n); complex only if `value` is."""
+        return value * value * self.M + value * self.D + self.K
+
+    def residual(self, eigenvalues: Array, shapes: Array) -> Array:
+        """R = MXΛ² + DXΛ + KX, column by column P(λ_j) x_j; shapes (k,) and (n, k) give (n, k)."""
+        lam = np.asarray(eigenvalues)
+        return (self.M @ shapes) * lam**2 + (self.D @ shapes) * lam + self.K @ shapes
+
+    def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
+        """(|λ|²|M| + |λ||D| + |K|)|x| entry by entry: what rounding in P(λ)x is measured against."""
+        lam, size = np.abs(eigenvalues), np.abs(shapes)
+        return (abs(self.M) @ size) * lam**2 + (abs(self.D) @ size) * lam + abs(self.K) @ size
+
+    def backward_error(self, eigenvalues: Array, shapes: Array) -> Array:
+        """η_j = ‖P(λ_j)x_j‖ / ((|λ_j|²‖M‖ + |λ_j|‖D‖ + ‖K‖) ‖x_j‖), shape (k,).
+
+        The matrices would have to be changed by η, relatively, for (λ, x) to be an exact pair
+        (Tisseur, Linear Algebra Appl. 309 (2000), Th. 1); η is free of units and of the scale of x.
+        """
+        lam = np.abs(eigenvalues)
+        mass, damping, stiffness = self.norms
+        scale = (lam**2 * mass + lam * damping + stiffness) * np.linalg.norm(shapes, axis=0)
+        residual = np.linalg.norm(self.residual(eigenvalues, shapes), axis=0)
+        return np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0)
+
+    def project(self, V: Array, W: Array | None = None) -> Pencil:
+        """WᵀP(λ)V for V, W of shape (n, r); W = V where it is not given."""
+        left = V if W is None else W
+        return Pencil(*(left.T @ (part @ V) for part in (self.M, self.D, self.K)))
