@@ -164,7 +164,7 @@ class Factor:
         st.setKSP(self._ksp)
         spare = PETSc.KSP().create(PETSc.COMM_SELF)
         stack.callback(spare.destroy)
-        # An ST resets its KSP when it is destroyed, which would throw the factor away: take it back before.
+        # EPS, PEP and ST reset the KSP when they are destroyed, which would throw the factor away: take it back before.
         stack.callback(st.setKSP, spare)
 
     def close(self) -> None:
@@ -200,11 +200,11 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         st = SLEPc.ST().create(PETSc.COMM_SELF)
         stack.callback(st.destroy)
         st.setType("sinvert")
-        factor.lend(st, stack)
         st.setMatrices(mats)
         st.setShift(sigma)
         eps = SLEPc.EPS().create(PETSc.COMM_SELF)
         stack.callback(eps.destroy)
+        factor.lend(st, stack)
         eps.setST(st)
         eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
         eps.setTarget(sigma)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -131,11 +131,11 @@ class ReducedSubstructure(Substructure):
         How many factorisations of the component the basis took.
     """
 
-    V: Array = None  # type: ignore[assignment]
+    V: Array = field(default_factory=lambda: np.zeros((0, 0)))
     kinds: tuple[str, ...] = ()
     method: str = ""
     dropped: int = 0
-    port_error: Mapping[str, float] = MappingProxyType({})
+    port_error: Mapping[str, float] = field(default_factory=dict)
     factorisations: int = 0
 
     def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,

@@ -1,0 +1,121 @@
+"""Hurty/Craig-Bampton: constraint modes and fixed-interface modes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.bases.basis import Basis, block_energy, check_modes, energy_error, independent, kept_modes
+from femsub.eigen import ShiftInvert
+from femsub.errors import InputError
+from femsub.pencil import Array, Matrix
+from femsub.substructure import Substructure
+
+
+@dataclass(frozen=True)
+class CraigBampton:
+    """V = [[I, 0], [Ψ, Φ]], Ψ = -K_ii⁻¹ K_ib (n_i, n_b), (K_ii - ω²M_ii) φ = 0, Φᵀ M_ii Φ = I (n_i, m).
+
+    Shown in the order (interface, interior); the rows of V follow the component's own numbering. The first n_b
+    coordinates are the interface displacements themselves. With `ports=True` the static responses K_ii⁻¹ w_i join,
+    made orthogonal to Φ.
+
+    Parameters
+    ----------
+    modes : int
+        Number m of fixed-interface modes.
+
+    References
+    ----------
+    R. R. Craig, M. C. C. Bampton, AIAA J. 6 (1968) 1313; W. C. Hurty, AIAA J. 3 (1965) 678; the paper, eqs. (9)-(15).
+    """
+
+    modes: int
+
+    def __post_init__(self) -> None:
+        check_modes(self.modes)
+
+    def basis(self, sub: Substructure, extra: Array, ports: Mapping[str, Array]) -> Basis:
+        b, i = sub.interface, sub.interior
+        method = f"Craig-Bampton with {self.modes} fixed-interface modes"
+        if len(i) == 0:
+            if self.modes:
+                raise InputError(f"{self.modes} fixed-interface modes were asked for, but every DOF is interface: there are 0")
+            return Basis(np.eye(sub.size)[:, b], _block(sub.M, b, b), _block(sub.K, b, b), ("constraint",) * len(b),
+                         np.inf, method, extra.shape[1], {}, 0)
+        Kii, Mii = (_part(part, i, i) for part in (sub.K, sub.M))
+        handle = ShiftInvert(Kii, Mii)
+        if handle.floating and len(b):
+            raise InputError(
+                f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
+                "modes remain, and constraint modes do not exist; add interface DOF, or use CraigChang")
+        found, values, fixed, cutoff = kept_modes(handle, self.modes)
+        Kib, Mib = (_block(part, i, b) for part in (sub.K, sub.M))
+        loads = np.hstack([-Kib, extra[i], *(column[i] for column in ports.values())])
+        answers = handle.elastic_solve(loads) if handle.floating else handle.factor.solve(loads)
+        constraint, static, probes = np.split(answers, [len(b), len(b) + extra.shape[1]], axis=1)
+
+        residual, stiffness, inertia, dropped = _static(handle, extra[i], static, fixed, values)
+        interior = np.hstack([fixed, residual])
+        V = np.zeros((sub.size, len(b) + interior.shape[1]))
+        V[b, np.arange(len(b))] = 1.0
+        V[i, :len(b)] = constraint
+        V[i, len(b):] = interior
+        # ΨᵀK_iiΦ = 0 and ΦᵀK_iiΦ = Ω²; the condensed stiffness needs no second product with K_ii.
+        K = np.zeros((V.shape[1],) * 2)
+        condensed = _block(sub.K, b, b) + Kib.T @ constraint
+        K[:len(b), :len(b)] = (condensed + condensed.T) / 2
+        K[len(b):, len(b):] = np.diag(np.concatenate([values, stiffness]))
+        M = V.T @ (sub.M @ V)
+        M = (M + M.T) / 2
+        M[len(b):, len(b):] = np.diag(np.concatenate([np.ones(len(values)), inertia]))
+        kinds = ("constraint",) * len(b) + ("rigid",) * found.rigid + ("fixed-interface",) * self.modes
+        errors = _port_errors(ports, i, b, probes, constraint, K[:len(b), :len(b)], interior,
+                              np.concatenate([values, stiffness]), handle)
+        return Basis(V, M, K, kinds + ("static port",) * len(stiffness), cutoff, method, dropped, errors,
+                     handle.factorisations)
+
+
+def _part(matrix: Matrix, rows: Array, columns: Array) -> Matrix:
+    if sp.issparse(matrix):
+        return sp.csr_array(matrix[rows][:, columns])
+    return matrix[np.ix_(rows, columns)]
+
+
+def _block(matrix: Matrix, rows: Array, columns: Array) -> Array:
+    part = _part(matrix, rows, columns)
+    return part.toarray() if sp.issparse(part) else part
+
+
+def _static(handle: ShiftInvert, forces: Array, answers: Array, fixed: Array, values: Array) -> tuple[Array, Array, Array, int]:
+    """What the fixed-interface modes leave of the static responses, as independent columns."""
+    if forces.shape[1] == 0:
+        return np.zeros((len(forces), 0)), np.zeros(0), np.zeros(0), 0
+    rest = handle.elastic_solve(forces, fixed)
+    energy = block_energy(rest, forces)
+    return independent(rest, energy, rest.T @ (handle.M @ rest), np.einsum("ij,ij->j", answers, forces),
+                       len(forces) - fixed.shape[1])
+
+
+def _port_errors(ports: Mapping[str, Array], i: Array, b: Array, probes: Array, constraint: Array, condensed: Array,
+                 interior: Array, values: Array, handle: ShiftInvert) -> dict[str, float]:
+    """Static error per port: K_ii⁻¹w_i less what the interior columns hold, against the whole response.
+
+    The constraint modes are exact, so all that is missing is interior. For a component that floats on its interface
+    the whole is taken for the self-equilibrated part of the load.
+    """
+    errors, at = {}, 0
+    inverse = np.linalg.pinv(condensed, rcond=1e-12, hermitian=True) if len(b) else condensed
+    elastic = values > 0
+    for name, w in ports.items():
+        answer = probes[:, at:at + w.shape[1]]
+        at += w.shape[1]
+        inside = np.einsum("ij,ij->j", answer, w[i])
+        held = interior[:, elastic].T @ w[i]
+        missing = inside - np.einsum("ij,ij->j", held, held / values[elastic][:, None])
+        boundary = w[b] + constraint.T @ w[i]
+        errors[name] = energy_error(missing, inside + np.einsum("ij,ij->j", boundary, inverse @ boundary))
+    return errors

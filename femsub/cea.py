@@ -1,0 +1,259 @@
+"""Complex eigenvalue analysis (CEA): (λ²M + λD + K)x = 0 for full and reduced models, with what proves each number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from femsub.eigen import check_band
+from femsub.errors import InputError, InputTypeError
+from femsub.factor import SMALL
+from femsub.friction import Belt
+from femsub.pencil import EPS, Array, Pencil
+from femsub.substructure import Substructure
+
+DENSE = 2000  # up to so many DOF all 2n eigenvalues of a sparse model are computed when nothing else is asked
+CLUSTER = 1e-7  # eigenvalues closer than this, relatively, get their left vectors as a group
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComplexModes:
+    """Eigenpairs of λ²M + λD + K with their certificates; k of them.
+
+    Attributes
+    ----------
+    eigenvalues : ndarray of complex, shape (k,)
+        By count: nearest to 0 first, both members of a pair side by side. By band: ascending in Im λ.
+    shapes : ndarray of complex, shape (n, k) or (r, k)
+        Right eigenvectors of unit length, in the coordinates of the model that was asked.
+    backward_error : ndarray, shape (k,)
+        See `Pencil.backward_error`.
+    error_bar : ndarray, shape (k,)
+        How far the eigenvalue may be off: (‖r‖‖y‖ + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times
+        condition number, y from the left vectors (Tisseur 2000, Th. 5). Infinite where the eigenvalue is defective.
+    rigid : ndarray of bool, shape (k,)
+        Eigenvalues at 0 from rigid-body modes: neither unstable nor Hopf points.
+    above_cutoff : ndarray of bool, shape (k,)
+        Beyond the reduction's cut-off: shown, but without a say in `is_stable`.
+    searched : (re_lo, re_hi, lo, hi) or None
+        The rectangle that was searched, when a band was asked.
+    certified : bool
+        Whether an independent argument says that none is missing: all eigenvalues were computed, or the winding
+        number of det P around the rectangle agrees with their number.
+    """
+
+    eigenvalues: Array
+    shapes: Array
+    backward_error: Array
+    error_bar: Array
+    rigid: Array
+    above_cutoff: Array
+    searched: tuple[float, float, float, float] | None = None
+    certified: bool = False
+
+    @property
+    def stable(self) -> tuple[bool | None, ...]:
+        """Per eigenvalue: True left of the axis, False right of it, None on it within the error bar (or rigid)."""
+        return tuple(None if rigid or abs(value.real) <= bar else bool(value.real < 0)
+                     for value, bar, rigid in zip(self.eigenvalues, self.error_bar, self.rigid, strict=True))
+
+    @property
+    def is_stable(self) -> bool | None:
+        """False if one of these modes grows, True if all decay, None if that is undecided within the error bars.
+
+        Rigid-body modes and modes above the cut-off do not count.
+        """
+        votes = [vote for vote, rigid, beyond in zip(self.stable, self.rigid, self.above_cutoff, strict=True)
+                 if not rigid and not beyond]
+        if False in votes:
+            return False
+        return True if votes and None not in votes else None
+
+    @property
+    def unstable(self) -> Array:
+        """Indices of the modes that grow for certain and are below the cut-off."""
+        return np.array([i for i, vote in enumerate(self.stable) if vote is False and not self.above_cutoff[i]], dtype=int)
+
+    @property
+    def frequencies(self) -> Array:
+        """|Im λ| in radians per unit of time, shape (k,)."""
+        return np.abs(self.eigenvalues.imag)
+
+    @property
+    def damping_ratios(self) -> Array:
+        """-Re λ / |λ|, shape (k,); 0 for an eigenvalue at 0."""
+        size = np.abs(self.eigenvalues)
+        return np.divide(-self.eigenvalues.real, size, out=np.zeros_like(size), where=size > 0)
+
+    @property
+    def growth(self) -> float:
+        """The largest Re λ among the modes that decide (-inf where none does)."""
+        return float(self.eigenvalues.real[~self.rigid & ~self.above_cutoff].max(initial=-np.inf))
+
+    def __len__(self) -> int:
+        return len(self.eigenvalues)
+
+    def __repr__(self) -> str:
+        verdict = {True: "stable", False: f"unstable ({len(self.unstable)} of them grow)",
+                   None: "stability undecided within the error bars"}[self.is_stable]
+        worst = f"{self.backward_error.max():.0e}" if len(self) else "none"
+        proof = "complete" if self.certified else "completeness not certified"
+        beyond = f", {int(self.above_cutoff.sum())} above the cut-off" if self.above_cutoff.any() else ""
+        return (f"ComplexModes: {len(self)} eigenvalues{beyond}, {verdict}, largest Re λ {self.growth:.6g}; "
+                f"backward error {worst}, {proof}")
+
+
+def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] | None = None, *,
+                  count: int | None = None, band: tuple[float, float] | None = None,
+                  re: tuple[float, float] | None = None, certify: bool | None = None) -> ComplexModes:
+    """(λ²M + λD + K)x = 0 of a substructure with its contacts linearised, or of a bare pencil.
+
+    Sparse models go to SLEPc's PEP (TOAR, shift-invert), dense and small ones to LAPACK.
+
+    Parameters
+    ----------
+    model : Substructure or Pencil
+        A pencil may have any real D and K, symmetric or not.
+    contacts : Belt or sequence of Belt, optional
+        Each adds F μ'(v0) w wᵀ to D. Without one the model's own D is used. Not for a pencil.
+    count : int, optional
+        Eigenvalues nearest to 0, both conjugates listed; a pair is never split, so one more may come.
+    band : (lo, hi), optional
+        Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time.
+    re : (a, b), optional
+        With `band`: a ≤ Re λ ≤ b instead.
+    certify : bool, optional
+        Count the eigenvalues in the band independently, by the winding number of det P (some fifty complex
+        factorisations). By default up to 2,000 DOF. LAPACK's results are complete without.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `count` and `band` together, or neither for a sparse model above 2,000 DOF; more than 2n eigenvalues.
+    NotConvergedError, SingularMatrixError, MissedModesError
+        The eigensolver gave up; no shift makes the pencil regular; the independent count found more.
+    """
+    if isinstance(model, Pencil):
+        if contacts is not None:
+            raise InputError("a bare pencil has no ports: put the contact into D, or use a Substructure")
+        pencil, cutoff = model, np.inf
+    elif isinstance(model, Substructure):
+        pencil, cutoff = model.linearised(contacts), model.cutoff
+    else:
+        raise InputTypeError(f"complex_modes takes a Substructure or a Pencil, not {type(model).__name__}")
+    if count is not None and band is not None:
+        raise InputError("give count or band, not both")
+    box = None if band is None else _rectangle(band, re)
+    if re is not None and band is None:
+        raise InputError("re=(a, b) goes with band=(lo, hi)")
+    if count is not None:
+        count = _check_count(count, pencil.size)
+    small = not pencil.is_sparse or pencil.size <= SMALL
+    if not small and count is None and box is None and pencil.size > DENSE:
+        raise InputError(f"a sparse model of {pencil.size} DOF has {2 * pencil.size} eigenvalues: ask for count=20 or "
+                         f"band=(lo, hi)")
+    if small or (count is None and box is None) or (count or 0) > pencil.size / 2 and pencil.size <= DENSE:
+        from femsub.qep import solve
+
+        values, X, Y = solve(pencil.dense())
+        certified = True
+    else:
+        from femsub.pep import solve_band, solve_count
+
+        if box is None:
+            values, X, Y = solve_count(pencil, count or 0)
+            certified = False
+        else:
+            values, X, Y, certified = solve_band(pencil, box, pencil.size <= DENSE if certify is None else certify)
+    if box is not None:
+        keep = inside(values, box)
+        order = np.flatnonzero(keep)[np.argsort(values[keep].imag, kind="stable")]
+    else:
+        order = _nearest(values, count)
+    result = certificates(pencil, values[order], X[:, order], Y[:, order])
+    beyond = result.frequencies > cutoff * (1 + 1e-9)
+    return replace(result, above_cutoff=beyond, searched=box, certified=certified)
+
+
+def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexModes:
+    """Residuals, backward errors and error bars of eigenpairs with their left vectors."""
+    residual = np.linalg.norm(pencil.residual(values, X), axis=0)
+    rounding = 4 * EPS * np.einsum("ij,ij->j", np.abs(Y), pencil.magnitude(values, X))
+    slope = (pencil.M @ X) * (2 * values) + pencil.D @ X  # P'(λ)x
+    sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
+    length = np.linalg.norm(Y, axis=0)
+    for group in _clusters(values):
+        # In a group of equal eigenvalues any combination of vectors is as good: take the dual left ones.
+        gram = Y[:, group].conj().T @ slope[:, group]
+        if np.linalg.cond(gram) < 1 / np.sqrt(EPS):
+            dual = Y[:, group] @ np.linalg.inv(gram).conj().T
+            length[group] = np.linalg.norm(dual, axis=0)
+            sensitivity[group] = 1.0
+            rounding[group] = 4 * EPS * np.einsum("ij,ij->j", np.abs(dual), pencil.magnitude(values[group], X[:, group]))
+        else:
+            sensitivity[group] = 0.0
+    bar = np.divide(residual * length + rounding, sensitivity, out=np.full(len(values), np.inf), where=sensitivity > 0)
+    rigid = values == 0
+    bar[rigid] = 0.0
+    none = np.zeros(len(values), dtype=bool)
+    return ComplexModes(values, X, pencil.backward_error(values, X), bar, rigid, none)
+
+
+def inside(values: Array, box: tuple[float, float, float, float]) -> Array:
+    """Which eigenvalues lie in the rectangle (re_lo, re_hi, im_lo, im_hi), edges included."""
+    a, b, lo, hi = box
+    return (values.real >= a) & (values.real <= b) & (values.imag >= lo) & (values.imag <= hi)
+
+
+def _rectangle(band: Any, re: Any) -> tuple[float, float, float, float]:
+    lo, hi = check_band(band)
+    if re is None:
+        return -hi, hi, lo, hi
+    try:
+        a, b = (float(edge) for edge in re)
+    except (TypeError, ValueError):
+        raise InputError(f"re must be a pair (a, b), not {re!r}") from None
+    if not (np.isfinite(a) and np.isfinite(b) and a < b):
+        raise InputError(f"re must satisfy a < b, both finite, but is ({a!r}, {b!r})")
+    return a, b, lo, hi
+
+
+def _check_count(count: Any, size: int) -> int:
+    if isinstance(count, bool) or not isinstance(count, (int, np.integer)):
+        raise InputTypeError(f"count must be a whole number, not {count!r}")
+    if not 1 <= count <= 2 * size:
+        raise InputError(f"count must be between 1 and {2 * size}, the number of eigenvalues of {size} DOF, not {count}")
+    return int(count)
+
+
+def _nearest(values: Array, count: int | None) -> Array:
+    """Indices by |λ|, conjugates side by side with Im λ > 0 first; at least `count`, a pair never split."""
+    size = np.abs(values)
+    order = np.lexsort((-values.imag, values.real, np.round(size / (size.max() or 1.0), 13)))
+    ordered, taken = values[order], np.zeros(len(values), dtype=bool)
+    result: list[int] = []
+    for i in range(len(order)):
+        if taken[i]:
+            continue
+        if count is not None and len(result) >= count:
+            break
+        taken[i] = True
+        result.append(int(order[i]))
+        if ordered[i].imag != 0:
+            ahead = np.flatnonzero(~taken & (ordered == ordered[i].conj()))
+            if len(ahead):
+                taken[ahead[0]] = True
+                result.append(int(order[ahead[0]]))
+    return np.array(result, dtype=int)
+
+
+def _clusters(values: Array) -> list[Array]:
+    if len(values) == 0:
+        return []
+    order = np.lexsort((values.real, values.imag))
+    close = np.abs(np.diff(values[order])) <= CLUSTER * np.abs(values[order][1:])
+    groups = np.split(order, np.flatnonzero(~close) + 1)
+    return [group for group in groups if len(group) > 1]

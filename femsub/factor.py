@@ -1,0 +1,86 @@
+"""Factorise once, solve many: LAPACK for dense and small matrices, PETSc for sparse ones, behind one handle."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub._slepc import Factor, Kind
+from femsub.errors import SingularMatrixError
+from femsub.pencil import EPS, Array, Matrix
+
+SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
+
+
+class Handle(Protocol):
+    """What a factorisation offers, whoever made it."""
+
+    kind: Kind
+    size: int
+    columns: int
+
+    @property
+    def negative_pivots(self) -> int: ...
+
+    def solve(self, B: Array) -> Array: ...
+
+    def close(self) -> None: ...
+
+
+class DenseFactor:
+    """A⁻¹B for a dense A by Cholesky (definite), LU with the inertia from eigenvalues (symmetric), or LU."""
+
+    def __init__(self, A: Array, kind: Kind) -> None:
+        import scipy.linalg as la
+
+        self.kind, self.size, self.columns = kind, int(A.shape[0]), 0
+        self._matrix = A
+        Factor.made += 1
+        try:
+            if kind == "definite":
+                factor = la.cho_factor(A, lower=True, check_finite=False)
+                self._solve = lambda b: la.cho_solve(factor, b, check_finite=False)
+                return
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", la.LinAlgWarning)
+                warnings.simplefilter("error", RuntimeWarning)
+                factor = la.lu_factor(A, check_finite=False)
+            rcond, _ = la.lapack.dgecon(factor[0], float(np.linalg.norm(A, 1)))
+            if rcond < EPS:
+                raise la.LinAlgError(f"reciprocal condition {rcond:.1e}")
+        except (la.LinAlgError, la.LinAlgWarning, RuntimeWarning) as error:
+            raise SingularMatrixError(f"the {kind} factorisation of a {self.size} x {self.size} matrix broke down; it is "
+                                      f"singular, or not what it was taken for ({error})") from None
+        self._solve = lambda b: la.lu_solve(factor, b, check_finite=False)
+
+    @property
+    def negative_pivots(self) -> int:
+        """The number of negative eigenvalues."""
+        return int(np.count_nonzero(np.linalg.eigvalsh(self._matrix) < 0))
+
+    def solve(self, B: Array) -> Array:
+        """A⁻¹B for B of shape (n,) or (n, k)."""
+        self.columns += 1 if np.ndim(B) == 1 else np.shape(B)[1]
+        return self._solve(B)
+
+    def close(self) -> None:
+        """Nothing to give back; there for the likeness with sparse factors."""
+
+
+def factorise(A: Matrix, kind: Kind) -> Handle:
+    """A handle on A⁻¹, chosen by what A is: 'definite', 'symmetric' or 'general'.
+
+    Raises
+    ------
+    SingularMatrixError
+        A is singular, or not definite although it was called so.
+    """
+    if not sp.issparse(A) or A.shape[0] <= SMALL:
+        return DenseFactor(A.toarray() if sp.issparse(A) else np.asarray(A), kind)
+    if kind == "definite" and A.diagonal().min() <= 0:
+        raise SingularMatrixError("a matrix with a diagonal entry that is not positive is not positive definite")
+    return Factor(A, kind)
+

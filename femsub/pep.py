@@ -1,0 +1,206 @@
+"""Eigenvalues of a sparse pencil near 0 or in a rectangle, by SLEPc's PEP, with left vectors and an independent count."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femsub._slepc import Factor, quadratic_modes
+from femsub.counting import missed_eigenvalues
+from femsub.eigen import NormalModes, ShiftInvert, modes_below
+from femsub.errors import MissedModesError, SingularMatrixError
+from femsub.pencil import Array, Pencil
+
+TOLERANCE = 1e-12
+Box = tuple[float, float, float, float]
+
+
+class Shifted:
+    """P(σ) of a sparse pencil factorised, σ = 0 where K allows it, else a small positive shift; with a scale for λ."""
+
+    def __init__(self, pencil: Pencil) -> None:
+        self.pencil = pencil
+        self.shift = 0.0
+        self.rigid: Array = np.zeros((pencil.size, 0))
+        symmetric = pencil.symmetric[0] and pencil.symmetric[2]
+        try:
+            self.factor = self._factor(0.0, symmetric)
+            self.scale = self._scale()
+        except SingularMatrixError:
+            self.shift = self.scale = self._free_shift(symmetric)
+            self.factor = self._factor(self.shift, symmetric and pencil.symmetric[1])
+
+    def _factor(self, shift: float, symmetric: bool) -> Factor:
+        matrix = self.pencil.at(shift) if shift else self.pencil.K
+        if symmetric and matrix.diagonal().min() > 0:
+            try:
+                return Factor(matrix, "definite")
+            except SingularMatrixError:
+                pass
+        return Factor(matrix, "symmetric" if symmetric else "general")
+
+    def _scale(self) -> float:
+        """The size of the smallest eigenvalues, min(‖K⁻¹M‖^-½, ‖K⁻¹D‖^-1), by a few power steps."""
+        x = np.random.default_rng(5).standard_normal((self.pencil.size, 2))
+        growth = np.zeros((2, 2))
+        for _ in range(4):
+            x /= np.linalg.norm(x, axis=0)
+            x = self.factor.solve(np.stack([self.pencil.M @ x[:, 0], self.pencil.D @ x[:, 1]], axis=1))
+            growth = np.linalg.norm(x, axis=0)
+            if not growth[1]:
+                x[:, 1] = x[:, 0]
+        if not growth[0] > 0 or growth[0] * self.pencil.norms[2] > 1e15 * self.pencil.norms[0]:
+            raise SingularMatrixError("K is singular to working precision")
+        return float(min(growth[0] ** -0.5, 1 / growth[1] if growth[1] > 0 else np.inf))
+
+    def _free_shift(self, symmetric: bool) -> float:
+        """Half of the first elastic frequency where K and M are symmetric; else from the softest diagonal."""
+        if symmetric:
+            handle = ShiftInvert(self.pencil.K, self.pencil.M)
+            self.rigid = handle.rigid
+            return 0.5 * float(handle.modes(1).frequencies[-1])
+        stiffness, mass = np.abs(self.pencil.K.diagonal()), self.pencil.M.diagonal()
+        loaded = (stiffness > 0) & (mass > 0)
+        if not loaded.any():
+            raise SingularMatrixError("K is singular and no DOF has both mass and stiffness: no shift can be chosen")
+        return 1e-2 * float(np.sqrt((stiffness[loaded] / mass[loaded]).min()))
+
+    def nearest(self, count: int) -> tuple[Array, Array]:
+        """At least `count` eigenvalues nearest to the shift (of a pair only Im λ ≥ 0 is listed), with shapes."""
+        pencil = self.pencil
+        matrices = (pencil.M, pencil.D, pencil.K)
+        values, X = quadratic_modes(self.factor, matrices, self.shift, min(count, 2 * pencil.size), tol=TOLERANCE,
+                                    scale=self.scale)
+        if self.rigid.shape[1]:
+            values, X = self._zeros(values, X)
+        elif self.shift:
+            still = np.flatnonzero(np.abs(values) < 1e-5 * self.shift)
+            scale = np.linalg.norm(abs(pencil.K) @ np.abs(X[:, still]), axis=0)
+            values[still[np.linalg.norm(pencil.K @ X[:, still], axis=0) <= 1e-9 * scale]] = 0.0
+        return values, X / np.linalg.norm(X, axis=0)
+
+    def _zeros(self, values: Array, X: Array) -> tuple[Array, Array]:
+        """Puts exact zeros for the eigenvalues of rigid-body motion, which come out as a broken-up multiple eigenvalue.
+
+        Their number is n_r plus the rigid motions that D does not brake.
+        """
+        Z = self.rigid
+        braking = np.linalg.svd(Z.T @ (self.pencil.D @ Z), compute_uv=False)
+        scale = self.pencil.norms[1] * float((Z**2).sum(axis=0).max())
+        number = Z.shape[1] + int(np.count_nonzero(braking <= 1e-14 * scale))
+        order = np.argsort(np.abs(values), kind="stable")
+        listed = np.cumsum(1 + (values[order].imag != 0))
+        drop = order[:int(np.searchsorted(listed, number)) + 1]
+        if listed[len(drop) - 1] != number or np.abs(values[drop]).max() > 0.1 * self.shift:
+            raise MissedModesError(f"{number} eigenvalues at 0 are due to {Z.shape[1]} rigid-body modes, but those nearest to "
+                                   f"0 are {values[drop]}; ask for more eigenvalues")
+        keep = np.setdiff1d(np.arange(len(values)), drop)
+        shapes = Z[:, np.arange(number) % Z.shape[1]]
+        return np.append(values[keep], np.zeros(number)), np.hstack([X[:, keep], shapes])
+
+    def left(self, values: Array, X: Array) -> Array:
+        """Left vectors y, yᴴP(λ) = 0: x̄ for a symmetric pencil, else from the transposed one, matched by λ.
+
+        Where no counterpart is found the column is zero, which makes its error bar infinite.
+        """
+        if all(self.pencil.symmetric):
+            return X.conj()
+        found, vectors = Shifted(self.pencil.transposed()).nearest(2 * len(values))
+        Y = np.zeros_like(X)
+        free = np.ones(len(found), dtype=bool)
+        for j in np.argsort(np.abs(values)):
+            distance = np.where(free, np.abs(found - values[j]), np.inf)
+            at = int(np.argmin(distance))
+            if distance[at] <= 1e-6 * max(abs(values[j]), self.shift):
+                free[at] = False
+                Y[:, j] = vectors[:, at].conj()
+        return Y
+
+
+def solve_count(pencil: Pencil, count: int) -> tuple[Array, Array, Array]:
+    """λ, X, Y of at least `count` eigenvalues nearest to 0, conjugates included."""
+    problem = Shifted(pencil)
+    # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for.
+    ask = count if problem.shift == 0 else count + 12
+    while True:
+        values, X = problem.nearest(ask)
+        reach = np.abs(values - problem.shift).max() - problem.shift
+        total = len(values) + np.count_nonzero(values.imag)
+        sure = np.abs(values) <= reach * (1 + 1e-9)
+        if np.count_nonzero(sure) + np.count_nonzero(values[sure].imag) >= count or total >= 2 * pencil.size:
+            break
+        ask = min(2 * ask, 2 * pencil.size)
+    values, X = values[sure], X[:, sure]
+    order = np.argsort(np.abs(values), kind="stable")
+    listed = np.cumsum(1 + (values[order].imag != 0))
+    order = order[:int(np.searchsorted(listed, count)) + 1]
+    values, X = values[order], X[:, order]
+    return _with_conjugates(values, X, problem.left(values, X))
+
+
+def solve_band(pencil: Pencil, box: Box, certify: bool) -> tuple[Array, Array, Array, bool]:
+    """λ, X, Y of all eigenvalues in a rectangle with Im λ ≥ 0, and whether the winding number confirmed the number."""
+    problem = Shifted(pencil)
+    a, b, lo, hi = box
+    radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
+    undamped = _undamped(pencil, radius, certify)
+    ask = 2 * (10 if undamped is None else undamped.counted[1]) + 12
+    while True:
+        values, X = problem.nearest(ask)
+        if np.abs(values - problem.shift).max() >= radius or len(values) + np.count_nonzero(values.imag) >= 2 * pencil.size:
+            break
+        if ask >= 2 * pencil.size:
+            break
+        ask = min(2 * ask, 2 * pencil.size)
+    certified = certify and undamped is not None
+    if certified:
+        _certify(pencil, _clear_of(values, box), values, undamped.frequencies)  # type: ignore[union-attr]
+    keep = (values.real >= a) & (values.real <= b) & (values.imag >= lo) & (values.imag <= hi)
+    values, X = values[keep], X[:, keep]
+    return values, X, problem.left(values, X), certified
+
+
+def _undamped(pencil: Pencil, radius: float, shapes: bool) -> NormalModes | None:
+    """The undamped modes of M and the symmetric part of K below a frequency; only their number with shapes=False.
+
+    Their number is a first guess of how many eigenvalues a disc holds, their frequencies are what the independent
+    count is compared with. None where M or that part of K is not positive semidefinite.
+    """
+    if not pencil.symmetric[0]:
+        return None
+    K = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) / 2
+    try:
+        if shapes:
+            return modes_below(K, pencil.M, radius)
+        count = Factor(K - radius**2 * pencil.M, "symmetric").negative_pivots
+        return NormalModes(np.zeros(0), np.zeros((pencil.size, 0)), 0, np.zeros(0), (radius, count))
+    except (SingularMatrixError, MissedModesError):
+        return None
+
+
+def _certify(pencil: Pencil, contour: Box, values: Array, undamped: Array) -> None:
+    both = np.append(values, values[values.imag != 0].conj())
+    missed = missed_eigenvalues(pencil, contour, both, undamped)
+    if missed:
+        a, b, lo, hi = contour
+        raise MissedModesError(
+            f"the winding number of det P says that {missed} eigenvalues in Re λ = {a:.5g} … {b:.5g}, Im λ = {lo:.5g} … "
+            f"{hi:.5g} are missing; shift the band a little, or narrow re=(a, b)")
+
+
+def _clear_of(values: Array, box: Box) -> Box:
+    """The rectangle with each edge moved out by up to 2 %, to where the known eigenvalues leave the widest gap."""
+    a, b, lo, hi = box
+    moves = np.linspace(0.002, 0.02, 10) * hi
+
+    def best(edges: Array, coordinates: Array) -> float:
+        return float(edges[np.argmax(np.abs(edges[:, None] - coordinates).min(axis=1))])
+
+    coordinates = values.imag
+    low = max(best(lo - moves, coordinates), lo / 2) if lo > 0 else 0.0
+    return best(a - moves, values.real), best(b + moves, values.real), low, best(hi + moves, coordinates)
+
+
+def _with_conjugates(values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array]:
+    double = np.flatnonzero(values.imag)
+    return (np.append(values, values[double].conj()), np.hstack([X, X[:, double].conj()]),
+            np.hstack([Y, Y[:, double].conj()]))

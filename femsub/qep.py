@@ -1,0 +1,148 @@
+"""All eigenvalues of a small quadratic pencil, by LAPACK on a linearisation scaled to energy.
+
+With M positive definite the undamped modes come first: K_s Φ = MΦΩ² with K_s the symmetric part of K, and the state is
+(Ωq, q̇) in modal coordinates,
+
+    λ [a; b] = [[0, Ω], [-H Ω⁻¹, -C]] [a; b],   H = ΦᵀKΦ, C = ΦᵀDΦ, a = Ωq, b = λq.
+
+For a symmetric K this matrix is skew up to the damping, hence nearly normal: eigenvalues from 1e-5 to 1e7 keep the
+accuracy that their sensitivity allows. Where M is not definite, the companion form goes to QZ, scaled as proposed by
+Fan, Lin and Van Dooren (SIAM J. Matrix Anal. Appl. 26 (2004) 252).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.eigen import RIGID
+from femsub.pencil import EPS, Array, Pencil, is_symmetric
+
+
+@dataclass(frozen=True, eq=False)
+class ModalForm:
+    """A dense pencil in its undamped modes: Φ (n, n), Ω > 0 (n,), H = ΦᵀKΦ, C = ΦᵀDΦ; the first `rigid` have KΦ = 0.
+
+    H is None where K is symmetric: then it is diag(±Ω²), with `sign`.
+    """
+
+    shapes: Array
+    omega: Array
+    sign: Array
+    H: Array | None
+    C: Array
+    rigid: int
+
+    def state(self, C: Array | None = None) -> Array:
+        """The state matrix, shape (2n - rigid, 2n - rigid): a rigid-body mode has no potential energy, hence no a."""
+        damping = self.C if C is None else C
+        n, r = len(self.omega), self.rigid
+        A = np.zeros((2 * n - r, 2 * n - r))
+        A[:n - r, n:] = np.diag(self.omega[r:])
+        A[n - r:, n - r:] = -damping
+        rows = np.arange(n - r)
+        if self.H is None:
+            A[n + rows, rows] = -(self.sign * self.omega)[r:]
+        else:
+            A[n - r:, :n - r] = -self.H[:, r:] / self.omega[r:]
+        return A
+
+
+def modal_form(pencil: Pencil) -> ModalForm | None:
+    """The modal form of a dense pencil, or None where M is not symmetric positive definite."""
+    M, K = pencil.M, pencil.K
+    if not is_symmetric(M):
+        return None
+    symmetric = is_symmetric(K)
+    with np.errstate(all="ignore"):
+        try:
+            scale = M.diagonal() ** -0.5
+            if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > 1e12:
+                return None
+            values, shapes = la.eigh(K if symmetric else (K + K.T) / 2, M, check_finite=False)
+        except la.LinAlgError:
+            return None
+    top = float(np.abs(values).max()) or 1.0
+    rigid = np.zeros(len(values), dtype=bool)
+    low = np.flatnonzero(np.abs(values) <= 1e-8 * top)
+    if len(low):
+        cleaned = _cleaned(K, M, shapes[:, low], top)
+        scale = np.linalg.norm(abs(K) @ abs(cleaned), axis=0)
+        rigid[low] = np.linalg.norm(K @ cleaned, axis=0) <= 10 * RIGID * np.where(scale > 0, scale, 1.0)
+        shapes[:, low[rigid[low]]] = cleaned[:, rigid[low]]
+    order = np.argsort(~rigid, kind="stable")
+    values, shapes = values[order], shapes[:, order]
+    omega = np.sqrt(np.abs(values))
+    omega = np.maximum(omega, 1e-8 * np.sqrt(top))  # only a scaling where it is not the frequency
+    H = None
+    if not symmetric or (omega[rigid.sum():] ** 2 > np.abs(values[rigid.sum():]) * (1 + 1e-12)).any():
+        H = shapes.T @ (K @ shapes)
+    return ModalForm(shapes, omega, np.sign(values), H, shapes.T @ (pencil.D @ shapes), int(rigid.sum()))
+
+
+def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
+    # Rounding of the stiffest modes is left in the softest; two solves with K + sM remove it.
+    sigma = 1e-10 * top
+    with np.errstate(all="ignore"):
+        try:
+            factor = la.lu_factor(K + sigma * M, check_finite=False)
+        except la.LinAlgError:
+            return x
+        for _ in range(2):
+            x = la.lu_solve(factor, M @ x, check_finite=False)
+            x = x / np.sqrt(np.abs(np.einsum("ij,ij->j", x, M @ x)))
+    return x
+
+
+def eigenvalues(form: ModalForm, C: Array | None = None) -> Array:
+    """All 2n eigenvalues of the modal form, the rigid ones that are exact zeros included; C = ΦᵀDΦ may be another."""
+    return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
+
+
+def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
+    """λ (2n,), right shapes X (n, 2n), left shapes Y (n, 2n), yᴴP(λ) = 0, of a dense pencil; infinite λ left out.
+
+    Conjugates are exact conjugates. Columns have unit length.
+    """
+    form = modal_form(pencil)
+    if form is None:
+        return _companion(pencil)
+    n, r = pencil.size, form.rigid
+    plain = form.H is None and is_symmetric(form.C)
+    state = form.state()
+    if plain:
+        values, right = la.eig(state, check_finite=False)
+        left = right.conj()
+    else:
+        values, left, right = la.eig(state, left=True, right=True, check_finite=False)
+    X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
+    # b = λq vanishes with λ: there the shape is in a = Ωq.
+    still = np.linalg.norm(right[n - r:], axis=0) < 1e-8
+    X[:, still] = form.shapes[:, r:] @ (right[:n - r, still] / form.omega[r:, None])
+    values, X, Y = np.append(values, np.zeros(r)), np.hstack([X, form.shapes[:, :r]]), np.hstack([Y, form.shapes[:, :r]])
+    if plain:
+        Y = X.conj()
+    return values, _unit(X), _unit(Y)
+
+
+def _companion(pencil: Pencil) -> tuple[Array, Array, Array]:
+    mass, damping, stiffness = pencil.norms
+    gamma = np.sqrt(stiffness / mass) if stiffness > 0 else 1.0
+    delta = 2 / (stiffness + gamma * damping) if stiffness + gamma * damping > 0 else 1.0
+    n = pencil.size
+    eye, zero = np.eye(n), np.zeros((n, n))
+    A = np.block([[zero, eye], [-delta * pencil.K, -delta * gamma * pencil.D]])
+    B = np.block([[eye, zero], [zero, delta * gamma**2 * pencil.M]])
+    (alpha, beta), left, right = la.eig(A, B, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
+    finite = np.abs(beta) > 10 * n * EPS * np.abs(alpha)
+    values = gamma * alpha[finite] / beta[finite]
+    top, bottom = right[:n, finite], right[n:, finite]
+    X = np.where(np.linalg.norm(top, axis=0) >= np.linalg.norm(bottom, axis=0), top, bottom)
+    return values, _unit(X), _unit(left[n:, finite])
+
+
+def _unit(x: Array) -> Array:
+    size = np.linalg.norm(x, axis=0)
+    return x / np.where(size > 0, size, 1.0)
