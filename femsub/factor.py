@@ -12,6 +12,7 @@ from femsub._slepc import Factor, Kind
 from femsub.errors import SingularMatrixError
 from femsub.pencil import EPS, Array, Matrix
 
+COMPLEX = 20_000  # up to so many DOF SuperLU is the quicker complex solver, beyond it MUMPS on the real form of twice the size
 SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
 
 
@@ -84,3 +85,28 @@ def factorise(A: Matrix, kind: Kind) -> Handle:
         raise SingularMatrixError("a matrix with a diagonal entry that is not positive is not positive definite")
     return Factor(A, kind)
 
+
+
+def complex_solve(matrix: Matrix, B: Array) -> Array:
+    """A⁻¹B for one complex sparse A, which real PETSc cannot factorise: SuperLU, and for large ones MUMPS on
+
+        [[Re A, -Im A], [Im A, Re A]] [Re x; Im x] = [Re b; Im b].
+
+    Raises
+    ------
+    SingularMatrixError
+        A is singular.
+    """
+    n = matrix.shape[0]
+    if n <= COMPLEX:
+        from scipy.sparse.linalg import splu
+
+        try:
+            return splu(sp.csc_array(matrix, dtype=complex)).solve(np.asarray(B, dtype=complex))
+        except RuntimeError as error:
+            raise SingularMatrixError(f"a complex {n} x {n} matrix is singular ({error})") from None
+    real, imaginary = sp.csr_array(matrix.real), sp.csr_array(matrix.imag)
+    handle = Factor(sp.block_array([[real, -imaginary], [imaginary, real]], format="csr"), "general")
+    x = handle.solve(np.vstack([np.real(B), np.imag(B)]))
+    handle.close()
+    return x[:n] + 1j * x[n:]

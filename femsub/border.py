@@ -1,0 +1,279 @@
+"""The border of stability of a pencil under D + c W Wᵀ: on a dense one, and on a sparse one through a growing basis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from femsub.bases.basis import block_energy, independent
+from femsub.cea import complex_modes
+from femsub.crossing import PortFunction
+from femsub.eigen import ShiftInvert
+from femsub.errors import InputError, NotConvergedError, UnstableModelError
+from femsub.factor import complex_solve, factorise
+from femsub.friction import contact_damping
+from femsub.pencil import Array, Pencil, is_symmetric
+from femsub.qep import ModalForm, eigenvalues, modal_form
+from femsub.substructure import Substructure
+
+TOGETHER = 1e-9  # pairs whose c agree to this, relatively, cross together
+ROUNDS = 8  # in which the basis of a large model may grow
+MARGIN = 1e-3  # each border is verified on the pencil at c(1 ∓ MARGIN)
+Band = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Border:
+    """c, the frequencies that cross there, the shape of the first, Re λ just above and below c."""
+
+    c: float
+    crossing: Array
+    shape: Array
+    growth: tuple[float, float] = (np.nan, np.nan)
+    method: str = "scalar function"
+
+    @property
+    def omega(self) -> float:
+        return float(self.crossing[0]) if len(self.crossing) else np.nan
+
+
+class Model:
+    """A dense pencil in modal form under a contact: its spectrum at any c."""
+
+    def __init__(self, pencil: Pencil, W: Array) -> None:
+        form = modal_form(pencil)
+        if form is None:
+            raise InputError("M is singular or nearly so (massless DOF): condense those, or reduce the model first")
+        self.form, self.pencil = form, pencil
+        self.W = form.shapes.T @ W
+        self.contact = self.W @ self.W.T
+        self.symmetric = is_symmetric(pencil.D)
+        self.size = float(np.linalg.norm(form.state(), 2)) if len(form.omega) <= 300 else float(form.omega.max())
+
+    def spectrum(self, c: float, band: Band) -> tuple[Array, Array]:
+        """λ with Im λ > 0 in the band at contact coefficient c, (k,), and modal shapes q (n, k).
+
+        For symmetric matrices Re λ is taken from its energy, -q̄ᵀCq / (2 q̄ᵀq): it then keeps its digits where it is
+        smaller than the rounding of the eigenvalue.
+        """
+        C = self.form.C + c * self.contact
+        values, right = np.linalg.eig(self.form.state(C))
+        keep = (values.imag > 0) & (values.imag >= band[0]) & (values.imag <= band[1])
+        values, q = values[keep], right[len(self.form.omega) - self.form.rigid:, keep]
+        if self.form.H is None and (self.form.sign[self.form.rigid:] > 0).all() and self.symmetric:
+            energy = np.einsum("ij,ij->j", q.conj(), C @ q).real / np.einsum("ij,ij->j", q.conj(), q).real
+            values = -energy / 2 + 1j * values.imag
+        return values, q
+
+    def growth(self, c: float, band: Band) -> float:
+        return float(self.spectrum(c, band)[0].real.max(initial=-np.inf))
+
+    @property
+    def noise(self) -> float:
+        """Re λ below which a number is rounding."""
+        return 1e-14 * self.size
+
+
+def dense_border(pencil: Pencil, W: Array, band: Band, bracketing: bool) -> Border:
+    """The border of a small model, every mode of which is at hand."""
+    model = Model(pencil.dense(), W)
+    start = _at_rest(model, band)
+    if start is not None:
+        return start
+    if bracketing:
+        return _bracketed(model, band)
+    return _rooted(model, band)
+
+
+def _at_rest(model: Model, band: Band) -> Border | None:
+    """The cases that are decided at c = 0: unstable there, or an undamped mode that feels the contact."""
+    form = model.form
+    values, q = model.spectrum(0.0, band)
+    size = np.linalg.norm(q, axis=0)
+    energy = np.abs(np.einsum("ij,ij->j", q.conj(), form.C @ q))
+    # A dashpot at a node of the mode, or the power of two cancelling.
+    undamped = (energy <= 1e-24 * np.linalg.norm(form.C) * size**2) | (
+        energy <= 1e-13 * np.einsum("ij,ij->j", np.abs(q), np.abs(form.C) @ np.abs(q)))
+    undamped &= np.abs(values.real) <= 1e3 * model.noise
+    growing = [values[(values.real > (0.0 if model.symmetric else model.noise)) & ~undamped]]
+    if band[0] == 0:
+        every = eigenvalues(form)
+        growing.append(every[(every.imag == 0) & (every.real > 1e3 * model.noise)])
+    unstable = np.concatenate(growing)
+    if len(unstable):
+        worst = unstable[np.argmax(unstable.real)]
+        raise UnstableModelError(f"the model is unstable before the belt acts: λ = {worst.real:.6g} {worst.imag:+.6g}i; a border "
+                                 "is sought from a stable state at c = 0 downwards")
+    felt = np.linalg.norm(model.W.T @ q, axis=0) > 1e-10 * np.linalg.norm(model.W) * size
+    free = np.flatnonzero(felt & undamped)
+    if not len(free):
+        return None
+    order = free[np.argsort(values[free].imag)]
+    return Border(0.0, values[order].imag, form.shapes @ q[:, order[0]])
+
+
+def _rooted(model: Model, band: Band) -> Border:
+    function = PortFunction.of(model.form, model.W[:, 0])
+    omega, c = function.crossings(*band)
+    at = 0
+    while at < len(c):
+        group = np.flatnonzero(np.abs(c - c[at]) <= TOGETHER * abs(c[at]))
+        growth = _verify(model, float(c[at]), float(omega[at]), band)
+        if growth[1] > 0:
+            if growth[0] > 0 and model.growth(c[at] * (1 - MARGIN), band) > 1e2 * model.noise:
+                raise NotConvergedError(f"at c = {c[at]:.9g} (ω = {omega[at]:.6g}) the model is unstable already: "
+                                        f"Re λ = {growth[0]:.3g} just before; use method='bracketing'")
+            first = group[np.argmin(omega[group])]
+            shape = model.form.shapes @ function.exact(float(omega[first]))[2]
+            return Border(float(c[at]), np.sort(omega[group]), shape / np.linalg.norm(shape), growth)
+        at = int(group[-1]) + 1
+    return Border(-np.inf, np.zeros(0), np.zeros(model.pencil.size, dtype=complex))
+
+
+def _verify(model: Model, c: float, omega: float, band: Band) -> tuple[float, float]:
+    """Re λ of the pair next to iω at c(1 - 1e-3) and at c(1 + 1e-3)."""
+    pair = []
+    for factor in (1 - MARGIN, 1 + MARGIN):
+        values, _ = model.spectrum(c * factor, (0.0, np.inf))
+        pair.append(float(values[np.argmin(np.abs(values - 1j * omega))].real))
+    return pair[0], pair[1]
+
+
+def _bracketed(model: Model, band: Band) -> Border:
+    """Steps down in c, half of the way to the next crossing that dλ/dc foretells, then bisection on max Re λ."""
+    contact = float(np.trace(model.contact))
+    if contact == 0:
+        return Border(-np.inf, np.zeros(0), np.zeros(model.pencil.size, dtype=complex), method="bracketing")
+    furthest = -1e6 * model.size / contact * len(model.form.omega)
+    stable = 0.0
+    unstable: float | None = None
+    while stable > furthest:
+        ahead = _foretold(model, stable, band)
+        if np.isinf(ahead):
+            trial = 2 * stable if stable else 1e-3 * furthest * 1e-6
+        elif stable - ahead <= 1e-3 * abs(ahead):
+            trial = ahead * (1 + 2e-3)
+        else:
+            trial = stable + 0.5 * (ahead - stable)
+        if model.growth(trial, band) > 0:
+            unstable = trial
+            break
+        stable = trial
+    if unstable is None:
+        return Border(-np.inf, np.zeros(0), np.zeros(model.pencil.size, dtype=complex), method="bracketing")
+    from scipy.optimize import brentq
+
+    c = float(brentq(lambda value: model.growth(value, band), unstable, stable, xtol=1e-16 * abs(unstable), rtol=1e-15))
+    values, q = model.spectrum(c, band)
+    slack = max(model.noise, 1e-9 * abs(c) * contact)
+    together = np.flatnonzero(np.abs(values.real) <= slack * np.einsum("ij,ij->j", q.conj(), model.contact @ q).real
+                              / np.einsum("ij,ij->j", q.conj(), q).real / contact)
+    near = int(np.argmax(values.real))
+    order = together[np.argsort(values[together].imag)] if near in together else np.array([near])
+    shape = model.form.shapes @ q[:, order[0]]
+    return Border(c, values[order].imag, shape / np.linalg.norm(shape), _verify(model, c, float(values[order[0]].imag), band),
+                  "bracketing")
+
+
+def _foretold(model: Model, c: float, band: Band) -> float:
+    """The nearest c below at which, by first order, a pair in the band crosses; -inf if none is on its way."""
+    import scipy.linalg as la
+
+    n, r = len(model.form.omega), model.form.rigid
+    values, left, right = la.eig(model.form.state(model.form.C + c * model.contact), left=True, right=True)
+    keep = (values.imag > 0) & (values.imag >= band[0]) & (values.imag <= band[1])
+    values, left, right = values[keep], left[:, keep], right[:, keep]
+    b, d = right[n - r:], left[n - r:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = -np.einsum("ij,ij->j", d.conj(), model.contact @ b) / np.einsum("ij,ij->j", left.conj(), right)
+        ahead = c - values.real / rate.real
+    ahead = ahead[(rate.real < 0) & (ahead < c)]
+    return float(ahead.max(initial=-np.inf))
+
+
+def sparse_border(model: Substructure, W: Array, band: Band, bracketing: bool) -> Border:
+    """The border of a large model, by a basis that grows until the border stands still.
+
+    It starts as the undamped modes up to 1.5 times the band with the static responses of the contact and of dashpots
+    (a Craig-Chang basis, in which Ω is known to rounding), and takes in the full model's response to the contact,
+    (-ω²M + iωD + K)⁻¹W, at each border found.
+    """
+    basis = _Growing(model, W, 1.5 * band[1])
+    previous = np.nan
+    for _ in range(ROUNDS):
+        border = dense_border(basis.pencil, basis.W, band, bracketing)
+        if not np.isfinite(border.c) or border.c == 0 or abs(border.c - previous) <= 1e-10 * abs(border.c):
+            break
+        previous = border.c
+        basis.grow(border.crossing[:4])
+    else:
+        raise NotConvergedError(f"the border moved from {previous:.9g} to {border.c:.9g} in the last of {ROUNDS} rounds; "
+                                "narrow the band")
+    border = replace(border, shape=basis.V @ border.shape)
+    return border if not np.isfinite(border.c) or border.c == 0 else _verified(model.pencil, W, border, band)
+
+
+class _Growing:
+    """An M-orthonormal basis V of a sparse model with the projected pencil; `grow` adds responses to the contact."""
+
+    def __init__(self, model: Substructure, W: Array, limit: float) -> None:
+        self.full, self.load = model.pencil, W
+        handle = ShiftInvert(model.K, model.M)
+        below = factorise(model.K - limit**2 * model.M, "symmetric").negative_pivots
+        modes = handle.modes(max(1, below - handle.rigid.shape[1]))
+        braked = np.unique(model.D.nonzero()[1])
+        forces = np.hstack([W, _units(model.size, braked if len(braked) <= 12 else braked[:0])])
+        rest = handle.elastic_solve(forces, modes.shapes)
+        whole = np.einsum("ij,ij->j", rest, forces) + np.einsum(
+            "ij,ij->j", *(2 * [(modes.shapes.T @ forces)[modes.rigid:] / modes.frequencies[modes.rigid:, None]]))
+        statics, stiffness, mass, _ = independent(rest, block_energy(rest, forces), rest.T @ (model.M @ rest), whole,
+                                                  model.size - len(modes.eigenvalues))
+        massive = mass > 0
+        self.V = np.hstack([modes.shapes, statics[:, massive]])
+        self.K = np.diag(np.concatenate([modes.eigenvalues, stiffness[massive]]))
+
+    @property
+    def W(self) -> Array:
+        return self.V.T @ self.load
+
+    @property
+    def pencil(self) -> Pencil:
+        return Pencil(np.eye(len(self.K)), self.V.T @ (self.full.D @ self.V), self.K)
+
+    def grow(self, omega: Array) -> None:
+        new = np.hstack([complex_solve(self.full.at(1j * value), self.load) for value in omega])
+        new = np.hstack([new.real, new.imag])
+        new = new[:, np.linalg.norm(new, axis=0) > 0]
+        new = new / np.sqrt(np.einsum("ij,ij->j", new, self.full.M @ new))
+        for _ in range(2):
+            new = new - self.V @ (self.V.T @ (self.full.M @ new))
+        values, vectors = np.linalg.eigh(new.T @ (self.full.M @ new))
+        keep = values > 1e-18
+        new = new @ (vectors[:, keep] / np.sqrt(values[keep]))
+        new = new - self.V @ (self.V.T @ (self.full.M @ new))
+        cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
+        self.K = np.block([[self.K, cross], [cross.T, (own + own.T) / 2]])
+        self.V = np.hstack([self.V, new])
+
+
+def _units(size: int, at: Array) -> Array:
+    columns = np.zeros((size, len(at)))
+    columns[at, np.arange(len(at))] = 1.0
+    return columns
+
+
+def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
+    """Re λ of the full model at c(1 ∓ 1e-3) by PEP; an error where they contradict the border."""
+    growth = []
+    for factor in (1 - MARGIN, 1 + MARGIN):
+        modes = complex_modes(pencil.with_damping(contact_damping(W, border.c * factor)), band=band, certify=False)
+        values, bars = modes.eigenvalues, modes.error_bar
+        at = int(np.argmin(np.abs(values - 1j * border.omega)))
+        growth.append(float(values[at].real))
+        early = modes.unstable if factor < 1 else []
+        if len(early) or (factor > 1 and values[at].real < -bars[at]):
+            shown = values[early[0]] if len(early) else values[at]
+            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} does not hold on the full model: at "
+                                    f"{factor:g} c it has λ = {shown:.6g}; use method='bracketing', or narrow the band")
+    return replace(border, growth=(growth[0], growth[1]))

@@ -1,0 +1,129 @@
+"""Where the eigenvalues of λ²M + λ(D + c w wᵀ) + K cross the imaginary axis: roots of a scalar function.
+
+The contact is rank one, hence on the border λ = iω
+
+    1 + c G(ω) = 0,   G(ω) = iω wᵀ(-ω²M + iωD + K)⁻¹w,
+
+so that crossings are the roots of Im G with c = -1/G. G is evaluated in the undamped modes of the dense pencil, where
+-ω²M + K is the diagonal Ω² - ω² free of cancellation; brackets come from the poles λ_k of G, that is from the model's
+own modes, with a grid as fine as their damping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.pencil import Array
+from femsub.qep import ModalForm
+
+REAL = 1e-6  # |Im c| ≤ REAL |Re c|, or the root is an antiresonance
+
+
+@dataclass(frozen=True, eq=False)
+class PortFunction:
+    """G of a dense model in modal form with the port's modal amplitudes w (n,); its poles λ_k and residues."""
+
+    form: ModalForm
+    w: Array
+    poles: Array
+    residues: Array
+
+    @classmethod
+    def of(cls, form: ModalForm, w: Array) -> PortFunction:
+        n, r = len(form.omega), form.rigid
+        values, left, right = la.eig(form.state(), left=True, right=True, check_finite=False)
+        scale = np.einsum("ij,ij->j", left.conj(), right)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            residues = (left[n - r:].conj().T @ w) * (w @ right[n - r:]) / scale
+        return cls(form, w, values, np.where(np.isfinite(residues), residues, 0.0))
+
+    def approximate(self, omega: Array) -> Array:
+        """G by its partial fractions, shape (m,): quick, and right enough to bracket."""
+        result = np.empty(len(omega), dtype=complex)
+        for start in range(0, len(omega), 512):
+            part = omega[start:start + 512]
+            result[start:start + 512] = (self.residues / (1j * part[:, None] - self.poles)).sum(axis=1)
+        return result
+
+    def exact(self, omega: float) -> tuple[complex, complex, Array]:
+        """G(ω), dG/dω and the modal shape q with P(iω)q = w."""
+        form, s = self.form, 1j * omega
+        stiffness = np.diag(form.sign * form.omega**2 * (np.arange(len(form.omega)) >= form.rigid)) \
+            if form.H is None else form.H.astype(complex)
+        # (Ω - ω)(Ω + ω): the difference of the squares would lose the digits that decide at a resonance.
+        P = (stiffness - np.diag(np.full(len(form.omega), omega**2))).astype(complex)
+        if form.H is None:
+            gap = (form.omega - omega) * (form.omega + omega)
+            np.fill_diagonal(P, np.where((form.sign > 0) & (np.arange(len(gap)) >= form.rigid), gap, P.diagonal()))
+        P = P + s * form.C
+        factor = la.lu_factor(P, check_finite=False)
+        q = la.lu_solve(factor, self.w, check_finite=False)
+        y = la.lu_solve(factor, self.w, trans=1, check_finite=False)
+        h = self.w @ q
+        slope = h - s * (y @ (2 * s * q + form.C @ q))
+        return s * h, 1j * slope, q
+
+    def grid(self, lo: float, hi: float) -> Array:
+        """Frequencies between which Im G changes sign at most once, as far as the poles tell."""
+        poles = self.poles[self.poles.imag >= 0]
+        centre = np.append(poles.imag, np.abs(poles[poles.imag == 0].real))
+        width = np.append(np.abs(poles.real), np.abs(poles[poles.imag == 0].real))
+        top = float(np.abs(self.poles).max(initial=1.0))
+        width = np.maximum(width, 1e-14 * np.maximum(centre, 1e-6 * top))
+        steps = 4.0 ** np.arange(-1, 28)
+        offsets = np.concatenate([-steps[::-1], [0.0], steps])
+        points = (centre[:, None] + width[:, None] * offsets).ravel()
+        ordered = np.sort(centre)
+        edges = [lo if lo > 0 else 1e-9 * max(min(hi, top), 1e-300), min(hi, 2 * top)]
+        points = np.concatenate([points, (ordered[1:] + ordered[:-1]) / 2, np.linspace(*edges, 64), edges])
+        return np.unique(points[(points >= edges[0]) & (points <= edges[1])])
+
+    def crossings(self, lo: float, hi: float) -> tuple[Array, Array]:
+        """(ω, c) of all crossings with lo ≤ ω ≤ hi and c < 0, largest c first."""
+        omega = self.grid(lo, hi)
+        if len(omega) < 2:
+            return np.zeros(0), np.zeros(0)
+        imag = self.approximate(omega).imag
+        at = np.flatnonzero(np.sign(imag[1:]) * np.sign(imag[:-1]) <= 0)
+        left, right, low = omega[at], omega[at + 1], imag[at]
+        for _ in range(60):
+            middle = (left + right) / 2
+            value = self.approximate(middle).imag
+            same = np.sign(value) == np.sign(low)
+            left, right, low = np.where(same, middle, left), np.where(same, right, middle), np.where(same, value, low)
+        roots = (left + right) / 2
+        G = self.approximate(roots)
+        likely = (G.real > 0) & (np.abs(G.imag) < 1e-2 * G.real)
+        rough = -1 / np.where(likely, G, -1.0).real
+        found: list[tuple[float, float]] = []
+        for j in sorted(np.flatnonzero(likely), key=lambda j: -rough[j]):
+            # The rough values are right to some digits: those well behind a few exact ones cannot overtake them.
+            if len(found) >= 3 and rough[j] < 1.05 * found[-1][1] and rough[j] < 1.05 * found[2][1]:
+                break
+            width = float(np.abs(1j * roots[j] - self.poles).min())
+            root = self._polish(float(roots[j]), width)
+            if root is not None and lo <= root[0] * (1 + 1e-9) and root[0] <= hi * (1 + 1e-9):
+                found.append(root)
+        found.sort(key=lambda pair: (-pair[1], pair[0]))
+        omegas = np.array([pair[0] for pair in found])
+        return omegas, np.array([pair[1] for pair in found])
+
+    def _polish(self, omega: float, width: float) -> tuple[float, float] | None:
+        """Newton's method on Im G with the exact function; None where the root turns out to be an antiresonance."""
+        for _ in range(30):
+            G, slope, _ = self.exact(omega)
+            step = -G.imag / slope.imag if slope.imag else 0.0
+            step = float(np.clip(step, -width / 2, width / 2))
+            if not np.isfinite(step) or omega + step <= 0:
+                return None
+            omega += step
+            if abs(step) <= 4e-16 * omega or abs(step) <= 1e-13 * width:
+                break
+        G = self.exact(omega)[0]
+        c = -1 / G if G else np.inf
+        if not np.isfinite(c) or c.real >= 0 or abs(c.imag) > REAL * abs(c.real):
+            return None
+        return omega, float(c.real)

@@ -1,0 +1,193 @@
+"""Where friction takes the stability away: the sweep over the slope, and the critical slope itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from femsub.cea import DENSE, complex_modes
+from femsub.eigen import check_band
+from femsub.errors import InputError, InputTypeError, NotConvergedError, UnstableModelError
+from femsub.friction import Belt, contact_damping
+from femsub.pencil import Array, Pencil
+from femsub.qep import ModalForm, eigenvalues, modal_form
+from femsub.substructure import Substructure
+
+TOGETHER = 1e-9  # pairs whose c agree to this, relatively, cross together
+SMALL = 300  # up to so many DOF a sparse model is treated as dense
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StabilitySweep:
+    """The largest Re λ over the friction slope; m slopes.
+
+    Attributes
+    ----------
+    slopes : ndarray, shape (m,)
+        μ'(v0); D gets force · slope · w wᵀ.
+    growth : ndarray, shape (m,)
+        max Re λ over the band, rigid-body modes left out, 1 per unit of time.
+    omega : ndarray, shape (m,)
+        Im λ of that mode.
+    band : (lo, hi)
+        What was looked at. Modes of a reduced model above its cut-off are not.
+    """
+
+    slopes: Array
+    growth: Array
+    omega: Array
+    band: tuple[float, float]
+
+    def __repr__(self) -> str:
+        return (f"StabilitySweep: {len(self.slopes)} slopes from {self.slopes.min():.4g} to {self.slopes.max():.4g}, "
+                f"max Re λ from {self.growth.min():.4g} to {self.growth.max():.4g}, {np.sum(self.growth > 0)} unstable")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CriticalSlope:
+    """The largest c ≤ 0 at which a pair in the band reaches the imaginary axis and grows just below.
+
+    Attributes
+    ----------
+    slope : float
+        c / force; 0.0 for an undamped mode that feels the belt, -inf where stability is never lost.
+    omega : float
+        Frequency of the (lowest) pair on the axis, NaN for -inf.
+    shape : ndarray of complex, shape (n,) or (r,)
+        Its eigenvector, in the coordinates of the model.
+    crossing : ndarray
+        The frequencies of all pairs that cross together at this slope.
+    band : (lo, hi)
+        The frequencies looked at.
+    growth : (float, float)
+        Re λ of the pair at 0.999 c and at 1.001 c, computed from the pencil: the verification.
+    method : str
+        'scalar function' or 'bracketing'.
+    """
+
+    slope: float
+    omega: float
+    shape: Array
+    crossing: Array
+    band: tuple[float, float]
+    growth: tuple[float, float] = (np.nan, np.nan)
+    method: str = "scalar function"
+
+    def __float__(self) -> float:
+        return self.slope
+
+    def __repr__(self) -> str:
+        where = f"band {self.band[0]:.5g} to {self.band[1]:.5g} rad/time"
+        if np.isinf(self.slope):
+            return f"CriticalSlope: none, stability is never lost in the {where}"
+        more = f", {len(self.crossing)} pairs cross together" if len(self.crossing) > 1 else ""
+        return f"CriticalSlope: {self.slope:.9g} at ω = {self.omega:.6g} rad/time{more} ({where}, by {self.method})"
+
+
+def default_band(model: Substructure) -> tuple[float, float]:
+    """All of a model, and for a reduced one what lies below its cut-off."""
+    return 0.0, float(model.cutoff)
+
+
+def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "belt", *, force: float = 1.0,
+          band: tuple[float, float] | None = None) -> StabilitySweep:
+    """max Re λ of λ²M + λ(D + F s w wᵀ) + K over slopes s.
+
+    A dense or small model is brought to its undamped modes once, and each slope costs one small eigenproblem. A
+    sparse one above 2,000 DOF takes a PEP for each, and needs a band.
+
+    Raises
+    ------
+    InputError
+        An unknown port, slopes that are not finite, a missing band.
+    """
+    values = np.atleast_1d(np.asarray(slopes, dtype=float))
+    if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
+        raise InputError("slopes must be a flat, non-empty sequence of finite numbers")
+    w = model.port(port).reshape(model.size, -1)
+    limits = default_band(model) if band is None else check_band(band)
+    growth, omega = np.empty(len(values)), np.empty(len(values))
+    if model.K.ndim == 2 and (not model.pencil.is_sparse or model.size <= DENSE):
+        form = _form(model.pencil)
+        amplitude = form.shapes.T @ w
+        for i, slope in enumerate(values):
+            spectrum = eigenvalues(form, form.C + force * slope * (amplitude @ amplitude.T))
+            growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
+    else:
+        if band is None:
+            raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time")
+        for i, slope in enumerate(values):
+            modes = complex_modes(model, Belt(port, force=force, slope=float(slope)), band=limits, certify=False)
+            growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
+    return StabilitySweep(values, growth, omega, limits)
+
+
+def _leading(values: Array, band: tuple[float, float]) -> tuple[float, float]:
+    values = values[(values.imag >= band[0]) & (values.imag <= band[1]) & (np.abs(values) > 0)]
+    if len(values) == 0:
+        return -np.inf, np.nan
+    at = int(np.argmax(values.real))
+    return float(values[at].real), float(values[at].imag)
+
+
+def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.0,
+                   band: tuple[float, float] | None = None, method: str = "auto") -> CriticalSlope:
+    """1 + c·iω·wᵀ(-ω²M + iωD + K)⁻¹w = 0: the slope c/F at which sliding on a port loses its stability.
+
+    Parameters
+    ----------
+    model : Substructure
+        Full or reduced.
+    port : str
+        Where the belt is. With several columns the contact is D + c W Wᵀ, and the border is bracketed on the
+        complex modes instead of found as a root.
+    force : float
+        Normal force F; the slope returned is c/F.
+    band : (lo, hi), optional
+        Only pairs with lo ≤ Im λ ≤ hi may cross. By default all of a dense (or small sparse) model, and of a reduced
+        one those below its cut-off: what lies above are shapes of the reduction, which may be hardly damped. Required
+        for a sparse model above 2,000 DOF.
+    method : {'auto', 'scalar', 'bracketing'}
+
+    Raises
+    ------
+    UnstableModelError
+        The model is unstable at c = 0; the λ is shown.
+    InputError
+        An unknown port or method, a force that is not positive, a missing band.
+    NotConvergedError
+        A crossing found as a root could not be verified on the pencil.
+    """
+    if not isinstance(model, Substructure):
+        raise InputTypeError(f"critical_slope takes a Substructure, not {type(model).__name__}")
+    if not np.isfinite(force) or force <= 0:
+        raise InputError(f"force must be positive, but is {force!r}")
+    if method not in ("auto", "scalar", "bracketing"):
+        raise InputError(f"unknown method {method!r}; valid: auto, bracketing, scalar")
+    w = model.port(port).reshape(model.size, -1)
+    if method == "scalar" and w.shape[1] > 1:
+        raise InputError(f"port {port!r} has {w.shape[1]} columns; the scalar function is for one, use method='bracketing'")
+    sparse = model.pencil.is_sparse and model.size > SMALL
+    if sparse and band is None and model.size > DENSE:
+        raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time: which "
+                         "frequencies may lose their stability?")
+    limits = default_band(model) if band is None else check_band(band)
+    if sparse and band is not None:
+        from femsub.border import sparse_border
+
+        found = sparse_border(model, w, limits, bracketing=method == "bracketing" or w.shape[1] > 1)
+    else:
+        from femsub.border import dense_border
+
+        found = dense_border(model.pencil, w, limits, bracketing=method == "bracketing" or w.shape[1] > 1)
+    return CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)
+
+
+def _form(pencil: Pencil) -> ModalForm:
+    form = modal_form(pencil.dense())
+    if form is None:
+        raise InputError("M is singular (massless DOF): condense them, or reduce the model first")
+    return form
