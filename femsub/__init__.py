@@ -1,1 +1,65 @@
-"""placeholder"""
+"""femsub: reduced substructures for friction-induced vibration, and whether the stability result survives them.
+
+    scene ─► Substructure (sparse M, D, K, interface, ports)
+                 │  reduce(sub, CraigBampton(modes=4))
+                 ▼
+             ReducedSubstructure (the same kind of object, dense)
+                 ▼
+             complex_modes │ sweep │ critical_slope        the same call for full and reduced
+                 ▼
+             study: error against run time
+
+A name is imported when it is first used: a chain scene never loads what only a finite-element scene needs. No module
+is called like a function of this page (`chains.py` holds `chain`), or the module would hide it once imported.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Pencil": "pencil",
+    "Substructure": "substructure", "ReducedSubstructure": "substructure",
+    "StribeckArctan": "friction", "StribeckArctanOdd": "friction", "Belt": "friction",
+    "chain": "chains", "chain_frequencies": "chains",
+    "normal_modes": "eigen", "NormalModes": "eigen",
+    "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases",
+    "complex_modes": "cea", "ComplexModes": "cea",
+    "sweep": "stability", "critical_slope": "stability", "CriticalSlope": "stability", "StabilitySweep": "stability",
+    "study": "studies", "Study": "studies",
+    "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
+    "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
+    "MissingPackageError": "errors", "FemsubWarning": "errors", "PortWarning": "errors",
+}
+
+__all__ = sorted([*_HOME, "__version__"])
+
+if TYPE_CHECKING:
+    from femsub.bases import CraigBampton, CraigChang, reduce
+    from femsub.cea import ComplexModes, complex_modes
+    from femsub.chains import chain, chain_frequencies
+    from femsub.eigen import NormalModes, normal_modes
+    from femsub.errors import (
+        FemsubError, FemsubWarning, InputError, InputTypeError, MissedModesError, MissingPackageError,
+        NotConvergedError, PortWarning, SingularMatrixError, UnstableModelError,
+    )
+    from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
+    from femsub.pencil import Pencil
+    from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
+    from femsub.studies import Study, study
+    from femsub.substructure import ReducedSubstructure, Substructure
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'femsub' has no attribute {name!r}")
+    value = getattr(import_module(f"femsub.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__
