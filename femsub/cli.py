@@ -1,3 +1,75 @@
-def main() -> int:
-    print("femsub")
+"""The command line: `femsub scenes`, `femsub run SCENE [--out DIR]`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+
+from femsub.errors import FemsubError, FemsubWarning, InputError
+from femsub.scene import SCENES, load
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="femsub", description="Reduced substructures for friction-induced vibration, and whether stability survives them.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands.add_parser("scenes", help="list what can be run")
+    run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
+    run.add_argument("scene", help="a name from `femsub scenes`, or the path of a TOML file")
+    run.add_argument("--out", metavar="DIR", help="write results.json, results.csv and figures there; without it nothing is written")
+    run.add_argument("--no-figures", action="store_true", help="draw nothing")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line; 0 if all went well, 2 with one line on stderr where the input was wrong, 1 else."""
+    options = _parser().parse_args(arguments)
+    if options.command == "scenes":
+        for name, (_, line) in SCENES.items():
+            print(f"{name:<10} {line}")
+        return 0
+    try:
+        return _run(options)
+    except InputError as error:
+        return _fail(error, 2)
+    except (TypeError, FemsubError) as error:
+        if not isinstance(error, FemsubError):
+            raise
+        return _fail(error, 2 if isinstance(error, TypeError) else 1)
+    except KeyboardInterrupt:
+        return _fail("interrupted; nothing was written", 130)
+
+
+def _run(options: argparse.Namespace) -> int:
+    scene, run = load(options.scene)
+    # Imported late: a scene that is misspelt should not wait for numpy.
+    from femsub.report import check_folder, progress, progress_done, write
+
+    folder = check_folder(options.out)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", FemsubWarning)
+        try:
+            result = run(scene, progress)
+            written = []
+            if folder is not None:
+                progress("writing")
+                written = write(result, folder, scene.figures and not options.no_figures)
+        finally:
+            progress_done()
+    for text in dict.fromkeys(str(item.message) for item in caught):
+        print(f"femsub: warning: {text}", file=sys.stderr)
+    print(result.text)
+    if written:
+        print(f"\nwritten to {folder}: {', '.join(path.name for path in written)}")
     return 0
+
+
+def _fail(reason: object, status: int) -> int:
+    print(f"femsub: {' '.join(str(reason).split())}", file=sys.stderr)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

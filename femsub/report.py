@@ -1,0 +1,148 @@
+"""Results on the terminal and in a folder: written to temporary files first, then renamed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from femsub.errors import InputError
+from femsub.scene import Result
+
+
+def check_folder(folder: str | None) -> Path | None:
+    """The output folder if it can be written; it is made when there is something to put into it.
+
+    Raises
+    ------
+    InputError
+        It, or the folder it would be made in, cannot be written.
+    """
+    if folder is None:
+        return None
+    path = Path(folder)
+    existing = path
+    while not os.path.lexists(existing):
+        existing = existing.parent
+    if not existing.is_dir():
+        raise InputError(f"the output folder {folder} cannot be written: {existing} is not a folder")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(f"the output folder {folder} cannot be written: no permission in {existing}")
+    return path
+
+
+def write(result: Result, folder: Path, figures: bool) -> list[Path]:
+    """results.json, results.csv and the figures, each whole or not at all; returns what was written."""
+    contents: dict[str, bytes] = {"results.json": to_json(result.data).encode()}
+    if result.rows:
+        contents["results.csv"] = _csv(result.rows).encode()
+    if figures and result.drawings:
+        from femsub.figures import render
+
+        contents |= {f"{name}.png": render(draw) for name, draw in result.drawings.items()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in contents.items():
+            _replace(folder / name, content)
+    except OSError as error:
+        raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
+    return [folder / name for name in contents]
+
+
+def _replace(path: Path, content: bytes) -> None:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def to_json(data: Any) -> str:
+    """JSON with every digit; arrays as lists, complex numbers as [re, im], NaN and Inf as null and strings."""
+    return json.dumps(_plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (complex, np.complexfloating)):
+        return [_plain(float(value.real)), _plain(float(value.imag))]
+    if isinstance(value, (float, np.floating)):
+        number = float(value)
+        return number if np.isfinite(number) else (None if np.isnan(number) else str(number))
+    if isinstance(value, np.integer):
+        return int(value)
+    return value
+
+
+def _csv(rows: Sequence[dict[str, Any]]) -> str:
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    file = io.StringIO()
+    writer = csv.DictWriter(file, keys, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return file.getvalue()
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[str]) -> str:
+    """Columns aligned to the right, the first to the left."""
+    cells = [list(head)] + [[format(value, form) if value is not None else "-" for value, form in zip(row, formats, strict=True)]
+                            for row in rows]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    lines = ["  ".join(cell.ljust(width) if i == 0 else cell.rjust(width)
+                       for i, (cell, width) in enumerate(zip(row, widths, strict=True))) for row in cells]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+
+
+def machine() -> dict[str, Any]:
+    """What the seconds were measured on."""
+    import scipy
+
+    model = platform.processor() or platform.machine()
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            model = next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), model)
+    except OSError:
+        pass
+    found = {"cpu": model, "cores": os.cpu_count(), "python": platform.python_version(), "numpy": np.__version__,
+             "scipy": scipy.__version__}
+    if "femsub._slepc" in sys.modules and "petsc4py.PETSc" in sys.modules:
+        found |= sys.modules["femsub._slepc"].versions()
+    return found
+
+
+def progress(text: str) -> None:
+    """One line on stderr that overwrites itself; nothing where stderr is not a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{text[:100]}", end="", file=sys.stderr, flush=True)
+
+
+def progress_done() -> None:
+    """Takes the progress line away."""
+    if sys.stderr.isatty():
+        print("\r\033[K", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,163 @@
+"""Scene files: what may stand in one, checked to the last key before anything is computed."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar
+
+from femsub.errors import InputError, unknown_name
+
+#: name of a built-in scene: (module, one line)
+SCENES = {
+    "chain": ("femsub.scenes.chain", "the paper's chain of masses on a belt: full, HCB and CC, its figures 2 to 4, error against time"),
+    "matrices": ("femsub.scenes.matrices", "your own M, D, K from files: reduced models, critical slope, error against time"),
+}
+METHOD_NAMES = ("craig-bampton", "craig-chang")
+LAW_NAMES = ("stribeck-arctan", "stribeck-arctan-odd")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What all scenes share.
+
+    Attributes
+    ----------
+    name : str
+        For headings and file names.
+    slope : float, optional
+        μ'(v0) itself. Without it, it comes from `law` at `speed`.
+    law, eps, speed, force
+        The friction law, its width ε, the belt's speed and the normal force.
+    methods : list of str
+        Of 'craig-bampton', 'craig-chang'.
+    outputs : list of str
+        What is computed; nothing else is. The scene's own list is the default.
+    figures : bool
+        Whether figures are drawn (in a folder given by --out).
+    repeats : int
+        Runs per time.
+    """
+
+    name: str = ""
+    slope: float | None = None
+    law: str = "stribeck-arctan"
+    eps: float = 1e-3
+    speed: float = 0.19113
+    force: float = 1.0
+    methods: list[str] = field(default_factory=lambda: list(METHOD_NAMES))
+    outputs: list[str] = field(default_factory=list)
+    figures: bool = True
+    repeats: int = 5
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        if not self.outputs:
+            object.__setattr__(self, "outputs", list(self.OUTPUTS))
+        for kind, values, valid in (("method", self.methods, METHOD_NAMES), ("output", self.outputs, self.OUTPUTS),
+                                    ("law", [self.law], LAW_NAMES)):
+            for value in values:
+                if value not in valid:
+                    raise unknown_name(kind, value, valid)
+        if not self.methods:
+            raise InputError(f"methods is empty; valid: {', '.join(METHOD_NAMES)}")
+        if self.repeats < 1:
+            raise InputError(f"repeats must be at least 1, not {self.repeats}")
+
+    def friction_slope(self) -> float:
+        """μ'(v0), given or from the law."""
+        from femsub.friction import LAWS
+
+        return self.slope if self.slope is not None else float(LAWS[self.law](eps=self.eps).slope(self.speed))
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a scene has computed, ready to be shown.
+
+    Attributes
+    ----------
+    data : dict
+        Everything printed or drawn, for results.json.
+    rows : list of dict
+        For results.csv.
+    text : str
+        The tables for the terminal.
+    drawings : dict of str to callable
+        File name (without ending) to a function that draws onto a new matplotlib figure.
+    """
+
+    data: dict[str, Any]
+    rows: list[dict[str, Any]]
+    text: str
+    drawings: dict[str, Callable[[], Any]]
+
+
+def load(source: str) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], Result]]:
+    """A scene by the name of a built-in one or from a TOML file, with the function that runs it.
+
+    Raises
+    ------
+    InputError
+        No such scene or file, not TOML, a key that does not exist (the nearest one is named), a value of the wrong type.
+    """
+    if source in SCENES:
+        return _build({"scene": source}, Path("."))
+    path = Path(source)
+    if not path.is_file():
+        if path.suffix == ".toml" or "/" in source:
+            raise InputError(f"there is no scene file {source}")
+        raise unknown_name("scene", source, SCENES)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{source} is not a TOML file: {error}") from None
+    return _build(table, path.parent)
+
+
+def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], Result]]:
+    values = dict(table)
+    kind = values.pop("scene", "chain")
+    if kind not in SCENES:
+        raise unknown_name("scene", kind, SCENES)
+    if kind == "matrices" and not values:
+        raise InputError("the scene 'matrices' needs a scene file that names them: scene = \"matrices\", M = \"M.mtx\", "
+                         "K = \"K.mtx\", port = 0, band = [0.0, 1000.0]")
+    module = import_module(SCENES[kind][0])
+    scene_type = module.SCENE
+    fields = {item.name: item for item in dataclasses.fields(scene_type) if item.name != "folder"}
+    for key, value in values.items():
+        if key not in fields:
+            raise unknown_name("scene key", key, ["scene", *fields])
+        values[key] = _typed(key, value, str(fields[key].type))
+    if "folder" in {item.name for item in dataclasses.fields(scene_type)}:
+        values["folder"] = str(folder)
+    return scene_type(**{"name": kind, **values}), module.run
+
+
+def _typed(key: str, value: Any, declared: str) -> Any:
+    """The value if it is of the declared type; whole numbers do for floats, one value for a list of one."""
+    kinds = [part.strip() for part in declared.split("|")]
+    for kind in kinds:
+        if kind == "bool" and isinstance(value, bool):
+            return value
+        if kind == "int" and isinstance(value, int) and not isinstance(value, bool):
+            return value
+        if kind == "float" and isinstance(value, (int, float)) and not isinstance(value, bool):
+            return float(value)
+        if kind == "str" and isinstance(value, str):
+            return value
+        if kind.startswith("list["):
+            inner = kind[5:-1]
+            items = value if isinstance(value, list) else [value]
+            try:
+                return [_typed(key, item, inner) for item in items]
+            except InputError:
+                continue
+    wanted = " or ".join(kind for kind in kinds if kind != "None")
+    raise InputError(f"scene key {key!r} must be {wanted}, not {value!r}")

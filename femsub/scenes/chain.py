@@ -1,0 +1,260 @@
+"""The paper's study: a chain on a belt, full and reduced, by complex modes and critical slopes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from femsub.bases import METHODS, reduce
+from femsub.cea import complex_modes
+from femsub.chains import chain
+from femsub.errors import InputError, PortWarning
+from femsub.friction import LAWS, Belt
+from femsub.report import machine, table
+from femsub.scene import Result, Scene
+from femsub.stability import critical_slope, sweep
+from femsub.studies import study
+from femsub.substructure import Substructure
+
+Progress = Callable[[str], None]
+SHORT = {"craig-bampton": "HCB", "craig-chang": "CC"}
+
+
+@dataclass(frozen=True)
+class ChainScene(Scene):
+    """The chain of `femsub.chain` and what is asked of it.
+
+    Attributes
+    ----------
+    n, masses, springs, damping : chain
+        Numbers of masses; one value or n of them; dashpot d1 at m1.
+    belt : int
+        The mass under the belt for the eigenvalues, the size sweep and the error against time.
+    belts : list of int
+        Places for the belt sweep and the table of critical slopes.
+    interface : list of int
+        The paper's interface; next to it the one with the belt's mass is always shown.
+    size : int
+        DOF of the reduced models in the eigenvalue figure, the belt sweep and the table.
+    sizes : list of int
+        DOF of the reduced models in the size sweep and the error against time.
+    band : list of float
+        Frequencies (rad/time) in which eigenvalues are compared.
+    """
+
+    n: int = 10
+    masses: float | list[float] = 1.0
+    springs: float | list[float] = 1.0
+    damping: float = 0.1
+    belt: int = 2
+    belts: list[int] = field(default_factory=list)
+    interface: list[int] = field(default_factory=lambda: [1])
+    size: int = 5
+    sizes: list[int] = field(default_factory=list)
+    band: list[float] = field(default_factory=list)
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("friction", "critical-slope", "belt-sweep", "size-sweep", "eigenvalues", "error-time")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.n < 1:
+            raise InputError(f"n must be at least 1, not {self.n}")
+        if not self.belts:
+            object.__setattr__(self, "belts", list(range(1, min(self.n, 10) + 1)))
+        if not self.sizes:
+            object.__setattr__(self, "sizes", list(range(len(self.interface) + 1, min(self.n, 10) + 1)))
+        if not self.band:
+            # the lowest three pairs of a uniform chain; what lies higher no small model can follow
+            object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
+
+    def model(self, belt: int, widened: bool) -> Substructure:
+        """The chain with the belt under a mass, with the paper's interface or with the belt's mass joined to it."""
+        interface = list(self.interface)
+        if widened and belt not in interface:
+            interface.append(belt)
+        return chain(self.n, belt, self.damping, masses=self.masses, springs=self.springs, interface=interface)
+
+    def reduced(self, sub: Substructure, method: str, size: int) -> Substructure:
+        """The model with `size` DOF by one of METHODS."""
+        modes = size - len(sub.interface)
+        if modes < 0:
+            raise InputError(f"{size} DOF are fewer than the {len(sub.interface)} of the interface; ask for larger sizes")
+        with warnings.catch_warnings():
+            # The contact outside the interface is what this scene shows; its error is in the results.
+            warnings.simplefilter("ignore", PortWarning)
+            return reduce(sub, METHODS[method](modes))
+
+
+SCENE = ChainScene
+
+
+def run(scene: ChainScene, progress: Progress) -> Result:
+    """Computes what `scene.outputs` names, and nothing else."""
+    scene.model(scene.belt, False)  # bad values end here, before any work
+    for belt in scene.belts:
+        scene.model(belt, False)
+    slope = scene.friction_slope()
+    data: dict[str, Any] = {
+        "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
+        "damping": scene.damping, "interface": scene.interface, "force": scene.force, "slope": slope,
+        "law": scene.law if scene.slope is None else None, "eps": scene.eps, "speed": scene.speed, "methods": scene.methods,
+        "size": scene.size, "band": scene.band}
+    law = f"slope {slope:.6g}" if scene.slope is not None else f"{scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = {slope:.6g}"
+    text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, interface {_masses(scene.interface)}, F = "
+            f"{scene.force:g}, {law}"]
+    rows: list[dict[str, Any]] = []
+    drawings: dict[str, Callable[[], Any]] = {}
+    for output in scene.outputs:
+        progress(f"{scene.name}: {output}")
+        found, said, drawing = PARTS[output](scene, slope, progress)
+        data[output] = found
+        if said:
+            text.append(said)
+        if "rows" in found:
+            rows += [{"output": output, **row} for row in found["rows"]]
+        if drawing is not None:
+            drawings[output] = drawing
+    return Result(data, rows, "\n\n".join(text), drawings)
+
+
+Part = tuple[dict[str, Any], str, Callable[[], Any] | None]
+
+
+def _friction(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    side = np.concatenate([np.geomspace(1e-5, 0.05, 60), np.linspace(0.06, 1.0, 95)])
+    speeds = np.concatenate([-side[::-1], [0.0], side])
+    curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)}
+              for name in LAWS for eps in sorted({1e-1, 1e-2, 1e-3, scene.eps}, reverse=True)]
+
+    def draw() -> Any:
+        from femsub.figures import friction_figure
+        return friction_figure(speeds, curves, scene.speed, slope)
+
+    return {"speed": speeds, "curves": curves}, "", draw
+
+
+def _critical(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    rows, band = [], (scene.band[0], scene.band[1])
+    for belt in scene.belts:
+        for widened in _interfaces(scene, belt):
+            sub = scene.model(belt, widened)
+            exact = critical_slope(sub, band=band, force=scene.force)
+            for method in scene.methods:
+                rom = scene.reduced(sub, method, max(scene.size, len(sub.interface)))
+                found = critical_slope(rom, band=band, force=scene.force)
+                rows.append({"belt": belt, "interface": _masses(sub.interface + 1), "method": method, "size": rom.size,
+                             "slope": found.slope, "omega": found.omega, "full": exact.slope,
+                             "error": _relative(found.slope, exact.slope), "port_error": rom.port_error["belt"]})
+    lines = [table(["belt", "interface", "model", "DOF", "critical slope", "full model", "rel. error", "static port error"],
+                   [[f"m{row['belt']}", row["interface"], SHORT[row["method"]], row["size"], row["slope"], row["full"],
+                     row["error"], row["port_error"]] for row in rows],
+                   ["s", "s", "s", "d", ".6f", ".6f", ".1e", ".1e"])]
+    head = f"Critical slopes dμ/dv in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time"
+    return {"rows": rows}, "\n".join([head, *lines]), None
+
+
+def _interfaces(scene: ChainScene, belt: int) -> list[bool]:
+    """The paper's interface, and the one with the belt's mass where that is another one."""
+    return [False] if belt in scene.interface else [False, True]
+
+
+def _belt_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    slopes, band = -np.geomspace(1e-3, 0.4, 60), (scene.band[0], scene.band[1])
+    panels = []
+    for widened in (False, True):
+        for kind in ("full", *scene.methods):
+            growth, border = [], []
+            for belt in scene.belts:
+                sub = scene.model(belt, widened)
+                model = sub if kind == "full" else scene.reduced(sub, kind, max(scene.size, len(sub.interface)))
+                growth.append(sweep(model, slopes, force=scene.force, band=band).growth)
+                border.append(float(critical_slope(model, force=scene.force, band=band)))
+            panels.append({"model": kind, "interface": "{m1, belt}" if widened else _masses(scene.interface),
+                           "growth": np.array(growth), "critical_slope": border})
+    found = {"slopes": slopes, "belts": scene.belts, "panels": panels}
+
+    def draw() -> Any:
+        from femsub.figures import belt_sweep_figure
+        return belt_sweep_figure(found, SHORT)
+
+    return found, "", draw
+
+
+def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    curves, band = [], (scene.band[0], scene.band[1])
+    for widened in _interfaces(scene, scene.belt):
+        sub = scene.model(scene.belt, widened)
+        exact = float(critical_slope(sub, force=scene.force, band=band))
+        for method in scene.methods:
+            sizes = [size for size in scene.sizes if size >= len(sub.interface)]
+            found = [float(critical_slope(scene.reduced(sub, method, size), force=scene.force, band=band)) for size in sizes]
+            curves.append({"interface": _masses(sub.interface + 1), "method": method, "sizes": sizes, "slope": found, "full": exact,
+                           "error": [_relative(value, exact) for value in found]})
+    lines = [table(["interface", "model", *(f"{size} DOF" for size in scene.sizes)],
+                   [[curve["interface"], SHORT[curve["method"]],
+                     *(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size) for size in scene.sizes)]
+                    for curve in curves], ["s", "s", *[".1e"] * len(scene.sizes)])]
+
+    def draw() -> Any:
+        from femsub.figures import size_sweep_figure
+        return size_sweep_figure(curves, scene.belt, SHORT)
+
+    return {"curves": curves}, f"Relative error of the critical slope, belt under m{scene.belt}\n" + "\n".join(lines), draw
+
+
+def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    belt, models = Belt(force=scene.force, slope=slope), []
+    for widened in _interfaces(scene, scene.belt):
+        sub = scene.model(scene.belt, widened)
+        candidates = [("full", sub)] + [(method, scene.reduced(sub, method, max(scene.size, len(sub.interface))))
+                                        for method in scene.methods]
+        for kind, model in candidates:
+            band = (0.0, 1.5 * scene.band[1]) if kind == "full" and scene.n > 300 else None
+            modes = complex_modes(model, belt, band=band)
+            models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size, "growth": modes.growth,
+                           "is_stable": modes.is_stable, "eigenvalues": modes.eigenvalues, "error_bar": modes.error_bar,
+                           "backward_error": modes.backward_error, "above_cutoff": modes.above_cutoff, "cutoff": model.cutoff})
+    said = table(["interface", "model", "DOF", "largest Re λ", "stable", "largest backward error"],
+                 [[m["interface"], SHORT.get(m["model"], m["model"]), m["size"], m["growth"], str(m["is_stable"]),
+                   float(m["backward_error"].max(initial=0.0))] for m in models], ["s", "s", "d", ".4f", "s", ".0e"])
+
+    def draw() -> Any:
+        from femsub.figures import eigenvalue_figure
+        return eigenvalue_figure(models, SHORT, f"belt under m{scene.belt}, dμ/dv = {slope:.4g}")
+
+    return {"belt": scene.belt, "models": models}, f"Complex modes, belt under m{scene.belt}, dμ/dv = {slope:.5g}\n{said}", draw
+
+
+def _error_time(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    belt, studies = Belt(force=scene.force, slope=slope), []
+    for widened in _interfaces(scene, scene.belt):
+        sub = scene.model(scene.belt, widened)
+        methods = [METHODS[name](size - len(sub.interface)) for name in scene.methods for size in scene.sizes
+                   if size >= len(sub.interface)]
+        studies.append((_masses(sub.interface + 1), study(sub, methods, (scene.band[0], scene.band[1]), belt=belt,
+                                                          repeats=scene.repeats, progress=progress)))
+    rows = [{"interface": interface, **row.flat()} for interface, found in studies for row in (found.full, *found.rows)]
+    said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies)
+
+    def draw() -> Any:
+        from femsub.figures import error_time_figure
+        return error_time_figure(studies)
+
+    return {"rows": rows, "band": scene.band, "repeats": scene.repeats}, said, draw
+
+
+PARTS: dict[str, Callable[[ChainScene, float, Progress], Part]] = {
+    "friction": _friction, "critical-slope": _critical, "belt-sweep": _belt_sweep, "size-sweep": _size_sweep,
+    "eigenvalues": _eigenvalues, "error-time": _error_time}
+
+
+def _masses(numbers: Any) -> str:
+    return "{" + ", ".join(f"m{int(number)}" for number in numbers) + "}"
+
+
+def _relative(value: float, reference: float) -> float:
+    return 0.0 if value == reference else abs(value - reference) / abs(reference) if reference else np.nan

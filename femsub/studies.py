@@ -1,0 +1,230 @@
+"""Error against run time: reduced models next to the full one, in one run, in alternating order."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from femsub.bases import CraigBampton, CraigChang, reduce
+from femsub.cea import ComplexModes, complex_modes
+from femsub.eigen import check_band
+from femsub.errors import FemsubError, InputError, PortWarning
+from femsub.friction import Belt
+from femsub.pencil import Array
+from femsub.stability import critical_slope
+from femsub.substructure import Substructure
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds over repeated runs."""
+
+    median: float
+    least: float
+    most: float
+
+    @classmethod
+    def of(cls, seconds: Sequence[float]) -> Timing:
+        return cls(float(np.median(seconds)), float(np.min(seconds)), float(np.max(seconds)))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One model of a study; errors are relative to the full model and over the band.
+
+    Attributes
+    ----------
+    method, modes, size : str, int, int
+        'full' has size n.
+    error_eigenvalue : float
+        max |λ_reduced - λ_full| / |λ_full| over matched pairs.
+    error_growth : float
+        max |Re λ_reduced - Re λ_full| / |Re λ_full|, the same pairs.
+    error_slope : float
+        |c_reduced - c_full| / |c_full| of the critical slope.
+    missing : int
+        Eigenvalues of the full model in the band whose counterpart is more than half of |λ| away; they have no part in
+        the errors.
+    slope : float
+        The critical slope.
+    growth : float
+        The largest Re λ in the band.
+    reduction, solution : Timing
+        Seconds to reduce, and to compute the complex modes in the band.
+    port_error : float
+        Static error at the port in the energy norm.
+    """
+
+    method: str
+    modes: int
+    size: int
+    error_eigenvalue: float
+    error_growth: float
+    error_slope: float
+    missing: int
+    slope: float
+    growth: float
+    reduction: Timing
+    solution: Timing
+    port_error: float
+
+    def flat(self) -> dict[str, Any]:
+        """Plain columns, for CSV and JSON."""
+        flat: dict[str, Any] = {}
+        for key, value in asdict(self).items():
+            if isinstance(value, dict):
+                flat |= {f"{key}_{name}_s": number for name, number in value.items()}
+            else:
+                flat[key] = value
+        return flat
+
+
+@dataclass(frozen=True, repr=False)
+class Study:
+    """The full model's row and one for each reduced model."""
+
+    name: str
+    band: tuple[float, float]
+    repeats: int
+    full: Row
+    rows: tuple[Row, ...]
+
+    def __repr__(self) -> str:
+        best = min(self.rows, key=lambda row: row.error_eigenvalue, default=None)
+        told = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.method} with {best.size} DOF"
+        return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{told}"
+
+    def __str__(self) -> str:
+        head = f"{'method':<16}{'DOF':>7}{'err λ':>10}{'err Re λ':>10}{'err slope':>10}{'missing':>9}{'reduce':>11}{'solve':>11}"
+        lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time, medians of {self.repeats}", head]
+        for row in (self.full, *self.rows):
+            errors = "".join(f"{value:>10.1e}" for value in (row.error_eigenvalue, row.error_growth, row.error_slope))
+            lines.append(f"{row.method:<16}{row.size:>7}{errors}{row.missing:>9}"
+                         f"{_seconds(row.reduction.median):>11}{_seconds(row.solution.median):>11}")
+        return "\n".join(lines)
+
+
+def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band: tuple[float, float], *,
+          belt: Belt | None = None, port: str = "belt", ports: bool = False, repeats: int = 5,
+          progress: Progress | None = None) -> Study:
+    """Reduces `sub` by each method and compares complex modes and critical slope with the full model.
+
+    Parameters
+    ----------
+    sub : Substructure
+    methods : sequence of CraigBampton or CraigChang
+        One entry per reduced model; list the same method with several numbers of modes to see convergence.
+    band : (lo, hi)
+        Where the errors count, in radians per unit of time.
+    belt : Belt, optional
+        The contact under which complex modes are compared; without one the models' own damping.
+    port : str
+        For the critical slope (the belt's port, if a belt is given).
+    ports : bool
+        Passed to `reduce`: static port columns join each basis.
+    repeats : int
+        Each time is a median over so many runs; models take turns, so that a slow spell hits all of them.
+    progress : callable, optional
+        Told in a few words what is being done.
+
+    Returns
+    -------
+    Study
+    """
+    lo, hi = check_band(band)
+    if not methods:
+        raise InputError("methods is empty: name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
+    if repeats < 1:
+        raise InputError(f"repeats must be at least 1, not {repeats!r}")
+    place = belt.port if belt is not None else port
+    tell = progress or (lambda _: None)
+    reducing: list[list[float]] = [[] for _ in methods]
+    solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
+    models: list[Any] = [None] * len(methods)
+    spectra: list[Any] = [None] * (len(methods) + 1)
+    for turn in range(repeats):
+        tell(f"{sub.name}: run {turn + 1} of {repeats}")
+        for i, method in enumerate(methods):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
+                models[i], seconds = _timed(lambda method=method: reduce(sub, method, ports=ports))
+            reducing[i].append(seconds)
+        spectra[0], seconds = _timed(lambda: complex_modes(sub, belt, band=(lo, hi)))
+        solving[0].append(seconds)
+        for i, model in enumerate(models, start=1):  # a reduced model is dense: all of it costs what the band would
+            spectra[i], seconds = _timed(lambda model=model: complex_modes(model, belt))
+            solving[i].append(seconds)
+    tell(f"{sub.name}: critical slopes")
+    slopes = [_slope(model, place, (lo, hi)) for model in (sub, *models)]
+    none = Timing(0.0, 0.0, 0.0)
+    full = Row("full", 0, sub.size, 0.0, 0.0, 0.0, 0, slopes[0], _growth(spectra[0], hi), none, Timing.of(solving[0]), 0.0)
+    rows = []
+    for method, model, modes, slope, reduction, solution in zip(
+            methods, models, spectra[1:], slopes[1:], reducing, solving[1:], strict=True):
+        value, growth, missing = spectrum_errors(spectra[0], modes)
+        rows.append(Row(type(method).__name__, method.modes, model.size, value, growth, _relative(slope, slopes[0]), missing,
+                        slope, _growth(modes, hi), Timing.of(reduction), Timing.of(solution), model.port_error.get(place, 0.0)))
+    return Study(sub.name, (lo, hi), repeats, full, tuple(rows))
+
+
+def match(reference: Array, values: Array) -> tuple[Array, Array]:
+    """The one-to-one assignment of two spectra with the least sum of |Δλ|: indices into both, never by position."""
+    from scipy.optimize import linear_sum_assignment
+
+    return linear_sum_assignment(np.abs(reference[:, None] - values[None, :]))
+
+
+def spectrum_errors(full: ComplexModes, reduced: ComplexModes) -> tuple[float, float, int]:
+    """Largest relative error of λ and of Re λ over matched eigenvalues, and how many have no counterpart."""
+    reference, values = (modes.eigenvalues[~modes.rigid & (modes.eigenvalues.imag >= 0)] for modes in (full, reduced))
+    if len(reference) == 0:
+        return 0.0, 0.0, 0
+    at, to = match(reference, values)
+    error = np.abs(values[to] - reference[at]) / np.abs(reference[at])
+    near = error <= 0.5
+    missing = len(reference) - int(near.sum())
+    if not near.any():
+        return np.nan, np.nan, missing
+    real = np.abs(reference[at].real)
+    growth = np.abs(values[to].real - reference[at].real)
+    growth = np.divide(growth, real, out=np.zeros_like(real), where=real > 0)
+    return float(error[near].max()), float(growth[near].max()), missing
+
+
+def _growth(modes: ComplexModes, hi: float) -> float:
+    within = ~modes.rigid & (modes.frequencies <= hi)
+    return float(modes.eigenvalues.real[within].max(initial=-np.inf))
+
+
+def _slope(model: Substructure, port: str, band: tuple[float, float]) -> float:
+    if port not in model.ports:
+        return np.nan
+    try:
+        return float(critical_slope(model, port, band=band))
+    except FemsubError:
+        return np.nan
+
+
+def _relative(value: float, reference: float) -> float:
+    if value == reference:
+        return 0.0
+    return float(abs(value - reference) / abs(reference)) if reference else np.nan
+
+
+def _timed(call: Callable[[], Any]) -> tuple[Any, float]:
+    start = time.perf_counter()
+    result = call()
+    return result, time.perf_counter() - start
+
+
+def _seconds(value: float) -> str:
+    if value == 0:
+        return "-"
+    return f"{value * 1e3:.3g} ms" if value < 1 else f"{value:.3g} s"
