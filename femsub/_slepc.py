@@ -177,12 +177,35 @@ def _last_line(error: Exception) -> str:
     return lines[-1][:120] if lines else type(error).__name__
 
 
-def _start_vector(stack: ExitStack, like: Any, seed: int) -> Any:
-    """A seeded start, so that a run can be repeated to the last digit."""
+class _Deflated:
+    """A preconditioner for PETSc: x ↦ (I - ΦΦᵀM) A⁻¹ x, Φ M-orthonormal, with the factor of A at hand."""
+
+    def __init__(self, factor: Factor, known: Array, M: Matrix) -> None:
+        self.factor, self.known, self.weighted = factor, known, M @ known
+
+    def project(self, x: Array) -> Array:
+        return x - self.known @ (self.weighted.T @ x)
+
+    def apply(self, pc: Any, x: Any, y: Any) -> None:
+        y.setArray(self.project(self.factor.solve(x.getArray(readonly=True))))
+
+
+def _shell(st: Any, context: _Deflated, stack: ExitStack) -> None:
     PETSc, _ = _load()
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    stack.callback(ksp.destroy)
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    stack.callback(pc.destroy)
+    pc.setType("python")
+    pc.setPythonContext(context)
+    st.setKSP(ksp)
+
+
+def _vector(stack: ExitStack, like: Any, values: Array) -> Any:
     vector = like.createVecRight()
     stack.callback(vector.destroy)
-    vector.setArray(np.random.default_rng(seed).standard_normal(vector.getLocalSize()))
+    vector.setArray(values)
     return vector
 
 
@@ -204,7 +227,14 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         st.setShift(sigma)
         eps = SLEPc.EPS().create(PETSc.COMM_SELF)
         stack.callback(eps.destroy)
-        factor.lend(st, stack)
+        start = np.random.default_rng(seed).standard_normal(factor.size)
+        if known is None or not known.shape[1]:
+            factor.lend(st, stack)
+        else:
+            # SLEPc's own deflation space is not kept orthogonal in M; a solve that projects is.
+            deflated = _Deflated(factor, known, M)
+            start = deflated.project(start)
+            _shell(st, deflated, stack)
         eps.setST(st)
         eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
         eps.setTarget(sigma)
@@ -212,14 +242,7 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         room = factor.size - (0 if known is None else known.shape[1])
         eps.setDimensions(count, min(room, max(2 * count, count + 15)))
         eps.setTolerances(tol, most)
-        eps.setInitialSpace([_start_vector(stack, mats[0], seed)])
-        if known is not None and known.shape[1]:
-            vectors = []
-            for column in known.T:
-                vectors.append(mats[0].createVecRight())
-                stack.callback(vectors[-1].destroy)
-                vectors[-1].setArray(column)
-            eps.setDeflationSpace(vectors)
+        eps.setInitialSpace([_vector(stack, mats[0], start)])
         eps.solve()
         found = eps.getConverged()
         if found < count:
@@ -251,7 +274,7 @@ def quadratic_modes(factor: Factor, matrices: Sequence[Matrix], shift: float, co
         pep.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
         pep.setDimensions(count, min(2 * factor.size, max(2 * count, count + 20)))
         pep.setTolerances(tol, most)
-        pep.setInitialSpace([_start_vector(stack, mats[0], seed)])
+        pep.setInitialSpace([_vector(stack, mats[0], np.random.default_rng(seed).standard_normal(factor.size))])
         st = pep.getST()
         st.setType("sinvert")
         factor.lend(st, stack)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.errors import InputError, MissedModesError, SingularMatrixError
+from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, Handle, factorise
 from femsub.pencil import Array, Matrix
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from femsub.substructure import Substructure
 
 TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted eigenvalue
+ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units
 DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
@@ -220,8 +221,11 @@ class ShiftInvert:
     def _result(self, values: Array, shapes: Array, counted: tuple[float, int]) -> NormalModes:
         values = np.concatenate([np.zeros(self.rigid.shape[1]), values])
         shapes = np.hstack([self.rigid, shapes])
-        return NormalModes(values, shapes, self.rigid.shape[1], relative_residual(self.K, self.M, values, shapes),
-                           counted, self.factorisations)
+        residual = relative_residual(self.K, self.M, values, shapes)
+        if residual.max(initial=0.0) > ACCEPTED:
+            raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, and "
+                                    f"{ACCEPTED:g} is the most that is accepted; check the scaling of K and M")
+        return NormalModes(values, shapes, self.rigid.shape[1], residual, counted, self.factorisations)
 
 
 def normal_modes(model: Substructure, count: int | None = None, band: tuple[float, float] | None = None) -> NormalModes:

@@ -1,0 +1,145 @@
+"""Normal modes against closed forms; rigid-body modes; the independent count."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+from conftest import lattice, membrane, membrane_eigenvalues, rigid_motions
+
+import femsub as fs
+from femsub import eigen
+
+
+@pytest.mark.parametrize("n", [10, 60, 100, 101, 1000, 10_000])
+def test_chain_frequencies(n: int) -> None:
+    count = min(n, 20)
+    modes = fs.normal_modes(fs.chain(n), count=count)
+    assert np.abs(modes.frequencies / fs.chain_frequencies(n, count) - 1).max() < 1e-12
+    assert modes.residual.max() < 1e-12 and modes.rigid == 0
+    assert modes.counted[1] >= count
+
+
+def test_chain_of_a_million_masses() -> None:
+    modes = fs.normal_modes(fs.chain(1_000_000), count=20)
+    assert np.abs(modes.frequencies / fs.chain_frequencies(1_000_000, 20) - 1).max() < 1e-9
+
+
+@pytest.mark.parametrize("n", [10, 1000])
+def test_all_modes(n: int) -> None:
+    modes = fs.normal_modes(fs.chain(n), count=n)
+    assert np.abs(modes.frequencies / fs.chain_frequencies(n) - 1).max() < 1e-11
+
+
+@pytest.mark.parametrize("m", [6, 30])
+def test_repeated_pairs_are_complete(m: int) -> None:
+    modes = fs.normal_modes(membrane(m), count=24)
+    assert np.allclose(modes.eigenvalues, membrane_eigenvalues(m)[:24], rtol=1e-11)
+    assert np.allclose(modes.shapes.T @ modes.shapes, np.eye(24), atol=1e-10)
+
+
+def test_a_missed_mode_of_a_pair_is_found_and_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
+    from femsub import _slepc
+
+    original, calls = _slepc.symmetric_modes, []
+
+    def forgetful(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
+        values, shapes = original(*arguments, **options)
+        calls.append(len(values))
+        if len(calls) > 1:
+            return values, shapes
+        order = np.argsort(values)
+        keep = np.setdiff1d(np.arange(len(values)), order[2])  # one of the pair λ_12 = λ_21
+        return values[keep], shapes[:, keep]
+
+    monkeypatch.setattr(_slepc, "symmetric_modes", forgetful)
+    modes = fs.normal_modes(membrane(30), count=10)
+    assert len(calls) == 2
+    assert np.allclose(modes.eigenvalues, membrane_eigenvalues(30)[:10], rtol=1e-11)
+
+
+def test_a_mode_that_cannot_be_fetched_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    from femsub import _slepc
+
+    original = _slepc.symmetric_modes
+
+    def blind(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
+        values, shapes = original(*arguments, **options)
+        keep = np.argsort(values)[1:]
+        return values[keep], shapes[:, keep]
+
+    monkeypatch.setattr(_slepc, "symmetric_modes", blind)
+    with pytest.raises(fs.MissedModesError, match="inertia"):
+        fs.normal_modes(fs.chain(300), count=10)
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(4, 5), (15, 12)])
+@pytest.mark.parametrize(("mass", "stiffness"), [(1.0, 1.0), (1e-9, 1e3), (1e6, 1e-6)])
+def test_rigid_modes_survive_a_change_of_units(nx: int, ny: int, mass: float, stiffness: float) -> None:
+    plain = lattice(nx, ny)
+    modes = fs.normal_modes(fs.Substructure(mass * plain.M, stiffness * plain.K), count=5)
+    assert modes.rigid == 3
+    assert np.array_equal(modes.eigenvalues[:3], np.zeros(3))
+    space = np.linalg.qr(rigid_motions(nx, ny))[0]
+    shapes = modes.shapes[:, :3]
+    assert np.abs(shapes - space @ (space.T @ shapes)).max() < 1e-10 * np.abs(shapes).max()
+    assert np.allclose(modes.shapes.T @ (mass * plain.M @ modes.shapes), np.eye(8), atol=1e-9)
+    exact = la.eigvalsh(plain.K.toarray(), plain.M.toarray())[3:8] * stiffness / mass
+    assert np.allclose(modes.eigenvalues[3:], exact, rtol=1e-9)
+
+
+def test_two_floating_pieces() -> None:
+    pieces = [lattice(6, 7), lattice(5, 9, seed=1)]
+    K = sp.block_diag([piece.K for piece in pieces])
+    M = sp.block_diag([piece.M for piece in pieces])
+    modes = fs.normal_modes(fs.Substructure(M, K), count=3)
+    assert modes.rigid == 6
+
+
+def test_a_held_component_is_factorised_once_and_looks_for_no_rigid_modes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(eigen.ShiftInvert, "_find_rigid", None)
+    assert fs.normal_modes(lattice(15, 12, held=True), count=5).factorisations == 1
+
+
+def test_a_floating_one_is_factorised_once_too() -> None:
+    assert fs.normal_modes(lattice(15, 12), count=5).factorisations == 1
+
+
+@pytest.mark.parametrize("n", [80, 300])
+def test_band(n: int) -> None:
+    exact = fs.chain_frequencies(n)
+    modes = fs.normal_modes(fs.chain(n), band=(0.1, 0.4))
+    assert np.allclose(modes.frequencies, exact[(exact >= 0.1) & (exact <= 0.4)], rtol=1e-11)
+    assert modes.counted == (0.4, int((exact < 0.4).sum()))
+
+
+@pytest.mark.parametrize("n", [20, 300])
+def test_massless_dof(n: int) -> None:
+    sub = fs.chain(n)
+    mass = np.ones(n)
+    mass[1::2] = 0.0
+    modes = fs.normal_modes(fs.Substructure(sp.diags_array(mass), sub.K), count=4)
+    # every second mass gone: a chain of n/2 masses with springs 1/2
+    K = sub.K.toarray()
+    even, odd = np.arange(0, n, 2), np.arange(1, n, 2)
+    condensed = K[np.ix_(even, even)] - K[np.ix_(even, odd)] @ np.linalg.solve(K[np.ix_(odd, odd)], K[np.ix_(odd, even)])
+    assert np.allclose(modes.eigenvalues, la.eigvalsh(condensed)[:4], rtol=1e-10)
+
+
+@pytest.mark.parametrize("n", [10, 300])
+def test_too_many_modes_and_bad_requests(n: int) -> None:
+    with pytest.raises(ValueError, match=f"there are {n}"):
+        fs.normal_modes(fs.chain(n), count=n + 1)
+    with pytest.raises(ValueError, match="either count"):
+        fs.normal_modes(fs.chain(n))
+    with pytest.raises(ValueError, match="0 <= lo < hi"):
+        fs.normal_modes(fs.chain(n), band=(0.4, 0.1))
+    indefinite = fs.Substructure(sp.eye_array(n), fs.chain(n).K - 0.5 * sp.eye_array(n))
+    with pytest.raises(fs.SingularMatrixError, match="not positive definite"):
+        fs.normal_modes(indefinite, count=2)
+
+
+def test_repr() -> None:
+    told = repr(fs.normal_modes(fs.chain(10, fixed=False), count=3))
+    assert told.startswith("NormalModes: 1 rigid and 3 elastic, ω 0.31287 to 0.90798 rad/time; largest residual")

@@ -1,0 +1,53 @@
+"""Friction laws: values and slopes of DESIGN, slopes against differences, the sign of the belt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import femsub as fs
+
+LAWS = [fs.StribeckArctan(), fs.StribeckArctanOdd(), fs.StribeckArctan(eps=0.1), fs.StribeckArctanOdd(eps=0.1, drop=0.1)]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_slope_is_the_derivative_of_the_value(law: fs.StribeckArctan) -> None:
+    for v in (-0.7, -0.1, 0.05, 0.19113, 2.0):
+        h = 1e-6 * abs(v)
+        assert law.slope(v) == pytest.approx((law.value(v + h) - law.value(v - h)) / (2 * h), rel=1e-6)
+
+
+def test_the_paper_s_law_is_not_odd_and_the_other_one_is() -> None:
+    assert fs.StribeckArctan().value(0.0) == pytest.approx(0.2)
+    assert fs.StribeckArctanOdd().value(0.0) == 0.0
+    v = np.linspace(0.01, 2, 50)
+    assert np.allclose(fs.StribeckArctanOdd().value(-v), -fs.StribeckArctanOdd().value(v), rtol=0, atol=1e-16)
+
+
+@pytest.mark.parametrize(("law", "speed"), [(LAWS[0], 0.19113), (LAWS[0], 0.04400), (LAWS[1], 0.18388)])
+def test_speeds_of_the_slope_in_fig_4(law: fs.StribeckArctan, speed: float) -> None:
+    assert law.slope(speed) == pytest.approx(-0.2677, abs=6e-5)
+
+
+def test_belt_linearises_onto_its_port() -> None:
+    sub = fs.chain(10, belt=3, damping=0.1)
+    pencil = sub.linearised(fs.Belt(force=2.0, slope=-0.05))
+    expected = np.zeros((10, 10))
+    expected[0, 0], expected[2, 2] = 0.1, -0.1
+    assert np.array_equal(pencil.D.toarray(), expected)
+
+
+def test_belt_takes_its_slope_from_the_law() -> None:
+    belt = fs.Belt(port="belt", force=1.0, speed=0.1911, law=fs.StribeckArctan(eps=1e-3))
+    assert belt.slope == fs.StribeckArctan().slope(0.1911)
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({}, "needs a friction law"), ({"law": LAWS[0]}, "needs its speed"), ({"slope": np.nan}, "slope must be a finite"),
+    ({"slope": -0.1, "force": -1.0}, "force must not be negative"), ({"law": LAWS[0], "speed": 0.2, "slope": 1.0}, "contradicts"),
+])
+def test_belt_refuses(arguments: dict, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        fs.Belt(**arguments)
+    with pytest.raises(ValueError, match="eps must be positive"):
+        fs.StribeckArctan(eps=0.0)

@@ -1,0 +1,97 @@
+"""The house rules that a machine can check: layers, one importer of PETSc, cheap imports, short modules."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "femsub"
+
+LAYERS = {
+    "errors": 0,
+    "pencil": 1, "friction": 2, "_slepc": 2,
+    "factor": 3, "substructure": 3,
+    "eigen": 4, "counting": 4, "chains": 4,
+    "qep": 5, "pep": 5, "bases": 5,
+    "cea": 6,
+    "crossing": 7, "border": 8, "stability": 9,
+    "studies": 10,
+    "scene": 11, "figures": 12, "report": 13, "scenes": 14, "cli": 15,
+}
+
+
+def modules() -> list[Path]:
+    return [path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py"]
+
+
+def layer_name(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imported(path: Path) -> set[str]:
+    """Modules of femsub that a file imports at run time (not under TYPE_CHECKING)."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    skipped = {id(node) for test in ast.walk(tree) if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.dump(test.test)
+               for child in test.body for node in ast.walk(child)}
+    names = set()
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("femsub"):
+            names.add(node.module or "")
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+    return names
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_point_down(path: Path) -> None:
+    here = layer_name(path)
+    assert here in LAYERS, f"{here} has no layer: add it to the table"
+    for name in imported(path):
+        if name.startswith("femsub."):
+            other = name.split(".")[1]
+            assert other == here or LAYERS[other] < LAYERS[here], f"{here} imports {other}, which is not below it"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_one_importer_of_petsc_and_one_of_matplotlib(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    if path.name != "_slepc.py":
+        assert "import petsc4py" not in text and "from petsc4py" not in text and "slepc4py" not in imported(path)
+    if path.name != "figures.py":
+        assert "import matplotlib" not in text and "from matplotlib" not in text
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_modules_stay_short(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 350
+
+
+def seconds(code: str) -> float:
+    runs = []
+    for _ in range(5):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-c", code], check=True)
+        runs.append(time.perf_counter() - start)
+    return min(runs)
+
+
+def test_import_is_cheap() -> None:
+    assert seconds("import femsub") < 1.5 * seconds("import numpy, scipy.sparse")
+
+
+def test_every_name_of_the_front_door_exists() -> None:
+    import femsub as fs
+
+    for name in fs.__all__:
+        assert getattr(fs, name) is not None
+    # a submodule of the same name would hide the function once it is imported
+    assert not {path.stem for path in PACKAGE.glob("*.py")} & set(fs.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'missing'"):
+        fs.missing  # noqa: B018

@@ -1,0 +1,105 @@
+"""Factorise once and reuse it; nothing is kept; singular matrices are never called solved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import femsub as fs
+from femsub import _slepc
+from femsub._slepc import Factor, quadratic_modes, symmetric_modes
+from femsub.factor import complex_solve, factorise
+
+
+def resident() -> int:
+    """kB of memory in use now."""
+    with open("/proc/self/statm", encoding="utf-8") as file:
+        return int(file.read().split()[1]) * 4
+
+
+def test_one_factor_serves_solves_modes_and_complex_modes() -> None:
+    PETSc, _ = _slepc._load()
+    PETSc.Log.begin()
+    event = PETSc.Log.Event("MatCholFctrNum")
+    sub = fs.chain(500, belt=2)
+    before = event.getPerfInfo()["count"]
+    factor = Factor(sub.K, "definite")
+    for _ in range(2):
+        symmetric_modes(factor, sub.K, sub.M, 0.0, 5, tol=1e-12)
+        quadratic_modes(factor, (sub.M, sub.D, sub.K), 0.0, 6, tol=1e-10, scale=0.01)
+        factor.solve(np.ones((500, 3)))
+    assert event.getPerfInfo()["count"] - before == 1
+    assert factor.columns == 6
+
+
+@pytest.mark.parametrize("kind", ["definite", "symmetric", "general"])
+def test_block_solve(kind: str, rng: np.random.Generator) -> None:
+    K = fs.chain(400).K
+    B = rng.standard_normal((400, 300))  # more than one block
+    X = factorise(K, kind).solve(B)
+    assert np.abs(K @ X - B).max() < 1e-9
+    assert factorise(K, kind).solve(B[:, 0]).shape == (400,)
+
+
+@pytest.mark.parametrize("n", [50, 1000])
+@pytest.mark.parametrize("kind", ["definite", "symmetric", "general"])
+def test_a_singular_matrix_is_refused(n: int, kind: str) -> None:
+    with pytest.raises(fs.SingularMatrixError):
+        factorise(fs.chain(n, fixed=False).K, kind)
+
+
+@pytest.mark.parametrize("n", [50, 1000])
+def test_an_indefinite_matrix_is_not_taken_for_definite(n: int) -> None:
+    # CHOLMOD's LDLᵀ would accept it without a word
+    K = sp.csr_array(fs.chain(n).K - 0.5 * sp.eye_array(n))
+    with pytest.raises(fs.SingularMatrixError):
+        factorise(K, "definite")
+    with pytest.raises(fs.SingularMatrixError):
+        factorise(sp.csr_array(-fs.chain(n).K), "definite")
+
+
+@pytest.mark.parametrize("n", [60, 600])
+def test_inertia_counts_the_eigenvalues_below(n: int) -> None:
+    sub, exact = fs.chain(n), fs.chain_frequencies(n)
+    for count in (1, n // 3, n - 1):
+        middle = (exact[count - 1] + exact[count]) / 2
+        assert factorise(sub.K - middle**2 * sub.M, "symmetric").negative_pivots == count
+
+
+def test_a_thousand_factors_do_not_grow_the_memory() -> None:
+    sub = fs.chain(1000, belt=2)
+    b = np.ones((1000, 3))
+
+    def rounds(count: int) -> int:
+        for _ in range(count):
+            Factor(sub.K, "definite").solve(b)
+        return resident()
+
+    rounds(50)
+    before = resident()
+    assert rounds(1000) - before < 5_000  # 80 kB a factor leaked once, when the wrappers were not destroyed
+
+
+def test_eigensolvers_do_not_grow_the_memory() -> None:
+    sub = fs.chain(400, belt=2)
+    factor = Factor(sub.K, "definite")
+
+    def rounds(count: int) -> int:
+        for _ in range(count):
+            symmetric_modes(factor, sub.K, sub.M, 0.0, 5, tol=1e-12)
+            quadratic_modes(factor, (sub.M, sub.D, sub.K), 0.0, 6, tol=1e-10, scale=0.01)
+        return resident()
+
+    rounds(20)
+    before = resident()
+    assert rounds(150) - before < 5_000
+
+
+@pytest.mark.parametrize("limit", [20_000, 10])
+def test_complex_solve_both_ways(limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.factor.COMPLEX", limit)
+    sub = fs.chain(200, belt=2)
+    P = sub.pencil.at(0.3j)
+    x = complex_solve(P, np.ones((200, 2)))
+    assert np.abs(P @ x - 1).max() < 1e-9

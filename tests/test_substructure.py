@@ -1,0 +1,109 @@
+"""Construction: what is taken, what is refused, and that nothing changes afterwards."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import femsub as fs
+
+M, K = np.diag([1.0, 2.0, 3.0]), np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
+
+
+def changed(matrix: np.ndarray, at: tuple[int, int], value: float) -> np.ndarray:
+    other = matrix.copy()
+    other[at] = value
+    return other
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({"M": changed(M, (1, 1), -2.0)}, r"negative mass: M\[1, 1\] = -2"),
+    ({"M": np.zeros((3, 3))}, "no mass at all"),
+    ({"M": changed(M, (0, 2), 0.5)}, r"M is not symmetric: M\[0, 2\] = 0.5, but M\[2, 0\] = 0"),
+    ({"K": changed(K, (0, 2), 0.5)}, "K is not symmetric.*Pencil"),
+    ({"K": changed(K, (2, 1), np.nan)}, "K holds a NaN or Inf, first at row 2, column 1"),
+    ({"K": sp.csr_array(changed(K, (2, 1), np.inf))}, "K holds a NaN or Inf, first at row 2, column 1"),
+    ({"D": changed(K, (0, 0), np.nan)}, "D holds a NaN"),
+    ({"K": K[:2]}, r"K must be square, but its shape is \(2, 3\)"),
+    ({"K": np.eye(4)}, "K is 4 x 4, but the other matrices are 3 x 3"),
+    ({"M": np.zeros((0, 0)), "K": np.zeros((0, 0))}, "M is empty"),
+    ({"K": K * 1j}, "K is complex"),
+    ({"K": "stiff"}, "K must be a numeric array"),
+    ({"interface": [0, 0]}, "interface DOF 0 is listed 2 times"),
+    ({"interface": [3]}, "interface DOF 3 is out of range: the model has 3 DOF"),
+    ({"interface": [-1]}, "interface DOF -1 is out of range"),
+    ({"interface": [0.5]}, "interface must be a flat sequence of integers"),
+    ({"interface": 0}, "interface must be a sequence"),
+    ({"ports": {"belt": np.ones(2)}}, r"port 'belt' has the shape \(2,\)"),
+    ({"ports": {"belt": [1.0, np.nan, 0.0]}}, "port 'belt' holds a NaN or Inf, first at row 1"),
+    ({"ports": {"belt": "m1"}}, "port 'belt' must be a real column"),
+    ({"ports": [1.0, 0, 0]}, "ports must map names to columns"),
+])
+def test_bad_input_is_named(arguments: dict, words: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=words) as caught:
+        fs.Substructure(**{"M": M, "K": K, **arguments})
+    assert isinstance(caught.value, fs.FemsubError)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_port_names_the_nearest() -> None:
+    sub = fs.Substructure(M, K, ports={"belt": [1.0, 0, 0]})
+    with pytest.raises(ValueError, match="unknown port 'bolt'; did you mean 'belt'"):
+        sub.port("bolt")
+
+
+def test_frozen_in_every_part() -> None:
+    stiffness = sp.csr_array(K)
+    sub = fs.Substructure(sp.csr_array(M), stiffness, interface=[2, 0], ports={"belt": np.array([1.0, 0, 0])})
+    stiffness.data[:] = 7.0
+    assert np.array_equal(sub.K.toarray(), K)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        sub.name = "other"  # type: ignore[misc]
+    with pytest.raises(ValueError, match="read-only"):
+        sub.K.data[0] = 1.0
+    with pytest.raises(TypeError):
+        sub.ports["belt"] = np.zeros(3)  # type: ignore[index]
+    assert list(sub.interface) == [2, 0] and list(sub.interior) == [1]
+
+
+def test_sparse_stays_sparse_and_dense_dense() -> None:
+    assert fs.Substructure(sp.csr_array(M), sp.coo_matrix(K)).K.format == "csr"
+    assert isinstance(fs.Substructure(M, K).K, np.ndarray)
+    assert isinstance(fs.Substructure(M, K, sp.csr_array(K)).D, np.ndarray)
+
+
+def test_rounding_in_symmetry_is_averaged_away() -> None:
+    sub = fs.Substructure(M, changed(K, (0, 1), -1.0 + 1e-13))
+    assert np.array_equal(sub.K, sub.K.T)
+
+
+def test_repr_is_one_line_that_tells_the_state() -> None:
+    sub = fs.chain(10, belt=2)
+    assert repr(sub) == "Substructure 'chain': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt"
+    assert repr(fs.Pencil(M, None, changed(K, (0, 2), 0.5))) == "Pencil: 3 DOF, dense, K unsymmetric"
+
+
+def test_pencil_residual_and_backward_error(rng: np.random.Generator) -> None:
+    D = rng.standard_normal((3, 3))
+    pencil = fs.Pencil(M, D, K)
+    lam, x = np.array([0.3 + 2j]), rng.standard_normal((3, 1)) + 1j
+    expected = lam**2 * (M @ x) + lam * (D @ x) + K @ x
+    assert np.allclose(pencil.residual(lam, x), expected, rtol=1e-14)
+    eta = pencil.backward_error(lam, x)
+    assert np.allclose(pencil.backward_error(lam, 1e6 * x), eta, rtol=1e-12)
+    assert np.allclose(fs.Pencil(1e-9 * M, 1e-9 * D, 1e-9 * K).backward_error(lam, x), eta, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({"n": 0}, "n must be at least 1"), ({"n": 2.5}, "n must be a whole number"),
+    ({"belt": 11}, "no mass m11; the chain has m1 to m10"), ({"belt": 0}, "masses count from 1"),
+    ({"masses": 0.0}, "masses must be positive"), ({"masses": [1.0] * 9 + [-1.0]}, "number 10 is -1"),
+    ({"masses": [1.0] * 3}, "one number or 10"), ({"springs": np.nan}, "springs must be positive and finite"),
+    ({"damping": -0.1}, "damping must be finite and not negative"), ({"interface": [1, 1]}, "listed 2 times"),
+])
+def test_chain_refuses(arguments: dict, words: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=words):
+        fs.chain(**{"n": 10, **arguments})
