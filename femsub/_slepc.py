@@ -36,7 +36,8 @@ def _load() -> tuple[Any, Any]:
         raise MissingPackageError(
             "slepc4py (with petsc4py) is not installed for this Python. scripts/setup installs it from Debian's "
             "packages, scripts/setup-from-source builds it from PyPI's sources") from error
-    slepc4py.init([])
+    # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT.
+    slepc4py.init(["femsub", "-no_signal_handler"])
     from petsc4py import PETSc
     from slepc4py import SLEPc
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from femsub.eigen import check_band
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import FemsubWarning, InputError, InputTypeError
 from femsub.factor import SMALL
 from femsub.friction import Belt
 from femsub.pencil import EPS, Array, Pencil
 from femsub.substructure import Substructure
 
 DENSE = 2000  # up to so many DOF all 2n eigenvalues of a sparse model are computed when nothing else is asked
+LOUD = 1e-8  # a backward error above this is warned of
 CLUSTER = 1e-7  # eigenvalues closer than this, relatively, get their left vectors as a group
 
 
@@ -174,6 +176,10 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     else:
         order = _nearest(values, count)
     result = certificates(pencil, values[order], X[:, order], Y[:, order])
+    if result.backward_error.max(initial=0.0) > LOUD:
+        warnings.warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
+                      f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",
+                      FemsubWarning, stacklevel=2)
     beyond = result.frequencies > cutoff * (1 + 1e-9)
     return replace(result, above_cutoff=beyond, searched=box, certified=certified)
 

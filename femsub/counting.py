@@ -12,17 +12,19 @@ from femsub.pencil import Array, Matrix, Pencil
 MOST = 600  # contour points after which the phase is called untraceable
 
 
-def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], known: Array, undamped: Array) -> int:
+def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], known: Array, reference: Matrix,
+                       undamped: Array) -> int:
     """How many eigenvalues of P lie in a rectangle (re_lo, re_hi, im_lo, im_hi) and are not among the known ones.
 
     The number is (1/2π) Δ arg g(z) around it, by the argument principle, with
 
-        g(z) = det P(z) / det P0(z) · Π (z² + ω_k²) / Π (z - λ_j),   P0(z) = z²M + (K + Kᵀ)/2,
+        g(z) = det P(z) / det P0(z) · Π (z² + ω_k²) / Π (z - λ_j),   P0(z) = z²M + K0,
 
-    for all known λ_j and the undamped frequencies ω_k, whose number the inertia has confirmed. Dividing by what is
-    known leaves a function whose phase hardly turns, so that some twenty points will do where det P alone needs one
-    for every eigenvalue. The phases come from sparse LU factors. With im_lo = 0 the rectangle is mirrored at the real
-    axis and half of the contour is walked, since g(z̄) is the conjugate of g(z).
+    for the known λ_j and the frequencies ω_k of a symmetric reference K0 close to K, whose number the inertia has
+    confirmed, both in one disc around the rectangle. Dividing by what is known leaves a function whose phase hardly
+    turns, so that some thirty points will do where det P alone needs one for every eigenvalue. The phases come from
+    sparse LU factors. With im_lo = 0 the rectangle is mirrored at the real axis and half of the contour is walked,
+    since g(z̄) is the conjugate of g(z).
 
     Raises
     ------
@@ -32,7 +34,6 @@ def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], k
     a, b, lo, hi = box
     corners = [b + 0j, b + 1j * hi, a + 1j * hi, a + 0j] if lo == 0 else \
         [b + 1j * lo, b + 1j * hi, a + 1j * hi, a + 1j * lo, b + 1j * lo]
-    still = (pencil.K + pencil.K.T) / 2
     poles = np.concatenate([1j * undamped, -1j * undamped])
     phases: dict[complex, float] = {}
 
@@ -41,19 +42,19 @@ def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], k
             if len(phases) >= MOST:
                 raise NotConvergedError(f"the phase of det P could not be traced with {MOST} points: an eigenvalue lies on "
                                         "the edge of the band; move the edge a little, or give certify=False")
-            phases[z] = (_phase(pencil.at(z)) - _phase(z * z * pencil.M + still)
+            phases[z] = (_phase(pencil.at(z)) - _phase(z * z * pencil.M + reference)
                          + float(np.angle(z - poles).sum() - np.angle(z - known).sum()))
         return phases[z]
 
     turn = 0.0
     for start, end in zip(corners[:-1], corners[1:], strict=True):
-        points = [start + (end - start) * t for t in np.linspace(0, 1, 5)]
+        points = [start + (end - start) * t for t in np.linspace(0, 1, 9)]
         stack = list(zip(points[:-1], points[1:], strict=True))[::-1]
         while stack:
             left, right = stack.pop()
             middle = (left + right) / 2
             first, second = (_wrapped(phase(q) - phase(p)) for p, q in ((left, middle), (middle, right)))
-            if max(abs(first), abs(second)) < np.pi / 3 or abs(right - left) < 1e-12 * abs(end - start):
+            if max(abs(first), abs(second)) < np.pi / 4 or abs(right - left) < 1e-12 * abs(end - start):
                 turn += first + second
             else:
                 stack += [(middle, right), (left, middle)]

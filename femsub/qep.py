@@ -71,7 +71,9 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
         cleaned = _cleaned(K, M, shapes[:, low], top)
         scale = np.linalg.norm(abs(K) @ abs(cleaned), axis=0)
         rigid[low] = np.linalg.norm(K @ cleaned, axis=0) <= 10 * RIGID * np.where(scale > 0, scale, 1.0)
-        shapes[:, low[rigid[low]]] = cleaned[:, rigid[low]]
+        if rigid.any():
+            found = cleaned[:, rigid[low]]
+            shapes[:, rigid] = found @ np.linalg.inv(np.linalg.cholesky(found.T @ M @ found)).T
     order = np.argsort(~rigid, kind="stable")
     values, shapes = values[order], shapes[:, order]
     omega = np.sqrt(np.abs(values))
@@ -79,7 +81,23 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
     H = None
     if not symmetric or (omega[rigid.sum():] ** 2 > np.abs(values[rigid.sum():]) * (1 + 1e-12)).any():
         H = shapes.T @ (K @ shapes)
-    return ModalForm(shapes, omega, np.sign(values), H, shapes.T @ (pencil.D @ shapes), int(rigid.sum()))
+    C = _unbraked(shapes, pencil.D, int(rigid.sum()))
+    return ModalForm(shapes, omega, np.sign(values), H, C, int(rigid.sum()))
+
+
+def _unbraked(shapes: Array, D: Array, r: int) -> Array:
+    """ΦᵀDΦ, with exact zeros for the rigid motions that D does not brake; turns the first r columns of Φ to show them.
+
+    Their second eigenvalue at 0 would otherwise come out as rounding of either sign.
+    """
+    if r and is_symmetric(D):
+        shapes[:, :r] = shapes[:, :r] @ np.linalg.eigh(shapes[:, :r].T @ (D @ shapes[:, :r]))[1]
+    C = shapes.T @ (D @ shapes)
+    size = np.linalg.norm(C)
+    for j in range(r):
+        if np.linalg.norm(C[:, j]) <= 1e-12 * size and np.linalg.norm(C[j]) <= 1e-12 * size:
+            C[:, j] = C[j] = 0.0
+    return C
 
 
 def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:

@@ -17,7 +17,7 @@ from femsub.qep import ModalForm, eigenvalues, modal_form
 from femsub.substructure import Substructure
 
 TOGETHER = 1e-9  # pairs whose c agree to this, relatively, cross together
-SMALL = 300  # up to so many DOF a sparse model is treated as dense
+SMALL = 150  # up to so many DOF a sparse model is treated as dense
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,0 +1,229 @@
+"""Complex modes: complete, certified, and never more certain than they can be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+from conftest import lattice
+
+import femsub as fs
+from femsub.studies import match
+
+BELT = fs.Belt(slope=-0.2677)
+
+
+def reference(pencil: fs.Pencil) -> np.ndarray:
+    """All eigenvalues by QZ on the companion form, for a diagonal M and scaled so that it can be trusted."""
+    n = pencil.size
+    M, D, K = (part.toarray() if sp.issparse(part) else part for part in (pencil.M, pencil.D, pencil.K))
+    scale = M.diagonal() ** -0.5
+    D, K = D * np.outer(scale, scale), K * np.outer(scale, scale)
+    gamma = np.sqrt(np.linalg.norm(K, 2))
+    return gamma * la.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-K / gamma**2, -D / gamma]]))
+
+
+def brake(n: int, seed: int = 0, friction: float = 0.3) -> fs.Pencil:
+    """A brake-like pencil: stiff lattice, milligram masses, unsymmetric contact stiffness, strong dashpots on some DOF."""
+    rng = np.random.default_rng(seed)
+    sub = lattice(n // 20, 10, held=True, seed=seed)
+    size = sub.size
+    K = 1e6 * sub.K
+    a, b = rng.choice(size, (2, size // 10), replace=False)
+    N = sp.csr_array((np.full(len(a), friction * 1e6), (a, b)), shape=(size, size))
+    D = 1e-6 * K + 1e-5 * sub.M * 10 + sp.diags_array(np.where(rng.random(size) < 0.02, 500.0, 0.0))
+    return fs.Pencil(1e-5 * sub.M, D, K + N)
+
+
+def agree(found: np.ndarray, exact: np.ndarray, bars: np.ndarray) -> None:
+    """One to one, and within the error bars (the reference has its own rounding)."""
+    assert len(found) == len(exact)
+    at, to = match(exact, found)
+    difference = np.abs(found[to] - exact[at])
+    assert (difference <= 3 * bars[to] + 1e-8 * np.abs(exact[at])).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_dense_against_qz(seed: int, symmetric: bool) -> None:
+    rng = np.random.default_rng(seed)
+    A, D, N = rng.standard_normal((3, 12, 12))
+    K = A @ A.T + np.eye(12) + (0 if symmetric else N)
+    pencil = fs.Pencil(np.diag(rng.uniform(0.5, 2, 12)), D + D.T if symmetric else D, K)
+    modes = fs.complex_modes(pencil)
+    agree(modes.eigenvalues, reference(pencil), modes.error_bar)
+    assert modes.certified and modes.backward_error.max() < 1e-13
+    assert np.abs(pencil.residual(modes.eigenvalues, modes.shapes)).max() < 1e-10
+
+
+def test_numbers_of_the_paper_s_figure_4() -> None:
+    sub = fs.chain(10, belt=2)
+    with pytest.warns(fs.PortWarning):
+        models = [sub, fs.reduce(sub, fs.CraigBampton(4)), fs.reduce(sub, fs.CraigChang(4))]
+    for model, growth in zip(models, (0.0212, 0.0185, 0.0212), strict=True):
+        modes = fs.complex_modes(model, BELT)
+        assert round(modes.eigenvalues.real.max(), 4) == growth == round(modes.growth, 4)
+        assert modes.is_stable is False and len(modes) == 2 * model.size
+
+
+def test_modes_above_the_cut_off_are_marked_and_decide_nothing() -> None:
+    sub = fs.chain(10, belt=3, interface=(1, 3))
+    rom = fs.reduce(sub, fs.CraigChang(3))
+    slope = 0.5 * float(fs.critical_slope(sub, "belt"))  # the full model is stable there
+    modes = fs.complex_modes(rom, fs.Belt(slope=slope))
+    assert fs.complex_modes(sub, fs.Belt(slope=slope)).is_stable is True
+    assert (modes.eigenvalues.real > modes.error_bar).any(), "the artefact is gone, choose another model"
+    assert modes.is_stable is True
+    assert np.array_equal(modes.above_cutoff, modes.frequencies > rom.cutoff)
+
+
+@pytest.mark.parametrize("n", [30, 300])
+def test_count_is_nearest_to_zero_with_pairs_complete(n: int) -> None:
+    sub = fs.chain(n, belt=2)
+    modes = fs.complex_modes(sub, BELT, count=7)
+    assert len(modes) == 8  # a pair is never split
+    assert np.allclose(modes.eigenvalues[::2], modes.eigenvalues[1::2].conj(), rtol=0, atol=0)
+    assert (modes.eigenvalues[::2].imag > 0).all() and (np.diff(np.abs(modes.eigenvalues[::2])) > 0).all()
+    exact = reference(sub.linearised(BELT))
+    exact = exact[np.argsort(np.abs(exact))][:8]
+    agree(modes.eigenvalues, exact, modes.error_bar)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_brake_like_pencil_by_count_and_by_band(seed: int) -> None:
+    pencil = brake(300, seed)
+    exact = reference(pencil)
+    modes = fs.complex_modes(pencil, count=30)
+    nearest = exact[np.argsort(np.abs(exact))]
+    agree(modes.eigenvalues, nearest[:len(modes)], modes.error_bar)
+    assert modes.backward_error.max() < 1e-11
+    hi = float(np.abs(nearest[40]))
+    for band, re in (((0.0, hi), None), ((0.3 * hi, hi), None), ((0.0, hi), (-0.1 * hi, 0.1 * hi))):
+        modes = fs.complex_modes(pencil, band=band, re=re)
+        a, b = re or (-hi, hi)
+        inside = (exact.imag >= band[0]) & (exact.imag <= band[1]) & (exact.real >= a) & (exact.real <= b)
+        if band[0] == 0:  # QZ leaves real eigenvalues an imaginary part of rounding
+            inside |= (np.abs(exact.imag) < 1e-9 * np.abs(exact)) & (exact.real >= a) & (exact.real <= b)
+            exact_inside = exact[inside]
+        else:
+            exact_inside = exact[inside]
+        agree(modes.eigenvalues, exact_inside, modes.error_bar)
+        assert modes.searched == (a, b, *band) and modes.certified
+        assert (np.diff(modes.eigenvalues.imag) >= 0).all()
+
+
+def test_overdamped_modes_are_among_the_wanted_ones() -> None:
+    pencil = brake(300)
+    modes = fs.complex_modes(pencil, count=60)
+    assert (modes.eigenvalues.imag == 0).any()
+    assert (modes.damping_ratios[modes.eigenvalues.imag == 0] == 1).all()
+
+
+def test_a_missed_eigenvalue_is_noticed_by_the_winding_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    from femsub import pep
+
+    original = pep.quadratic_modes
+
+    def forgetful(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
+        values, shapes = original(*arguments, **options)
+        keep = np.setdiff1d(np.arange(len(values)), [3])
+        return values[keep], shapes[:, keep]
+
+    sub = fs.chain(300, belt=2)
+    assert fs.complex_modes(sub, BELT, band=(0.0, 0.2)).certified
+    monkeypatch.setattr(pep, "quadratic_modes", forgetful)
+    with pytest.raises(fs.MissedModesError, match="winding number of det P says that 2 eigenvalues"):
+        fs.complex_modes(sub, BELT, band=(0.0, 0.2))
+
+
+@pytest.mark.parametrize("n", [10, 300, 3000, 100_000])
+def test_stable_and_undamped_chains_are_never_called_unstable(n: int) -> None:
+    stable = fs.chain(n, belt=2)
+    border = float(fs.critical_slope(stable, band=(0.0, 30 / n)))
+    modes = fs.complex_modes(stable, fs.Belt(slope=border / 2), count=20)
+    assert modes.is_stable is not False and len(modes.unstable) == 0
+    free = fs.complex_modes(fs.chain(n, damping=0.0, fixed=False), count=20)
+    assert free.is_stable is not False and False not in free.stable
+    assert free.rigid.sum() == 2 and np.array_equal(free.eigenvalues[:2], [0, 0])
+    assert not fs.complex_modes(fs.chain(n, damping=0.0), count=20).rigid.any()
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(4, 5), (14, 12)])
+@pytest.mark.parametrize("braked", [0, 1])
+def test_rigid_body_eigenvalues_are_recognised(nx: int, ny: int, braked: int) -> None:
+    plain = lattice(nx, ny)
+    D = None
+    if braked:
+        dashpot = np.zeros(plain.size)
+        dashpot[0] = 0.2  # brakes one combination of the three rigid motions
+        D = sp.diags_array(dashpot)
+    modes = fs.complex_modes(fs.Substructure(plain.M, plain.K, D), count=14)
+    assert modes.rigid.sum() == 6 - braked
+    assert np.array_equal(modes.eigenvalues[modes.rigid], np.zeros(6 - braked))
+    assert modes.is_stable is not False
+    assert (modes.backward_error < 1e-10).all()
+
+
+def test_a_defective_pair_is_undecided() -> None:
+    # flutter: two modes whose frequencies have just met under circulatory stiffness
+    N = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    K = np.diag([1.0, 2.0]) + 0.5 * N
+    modes = fs.complex_modes(fs.Pencil(np.eye(2), None, K))
+    assert modes.is_stable is None
+    assert modes.error_bar.max() > 1e-9
+    apart = fs.complex_modes(fs.Pencil(np.eye(2), None, K + 0.1 * N))
+    assert apart.is_stable is False and apart.error_bar.max() < 1e-13
+
+
+@pytest.mark.parametrize("n", [8, 250])
+def test_repeated_semisimple_pairs_keep_small_error_bars(n: int) -> None:
+    one = fs.chain(n, belt=1)
+    two = fs.Substructure(*(sp.block_diag([part, part]) for part in (one.M, one.K, one.D)))
+    modes = fs.complex_modes(two, count=12)
+    assert modes.error_bar.max() < 1e-9
+    single = fs.complex_modes(one, count=6).eigenvalues
+    agree(modes.eigenvalues, np.concatenate([single, single]), modes.error_bar)
+
+
+def test_error_bars_hold_against_higher_precision(rng: np.random.Generator) -> None:
+    # the paper's chain with unit damping ratios known in closed form: D = 2ζK^½ would be dense; Rayleigh is exact too
+    n, alpha, beta = 40, 1e-3, 1e-2
+    K = fs.chain(n).K.toarray()
+    modes = fs.complex_modes(fs.Pencil(np.eye(n), alpha * np.eye(n) + beta * K, K))
+    omega = fs.chain_frequencies(n)
+    decay = (alpha + beta * omega**2) / 2
+    exact = -decay + 1j * np.sqrt(omega**2 - decay**2)
+    upper = modes.eigenvalues.imag > 0
+    error = np.abs(np.sort_complex(modes.eigenvalues[upper])[::-1] - np.sort_complex(exact)[::-1])
+    at, to = match(exact, modes.eigenvalues[upper])
+    error = np.abs(modes.eigenvalues[upper][to] - exact[at])
+    assert (error <= modes.error_bar[upper][to]).all()
+    assert modes.error_bar.max() < 1e-11
+    assert modes.is_stable is True
+
+
+def test_singular_mass_goes_to_qz() -> None:
+    mass = np.diag([1.0, 0.0, 1.0])
+    K = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 2]])
+    modes = fs.complex_modes(fs.Substructure(mass, K))
+    assert len(modes) == 4
+    assert np.allclose(np.sort(modes.frequencies)[::2], np.sqrt([1.0, 2.0]), rtol=1e-10)
+
+
+def test_refusals() -> None:
+    sub = fs.chain(3000)
+    with pytest.raises(ValueError, match="6000 eigenvalues: ask for count=20 or band"):
+        fs.complex_modes(sub)
+    for options, words in (({"count": 0}, "between 1 and 6000"), ({"count": 6001}, "between 1 and 6000"),
+                           ({"count": 2.0}, "whole number"), ({"count": 2, "band": (0, 1)}, "count or band, not both"),
+                           ({"re": (0, 1)}, "goes with band"), ({"band": (1, 0)}, "0 <= lo < hi"),
+                           ({"band": (0, 1), "re": (1, 0)}, "a < b")):
+        with pytest.raises((ValueError, TypeError), match=words):
+            fs.complex_modes(sub, **options)
+    with pytest.raises(ValueError, match="has no ports"):
+        fs.complex_modes(fs.Pencil(np.eye(2), None, np.eye(2)), BELT)
+    with pytest.raises(ValueError, match="unknown port 'bolt'"):
+        fs.complex_modes(sub, fs.Belt("bolt", slope=-0.1), count=2)
+    with pytest.raises(TypeError, match="Substructure or a Pencil"):
+        fs.complex_modes(np.eye(3))

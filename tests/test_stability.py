@@ -1,0 +1,175 @@
+"""The border of stability: DESIGN's table, its four traps, and two ways that must agree."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import lattice
+
+import femsub as fs
+
+TABLE = {  # belt: full, HCB and CC with 5 DOF; d1 = 0.1, interface {m1}
+    1: (-0.100000, -0.100000, -0.100000), 2: (-0.025567, -0.025634, -0.025567), 3: (-0.011799, -0.011792, -0.011799),
+    4: (-0.006999, -0.006993, -0.006999), 5: (-0.004801, -0.004801, -0.004801), 6: (-0.003633, -0.003635, -0.003633),
+}
+
+
+def models(sub: fs.Substructure, modes: int = 4) -> list[fs.Substructure]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        return [sub, fs.reduce(sub, fs.CraigBampton(modes)), fs.reduce(sub, fs.CraigChang(modes))]
+
+
+@pytest.mark.parametrize("belt", TABLE)
+def test_table_of_critical_slopes(belt: int) -> None:
+    for model, expected in zip(models(fs.chain(10, belt=belt)), TABLE[belt], strict=True):
+        assert round(float(fs.critical_slope(model)), 6) == expected
+
+
+def test_errors_with_the_belt_under_m2() -> None:
+    full, hcb, cc = (float(fs.critical_slope(model)) for model in models(fs.chain(10, belt=2)))
+    assert 100 * abs(hcb / full - 1) == pytest.approx(0.27, abs=0.005)
+    assert 100 * abs(cc / full - 1) < 0.001
+    full, hcb, cc = (float(fs.critical_slope(model)) for model in models(fs.chain(10, belt=2, interface=(1, 2)), 3))
+    assert abs(hcb / full - 1) == pytest.approx(9e-7, abs=1e-7) and abs(cc / full - 1) < 1e-8
+
+
+@pytest.mark.parametrize("belt", range(1, 11))
+@pytest.mark.parametrize("n", [10, 33])
+def test_the_two_ways_agree_and_the_pencil_confirms(belt: int, n: int) -> None:
+    for model in models(fs.chain(n, belt=belt)):
+        root, bracket = (fs.critical_slope(model, method=method) for method in ("scalar", "bracketing"))
+        assert float(root) == pytest.approx(float(bracket), rel=1e-9)
+        band = (0.0, min(model.cutoff, 9.0))
+        before, after = (fs.complex_modes(model, fs.Belt(slope=root.slope * factor), band=band).growth for factor in (0.999, 1.001))
+        assert before < 0 < after
+        x = root.shape
+        pencil = model.linearised(fs.Belt(slope=root.slope))
+        assert pencil.backward_error(np.array([1j * root.omega]), x[:, None])[0] < 1e-12
+
+
+def test_crossings_packed_near_the_top_of_the_spectrum() -> None:
+    border = fs.critical_slope(fs.chain(100, belt=2))
+    # by mpmath with 60 digits: c = -0.024776507748196382543 at ω = 1.9997556185252546187
+    assert border.slope == pytest.approx(-0.024776507748196382543, rel=1e-12)
+    assert border.omega == pytest.approx(1.9997556185252546187, rel=1e-12)
+    low = fs.critical_slope(fs.chain(100, belt=2), band=(0.0, 1.0))
+    assert low.slope < border.slope and low.omega < 1.0
+
+
+@pytest.mark.parametrize("n", [400, 3000, 100_000])
+def test_sparse_model_with_a_band(n: int) -> None:
+    border = fs.critical_slope(fs.chain(n, belt=2), band=(0.0, 10 / n))
+    # first order in d1: c = -d1 / (4 cos²(π/(2n + 1))), the next term is of the order of d1² ω²
+    assert border.slope == pytest.approx(-0.1 / (4 * np.cos(np.pi / (2 * n + 1)) ** 2), rel=1e-7)
+    assert border.growth[0] < 0 < border.growth[1]
+    if n == 400:
+        # by mpmath: -0.025000383611889742032 at ω = 0.0039220856936240334
+        assert border.slope == pytest.approx(-0.025000383611889742, rel=1e-11)
+        assert border.omega == pytest.approx(0.0039220856936240334, rel=1e-11)
+
+
+def test_all_pairs_cross_together_where_the_damping_vanishes() -> None:
+    border = fs.critical_slope(fs.chain(10, belt=1))
+    assert border.slope == pytest.approx(-0.1, rel=1e-12) and len(border.crossing) == 10
+    assert np.allclose(border.crossing, fs.chain_frequencies(10), rtol=1e-9)
+    assert float(fs.critical_slope(fs.chain(10, belt=1), force=2.0)) == pytest.approx(-0.05, rel=1e-12)
+
+
+def test_without_damping_the_border_is_at_zero() -> None:
+    assert float(fs.critical_slope(fs.chain(10, belt=4, damping=0.0))) == 0.0
+    assert float(fs.critical_slope(fs.chain(3000, belt=4, damping=0.0), band=(0.0, 0.01))) == 0.0
+
+
+def test_a_dashpot_at_a_node_leaves_a_mode_undamped() -> None:
+    # fixed at m1, n = 7: mode 3 (2j - 1 = 5) has a node where sin(5kπ/15) = 0, at m3 and m6
+    dashpot = np.zeros(7)
+    dashpot[2] = 0.1
+    K, M = fs.chain(7).K, fs.chain(7).M
+    border = fs.critical_slope(fs.Substructure(M, K, np.diag(dashpot), ports={"belt": np.eye(7)[0]}))
+    assert border.slope == 0.0 and border.omega == pytest.approx(2 * np.sin(5 * np.pi / 30), rel=1e-10)
+    # a belt on the same node does not feel that mode
+    felt = fs.critical_slope(fs.Substructure(M, K, np.diag(dashpot), ports={"belt": np.eye(7)[2]}))
+    assert felt.slope == pytest.approx(-0.1, rel=1e-9)
+
+
+def test_never_lost_and_unstable_from_the_start() -> None:
+    sub = fs.chain(10, belt=2)
+    assert fs.critical_slope(sub, band=(0.2, 0.3)).slope == -np.inf
+    assert "never lost" in repr(fs.critical_slope(sub, band=(0.2, 0.3)))
+    for model in (sub, fs.chain(400, belt=2)):
+        unstable = fs.Substructure(model.M, model.K, -0.1 * model.M, ports=model.ports)
+        with pytest.raises(fs.UnstableModelError, match="unstable before the belt acts: λ = "):
+            fs.critical_slope(unstable, band=(0.0, 0.5))
+
+
+def test_a_rom_s_own_high_modes_do_not_decide() -> None:
+    sub = fs.chain(10, belt=3, interface=(1, 3))
+    rom = fs.reduce(sub, fs.CraigChang(3))
+    artefact = fs.critical_slope(rom, band=(0.0, 9.0))
+    assert artefact.slope > -1e-4 and artefact.omega > rom.cutoff  # DESIGN: lost at c ≈ 0 in a mode the full model has not
+    assert float(fs.critical_slope(rom)) == pytest.approx(float(fs.critical_slope(sub)), rel=1e-8)
+    assert fs.critical_slope(rom).band == (0.0, rom.cutoff)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_lattice_with_proportional_damping_against_brute_force(seed: int) -> None:
+    plain = lattice(5, 4, held=True, seed=seed)
+    sub = fs.Substructure(plain.M, plain.K, 0.01 * plain.M + 0.002 * plain.K, ports=plain.ports)
+    border = fs.critical_slope(sub)
+
+    def growth(c: float) -> float:
+        return float(fs.complex_modes(sub, fs.Belt(slope=c)).eigenvalues.real.max())
+
+    lo, hi = 2 * border.slope, 0.0
+    for _ in range(60):
+        middle = (lo + hi) / 2
+        lo, hi = (middle, hi) if growth(middle) > 0 else (lo, middle)
+    assert border.slope == pytest.approx(lo, rel=1e-9)
+
+
+def test_two_columns_are_bracketed() -> None:
+    sub = fs.chain(10)
+    W = np.eye(10)[:, [1, 4]]
+    both = fs.Substructure(sub.M, sub.K, sub.D, ports={"belt": W})
+    border = fs.critical_slope(both)
+    assert border.method == "bracketing"
+    D = sub.D.toarray() + border.slope * W @ W.T
+    assert np.abs(fs.complex_modes(fs.Pencil(sub.M, D, sub.K)).eigenvalues.real.max()) < 1e-12
+    with pytest.raises(ValueError, match="2 columns"):
+        fs.critical_slope(both, method="scalar")
+
+
+def test_sweep_changes_sign_at_the_border() -> None:
+    for model in models(fs.chain(10, belt=2)):
+        border = float(fs.critical_slope(model))
+        found = fs.sweep(model, [0.0, 0.99 * border, 1.01 * border, -0.2677])
+        assert (np.sign(found.growth) == [-1, -1, 1, 1]).all()
+        exact = fs.complex_modes(model, fs.Belt(slope=-0.2677)).growth
+        assert found.growth[-1] == pytest.approx(exact, rel=1e-9)
+
+
+def test_sweep_of_a_sparse_model() -> None:
+    sub = fs.chain(2500, belt=2)
+    found = fs.sweep(sub, [-0.0125, -0.05], band=(0.0, 0.01))
+    assert found.growth[0] < 0 < found.growth[1]
+    with pytest.raises(ValueError, match="needs band"):
+        fs.sweep(sub, [-0.01])
+
+
+def test_refusals() -> None:
+    sub = fs.chain(10)
+    for options, words in (({"port": "bolt"}, "did you mean 'belt'"), ({"force": 0.0}, "force must be positive"),
+                           ({"method": "guess"}, "unknown method 'guess'"), ({"band": (2.0, 1.0)}, "0 <= lo < hi")):
+        with pytest.raises(ValueError, match=words):
+            fs.critical_slope(sub, **options)
+    with pytest.raises(ValueError, match="3000 DOF needs band"):
+        fs.critical_slope(fs.chain(3000))
+    with pytest.raises(TypeError, match="takes a Substructure"):
+        fs.critical_slope(sub.pencil)
+    with pytest.raises(ValueError, match="M is singular"):
+        fs.critical_slope(fs.Substructure(np.diag([1.0, 0.0]), np.eye(2), ports={"belt": [1.0, 0]}))
+    assert sp.issparse(sub.K)
