@@ -212,6 +212,7 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         room = factor.size - (0 if known is None else known.shape[1])
         eps.setDimensions(count, min(room, max(2 * count, count + 15)))
         eps.setTolerances(tol, most)
+        eps.setPurify(False)  # done below, in one block and between two deflations
         eps.setInitialSpace([_start_vector(stack, mats[0], seed)])
         if known is not None and known.shape[1]:
             vectors = []
@@ -225,7 +226,21 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         if found < count:
             raise NotConvergedError(f"{found} of {count} modes converged to {tol:g} within {eps.getIterationNumber()} "
                                     f"restarts (reason {eps.getConvergedReason()}); ask for fewer, or check the matrices")
-        return _collect(stack, mats[0], found, lambda i, xr, xi: eps.getEigenpair(i, xr, xi).real, real=True)
+        values, shapes = _collect(stack, mats[0], found, lambda i, xr, xi: eps.getEigenpair(i, xr, xi).real, real=True)
+    return values, _purified(factor, M, shapes, known)
+
+
+def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array | None) -> Array:
+    """x ← (K - σM)⁻¹Mx, M-normalised: takes out what lies in the null space of M, where Krylov vectors are arbitrary.
+
+    It also blows up what is left of the `known` shapes, by 1/|σ|: with rigid-body modes and σ = -1e-7, 1e-9 of them in
+    the Krylov vectors would come out as 1e-2 of each mode. So they are projected out before and after.
+    """
+    def deflated(x: Array) -> Array:
+        return x if known is None or not known.shape[1] else x - known @ (known.T @ (M @ x))
+
+    x = deflated(factor.solve(M @ deflated(shapes)))
+    return x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
 
 
 def quadratic_modes(factor: Factor, matrices: Sequence[Matrix], shift: float, count: int, *, tol: float,
