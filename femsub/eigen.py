@@ -72,6 +72,7 @@ class ShiftInvert:
     def __init__(self, K: Matrix, M: Matrix) -> None:
         self.K, self.M, self.sigma, self.factorisations = K, M, 0.0, 0
         self.rigid: Array = np.zeros((K.shape[0], 0))
+        self.lowest = np.inf  # ω² of the first elastic mode, about; known where rigid-body modes had to be sought
         if not _annihilates_a_translation(K):
             try:
                 self._factorise(0.0)
@@ -155,11 +156,11 @@ class ShiftInvert:
                 break
             block *= 2
         self.rigid = _normalised(cleaned[:, :count], self.M)
-        rest = values[count:]
+        self.lowest, rest = float(values[count:].min(initial=np.inf)), values[count:]
         if (rest < -noise[count:]).any():
             raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding: "
                                       "is it the stiffness of a stable component, written with all its digits?")
-        return float(rest.min(initial=np.inf))
+        return self.lowest
 
     @property
     def floating(self) -> bool:
@@ -203,24 +204,31 @@ class ShiftInvert:
         return self._sparse(count, finite)
 
     def _dense(self, count: int) -> NormalModes:
+        """All by LAPACK. Massless DOF are condensed; rigid-body modes are moved to ω² = λ₁/4, by K + ω² MΦ_rΦ_rᵀM,
+        which leaves the elastic ones where they are.
+        """
         import scipy.linalg as la
 
         K, M = (part.toarray() if sp.issparse(part) else part for part in (self.K, self.M))
         rigid = self.rigid.shape[1]
         if rigid:
-            values, shapes = la.eigh(K, M, check_finite=False)
-        else:
-            theta, shapes = la.eigh(M, K, check_finite=False)  # M may be massless somewhere
-            finite = theta > 1e-15 * theta[-1]
-            theta, shapes = theta[finite][::-1], shapes[:, finite][:, ::-1]
-            values, shapes = 1 / theta, shapes / np.sqrt(theta)
-            # 1/θ is accurate to rounding of the lowest mode, the Rayleigh quotient to that of the highest.
-            quotient = np.einsum("ij,ij->j", shapes, K @ shapes)
-            values = np.where(values > np.sqrt(values[0] * values[-1]), quotient, values)
+            held = M @ self.rigid
+            K = K + 0.25 * min(self.lowest, float(np.trace(K))) * (held @ held.T)
+        massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
+        lift = np.zeros((0, len(massive)))
+        if len(bare):
+            lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
+            K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
+        values, moving = _from_both_ends((K + K.T) / 2, M)
         if len(values) < rigid + count:
             raise InputError(f"{count} elastic modes were asked for, but there are {len(values) - rigid}")
-        order = np.argsort(values[rigid:], kind="stable")[:count] + rigid
-        return self._result(values[order], shapes[:, order], (np.inf, len(values)))
+        keep = slice(rigid, rigid + count)
+        shapes = np.zeros((self.K.shape[0], count))
+        shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
+        shapes = self.deflate(shapes)
+        gram = shapes.T @ (self.M @ shapes)
+        shapes = 1.5 * shapes - 0.5 * (shapes @ gram)  # one step of Newton and Schulz towards ΦᵀMΦ = I
+        return self._result(values[keep], shapes, (np.inf, len(values)))
 
     def _sparse(self, count: int, finite: int) -> NormalModes:
         from femsub._slepc import Factor, symmetric_modes
@@ -312,6 +320,25 @@ def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Arr
     residual = np.linalg.norm(K @ shapes - (M @ shapes) * values, axis=0)
     scale = np.linalg.norm(abs(K) @ abs(shapes) + (abs(M) @ abs(shapes)) * abs(values), axis=0)
     return np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0)
+
+
+def _from_both_ends(K: Array, M: Array) -> tuple[Array, Array]:
+    """All finite λ (k,) and φ (n, k) of dense Kφ = λMφ, K definite: the lower half (on a logarithmic scale) from
+    Mφ = θKφ, the upper from Kφ = λMφ, since each loses digits towards its far end.
+    """
+    import scipy.linalg as la
+
+    theta, x = la.eigh(M, K, check_finite=False)
+    theta, x = theta[::-1], x[:, ::-1]
+    low = int(np.count_nonzero(theta > 1e-15 * theta[0]))
+    try:
+        values, upper = la.eigh(K, M, check_finite=False)
+    except la.LinAlgError:  # M is only semidefinite
+        values, upper = np.zeros(low), np.zeros((len(K), low))
+    else:
+        low = int(np.count_nonzero(theta > np.sqrt(theta[0] / values[-1])))
+    values[:low], upper[:, :low] = 1 / theta[:low], x[:, :low] / np.sqrt(theta[:low])
+    return values, upper
 
 
 def _limit(values: Array, count: int) -> tuple[float, int]:
