@@ -377,13 +377,15 @@ def _normalised(x: Array, M: Matrix | None, mix: bool = True) -> Array:
     """Columns made orthonormal (in M where given); with mix=False only scaled to unit length."""
     if not mix:
         return x / np.linalg.norm(x, axis=0)
-    x = np.linalg.qr(x)[0]
-    if M is None or x.shape[1] == 0:
-        return x
-    gram = x.T @ (M @ x)
-    values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-    keep = values > 1e-14 * values[-1]
-    return x @ (vectors[:, keep] / np.sqrt(values[keep]))
+    if M is None:
+        return np.linalg.qr(x)[0]
+    for _ in range(2):  # the second pass gives back what DOF of mixed units cost the first
+        x = x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
+        gram = x.T @ (M @ x)
+        values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+        keep = values > 1e-14 * values[-1:]
+        x = x @ (vectors[:, keep] / np.sqrt(values[keep]))
+    return x
 
 
 def _is_diagonal(M: Matrix) -> bool:
