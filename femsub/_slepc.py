@@ -178,35 +178,11 @@ def _last_line(error: Exception) -> str:
     return lines[-1][:120] if lines else type(error).__name__
 
 
-class _Deflated:
-    """A preconditioner for PETSc: x ↦ (I - ΦΦᵀM) A⁻¹ x, Φ M-orthonormal, with the factor of A at hand."""
-
-    def __init__(self, factor: Factor, known: Array, M: Matrix) -> None:
-        self.factor, self.known, self.weighted = factor, known, M @ known
-
-    def project(self, x: Array) -> Array:
-        return x - self.known @ (self.weighted.T @ x)
-
-    def apply(self, pc: Any, x: Any, y: Any) -> None:
-        y.setArray(self.project(self.factor.solve(x.getArray(readonly=True))))
-
-
-def _shell(st: Any, context: _Deflated, stack: ExitStack) -> None:
-    PETSc, _ = _load()
-    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
-    stack.callback(ksp.destroy)
-    ksp.setType("preonly")
-    pc = ksp.getPC()
-    stack.callback(pc.destroy)
-    pc.setType("python")
-    pc.setPythonContext(context)
-    st.setKSP(ksp)
-
-
-def _vector(stack: ExitStack, like: Any, values: Array) -> Any:
+def _start_vector(stack: ExitStack, like: Any, seed: int) -> Any:
+    """A seeded start, so that a run can be repeated to the last digit."""
     vector = like.createVecRight()
     stack.callback(vector.destroy)
-    vector.setArray(values)
+    vector.setArray(np.random.default_rng(seed).standard_normal(vector.getLocalSize()))
     return vector
 
 
@@ -228,14 +204,7 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         st.setShift(sigma)
         eps = SLEPc.EPS().create(PETSc.COMM_SELF)
         stack.callback(eps.destroy)
-        start = np.random.default_rng(seed).standard_normal(factor.size)
-        if known is None or not known.shape[1]:
-            factor.lend(st, stack)
-        else:
-            # SLEPc's own deflation space is not kept orthogonal in M; a solve that projects is.
-            deflated = _Deflated(factor, known, M)
-            start = deflated.project(start)
-            _shell(st, deflated, stack)
+        factor.lend(st, stack)
         eps.setST(st)
         eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
         eps.setTarget(sigma)
@@ -243,13 +212,35 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         room = factor.size - (0 if known is None else known.shape[1])
         eps.setDimensions(count, min(room, max(2 * count, count + 15)))
         eps.setTolerances(tol, most)
-        eps.setInitialSpace([_vector(stack, mats[0], start)])
+        eps.setPurify(False)  # done below, in one block and between two deflations
+        eps.setInitialSpace([_start_vector(stack, mats[0], seed)])
+        if known is not None and known.shape[1]:
+            vectors = []
+            for column in known.T:
+                vectors.append(mats[0].createVecRight())
+                stack.callback(vectors[-1].destroy)
+                vectors[-1].setArray(column)
+            eps.setDeflationSpace(vectors)
         eps.solve()
         found = eps.getConverged()
         if found < count:
             raise NotConvergedError(f"{found} of {count} modes converged to {tol:g} within {eps.getIterationNumber()} "
                                     f"restarts (reason {eps.getConvergedReason()}); ask for fewer, or check the matrices")
-        return _collect(stack, mats[0], found, lambda i, xr, xi: eps.getEigenpair(i, xr, xi).real, real=True)
+        values, shapes = _collect(stack, mats[0], found, lambda i, xr, xi: eps.getEigenpair(i, xr, xi).real, real=True)
+    return values, _purified(factor, M, shapes, known)
+
+
+def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array | None) -> Array:
+    """x ← (K - σM)⁻¹Mx, M-normalised: takes out what lies in the null space of M, where Krylov vectors are arbitrary.
+
+    It also blows up what is left of the `known` shapes, by 1/|σ|: with rigid-body modes and σ = -1e-7, 1e-9 of them in
+    the Krylov vectors would come out as 1e-2 of each mode. So they are projected out before and after.
+    """
+    def deflated(x: Array) -> Array:
+        return x if known is None or not known.shape[1] else x - known @ (known.T @ (M @ x))
+
+    x = deflated(factor.solve(M @ deflated(shapes)))
+    return x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
 
 
 def quadratic_modes(factor: Factor, matrices: Sequence[Matrix], shift: float, count: int, *, tol: float,
@@ -275,7 +266,7 @@ def quadratic_modes(factor: Factor, matrices: Sequence[Matrix], shift: float, co
         pep.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
         pep.setDimensions(count, min(2 * factor.size, max(2 * count, count + 20)))
         pep.setTolerances(tol, most)
-        pep.setInitialSpace([_vector(stack, mats[0], np.random.default_rng(seed).standard_normal(factor.size))])
+        pep.setInitialSpace([_start_vector(stack, mats[0], seed)])
         st = pep.getST()
         st.setType("sinvert")
         factor.lend(st, stack)

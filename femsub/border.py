@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femsub.bases.basis import block_energy, independent
+from femsub.bases.basis import independent
 from femsub.cea import complex_modes
 from femsub.crossing import PortFunction
 from femsub.eigen import ShiftInvert
@@ -227,8 +227,7 @@ class _Growing:
         rest = handle.elastic_solve(forces, modes.shapes)
         whole = np.einsum("ij,ij->j", rest, forces) + np.einsum(
             "ij,ij->j", *(2 * [(modes.shapes.T @ forces)[modes.rigid:] / modes.frequencies[modes.rigid:, None]]))
-        statics, stiffness, mass, _ = independent(rest, block_energy(rest, forces), rest.T @ (model.M @ rest), whole,
-                                                  model.size - len(modes.eigenvalues))
+        statics, stiffness, mass, _ = independent(handle, rest, forces, whole, modes.shapes)
         massive = mass > 0
         self.V = np.hstack([modes.shapes, statics[:, massive]])
         self.K = np.diag(np.concatenate([modes.eigenvalues, stiffness[massive]]))

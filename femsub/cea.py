@@ -34,8 +34,9 @@ class ComplexModes:
     backward_error : ndarray, shape (k,)
         See `Pencil.backward_error`.
     error_bar : ndarray, shape (k,)
-        How far the eigenvalue may be off: (‖r‖‖y‖ + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times
-        condition number, y from the left vectors (Tisseur 2000, Th. 5). Infinite where the eigenvalue is defective.
+        How far the eigenvalue may be off: |y|ᵀ(|r| + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times
+        condition number, y from the left vectors (Tisseur 2000, Th. 5), taken entry by entry, which is free of the
+        units of each DOF. Infinite where the eigenvalue is defective.
     rigid : ndarray of bool, shape (k,)
         Eigenvalues at 0 from rigid-body modes: neither unstable nor Hopf points.
     above_cutoff : ndarray of bool, shape (k,)
@@ -186,22 +187,21 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
 
 def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexModes:
     """Residuals, backward errors and error bars of eigenpairs with their left vectors."""
-    residual = np.linalg.norm(pencil.residual(values, X), axis=0)
-    rounding = 4 * EPS * np.einsum("ij,ij->j", np.abs(Y), pencil.magnitude(values, X))
+    # |y|ᵀ|r| and not ‖y‖‖r‖: DOF of mixed units (displacements next to rotations) then leave the bar as it is.
+    doubt = np.abs(pencil.residual(values, X)) + 4 * EPS * pencil.magnitude(values, X)
     slope = (pencil.M @ X) * (2 * values) + pencil.D @ X  # P'(λ)x
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
-    length = np.linalg.norm(Y, axis=0)
+    spread = np.einsum("ij,ij->j", np.abs(Y), doubt)
     for group in _clusters(values):
         # In a group of equal eigenvalues any combination of vectors is as good: take the dual left ones.
         gram = Y[:, group].conj().T @ slope[:, group]
         if np.linalg.cond(gram) < 1 / np.sqrt(EPS):
             dual = Y[:, group] @ np.linalg.inv(gram).conj().T
-            length[group] = np.linalg.norm(dual, axis=0)
+            spread[group] = np.einsum("ij,ij->j", np.abs(dual), doubt[:, group])
             sensitivity[group] = 1.0
-            rounding[group] = 4 * EPS * np.einsum("ij,ij->j", np.abs(dual), pencil.magnitude(values[group], X[:, group]))
         else:
             sensitivity[group] = 0.0
-    bar = np.divide(residual * length + rounding, sensitivity, out=np.full(len(values), np.inf), where=sensitivity > 0)
+    bar = np.divide(spread, sensitivity, out=np.full(len(values), np.inf), where=sensitivity > 0)
     rigid = values == 0
     bar[rigid] = 0.0
     none = np.zeros(len(values), dtype=bool)

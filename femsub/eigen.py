@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, Handle, factorise
-from femsub.pencil import Array, Matrix
+from femsub.pencil import EPS, Array, Matrix
 
 if TYPE_CHECKING:
     from femsub.substructure import Substructure
@@ -24,6 +24,7 @@ TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units
 DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
+GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -72,6 +73,7 @@ class ShiftInvert:
     def __init__(self, K: Matrix, M: Matrix) -> None:
         self.K, self.M, self.sigma, self.factorisations = K, M, 0.0, 0
         self.rigid: Array = np.zeros((K.shape[0], 0))
+        self.lowest = np.inf  # ω² of the first elastic mode, about; known where rigid-body modes had to be sought
         if not _annihilates_a_translation(K):
             try:
                 self._factorise(0.0)
@@ -81,6 +83,8 @@ class ShiftInvert:
                 if not self._nearly_singular():
                     return
         self._float()
+        if not self.floating:
+            self._factorise(0.0)  # held after all, by little
 
     def _factorise(self, sigma: float) -> None:
         shifted = self.K if sigma == 0 else self.K - sigma * self.M
@@ -100,37 +104,64 @@ class ShiftInvert:
         loaded = (mass > 0) & (stiffness > 0)
         if not loaded.any():
             raise SingularMatrixError("K has no stiffness on any DOF with mass: there is nothing to vibrate")
-        scale = float(np.min(stiffness[loaded] / mass[loaded]))  # Rayleigh: no lower than the lowest frequencies
-        sigma = -1e-7 * scale
-        while True:
+        ratio = stiffness[loaded] / mass[loaded]
+        # Rayleigh: no lower than the lowest frequencies, and no higher than the highest, whose rounding is the floor.
+        floor = 16 * EPS * float(ratio.max())
+        self._shift(max(1e-7 * float(ratio.min()), floor))
+        elastic = self._find_rigid()
+        if elastic <= 10 * -self.sigma and -self.sigma > floor:
+            # A very soft component: the shift must stay below its first elastic mode.
+            self._shift(max(1e-3 * elastic, floor))
+            self._find_rigid()
+
+    def _shift(self, size: float) -> None:
+        """Factorises K - σM at σ = -size, or somewhat further down where rounding leaves K too indefinite for that."""
+        for sigma in (-size, -1e2 * size, -1e4 * size):
             try:
-                self._factorise(sigma)
+                return self._factorise(_short(sigma))
             except SingularMatrixError as error:
-                raise SingularMatrixError(
-                    f"K - σM is not positive definite for σ = {sigma:.3g}: K has a negative eigenvalue, or M is not "
-                    f"positive semidefinite, or a DOF has neither mass nor stiffness ({error})") from None
-            elastic = self._find_rigid()
-            if elastic > 10 * -sigma or -sigma < 1e-14 * scale:
-                return
-            sigma = -1e-3 * elastic  # a very soft component: the shift must stay below its first elastic mode
+                last = error
+        raise SingularMatrixError(
+            f"K - σM is not positive definite for σ = {sigma:.3g}: K has a negative eigenvalue, or M is not "
+            f"positive semidefinite, or a DOF has neither mass nor stiffness ({last})")
 
     def _find_rigid(self) -> float:
-        """Subspace iteration contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value."""
+        """Subspace iteration contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value.
+
+        It goes on until the lower half of the Ritz values stands still. Rigid are those that cost no more energy than
+        rounding and lie well below the next: the first bending mode of a long beam may be within rounding, too, but
+        the second is at most 40 times higher.
+        """
         n, block = self.K.shape[0], SEEDS
         while True:
             x = np.random.default_rng(3).standard_normal((n, min(block, n)))
-            for _ in range(3):
+            before = np.full(x.shape[1], np.inf)
+            for _ in range(20):
                 x = _normalised(self.factor.solve(self.M @ x), self.M)
-            values, rotation = np.linalg.eigh(x.T @ (self.K @ x))
-            x = x @ rotation
+                values, rotation = np.linalg.eigh(x.T @ (self.K @ x))
+                x = x @ rotation
+                noise = 1e-14 * np.einsum("ij,ij->j", abs(x), abs(self.K) @ abs(x))
+                half = slice(0, (len(values) + 1) // 2)
+                if len(before) >= len(values) and (np.abs(values - before[:len(values)]) <= 0.1 * np.abs(values) + noise)[half].all():
+                    break
+                before = values
             # Ritz vectors of rigid motion still hold rounding of the stiff ones: one more solve cleans each.
             cleaned = _normalised(self.factor.solve(self.M @ x), self.M, mix=False)
-            rigid = _rounding_ratio(self.K, cleaned) < RIGID
-            if not rigid.all() or block >= n:
+            order = np.argsort(np.abs(values), kind="stable")
+            values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
+            elastic = _rounding_ratio(self.K, cleaned) >= RIGID
+            count = int(np.argmax(elastic)) if elastic.any() else len(values)
+            while 0 < count < len(values) and abs(values[count - 1]) > GAP * abs(values[count]):
+                count -= 1
+            if count < len(values) or block >= n:
                 break
             block *= 2
-        self.rigid = _normalised(cleaned[:, rigid], self.M)
-        return float(values[~rigid].min()) if (~rigid).any() else np.inf
+        self.rigid = _normalised(cleaned[:, :count], self.M)
+        self.lowest, rest = float(values[count:].min(initial=np.inf)), values[count:]
+        if (rest < -noise[count:]).any():
+            raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding: "
+                                      "is it the stiffness of a stable component, written with all its digits?")
+        return self.lowest
 
     @property
     def floating(self) -> bool:
@@ -174,24 +205,31 @@ class ShiftInvert:
         return self._sparse(count, finite)
 
     def _dense(self, count: int) -> NormalModes:
+        """All by LAPACK. Massless DOF are condensed; rigid-body modes are moved to ω² = λ₁/4, by K + ω² MΦ_rΦ_rᵀM,
+        which leaves the elastic ones where they are.
+        """
         import scipy.linalg as la
 
         K, M = (part.toarray() if sp.issparse(part) else part for part in (self.K, self.M))
         rigid = self.rigid.shape[1]
         if rigid:
-            values, shapes = la.eigh(K, M, check_finite=False)
-        else:
-            theta, shapes = la.eigh(M, K, check_finite=False)  # M may be massless somewhere
-            finite = theta > 1e-15 * theta[-1]
-            theta, shapes = theta[finite][::-1], shapes[:, finite][:, ::-1]
-            values, shapes = 1 / theta, shapes / np.sqrt(theta)
-            # 1/θ is accurate to rounding of the lowest mode, the Rayleigh quotient to that of the highest.
-            quotient = np.einsum("ij,ij->j", shapes, K @ shapes)
-            values = np.where(values > np.sqrt(values[0] * values[-1]), quotient, values)
+            held = M @ self.rigid
+            K = K + 0.25 * min(self.lowest, float(np.trace(K))) * (held @ held.T)
+        massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
+        lift = np.zeros((0, len(massive)))
+        if len(bare):
+            lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
+            K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
+        values, moving = _from_both_ends((K + K.T) / 2, M)
         if len(values) < rigid + count:
             raise InputError(f"{count} elastic modes were asked for, but there are {len(values) - rigid}")
-        order = np.argsort(values[rigid:], kind="stable")[:count] + rigid
-        return self._result(values[order], shapes[:, order], (np.inf, len(values)))
+        keep = slice(rigid, rigid + count)
+        shapes = np.zeros((self.K.shape[0], count))
+        shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
+        shapes = self.deflate(shapes)
+        gram = shapes.T @ (self.M @ shapes)
+        shapes = 1.5 * shapes - 0.5 * (shapes @ gram)  # one step of Newton and Schulz towards ΦᵀMΦ = I
+        return self._result(values[keep], shapes, (np.inf, len(values)))
 
     def _sparse(self, count: int, finite: int) -> NormalModes:
         from femsub._slepc import Factor, symmetric_modes
@@ -288,13 +326,43 @@ def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Arr
     return np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0)
 
 
+def _from_both_ends(K: Array, M: Array) -> tuple[Array, Array]:
+    """All finite λ (k,) and φ (n, k) of dense Kφ = λMφ, K definite: the lower half (on a logarithmic scale) from
+    Mφ = θKφ, the upper from Kφ = λMφ, since each loses digits towards its far end.
+    """
+    import scipy.linalg as la
+
+    theta, x = la.eigh(M, K, check_finite=False)
+    theta, x = theta[::-1], x[:, ::-1]
+    low = int(np.count_nonzero(theta > 1e-15 * theta[0]))
+    try:
+        values, upper = la.eigh(K, M, check_finite=False)
+    except la.LinAlgError:  # M is only semidefinite
+        values, upper = np.zeros(low), np.zeros((len(K), low))
+    else:
+        low = int(np.count_nonzero(theta > np.sqrt(theta[0] / values[-1])))
+    values[:low], upper[:, :low] = 1 / theta[:low], x[:, :low] / np.sqrt(theta[:low])
+    return values, upper
+
+
 def _limit(values: Array, count: int) -> tuple[float, int]:
-    """The widest gap behind the `count` wanted ones, and how many lie below it: the inertia is counted there."""
-    if len(values) <= count:
-        return float(values[-1] * (1 + 1e-6)), len(values)
-    tail = values[count - 1:] if count else np.append(0.0, values)
-    at = int(np.argmax(np.diff(tail) / tail[1:]))
-    return float((tail[at] + tail[at + 1]) / 2), at + count
+    """The widest gap behind the `count` wanted ones, and how many lie below it: the inertia is counted there.
+
+    Where all of the rest is one cluster that is cut off, the limit is just above it: what the cluster still hides will
+    be counted, and fetched.
+    """
+    if len(values) > count:
+        tail = values[count - 1:] if count else np.append(0.0, values)
+        gaps = np.diff(tail) / tail[1:]
+        at = int(np.argmax(gaps))
+        if gaps[at] > 1e-6:
+            return float((tail[at] + tail[at + 1]) / 2), at + count
+    return float(values[-1] * (1 + 1e-6)), len(values)
+
+
+def _short(x: float) -> float:
+    """The power of two next to x: where K and M are round numbers, K - σM is then exact."""
+    return float(np.copysign(2.0 ** np.round(np.log2(abs(x))), x))
 
 
 def _annihilates_a_translation(K: Matrix) -> bool:
@@ -313,13 +381,15 @@ def _normalised(x: Array, M: Matrix | None, mix: bool = True) -> Array:
     """Columns made orthonormal (in M where given); with mix=False only scaled to unit length."""
     if not mix:
         return x / np.linalg.norm(x, axis=0)
-    x = np.linalg.qr(x)[0]
-    if M is None or x.shape[1] == 0:
-        return x
-    gram = x.T @ (M @ x)
-    values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-    keep = values > 1e-14 * values[-1]
-    return x @ (vectors[:, keep] / np.sqrt(values[keep]))
+    if M is None:
+        return np.linalg.qr(x)[0]
+    for _ in range(2):  # the second pass gives back what DOF of mixed units cost the first
+        x = x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
+        gram = x.T @ (M @ x)
+        values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+        keep = values > 1e-14 * values[-1:]
+        x = x @ (vectors[:, keep] / np.sqrt(values[keep]))
+    return x
 
 
 def _is_diagonal(M: Matrix) -> bool:

@@ -155,10 +155,14 @@ def _companion(pencil: Pencil) -> tuple[Array, Array, Array]:
     B = np.block([[eye, zero], [zero, delta * gamma**2 * pencil.M]])
     (alpha, beta), left, right = la.eig(A, B, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
     finite = np.abs(beta) > 10 * n * EPS * np.abs(alpha)
+    finite[1:] = np.where(alpha.imag[1:] < 0, finite[:-1], finite[1:])  # LAPACK lists pairs side by side, Im λ > 0 first
     values = gamma * alpha[finite] / beta[finite]
     top, bottom = right[:n, finite], right[n:, finite]
     X = np.where(np.linalg.norm(top, axis=0) >= np.linalg.norm(bottom, axis=0), top, bottom)
-    return values, _unit(X), _unit(left[n:, finite])
+    Y = left[n:, finite]
+    second = np.flatnonzero(values.imag < 0)  # QZ's pairs are conjugates only to rounding
+    values[second], X[:, second], Y[:, second] = (part[..., second - 1].conj() for part in (values, X, Y))
+    return values, _unit(X), _unit(Y)
 
 
 def _unit(x: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from femsub.eigen import NormalModes, ShiftInvert
 from femsub.errors import InputError, InputTypeError
-from femsub.pencil import Array
+from femsub.pencil import EPS, Array
 
 DEPENDENT = 1e-13  # share of a column's static energy below which what is left of it is rounding
 
@@ -52,33 +52,55 @@ def kept_modes(handle: ShiftInvert, count: int) -> tuple[NormalModes, Array, Arr
     return found, found.eigenvalues[:keep], found.shapes[:, :keep], cutoff
 
 
-def independent(shapes: Array, energy: Array, mass: Array, static: Array, room: int) -> tuple[Array, Array, Array, int]:
+def independent(handle: ShiftInvert, shapes: Array, forces: Array, static: Array,
+                kept: Array) -> tuple[Array, Array, Array, int]:
     """Static shapes Ψ (n, s) made M- and K-orthogonal: ΨC with CᵀEC = diag(k), CᵀMC = diag(m) and m = 1.
 
     Parameters
     ----------
-    shapes : Ψ
-    energy, mass : E = ΨᵀKΨ and ΨᵀMΨ, shape (s, s)
+    handle : K and M
+    shapes : Ψ, the response to `forces` without the share of the modes
+    forces : F with E = ΨᵀKΨ = ΨᵀF, which holds no cancellation
     static : the energy of each column's whole static response, of which Ψ is what the modes do not hold
-    room : at most so many columns can be independent of the modes
+    kept : the modes Φ (n, m); at most n - m columns can be independent of them
 
     Returns
     -------
     shapes, k, m, dropped
         Where a column moves no mass, k = 1 and m = 0 instead.
     """
-    given = shapes.shape[1]
+    given, room = shapes.shape[1], len(shapes) - kept.shape[1]
     scale = np.where(static > 0, static, 1.0) ** -0.5
-    values, vectors = np.linalg.eigh(energy * np.outer(scale, scale))
-    keep = np.flatnonzero(values > DEPENDENT)[::-1][:max(room, 0)]
-    change = scale[:, None] * vectors[:, keep] / np.sqrt(values[keep])
-    inertia, rotation = np.linalg.eigh(change.T @ mass @ change)
+    share, vectors = np.linalg.eigh(block_energy(shapes, forces) * np.outer(scale, scale))
+    keep = np.flatnonzero(share > DEPENDENT)[::-1][:max(room, 0)]
+    change = scale[:, None] * vectors[:, keep] / np.sqrt(share[keep])
+    inertia, rotation = np.linalg.eigh(change.T @ (shapes.T @ (handle.M @ shapes)) @ change)
     order = np.argsort(-inertia)
-    inertia, change = inertia[order], change @ rotation[:, order]
-    massive = inertia > 1e-14 * (inertia.max() if len(inertia) else 0.0)
-    unit = np.where(massive, inertia, 1.0)
-    change = change / np.sqrt(unit)
-    return shapes @ change, 1 / unit, np.where(massive, 1.0, np.maximum(inertia, 0.0)), given - len(keep)
+    inertia, shapes = inertia[order], shapes @ (change @ rotation[:, order])
+    count = int(np.count_nonzero(inertia > 1e-14 * inertia.max(initial=0.0)))
+    unit = np.where(np.arange(len(inertia)) < count, inertia, 1.0)
+    shapes, stiffness = shapes / np.sqrt(unit), 1 / unit
+    if count:
+        noise = EPS / float(share[keep].min())
+        shapes[:, :count], stiffness[:count] = _again(handle, shapes[:, :count], stiffness[:count], noise, kept)
+    mass = np.where(np.arange(len(inertia)) < count, 1.0, np.maximum(inertia, 0.0))
+    return shapes, stiffness, mass, given - len(keep)
+
+
+def _again(handle: ShiftInvert, x: Array, stiffness: Array, noise: float, kept: Array) -> tuple[Array, Array]:
+    """A second pass: what was left of nearly dependent columns has lost digits, and picked up some of the modes.
+
+    Their energy is taken from K itself where its product loses fewer digits than the first pass did (`noise`).
+    """
+    x = x - kept @ (kept.T @ (handle.M @ x))
+    gram, energy = x.T @ (handle.M @ x), x.T @ (handle.K @ x)
+    lost = EPS * np.einsum("ij,ij->j", abs(x), abs(handle.K) @ abs(x)) / stiffness
+    if lost.max() > noise:
+        energy = np.diag(stiffness)
+    root = np.linalg.inv(np.linalg.cholesky((gram + gram.T) / 2))
+    energy = root @ energy @ root.T
+    values, rotation = np.linalg.eigh((energy + energy.T) / 2)
+    return x @ (root.T @ rotation), values
 
 
 def block_energy(shapes: Array, forces: Array) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.bases.basis import Basis, block_energy, check_modes, energy_error, independent, kept_modes
+from femsub.bases.basis import Basis, check_modes, energy_error, independent, kept_modes
 from femsub.eigen import ShiftInvert
 from femsub.errors import InputError
 from femsub.pencil import Array, Matrix
@@ -95,9 +95,7 @@ def _static(handle: ShiftInvert, forces: Array, answers: Array, fixed: Array, va
     if forces.shape[1] == 0:
         return np.zeros((len(forces), 0)), np.zeros(0), np.zeros(0), 0
     rest = handle.elastic_solve(forces, fixed)
-    energy = block_energy(rest, forces)
-    return independent(rest, energy, rest.T @ (handle.M @ rest), np.einsum("ij,ij->j", answers, forces),
-                       len(forces) - fixed.shape[1])
+    return independent(handle, rest, forces, np.einsum("ij,ij->j", answers, forces), fixed)
 
 
 def _port_errors(ports: Mapping[str, Array], i: Array, b: Array, probes: Array, constraint: Array, condensed: Array,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femsub.bases.basis import Basis, block_energy, check_modes, energy_error, independent, kept_modes
+from femsub.bases.basis import Basis, check_modes, energy_error, independent, kept_modes
 from femsub.eigen import ShiftInvert
 from femsub.pencil import Array
 from femsub.substructure import Substructure
@@ -52,10 +52,7 @@ class CraigChang:
         whole = missing + np.einsum("ij,ij->j", held, held / elastic[:, None])
 
         s = forces.shape[1]
-        attachment = rest[:, :s]
-        residual, stiffness, inertia, dropped = independent(
-            attachment, block_energy(attachment, forces), attachment.T @ (sub.M @ attachment), whole[:s],
-            sub.size - modes.shape[1])
+        residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, whole[:s], modes)
         kinds = ("rigid",) * found.rigid + ("free",) * self.modes + ("residual attachment",) * len(stiffness)
         errors, at = {}, s
         for name, w in ports.items():
