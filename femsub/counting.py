@@ -9,6 +9,7 @@ from scipy.sparse.linalg import splu
 from femsub.errors import NotConvergedError
 from femsub.pencil import Array, Matrix, Pencil
 
+SPLIT = 0.382
 MOST = 600  # contour points after which the phase is called untraceable
 
 
@@ -52,9 +53,11 @@ def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], k
         stack = list(zip(points[:-1], points[1:], strict=True))[::-1]
         while stack:
             left, right = stack.pop()
-            middle = (left + right) / 2
+            # Unequal parts: a phase that turns by whole circles over both would pass for one that stands still.
+            middle = left + SPLIT * (right - left)
             first, second = (_wrapped(phase(q) - phase(p)) for p, q in ((left, middle), (middle, right)))
-            if max(abs(first), abs(second)) < np.pi / 4 or abs(right - left) < 1e-12 * abs(end - start):
+            steady = abs(first / SPLIT - second / (1 - SPLIT)) < np.pi / 2
+            if (max(abs(first), abs(second)) < np.pi / 4 and steady) or abs(right - left) < 1e-12 * abs(end - start):
                 turn += first + second
             else:
                 stack += [(middle, right), (left, middle)]
