@@ -39,7 +39,7 @@ class ChainScene(Scene):
     interface : list of int
         The paper's interface; next to it the one with the belt's mass is always shown.
     size : int
-        DOF of the reduced models in the eigenvalue figure, the belt sweep and the table.
+        DOF of the reduced models in the eigenvalue figure, the belt sweep and the table; 0 stands for the paper's 5.
     sizes : list of int
         DOF of the reduced models in the size sweep and the error against time.
     band : list of float
@@ -53,7 +53,7 @@ class ChainScene(Scene):
     belt: int = 2
     belts: list[int] = field(default_factory=list)
     interface: list[int] = field(default_factory=lambda: [1])
-    size: int = 5
+    size: int = 0
     sizes: list[int] = field(default_factory=list)
     band: list[float] = field(default_factory=list)
 
@@ -65,11 +65,20 @@ class ChainScene(Scene):
             raise InputError(f"n must be at least 1, not {self.n}")
         if not self.belts:
             object.__setattr__(self, "belts", list(range(1, min(self.n, 10) + 1)))
+        if not self.size:
+            object.__setattr__(self, "size", min(5, self.n))
         if not self.sizes:
             object.__setattr__(self, "sizes", list(range(len(self.interface) + 1, min(self.n, 10) + 1)))
         if not self.band:
             # the lowest three pairs of a uniform chain; what lies higher no small model can follow
             object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
+
+        for key, sizes in (("size", [self.size]), ("sizes", self.sizes)):
+            for size in sizes:
+                if size > self.n:
+                    raise InputError(f"{key}: {size} DOF means more modes than there are; the chain has {self.n} masses")
+                if size < len(self.interface) + (key == "size" and self.n > 1):
+                    raise InputError(f"{key}: {size} DOF leave no room for the interface of {len(self.interface)} and the belt's mass")
 
     def model(self, belt: int, widened: bool) -> Substructure:
         """The chain with the belt under a mass, with the paper's interface or with the belt's mass joined to it."""
@@ -81,8 +90,6 @@ class ChainScene(Scene):
     def reduced(self, sub: Substructure, method: str, size: int) -> Substructure:
         """The model with `size` DOF by one of METHODS."""
         modes = size - len(sub.interface)
-        if modes < 0:
-            raise InputError(f"{size} DOF are fewer than the {len(sub.interface)} of the interface; ask for larger sizes")
         with warnings.catch_warnings():
             # The contact outside the interface is what this scene shows; its error is in the results.
             warnings.simplefilter("ignore", PortWarning)
@@ -144,7 +151,7 @@ def _critical(scene: ChainScene, slope: float, progress: Progress) -> Part:
             sub = scene.model(belt, widened)
             exact = critical_slope(sub, band=band, force=scene.force)
             for method in scene.methods:
-                rom = scene.reduced(sub, method, max(scene.size, len(sub.interface)))
+                rom = scene.reduced(sub, method, scene.size)
                 found = critical_slope(rom, band=band, force=scene.force)
                 rows.append({"belt": belt, "interface": _masses(sub.interface + 1), "method": method, "size": rom.size,
                              "slope": found.slope, "omega": found.omega, "full": exact.slope,
@@ -170,7 +177,7 @@ def _belt_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
             growth, border = [], []
             for belt in scene.belts:
                 sub = scene.model(belt, widened)
-                model = sub if kind == "full" else scene.reduced(sub, kind, max(scene.size, len(sub.interface)))
+                model = sub if kind == "full" else scene.reduced(sub, kind, scene.size)
                 growth.append(sweep(model, slopes, force=scene.force, band=band).growth)
                 border.append(float(critical_slope(model, force=scene.force, band=band)))
             panels.append({"model": kind, "interface": "{m1, belt}" if widened else _masses(scene.interface),
@@ -210,7 +217,7 @@ def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
     belt, models = Belt(force=scene.force, slope=slope), []
     for widened in _interfaces(scene, scene.belt):
         sub = scene.model(scene.belt, widened)
-        candidates = [("full", sub)] + [(method, scene.reduced(sub, method, max(scene.size, len(sub.interface))))
+        candidates = [("full", sub)] + [(method, scene.reduced(sub, method, scene.size))
                                         for method in scene.methods]
         for kind, model in candidates:
             band = (0.0, 1.5 * scene.band[1]) if kind == "full" and scene.n > 300 else None

@@ -1,0 +1,192 @@
+"""The command line: what is asked is done, nothing else is imported or written, and bad input ends in one line."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse as sp
+
+import femsub as fs
+from femsub.cli import main
+from femsub.report import to_json
+
+QUICK = 'n = 10\nbelts = [1, 2]\nsizes = [3, 5]\nrepeats = 1\n'
+
+
+def scene_file(folder: Path, text: str) -> str:
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def run(*arguments: str, code: str = "") -> subprocess.CompletedProcess[str]:
+    program = f"import sys; from femsub.cli import main; status = main(sys.argv[1:]); {code or 'pass'}; sys.exit(status)"
+    return subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def chain_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    folder = tmp_path_factory.mktemp("chain")
+    done = run("run", "chain", "--out", str(folder / "out"))
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # no progress where stderr is not a terminal
+    return folder / "out", done.stdout
+
+
+def test_chain_writes_tables_and_figures(chain_run: tuple[Path, str]) -> None:
+    folder, _ = chain_run
+    pictures = {"friction", "belt-sweep", "size-sweep", "eigenvalues", "error-time"}
+    assert {path.name for path in folder.iterdir()} == {"results.json", "results.csv", *(f"{name}.png" for name in pictures)}
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
+
+
+def test_chain_results_hold_the_paper_s_figures(chain_run: tuple[Path, str]) -> None:
+    folder, text = chain_run
+    data = json.loads((folder / "results.json").read_text())
+    growth = {(m["model"], m["interface"]): m["growth"] for m in data["eigenvalues"]["models"]}
+    for model, expected in (("full", 0.0212), ("craig-bampton", 0.0185), ("craig-chang", 0.0212)):
+        assert round(growth[model, "{m1}"], 4) == expected
+        assert f"{expected:.4f}" in text
+    rows = {(row["belt"], row["interface"], row["method"]): row for row in data["critical-slope"]["rows"]}
+    assert round(rows[2, "{m1}", "craig-bampton"]["slope"], 6) == -0.025634
+    assert rows[2, "{m1, m2}", "craig-bampton"]["error"] == pytest.approx(9e-7, abs=1e-7)
+    # the paper: HCB worst with the belt under m2, CC better than HCB for every belt place m2 to m10
+    errors = {method: [rows[belt, "{m1}", method]["error"] for belt in range(2, 11)] for method in ("craig-bampton", "craig-chang")}
+    assert np.argmax(errors["craig-bampton"]) == 0
+    assert (np.array(errors["craig-chang"]) < errors["craig-bampton"]).all()
+    assert {panel["interface"] for panel in data["belt-sweep"]["panels"]} == {"{m1}", "{m1, belt}"}
+    for row in data["error-time"]["rows"]:
+        assert row["reduction_least_s"] <= row["reduction_median_s"] <= row["reduction_most_s"]
+    assert data["slope"] == pytest.approx(-0.2677, abs=1e-5)
+
+
+def test_csv_has_the_rows(chain_run: tuple[Path, str]) -> None:
+    with open(chain_run[0] / "results.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["output"] for row in rows} == {"critical-slope", "error-time"}
+    assert {row["method"] for row in rows} == {"craig-bampton", "craig-chang", "full", "CraigBampton", "CraigChang"}
+
+
+def test_only_what_is_named_is_computed_and_imported(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, QUICK + 'outputs = ["critical-slope"]\nfigures = false')
+    code = "print([name for name in ('skfem', 'meshio', 'matplotlib', 'petsc4py', 'scipy.optimize') if name in sys.modules])"
+    done = run("run", scene, "--out", str(tmp_path / "out"), code=code)
+    assert done.returncode == 0 and done.stdout.splitlines()[-1] == "[]"
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv"}
+    assert "eigenvalues" not in json.loads((tmp_path / "out" / "results.json").read_text())
+
+
+def test_without_out_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene_file(tmp_path, QUICK + 'outputs = ["eigenvalues", "friction"]')
+    assert main(["run", "scene.toml"]) == 0
+    assert "largest Re λ" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_a_chain_without_petsc_s_sizes_never_loads_petsc(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, QUICK + 'outputs = ["eigenvalues"]')
+    done = run("run", scene, code="print('petsc4py' in sys.modules)")
+    assert done.stdout.splitlines()[-1] == "False"
+
+
+def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["chain", "matrices"]
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("dampin = 0.2", "unknown scene key 'dampin'; did you mean 'damping'"),
+    ("belt = 11", "no mass m11; the chain has m1 to m10"),
+    ("belts = [1, 12]", "no mass m12"),
+    ("masses = 0.0", "masses must be positive and finite, but number 1 is 0"),
+    ("masses = [1.0, 1, 1, 1, -1, 1, 1, 1, 1, 1]", "number 5 is -1"),
+    ("springs = nan", "springs must be positive and finite"),
+    ("interface = [1, 1]", "listed 2 times"),
+    ("sizes = [12]", "more modes than there are; the chain has 10 masses"),
+    ('methods = ["craig-bampten"]', "unknown method 'craig-bampten'; did you mean 'craig-bampton'"),
+    ('outputs = ["eigenvalue"]', "unknown output 'eigenvalue'; did you mean 'eigenvalues'"),
+    ('law = "stribeck"', "unknown law 'stribeck'"),
+    ('n = "ten"', "scene key 'n' must be int, not 'ten'"),
+    ("n = 0", "n must be at least 1"),
+    ("n = [", "is not a TOML file"),
+    ('scene = "chian"', "unknown scene 'chian'; did you mean 'chain'"),
+    ("size = 1", "no room for the interface of 1"),
+    ("repeats = 0", "repeats must be at least 1"),
+    ("speed = nan", "slope"),
+    ("eps = 0.0", "eps must be positive"),
+    ("force = -1.0", "force must"),
+    ("band = [1.0, 0.5]", "0 <= lo < hi"),
+    ('scene = "matrices"\nK = "K.mtx"', "scene key 'M' is missing"),
+    ('scene = "matrices"\nM = "M.mtx"\nK = "K.mtx"\nport = 0\nband = [0.0, 1.0]', "there is no file"),
+])
+def test_bad_scene_ends_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str) -> None:
+    scene = scene_file(tmp_path, text)
+    assert main(["run", scene, "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr()
+    assert words in printed.err and printed.err.startswith("femsub: ") and printed.err.count("\n") == 1
+    assert printed.out == "" and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"K": (2, 2, np.nan)}, "K holds a NaN or Inf, first at row 2, column 2"),
+    ({"M": (0, 1, 0.5)}, "M is not symmetric: M[0, 1] = 0.5"),
+    ({"M": (3, 3, -1.0)}, "M has a negative mass: M[3, 3] = -1"),
+    ({}, ""),
+])
+def test_matrices_from_files(tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict, words: str) -> None:
+    sub = fs.chain(20, belt=2)
+    for name, matrix in (("M", sub.M), ("K", sub.K), ("D", sub.D)):
+        changed = sp.lil_array(matrix)
+        if name in change:
+            row, column, value = change[name]
+            changed[row, column] = value
+        scipy.io.mmwrite(tmp_path / f"{name}.mtx", sp.coo_matrix(changed), symmetry="general")
+    scene = scene_file(tmp_path, 'scene = "matrices"\nM = "M.mtx"\nK = "K.mtx"\nD = "D.mtx"\ninterface = [0]\nport = 1\n'
+                                 "modes = [6]\nband = [0.0, 0.4]\nslope = -0.1\nrepeats = 1\n")
+    status = main(["run", scene, "--out", str(tmp_path / "out")])
+    printed = capsys.readouterr()
+    if words:
+        assert status == 2 and words in printed.err and printed.err.count("\n") == 1 and not (tmp_path / "out").exists()
+        return
+    assert status == 0, printed.err
+    data = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert data["critical-slope"][0]["slope"] == pytest.approx(float(fs.critical_slope(sub)), rel=1e-10)
+
+
+@pytest.mark.parametrize("place", ["file", "file/below"])
+def test_an_output_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str], place: str) -> None:
+    (tmp_path / "file").write_text("mine")
+    assert main(["run", "chain", "--out", str(tmp_path / place)]) == 2
+    printed = capsys.readouterr()
+    assert "cannot be written" in printed.err and printed.err.count("\n") == 1
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_results_are_renamed_into_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = scene_file(tmp_path, QUICK + 'outputs = ["eigenvalues"]\nfigures = false')
+    assert main(["run", scene, "--out", str(tmp_path / "out")]) == 0
+    before = (tmp_path / "out" / "results.json").read_bytes()
+
+    def full_disk(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full_disk)
+    assert main(["run", scene, "--out", str(tmp_path / "out")]) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert (tmp_path / "out" / "results.json").read_bytes() == before
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json"}
+
+
+def test_json_keeps_every_digit_and_is_strict() -> None:
+    data = {"a": np.pi, "b": np.array([1 + 2j]), "c": np.nan, "d": -np.inf, "e": np.bool_(True), "f": np.int64(3)}
+    assert json.loads(to_json(data)) == {"a": np.pi, "b": [[1.0, 2.0]], "c": None, "d": "-inf", "e": True, "f": 3}
