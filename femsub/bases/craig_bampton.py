@@ -45,7 +45,7 @@ class CraigBampton:
             if self.modes:
                 raise InputError(f"{self.modes} fixed-interface modes were asked for, but every DOF is interface: there are 0")
             return Basis(np.eye(sub.size)[:, b], _block(sub.M, b, b), _block(sub.K, b, b), ("constraint",) * len(b),
-                         np.inf, method, extra.shape[1], {}, 0)
+                         np.inf, method, extra.shape[1], dict.fromkeys(ports, 0.0), 0)
         Kii, Mii = (_part(part, i, i) for part in (sub.K, sub.M))
         handle = ShiftInvert(Kii, Mii)
         if handle.floating and len(b):
