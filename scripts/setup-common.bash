@@ -1,0 +1,124 @@
+# Shared by setup and setup-from-source, which source it: not a command.
+
+root=$(readlink -f "${BASH_SOURCE[0]}")
+root=${root%/scripts/*}
+venv=$root/.venv
+python=$venv/bin/python
+state=$venv/.setup # what the set-up knows about .venv: see keep_or_clear and install_femsub
+log=$venv/setup.log
+cd "$root" || exit
+
+say() { echo "femsub set-up: $*" >&2; }
+die() { say "$@"; exit 1; }
+
+extra=${1:-figures} # the argument of the script that sources this
+grep -q "^$extra = \[" pyproject.toml || die "pyproject.toml has no extra '$extra' (figures, test, dev)"
+
+# logged COMMAND...: its noise goes to the log. run WHAT_FAILED COMMAND...: the same, or the end.
+logged() { echo "+ $*" >>"$log"; "$@" >>"$log" 2>&1 </dev/null; }
+log_end() { tail -n "$1" "$log" | sed 's/^/  | /' >&2; }
+failed() { log_end 15; die "$1 (whole log: $log)"; }
+run() { logged "${@:2}" || failed "$1"; }
+trap 'exit 130' INT TERM
+
+# One set-up at a time in this folder. What it started holds the lock too, so that after a kill
+# the next call waits for, say, an apt-get that is still at work.
+lock() {
+    command -v flock >/dev/null || return 0
+    exec 9<"$root"
+    flock -n 9 || { say "another set-up is at work in this folder; waiting for it"; flock 9; }
+}
+
+# Prints the major version of NumPy that the two packages import with; fails if they do not import.
+# -I: neither the caller's PYTHONPATH nor packages in the home folder count.
+solvers_numpy() {
+    "$python" -I -c 'import numpy; from petsc4py import PETSc; from slepc4py import SLEPc
+print(numpy.__version__.split(".")[0])'
+}
+
+# True if .venv can stay as it is. Otherwise leaves an empty one, but removes none that is somebody else's.
+keep_or_clear() {
+    local made_in=$root
+    [ ! -e "$state/root" ] || made_in=$(<"$state/root")
+    if [ "$made_in" = "$root" ] && solvers_numpy >/dev/null 2>&1; then
+        mkdir -p "$state"
+        return
+    fi
+    if [ -d "$state" ]; then
+        [ ! -e "$venv/pyvenv.cfg" ] || say "the .venv here is unfinished, broken or was moved: making it anew"
+        rm -f "$venv/pyvenv.cfg" # first, so that an interrupted removal never looks like somebody else's
+        rm -rf "$venv"
+    elif [ -e "$venv/pyvenv.cfg" ]; then
+        die "$venv was not made by this script and cannot import petsc4py and slepc4py:" \
+            "move it away, or name an interpreter that can in FEMSUB_PYTHON"
+    fi
+    mkdir -p "$state"
+    : >"$log"
+    return 1
+}
+
+# need_packages TIME PACKAGE...: installs those of Debian's packages that are missing.
+# Status 2 if they are not to be had here.
+need_packages() {
+    local time=$1 missing=() package apt sudo=()
+    shift
+    for package; do
+        [ "$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || missing+=("$package")
+    done
+    [ ${#missing[@]} -gt 0 ] || return 0
+    command -v apt-get >/dev/null || { say "this machine has no apt-get"; return 2; }
+
+    local by_hand="apt-get update && apt-get install -y --no-install-recommends ${missing[*]}"
+    if [ "$(id -u)" != 0 ]; then
+        sudo true 2>>"$log" </dev/null || # may ask for a password, on the terminal itself
+            die "Debian packages are missing, and you are not root and cannot use sudo." \
+                "An administrator must run: $by_hand"
+        sudo=(sudo)
+    fi
+    apt=("${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -y -o DPkg::Lock::Timeout=300)
+
+    known() { for package in "${missing[@]}"; do apt-cache show "$package" >/dev/null 2>&1 || return; done; }
+    if ! known; then
+        say "fetching apt's lists of packages (about 10 s)"
+        logged "${apt[@]}" update || true # one bad source among several is no harm
+        known || {
+            log_end 5
+            say "apt does not know the package $package, or could not fetch its lists (see above)"
+            return 2
+        }
+    fi
+    say "installing Debian's ${missing[*]} ($time)"
+    logged "${apt[@]}" install --no-install-recommends "${missing[@]}" && return
+    # Most often the lists are old, or an earlier installation was interrupted.
+    say "that failed; once more with fresh lists (about 30 s)"
+    logged "${sudo[@]}" dpkg --configure -a || true
+    logged "${apt[@]}" update || true
+    run "apt-get could not install the packages. An administrator can try: $by_hand" \
+        "${apt[@]}" install --no-install-recommends "${missing[@]}"
+}
+
+# Installs this package, editable, with what the extra needs. The stamp, a copy of pyproject.toml, is
+# written last; scripts/femsub and scripts/test compare it, and look whether pip is, or was stopped, at work.
+install_femsub() {
+    local unfinished=$state/pip-unfinished redo=()
+    if cmp -s pyproject.toml "$state/$extra" && [ ! -e "$unfinished" ]; then
+        say "all is there already"
+        return
+    fi
+    # petsc4py is compiled against one major version of NumPy and breaks with the next
+    [ -s "$state/constraints" ] || echo "numpy==$(solvers_numpy 2>>"$log").*" >"$state/constraints"
+    [ ! -e "$unfinished" ] || redo=(--force-reinstall) # a package half written may look complete to pip
+    say "installing femsub and its Python packages, extra '$extra' (about 30 s)"
+    echo "$extra" >>"$unfinished"
+    logged "$python" -m pip install --disable-pip-version-check -c "$state/constraints" "${redo[@]}" \
+        -e ".[$(sort -u "$unfinished" | paste -sd,)]" || {
+        [ ${#redo[@]} -gt 0 ] || rm "$unfinished" # when pip fails by itself it leaves things as they were
+        failed "pip could not install femsub with the extra '$extra'"
+    }
+    run "petsc4py and slepc4py do not import in $venv" \
+        "$python" -c 'from petsc4py import PETSc; from slepc4py import SLEPc'
+    echo "$root" >"$state/root"
+    cp pyproject.toml "$state/$extra.new" && mv "$state/$extra.new" "$state/$extra"
+    rm "$unfinished"
+    say "done"
+}
