@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
@@ -9,8 +12,8 @@ from scipy.sparse.linalg import splu
 from femsub.errors import NotConvergedError
 from femsub.pencil import Array, Matrix, Pencil
 
-SPLIT = 0.382
 MOST = 600  # contour points after which the phase is called untraceable
+NEAR = 1e-7  # share of an edge over which the slope of the phase is taken
 
 
 def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], known: Array, reference: Matrix,
@@ -47,21 +50,41 @@ def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], k
                          + float(np.angle(z - poles).sum() - np.angle(z - known).sum()))
         return phases[z]
 
-    turn = 0.0
-    for start, end in zip(corners[:-1], corners[1:], strict=True):
-        points = [start + (end - start) * t for t in np.linspace(0, 1, 9)]
-        stack = list(zip(points[:-1], points[1:], strict=True))[::-1]
-        while stack:
-            left, right = stack.pop()
-            # Unequal parts: a phase that turns by whole circles over both would pass for one that stands still.
-            middle = left + SPLIT * (right - left)
-            first, second = (_wrapped(phase(q) - phase(p)) for p, q in ((left, middle), (middle, right)))
-            steady = abs(first / SPLIT - second / (1 - SPLIT)) < np.pi / 2
-            if (max(abs(first), abs(second)) < np.pi / 4 and steady) or abs(right - left) < 1e-12 * abs(end - start):
-                turn += first + second
-            else:
-                stack += [(middle, right), (left, middle)]
+    turn = sum(_turned(phase, start, end) for start, end in zip(corners[:-1], corners[1:], strict=True))
     return round(turn / np.pi) if lo == 0 else round(turn / (2 * np.pi))
+
+
+def _turned(phase: Callable[[complex], float], start: complex, end: complex) -> float:
+    """How far the phase turns from start to end, beyond ±π as well.
+
+    The modes left outside turn it evenly, with damping by hundreds of radians: the slopes, from points close by, say
+    how many full turns lie between two points, and intervals are halved until they explain what is found.
+    """
+    def at(t: float) -> float:
+        return phase(start + (end - start) * t)
+
+    @cache
+    def slope(t: float) -> float:
+        near = t + NEAR if t < 0.5 else t - NEAR
+        return _wrapped(at(near) - at(t)) / (near - t)
+
+    def step(a: float, b: float) -> tuple[float, float]:
+        expected = (b - a) * (slope(a) + slope(b)) / 2
+        surprise = _wrapped(at(b) - at(a) - expected)
+        return expected + surprise, abs(surprise)
+
+    turn, grid = 0.0, np.linspace(0, 1, 5)
+    stack = list(zip(grid[:-1], grid[1:], strict=True))
+    while stack:
+        a, b = stack.pop()
+        middle = (a + b) / 2
+        whole, first, second = step(a, b), step(a, middle), step(middle, b)
+        agree = abs(whole[0] - first[0] - second[0]) < 1.0 and max(whole[1], first[1], second[1]) < np.pi / 3
+        if agree or b - a < 1e-9:
+            turn += first[0] + second[0]
+        else:
+            stack += [(a, middle), (middle, b)]
+    return turn
 
 
 def _phase(matrix: Matrix) -> float:

@@ -75,6 +75,24 @@ def is_symmetric(matrix: Matrix) -> bool:
     return bool(np.array_equal(matrix, matrix.T))
 
 
+def without_rounding(matrix: Matrix) -> Matrix:
+    """(A + Aᵀ)/2 where |a_ij - a_ji| ≤ 1e-14 sqrt(|a_ii a_jj|) throughout, else A itself.
+
+    An assembly adds up the two triangles in different orders: the skew part is then rounding, and would cost all that
+    symmetric matrices are spared.
+    """
+    if is_symmetric(matrix):
+        return matrix
+    scale = np.sqrt(np.abs(matrix.diagonal()))
+    skew = sp.coo_array(matrix - matrix.T)
+    if (np.abs(skew.data) > 1e-14 * scale[skew.row] * scale[skew.col]).any():
+        return matrix
+    mean = (matrix + matrix.T) * 0.5
+    mean = sp.csr_array(mean) if sp.issparse(mean) else mean
+    (mean.data if sp.issparse(mean) else mean).flags.writeable = False
+    return mean
+
+
 def norm(matrix: Matrix) -> float:
     """sqrt(‖A‖₁ ‖A‖_∞), which bounds the spectral norm from above (and is ‖A‖_∞ for a symmetric A)."""
     absolute = abs(matrix)
@@ -109,7 +127,7 @@ class Pencil:
         if not all(sp.issparse(part) for part in ((mass, stiffness) if D is None else parts)):
             parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)  # type: ignore[assignment]
         for name, part in zip("MDK", parts, strict=True):
-            object.__setattr__(self, name, part)
+            object.__setattr__(self, name, without_rounding(part))
 
     def __repr__(self) -> str:
         kind = "sparse" if self.is_sparse else "dense"

@@ -103,14 +103,14 @@ class Shifted:
         shapes = Z[:, np.arange(number) % Z.shape[1]]
         return np.append(values[keep], np.zeros(number)), np.hstack([X[:, keep], shapes])
 
-    def left(self, values: Array, X: Array) -> Array:
+    def left(self, values: Array, X: Array, ask: int) -> Array:
         """Left vectors y, yᴴP(λ) = 0: x̄ for a symmetric pencil, else from the transposed one, matched by λ.
 
-        Where no counterpart is found the column is zero, which makes its error bar infinite.
+        `ask` eigenvalues next to the shift were asked for until these were found among them. Where no counterpart is found the column is zero, which makes its error bar infinite.
         """
         if all(self.pencil.symmetric):
             return X.conj()
-        found, vectors = Shifted(self.pencil.transposed()).nearest(2 * len(values))
+        found, vectors = Shifted(self.pencil.transposed()).nearest(ask)
         Y = np.zeros_like(X)
         free = np.ones(len(found), dtype=bool)
         for j in np.argsort(np.abs(values)):
@@ -140,7 +140,7 @@ def solve_count(pencil: Pencil, count: int) -> tuple[Array, Array, Array]:
     listed = np.cumsum(1 + (values[order].imag != 0))
     order = order[:int(np.searchsorted(listed, count)) + 1]
     values, X = values[order], X[:, order]
-    return _with_conjugates(values, X, problem.left(values, X))
+    return _with_conjugates(values, X, problem.left(values, X, ask))
 
 
 def solve_band(pencil: Pencil, box: Box, certify: bool) -> tuple[Array, Array, Array, bool]:
@@ -163,7 +163,7 @@ def solve_band(pencil: Pencil, box: Box, certify: bool) -> tuple[Array, Array, A
         _certify(pencil, _clear_of(values, box), disc, reference[0], reference[1].frequencies)
     keep = (values.real >= a) & (values.real <= b) & (values.imag >= lo) & (values.imag <= hi)
     values, X = values[keep], X[:, keep]
-    return values, X, problem.left(values, X), certified
+    return values, X, problem.left(values, X, ask), certified
 
 
 def _reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Matrix, NormalModes] | None:
