@@ -43,8 +43,16 @@ if TYPE_CHECKING:
     from femsub.chains import chain, chain_frequencies
     from femsub.eigen import NormalModes, normal_modes
     from femsub.errors import (
-        FemsubError, FemsubWarning, InputError, InputTypeError, MissedModesError, MissingPackageError,
-        NotConvergedError, PortWarning, SingularMatrixError, UnstableModelError,
+        FemsubError,
+        FemsubWarning,
+        InputError,
+        InputTypeError,
+        MissedModesError,
+        MissingPackageError,
+        NotConvergedError,
+        PortWarning,
+        SingularMatrixError,
+        UnstableModelError,
     )
     from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
     from femsub.pencil import Pencil

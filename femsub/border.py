@@ -14,7 +14,7 @@ from femsub.errors import InputError, NotConvergedError, UnstableModelError
 from femsub.factor import complex_solve, factorise
 from femsub.friction import contact_damping
 from femsub.pencil import Array, Pencil, is_symmetric
-from femsub.qep import ModalForm, eigenvalues, modal_form
+from femsub.qep import eigenvalues, modal_form
 from femsub.substructure import Substructure
 
 TOGETHER = 1e-9  # pairs whose c agree to this, relatively, cross together
@@ -270,9 +270,9 @@ def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
         values, bars = modes.eigenvalues, modes.error_bar
         at = int(np.argmin(np.abs(values - 1j * border.omega)))
         growth.append(float(values[at].real))
-        early = modes.unstable if factor < 1 else []
+        early = modes.unstable if factor < 1 else np.zeros(0, dtype=int)
         if len(early) or (factor > 1 and values[at].real < -bars[at]):
             shown = values[early[0]] if len(early) else values[at]
-            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} does not hold on the full model: at "
-                                    f"{factor:g} c it has λ = {shown:.6g}; use method='bracketing', or narrow the band")
+            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} does not hold on the full model: "
+                                    f"at {factor:g} c it has λ = {shown:.6g}; use method='bracketing', or narrow the band")
     return replace(border, growth=(growth[0], growth[1]))

@@ -158,7 +158,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     if not small and count is None and box is None and pencil.size > DENSE:
         raise InputError(f"a sparse model of {pencil.size} DOF has {2 * pencil.size} eigenvalues: ask for count=20 or "
                          f"band=(lo, hi)")
-    if small or (count is None and box is None) or (count or 0) > pencil.size / 2 and pencil.size <= DENSE:
+    if small or (count is None and box is None) or ((count or 0) > pencil.size / 2 and pencil.size <= DENSE):
         from femsub.qep import solve
 
         values, X, Y = solve(pencil.dense())

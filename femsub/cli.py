@@ -14,12 +14,12 @@ from femsub.scene import SCENES, load
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="femsub", description="Reduced substructures for friction-induced vibration, and whether stability survives them.")
+        prog="femsub", description="Reduced substructures for friction-induced vibration: does the stability result survive?")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     commands.add_parser("scenes", help="list what can be run")
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
     run.add_argument("scene", help="a name from `femsub scenes`, or the path of a TOML file")
-    run.add_argument("--out", metavar="DIR", help="write results.json, results.csv and figures there; without it nothing is written")
+    run.add_argument("--out", metavar="DIR", help="write results.json, results.csv and figures there; else nothing is written")
     run.add_argument("--no-figures", action="store_true", help="draw nothing")
     return parser
 

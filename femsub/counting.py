@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -50,7 +51,7 @@ def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], k
                          + float(np.angle(z - poles).sum() - np.angle(z - known).sum()))
         return phases[z]
 
-    turn = sum(_turned(phase, start, end) for start, end in zip(corners[:-1], corners[1:], strict=True))
+    turn = sum(_turned(phase, start, end) for start, end in pairwise(corners))
     return round(turn / np.pi) if lo == 0 else round(turn / (2 * np.pi))
 
 
@@ -74,7 +75,7 @@ def _turned(phase: Callable[[complex], float], start: complex, end: complex) -> 
         return expected + surprise, abs(surprise)
 
     turn, grid = 0.0, np.linspace(0, 1, 5)
-    stack = list(zip(grid[:-1], grid[1:], strict=True))
+    stack = list(pairwise(grid))
     while stack:
         a, b = stack.pop()
         middle = (a + b) / 2

@@ -78,7 +78,7 @@ class PortFunction:
         points = (centre[:, None] + width[:, None] * offsets).ravel()
         ordered = np.sort(centre)
         edges = [lo if lo > 0 else 1e-9 * max(min(hi, top), 1e-300), min(hi, 2 * top)]
-        points = np.concatenate([points, (ordered[1:] + ordered[:-1]) / 2, np.linspace(*edges, 64), edges])
+        points = np.concatenate([points, (ordered[1:] + ordered[:-1]) / 2, np.linspace(edges[0], edges[1], 64), edges])
         return np.unique(points[(points >= edges[0]) & (points <= edges[1])])
 
     def crossings(self, lo: float, hi: float) -> tuple[Array, Array]:

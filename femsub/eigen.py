@@ -142,7 +142,8 @@ class ShiftInvert:
                 x = x @ rotation
                 noise = 1e-14 * np.einsum("ij,ij->j", abs(x), abs(self.K) @ abs(x))
                 half = slice(0, (len(values) + 1) // 2)
-                if len(before) >= len(values) and (np.abs(values - before[:len(values)]) <= 0.1 * np.abs(values) + noise)[half].all():
+                still = np.abs(values - before[:len(values)]) <= 0.1 * np.abs(values) + noise
+                if still[half].all():
                     break
                 before = values
             # Ritz vectors of rigid motion still hold rounding of the stiff ones: one more solve cleans each.

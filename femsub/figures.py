@@ -42,13 +42,13 @@ def friction_figure(speeds: Any, curves: Sequence[Mapping[str, Any]], speed: flo
     figure = new_figure(9, 4)
     titles = {"stribeck-arctan": "as printed, eq. (7)", "stribeck-arctan-odd": "odd variant"}
     axes = figure.subplots(1, len(titles), sharey=True)
-    shades = {eps: colour for eps, colour in zip(sorted({c["eps"] for c in curves}, reverse=True),
-                                                 ("#9ecae1", "#4292c6", "#08519c", "#000000"), strict=False)}
+    widths = sorted({curve["eps"] for curve in curves}, reverse=True)
+    shades = dict(zip(widths, ("#9ecae1", "#4292c6", "#08519c", "#000000"), strict=False))
     for axis, (law, title) in zip(axes, titles.items(), strict=True):
         for curve in curves:
             if curve["law"] == law:
                 axis.plot(speeds, curve["value"], color=shades[curve["eps"]], label=f"ε = {curve['eps']:g}")
-        axis.axvline(speed, color="#c44e00", lw=0.8, ls="--", label=f"v0 = {speed:g}, μ' = {slope:.4f}" if law == "stribeck-arctan" else None)
+        axis.axvline(speed, color="#c44e00", lw=0.8, ls="--", label=f"v0 = {speed:g}, μ' = {slope:.4f}")
         axis.set(title=title, xlabel="sliding speed v  [length/time]", xticks=[-1, -0.5, 0, 0.5, 1])
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("friction coefficient μ  [-]")
@@ -93,7 +93,8 @@ def size_sweep_figure(curves: Sequence[Mapping[str, Any]], belt: int, short: Map
     for column, interface in enumerate(interfaces):
         upper, lower = axes[:, column]
         for curve in (curve for curve in curves if curve["interface"] == interface):
-            style = {"color": COLOURS[curve["method"]], "marker": MARKERS[curve["method"]], "label": short[curve["method"]], "ms": 5}
+            method = curve["method"]
+            style = {"color": COLOURS[method], "marker": MARKERS[method], "label": short[method], "ms": 5}
             upper.plot(curve["sizes"], np.where(np.isfinite(curve["slope"]), curve["slope"], np.nan), **style)
             lower.semilogy(curve["sizes"], np.maximum(curve["error"], 1e-16), **style)
             full = curve["full"]
@@ -135,7 +136,8 @@ def eigenvalue_figure(models: Sequence[Mapping[str, Any]], short: Mapping[str, s
 
 def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
     """Errors of eigenvalues, growth rates and critical slope over the seconds to reduce and to solve."""
-    kinds = {"error_eigenvalue": "error of λ  [-]", "error_growth": "error of Re λ  [-]", "error_slope": "error of critical slope  [-]"}
+    kinds = {"error_eigenvalue": "error of λ  [-]", "error_growth": "error of Re λ  [-]",
+             "error_slope": "error of critical slope  [-]"}
     shown = [(interface, found, phase) for interface, found in studies for phase in ("reduction", "solution")]
     figure = new_figure(3.4 * len(shown), 8.5)
     axes = figure.subplots(len(kinds), len(shown), sharey="row", sharex=True, squeeze=False)
@@ -154,8 +156,8 @@ def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
         axes[-1, column].set_xlabel("time  [s]")
     axes[0, 1].legend(fontsize=8, loc="best")
     found = studies[0][1]
-    figure.suptitle(f"{found.name}: error against run time in the band {found.band[0]:g} to {found.band[1]:.4g} rad/time; numbers are DOF, "
-                    f"medians of {found.repeats} runs, bars least to most", fontsize=10)
+    figure.suptitle(f"{found.name}: error against run time in the band {found.band[0]:g} to {found.band[1]:.4g} rad/time; "
+                    f"numbers are DOF, medians of {found.repeats} runs, bars least to most", fontsize=10)
     return figure
 
 

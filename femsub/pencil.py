@@ -125,7 +125,7 @@ class Pencil:
         damping = sp.csr_array(mass.shape) if D is None else as_matrix("D", D, mass.shape[0])
         parts = (mass, damping, stiffness)
         if not all(sp.issparse(part) for part in ((mass, stiffness) if D is None else parts)):
-            parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)  # type: ignore[assignment]
+            parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)
         for name, part in zip("MDK", parts, strict=True):
             object.__setattr__(self, name, without_rounding(part))
 

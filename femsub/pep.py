@@ -106,7 +106,8 @@ class Shifted:
     def left(self, values: Array, X: Array, ask: int) -> Array:
         """Left vectors y, yᴴP(λ) = 0: x̄ for a symmetric pencil, else from the transposed one, matched by λ.
 
-        `ask` eigenvalues next to the shift were asked for until these were found among them. Where no counterpart is found the column is zero, which makes its error bar infinite.
+        `ask` eigenvalues next to the shift were asked for until these were found among them. Where no counterpart is
+        found the column is zero, which makes its error bar infinite.
         """
         if all(self.pencil.symmetric):
             return X.conj()

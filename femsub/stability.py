@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from femsub.border import dense_border, sparse_border
 from femsub.cea import DENSE, complex_modes
 from femsub.eigen import check_band
-from femsub.errors import InputError, InputTypeError, NotConvergedError, UnstableModelError
-from femsub.friction import Belt, contact_damping
+from femsub.errors import InputError, InputTypeError
+from femsub.friction import Belt
 from femsub.pencil import Array, Pencil
 from femsub.qep import ModalForm, eigenvalues, modal_form
 from femsub.substructure import Substructure
 
-TOGETHER = 1e-9  # pairs whose c agree to this, relatively, cross together
 SMALL = 150  # up to so many DOF a sparse model is treated as dense
 
 
@@ -176,12 +175,8 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
                          "frequencies may lose their stability?")
     limits = default_band(model) if band is None else check_band(band)
     if sparse and band is not None:
-        from femsub.border import sparse_border
-
         found = sparse_border(model, w, limits, bracketing=method == "bracketing" or w.shape[1] > 1)
     else:
-        from femsub.border import dense_border
-
         found = dense_border(model.pencil, w, limits, bracketing=method == "bracketing" or w.shape[1] > 1)
     return CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)
 

@@ -154,12 +154,12 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
         for i, method in enumerate(methods):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
-                models[i], seconds = _timed(lambda method=method: reduce(sub, method, ports=ports))
+                models[i], seconds = _timed(reduce, sub, method, ports=ports)
             reducing[i].append(seconds)
-        spectra[0], seconds = _timed(lambda: complex_modes(sub, belt, band=(lo, hi)))
+        spectra[0], seconds = _timed(complex_modes, sub, belt, band=(lo, hi))
         solving[0].append(seconds)
         for i, model in enumerate(models, start=1):  # a reduced model is dense: all of it costs what the band would
-            spectra[i], seconds = _timed(lambda model=model: complex_modes(model, belt))
+            spectra[i], seconds = _timed(complex_modes, model, belt)
             solving[i].append(seconds)
     tell(f"{sub.name}: critical slopes")
     slopes = [_slope(model, place, (lo, hi)) for model in (sub, *models)]
@@ -218,9 +218,9 @@ def _relative(value: float, reference: float) -> float:
     return float(abs(value - reference) / abs(reference)) if reference else np.nan
 
 
-def _timed(call: Callable[[], Any]) -> tuple[Any, float]:
+def _timed(call: Callable[..., Any], *arguments: Any, **options: Any) -> tuple[Any, float]:
     start = time.perf_counter()
-    result = call()
+    result = call(*arguments, **options)
     return result, time.perf_counter() - start
 
 

@@ -44,7 +44,8 @@ def test_the_two_ways_agree_and_the_pencil_confirms(belt: int, n: int) -> None:
         root, bracket = (fs.critical_slope(model, method=method) for method in ("scalar", "bracketing"))
         assert float(root) == pytest.approx(float(bracket), rel=1e-9)
         band = (0.0, min(model.cutoff, 9.0))
-        before, after = (fs.complex_modes(model, fs.Belt(slope=root.slope * factor), band=band).growth for factor in (0.999, 1.001))
+        before, after = (fs.complex_modes(model, fs.Belt(slope=root.slope * factor), band=band).growth
+                         for factor in (0.999, 1.001))
         assert before < 0 < after
         x = root.shape
         pencil = model.linearised(fs.Belt(slope=root.slope))

@@ -14,7 +14,7 @@ from femsub.errors import InputError, InputTypeError, PortWarning
 from femsub.pencil import Array
 from femsub.substructure import ReducedSubstructure, Substructure
 
-METHODS = {"craig-bampton": CraigBampton, "craig-chang": CraigChang}
+METHODS: dict[str, type[CraigBampton] | type[CraigChang]] = {"craig-bampton": CraigBampton, "craig-chang": CraigChang}
 PORT_LIMIT = 0.01  # a port's static response may be wrong by so much in the energy norm before `reduce` warns
 
 __all__ = ["METHODS", "Basis", "CraigBampton", "CraigChang", "reduce"]

@@ -53,7 +53,7 @@ class CraigBampton:
                 f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
                 "modes remain, and constraint modes do not exist; add interface DOF, or use CraigChang")
         found, values, fixed, cutoff = kept_modes(handle, self.modes)
-        Kib, Mib = (_block(part, i, b) for part in (sub.K, sub.M))
+        Kib = _block(sub.K, i, b)
         loads = np.hstack([-Kib, extra[i], *(column[i] for column in ports.values())])
         answers = handle.elastic_solve(loads) if handle.floating else handle.factor.solve(loads)
         constraint, static, probes = np.split(answers, [len(b), len(b) + extra.shape[1]], axis=1)

@@ -18,7 +18,7 @@ from femsub.report import machine, table
 from femsub.scene import Result, Scene
 from femsub.stability import critical_slope, sweep
 from femsub.studies import study
-from femsub.substructure import Substructure
+from femsub.substructure import ReducedSubstructure, Substructure
 
 Progress = Callable[[str], None]
 SHORT = {"craig-bampton": "HCB", "craig-chang": "CC"}
@@ -78,16 +78,16 @@ class ChainScene(Scene):
                 if size > self.n:
                     raise InputError(f"{key}: {size} DOF means more modes than there are; the chain has {self.n} masses")
                 if size < len(self.interface) + (key == "size" and self.n > 1):
-                    raise InputError(f"{key}: {size} DOF leave no room for the interface of {len(self.interface)} and the belt's mass")
+                    raise InputError(f"{key}: {size} DOF leave no room for the interface of {len(self.interface)} and the belt")
 
     def model(self, belt: int, widened: bool) -> Substructure:
         """The chain with the belt under a mass, with the paper's interface or with the belt's mass joined to it."""
         interface = list(self.interface)
         if widened and belt not in interface:
             interface.append(belt)
-        return chain(self.n, belt, self.damping, masses=self.masses, springs=self.springs, interface=interface)
+        return chain(self.n, belt, self.damping, masses=self.masses, springs=self.springs, interface=interface, name=self.name)
 
-    def reduced(self, sub: Substructure, method: str, size: int) -> Substructure:
+    def reduced(self, sub: Substructure, method: str, size: int) -> ReducedSubstructure:
         """The model with `size` DOF by one of METHODS."""
         modes = size - len(sub.interface)
         with warnings.catch_warnings():
@@ -110,7 +110,9 @@ def run(scene: ChainScene, progress: Progress) -> Result:
         "damping": scene.damping, "interface": scene.interface, "force": scene.force, "slope": slope,
         "law": scene.law if scene.slope is None else None, "eps": scene.eps, "speed": scene.speed, "methods": scene.methods,
         "size": scene.size, "band": scene.band}
-    law = f"slope {slope:.6g}" if scene.slope is not None else f"{scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = {slope:.6g}"
+    law = f"{scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = {slope:.6g}"
+    if scene.slope is not None:
+        law = f"slope {slope:.6g}"
     text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, interface {_masses(scene.interface)}, F = "
             f"{scene.force:g}, {law}"]
     rows: list[dict[str, Any]] = []
@@ -145,7 +147,8 @@ def _friction(scene: ChainScene, slope: float, progress: Progress) -> Part:
 
 
 def _critical(scene: ChainScene, slope: float, progress: Progress) -> Part:
-    rows, band = [], (scene.band[0], scene.band[1])
+    rows: list[dict[str, Any]] = []
+    band = (scene.band[0], scene.band[1])
     for belt in scene.belts:
         for widened in _interfaces(scene, belt):
             sub = scene.model(belt, widened)
@@ -192,15 +195,16 @@ def _belt_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
 
 
 def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
-    curves, band = [], (scene.band[0], scene.band[1])
+    curves: list[dict[str, Any]] = []
+    band = (scene.band[0], scene.band[1])
     for widened in _interfaces(scene, scene.belt):
         sub = scene.model(scene.belt, widened)
         exact = float(critical_slope(sub, force=scene.force, band=band))
         for method in scene.methods:
             sizes = [size for size in scene.sizes if size >= len(sub.interface)]
             found = [float(critical_slope(scene.reduced(sub, method, size), force=scene.force, band=band)) for size in sizes]
-            curves.append({"interface": _masses(sub.interface + 1), "method": method, "sizes": sizes, "slope": found, "full": exact,
-                           "error": [_relative(value, exact) for value in found]})
+            curves.append({"interface": _masses(sub.interface + 1), "method": method, "sizes": sizes, "slope": found,
+                           "full": exact, "error": [_relative(value, exact) for value in found]})
     lines = [table(["interface", "model", *(f"{size} DOF" for size in scene.sizes)],
                    [[curve["interface"], SHORT[curve["method"]],
                      *(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size) for size in scene.sizes)]
@@ -214,11 +218,12 @@ def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
 
 
 def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
-    belt, models = Belt(force=scene.force, slope=slope), []
+    belt = Belt(force=scene.force, slope=slope)
+    models: list[dict[str, Any]] = []
     for widened in _interfaces(scene, scene.belt):
         sub = scene.model(scene.belt, widened)
-        candidates = [("full", sub)] + [(method, scene.reduced(sub, method, scene.size))
-                                        for method in scene.methods]
+        candidates: list[tuple[str, Substructure]] = [("full", sub)]
+        candidates += [(method, scene.reduced(sub, method, scene.size)) for method in scene.methods]
         for kind, model in candidates:
             band = (0.0, 1.5 * scene.band[1]) if kind == "full" and scene.n > 300 else None
             modes = complex_modes(model, belt, band=band)

@@ -83,10 +83,10 @@ def run(scene: MatricesScene, progress: Progress) -> Result:
     sub, slope, band = scene.model(), scene.friction_slope(), (scene.band[0], scene.band[1])
     belt = Belt(force=scene.force, slope=slope)
     methods = [METHODS[name](modes) for name in scene.methods for modes in scene.modes]
-    data: dict[str, Any] = {"scene": scene.name, "machine": machine(), "model": repr(sub), "slope": slope, "force": scene.force,
-                            "band": band}
+    data: dict[str, Any] = {"scene": scene.name, "machine": machine(), "model": repr(sub), "slope": slope,
+                            "force": scene.force, "band": band}
     text, rows, drawings = [repr(sub)], [], {}
-    models = [("full", sub)]
+    models: list[tuple[str, Substructure]] = [("full", sub)]
     if {"critical-slope", "eigenvalues"} & set(scene.outputs):
         progress(f"{scene.name}: reducing")
         with warnings.catch_warnings():
@@ -102,10 +102,10 @@ def run(scene: MatricesScene, progress: Progress) -> Result:
                            for name, model, border in found], ["s", "d", ".6g", ".5g", ".1e"]))
     if "eigenvalues" in scene.outputs:
         progress(f"{scene.name}: complex modes")
-        spectra = []
+        spectra: list[dict[str, Any]] = []
         for name, model in models:
             modes = complex_modes(model, belt, band=band)
-            spectra.append({"model": name, "interface": "", "size": model.size, "growth": modes.growth, "is_stable": modes.is_stable,
+            spectra.append({"model": name, "size": model.size, "growth": modes.growth, "is_stable": modes.is_stable,
                             "eigenvalues": modes.eigenvalues, "error_bar": modes.error_bar, "certified": modes.certified,
                             "backward_error": modes.backward_error, "above_cutoff": modes.above_cutoff})
         data["eigenvalues"] = spectra
