@@ -9,12 +9,13 @@ import numpy as np
 from femsub.bases.basis import independent
 from femsub.cea import complex_modes
 from femsub.crossing import PortFunction
-from femsub.eigen import ShiftInvert
+from femsub.eigen import lowest_modes
 from femsub.errors import InputError, NotConvergedError, UnstableModelError
 from femsub.factor import complex_solve, factorise
 from femsub.friction import contact_damping
 from femsub.pencil import Array, Pencil, is_symmetric
 from femsub.qep import eigenvalues, modal_form
+from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
 
 TOGETHER = 1e-9  # pairs whose c agree to this, relatively, cross together
@@ -221,7 +222,7 @@ class _Growing:
         self.full, self.load = model.pencil, W
         handle = ShiftInvert(model.K, model.M)
         below = factorise(model.K - limit**2 * model.M, "symmetric").negative_pivots
-        modes = handle.modes(max(1, below - handle.rigid.shape[1]))
+        modes = lowest_modes(handle, max(1, below - handle.rigid.shape[1]))
         braked = np.unique(model.D.nonzero()[1])
         forces = np.hstack([W, _units(model.size, braked if len(braked) <= 12 else braked[:0])])
         rest = handle.elastic_solve(forces, modes.shapes)

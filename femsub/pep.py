@@ -6,9 +6,10 @@ import numpy as np
 
 from femsub._slepc import Factor, quadratic_modes
 from femsub.counting import missed_eigenvalues
-from femsub.eigen import NormalModes, ShiftInvert, modes_below
+from femsub.eigen import NormalModes, lowest_modes, modes_below
 from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.pencil import Array, Matrix, Pencil
+from femsub.shift_invert import ShiftInvert
 
 TOLERANCES = (1e-14, 1e-12)  # tried in turn; TOAR's own estimate is optimistic, at 1e-12 by five digits where K is singular
 Box = tuple[float, float, float, float]
@@ -57,7 +58,7 @@ class Shifted:
         if symmetric:
             handle = ShiftInvert(self.pencil.K, self.pencil.M)
             self.rigid = handle.rigid
-            return 0.5 * float(handle.modes(1).frequencies[-1])
+            return 0.5 * float(lowest_modes(handle, 1).frequencies[-1])
         stiffness, mass = np.abs(self.pencil.K.diagonal()), self.pencil.M.diagonal()
         loaded = (stiffness > 0) & (mass > 0)
         if not loaded.any():

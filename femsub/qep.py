@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
-from femsub.eigen import RIGID
 from femsub.pencil import EPS, Array, Pencil, is_symmetric
+from femsub.shift_invert import RIGID
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from femsub.errors import InputError, unknown_name
 
 #: name of a built-in scene: (module, one line)
 SCENES = {
-    "chain": ("femsub.scenes.chain", "the paper's chain of masses on a belt: full, HCB and CC, figures 2 to 4, error against time"),
+    "chain": ("femsub.scenes.chain", "the paper's chain on a belt: full, HCB and CC, its figures 2 to 4, error against run time"),
     "matrices": ("femsub.scenes.matrices", "your own M, D, K from files: reduced models, critical slope, error against time"),
 }
 METHOD_NAMES = ("craig-bampton", "craig-chang")

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femsub.eigen import NormalModes, ShiftInvert
+from femsub.eigen import NormalModes, lowest_modes
 from femsub.errors import InputError, InputTypeError
 from femsub.pencil import EPS, Array
+from femsub.shift_invert import ShiftInvert
 
 DEPENDENT = 1e-13  # share of a column's static energy below which what is left of it is rounding
 
@@ -43,10 +44,10 @@ def check_modes(modes: object) -> None:
 def kept_modes(handle: ShiftInvert, count: int) -> tuple[NormalModes, Array, Array, float]:
     """The modes with one more, if there is one: (all, kept values, kept shapes with the rigid ones, cut-off)."""
     try:
-        found = handle.modes(count + 1)
+        found = lowest_modes(handle, count + 1)
         cutoff = float(found.frequencies[-1])
     except InputError:
-        found = handle.modes(count)
+        found = lowest_modes(handle, count)
         cutoff = np.inf
     keep = found.rigid + count
     return found, found.eigenvalues[:keep], found.shapes[:, :keep], cutoff

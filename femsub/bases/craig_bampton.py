@@ -9,9 +9,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.bases.basis import Basis, check_modes, energy_error, independent, kept_modes
-from femsub.eigen import ShiftInvert
 from femsub.errors import InputError
 from femsub.pencil import Array, Matrix
+from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.bases.basis import Basis, check_modes, energy_error, independent, kept_modes
-from femsub.eigen import ShiftInvert
 from femsub.pencil import Array
+from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
 
 

@@ -1,0 +1,177 @@
+"""(K - σM)⁻¹ factorised once, for modes and static solves alike, held or floating.
+
+σ is 0 for a component that is held, and a small negative number for one that floats: there the rigid-body modes are
+found first, by subspace iteration with the same factor, so that they can be kept out of everything elastic.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femsub.errors import SingularMatrixError
+from femsub.factor import Handle, factorise
+from femsub.pencil import EPS, Array, Matrix
+
+RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units
+GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
+SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
+
+
+class ShiftInvert:
+    """(K - σM)⁻¹ factorised once, with the rigid-body modes Φ_r (n, n_r), M-orthonormal, that K turned out to have."""
+
+    def __init__(self, K: Matrix, M: Matrix) -> None:
+        self.K, self.M, self.sigma, self.factorisations = K, M, 0.0, 0
+        self.rigid: Array = np.zeros((K.shape[0], 0))
+        self.lowest = np.inf  # ω² of the first elastic mode, about; known where rigid-body modes had to be sought
+        if not _annihilates_a_translation(K):
+            try:
+                self._factorise(0.0)
+            except SingularMatrixError:
+                pass
+            else:
+                if not self._nearly_singular():
+                    return
+        self._float()
+        if not self.floating:
+            self._factorise(0.0)  # held after all, by little
+
+    def _factorise(self, sigma: float) -> None:
+        shifted = self.K if sigma == 0 else self.K - sigma * self.M
+        self.factorisations += 1
+        self.factor: Handle = factorise(shifted, "definite")
+        self.sigma = sigma
+
+    def _nearly_singular(self) -> bool:
+        # A Cholesky factorisation may survive a singular K by rounding; its inverse then blows up one shape.
+        x = _normalised(self.factor.solve(np.random.default_rng(2).standard_normal((self.K.shape[0], 2))), None)
+        for _ in range(2):
+            x = _normalised(self.factor.solve(x), None)
+        return bool((_rounding_ratio(self.K, x) < RIGID).any())
+
+    def _float(self) -> None:
+        mass, stiffness = self.M.diagonal(), self.K.diagonal()
+        loaded = (mass > 0) & (stiffness > 0)
+        if not loaded.any():
+            raise SingularMatrixError("K has no stiffness on any DOF with mass: there is nothing to vibrate")
+        ratio = stiffness[loaded] / mass[loaded]
+        # Rayleigh: no lower than the lowest frequencies, and no higher than the highest, whose rounding is the floor.
+        floor = 16 * EPS * float(ratio.max())
+        self._shift(max(1e-7 * float(ratio.min()), floor))
+        elastic = self._find_rigid()
+        if elastic <= 10 * -self.sigma and -self.sigma > floor:
+            # A very soft component: the shift must stay below its first elastic mode.
+            self._shift(max(1e-3 * elastic, floor))
+            self._find_rigid()
+
+    def _shift(self, size: float) -> None:
+        """Factorises K - σM at σ = -size, or somewhat further down where rounding leaves K too indefinite for that."""
+        for sigma in (-size, -1e2 * size, -1e4 * size):
+            try:
+                return self._factorise(_short(sigma))
+            except SingularMatrixError as error:
+                last = error
+        raise SingularMatrixError(
+            f"K - σM is not positive definite for σ = {sigma:.3g}: K has a negative eigenvalue, or M is not "
+            f"positive semidefinite, or a DOF has neither mass nor stiffness ({last})")
+
+    def _find_rigid(self) -> float:
+        """Subspace iteration contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value.
+
+        It goes on until the lower half of the Ritz values stands still. Rigid are those that cost no more energy than
+        rounding and lie well below the next: the first bending mode of a long beam may be within rounding, too, but
+        the second is at most 40 times higher.
+        """
+        n, block = self.K.shape[0], SEEDS
+        while True:
+            x = np.random.default_rng(3).standard_normal((n, min(block, n)))
+            before = np.full(x.shape[1], np.inf)
+            for _ in range(20):
+                x = _normalised(self.factor.solve(self.M @ x), self.M)
+                values, rotation = np.linalg.eigh(x.T @ (self.K @ x))
+                x = x @ rotation
+                noise = 1e-14 * np.einsum("ij,ij->j", abs(x), abs(self.K) @ abs(x))
+                half = slice(0, (len(values) + 1) // 2)
+                still = np.abs(values - before[:len(values)]) <= 0.1 * np.abs(values) + noise
+                if still[half].all():
+                    break
+                before = values
+            # Ritz vectors of rigid motion still hold rounding of the stiff ones: one more solve cleans each.
+            cleaned = _normalised(self.factor.solve(self.M @ x), self.M, mix=False)
+            order = np.argsort(np.abs(values), kind="stable")
+            values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
+            elastic = _rounding_ratio(self.K, cleaned) >= RIGID
+            count = int(np.argmax(elastic)) if elastic.any() else len(values)
+            while 0 < count < len(values) and abs(values[count - 1]) > GAP * abs(values[count]):
+                count -= 1
+            if count < len(values) or block >= n:
+                break
+            block *= 2
+        self.rigid = _normalised(cleaned[:, :count], self.M)
+        self.lowest, rest = float(values[count:].min(initial=np.inf)), values[count:]
+        if (rest < -noise[count:]).any():
+            raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding: "
+                                      "is it the stiffness of a stable component, written with all its digits?")
+        return self.lowest
+
+    @property
+    def floating(self) -> bool:
+        return self.rigid.shape[1] > 0
+
+    def deflate(self, x: Array, shapes: Array | None = None) -> Array:
+        """(I - ΦΦᵀM)x, by default with the rigid-body modes: what is left is M-orthogonal to them."""
+        basis = self.rigid if shapes is None else shapes
+        return x - basis @ (basis.T @ (self.M @ x))
+
+    def elastic_solve(self, B: Array, kept: Array | None = None) -> Array:
+        """X = (I - ΦΦᵀM) K⁺ (I - MΦΦᵀ) B, shape (n, k): the response to B without the share of the modes Φ.
+
+        Φ is the rigid-body modes, or `kept` (n, m) which must include them: then X is the residual flexibility
+        (Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, ch. 17). With σ = 0 one solve does it; with
+        σ < 0 the correction x ← x + (K - σM)⁻¹(b - Kx) contracts by |σ|/(λ + |σ|) with the lowest λ not in Φ.
+        """
+        basis = self.rigid if kept is None else kept
+        b = B - self.M @ (basis @ (basis.T @ B))
+        x = self.deflate(self.factor.solve(b), basis)
+        if self.sigma == 0:
+            return x
+        size = np.linalg.norm(x, axis=0)
+        for _ in range(30):
+            change = self.deflate(self.factor.solve(b - self.K @ x), basis)
+            x = x + change
+            step = np.linalg.norm(change, axis=0)
+            if (step <= 1e-14 * size).all():
+                break
+        return self.deflate(x, basis)
+
+
+def _short(x: float) -> float:
+    """The power of two next to x: where K and M are round numbers, K - σM is then exact."""
+    return float(np.copysign(2.0 ** np.round(np.log2(abs(x))), x))
+
+
+def _annihilates_a_translation(K: Matrix) -> bool:
+    """Whether a uniform motion of every s-th DOF costs no energy: a cheap sign of a floating component."""
+    n = K.shape[0]
+    probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 6) if n % stride == 0]
+    return bool((_rounding_ratio(K, np.stack(probes, axis=1)) < RIGID).any())
+
+
+def _rounding_ratio(K: Matrix, x: Array) -> Array:
+    scale = np.linalg.norm(abs(K) @ abs(x), axis=0)
+    return np.divide(np.linalg.norm(K @ x, axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
+
+
+def _normalised(x: Array, M: Matrix | None, mix: bool = True) -> Array:
+    """Columns made orthonormal (in M where given); with mix=False only scaled to unit length."""
+    if not mix:
+        return x / np.linalg.norm(x, axis=0)
+    if M is None:
+        return np.linalg.qr(x)[0]
+    for _ in range(2):  # the second pass gives back what DOF of mixed units cost the first
+        x = x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
+        gram = x.T @ (M @ x)
+        values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+        keep = values > 1e-14 * values[-1:]
+        x = x @ (vectors[:, keep] / np.sqrt(values[keep]))
+    return x
