@@ -14,7 +14,7 @@ from femsub.errors import InputError, NotConvergedError, UnstableModelError
 from femsub.factor import complex_solve, factorise
 from femsub.friction import contact_damping
 from femsub.pencil import Array, Pencil, is_symmetric
-from femsub.qep import eigenvalues, modal_form
+from femsub.qep import eigenvalues, modal_form, with_energy
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
 
@@ -55,16 +55,14 @@ class Model:
     def spectrum(self, c: float, band: Band) -> tuple[Array, Array]:
         """λ with Im λ > 0 in the band at contact coefficient c, (k,), and modal shapes q (n, k).
 
-        For symmetric matrices Re λ is taken from its energy, -q̄ᵀCq / (2 q̄ᵀq): it then keeps its digits where it is
-        smaller than the rounding of the eigenvalue.
+        For symmetric matrices Re λ is taken from its energy, see `with_energy`.
         """
         C = self.form.C + c * self.contact
         values, right = np.linalg.eig(self.form.state(C))
         keep = (values.imag > 0) & (values.imag >= band[0]) & (values.imag <= band[1])
         values, q = values[keep], right[len(self.form.omega) - self.form.rigid:, keep]
         if self.form.H is None and (self.form.sign[self.form.rigid:] > 0).all() and self.symmetric:
-            energy = np.einsum("ij,ij->j", q.conj(), C @ q).real / np.einsum("ij,ij->j", q.conj(), q).real
-            values = -energy / 2 + 1j * values.imag
+            values = with_energy(values, q, C)
         return values, q
 
     def growth(self, c: float, band: Band) -> float:

@@ -119,6 +119,16 @@ def eigenvalues(form: ModalForm, C: Array | None = None) -> Array:
     return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
 
 
+def with_energy(values: Array, q: Array, C: Array) -> Array:
+    """Re λ = -q̄ᵀCq / (2 q̄ᵀq) for the complex λ of a symmetric pencil in modal form, C (n, n), q (n, k).
+
+    From q̄ᵀP(λ)q = 0 with real coefficients. It keeps its digits where Re λ is smaller than the rounding of λ, as it is
+    for the low modes of a large model with a single dashpot.
+    """
+    decay = np.einsum("ij,ij->j", q.conj(), C @ q).real / np.maximum(np.einsum("ij,ij->j", q.conj(), q).real, 1e-300) / 2
+    return np.where(values.imag != 0, -decay + 1j * values.imag, values)
+
+
 def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
     """λ (2n,), right shapes X (n, 2n), left shapes Y (n, 2n), yᴴP(λ) = 0, of a dense pencil; infinite λ left out.
 
@@ -135,6 +145,8 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
         left = right.conj()
     else:
         values, left, right = la.eig(state, left=True, right=True, check_finite=False)
+    if plain and (form.sign[r:] > 0).all():
+        values = with_energy(values, right[n - r:], form.C)
     X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
     # b = λq vanishes with λ: there the shape is in a = Ωq.
     still = np.linalg.norm(right[n - r:], axis=0) < 1e-8
