@@ -126,7 +126,11 @@ class Factor:
 
     def _probe(self, A: Matrix) -> None:
         b = np.random.default_rng(0).standard_normal(self.size)
-        x = self.solve(b)
+        try:
+            x = self.solve(b)
+        except SingularMatrixError:
+            self.close()
+            raise
         self.columns = 0
         growth = norm(A) * float(np.linalg.norm(x)) / float(np.linalg.norm(b))
         null = self._factor.getMumpsInfog(28)
@@ -155,7 +159,11 @@ class Factor:
                 for mat in (source, target):
                     stack.callback(mat.destroy)
                     mat.assemble()
-                self._factor.matSolve(source, target)
+                try:
+                    self._factor.matSolve(source, target)
+                except PETSc.Error as error:
+                    raise SingularMatrixError(f"a solve with a {self.size} x {self.size} matrix failed ({_last_line(error)})") \
+                        from None
         self.columns += right.shape[1]
         return result.reshape(np.shape(B))
 
@@ -176,6 +184,14 @@ class Factor:
 def _last_line(error: Exception) -> str:
     lines = [line.split("]", 1)[-1].strip() for line in str(error).splitlines()]
     return lines[-1][:120] if lines else type(error).__name__
+
+
+def _solve(solver: Any) -> None:
+    PETSc, _ = _load()
+    try:
+        solver.solve()
+    except PETSc.Error as error:
+        raise NotConvergedError(f"{type(solver).__name__} failed ({_last_line(error)})") from None
 
 
 def _start_vector(stack: ExitStack, like: Any, seed: int) -> Any:
@@ -221,7 +237,7 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
                 stack.callback(vectors[-1].destroy)
                 vectors[-1].setArray(column)
             eps.setDeflationSpace(vectors)
-        eps.solve()
+        _solve(eps)
         found = eps.getConverged()
         if found < count:
             raise NotConvergedError(f"{found} of {count} modes converged to {tol:g} within {eps.getIterationNumber()} "
@@ -271,7 +287,7 @@ def quadratic_modes(factor: Factor, matrices: Sequence[Matrix], shift: float, co
         st.setType("sinvert")
         factor.lend(st, stack)
         st.setTransform(True)
-        pep.solve()
+        _solve(pep)
         found = pep.getConverged()
         if found < count:
             raise NotConvergedError(f"{found} of {count} complex modes converged to {tol:g} within "

@@ -265,7 +265,8 @@ def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
     """Re λ of the full model at c(1 ∓ 1e-3) by PEP; an error where they contradict the border."""
     growth = []
     for factor in (1 - MARGIN, 1 + MARGIN):
-        modes = complex_modes(pencil.with_damping(contact_damping(W, border.c * factor)), band=band, certify=False)
+        modes = complex_modes(pencil.with_damping(contact_damping(W, border.c * factor)), band=band,
+                              re=(-0.2 * band[1], 0.2 * band[1]), certify=False)
         values, bars = modes.eigenvalues, modes.error_bar
         at = int(np.argmin(np.abs(values - 1j * border.omega)))
         growth.append(float(values[at].real))

@@ -13,7 +13,7 @@ from femsub.eigen import check_band
 from femsub.errors import FemsubWarning, InputError, InputTypeError
 from femsub.factor import SMALL
 from femsub.friction import Belt
-from femsub.pencil import EPS, Array, Pencil
+from femsub.pencil import EPS, Array, Pencil, whole_number
 from femsub.substructure import Substructure
 
 DENSE = 2000  # up to so many DOF all 2n eigenvalues of a sparse model are computed when nothing else is asked
@@ -147,6 +147,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         pencil, cutoff = model.linearised(contacts), model.cutoff
     else:
         raise InputTypeError(f"complex_modes takes a Substructure or a Pencil, not {type(model).__name__}")
+    if pencil.norms[0] == 0 and pencil.norms[1] == 0:
+        raise InputError("M and D are both zero: there are no eigenvalues")
     if count is not None and band is not None:
         raise InputError("give count or band, not both")
     box = None if band is None else _rectangle(band, re)
@@ -228,11 +230,10 @@ def _rectangle(band: Any, re: Any) -> tuple[float, float, float, float]:
 
 
 def _check_count(count: Any, size: int) -> int:
-    if isinstance(count, bool) or not isinstance(count, (int, np.integer)):
-        raise InputTypeError(f"count must be a whole number, not {count!r}")
+    count = whole_number("count", count)
     if not 1 <= count <= 2 * size:
         raise InputError(f"count must be between 1 and {2 * size}, the number of eigenvalues of {size} DOF, not {count}")
-    return int(count)
+    return count
 
 
 def _nearest(values: Array, count: int | None) -> Array:

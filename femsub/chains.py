@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.errors import InputError, InputTypeError
-from femsub.pencil import Array
+from femsub.errors import InputError
+from femsub.pencil import Array, finite_number, whole_number
 from femsub.substructure import Substructure
 
 
@@ -46,12 +46,12 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     The conference paper in which HCB and CC are compared on n = 10 (its Fig. 1 and eqs. (4), (5)); it prints neither
     d1 nor F. d1 = 0.1 and F = 1 reproduce the axes of its Fig. 4.
     """
-    n = _whole("n", n)
+    n = whole_number("n", n)
     if n < 1:
         raise InputError(f"n must be at least 1, but is {n}: a chain needs a mass")
     mass, spring = _per_mass("masses", masses, n), _per_mass("springs", springs, n)
-    if not np.isfinite(damping) or damping < 0:
-        raise InputError(f"damping must be finite and not negative, but is {damping!r}; friction is a Belt's affair")
+    if finite_number("damping", damping) < 0:
+        raise InputError(f"damping must not be negative, but is {damping!r}; friction is a Belt's affair")
     place = _mass_number("belt", belt, n)
     if not fixed:
         spring = spring.copy()
@@ -71,14 +71,8 @@ def chain_frequencies(n: int, count: int | None = None) -> Array:
     return 2 * np.sin((2 * j - 1) * np.pi / (4 * n + 2))
 
 
-def _whole(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InputTypeError(f"{name} must be a whole number, not {value!r}")
-    return int(value)
-
-
 def _mass_number(name: str, value: Any, n: int) -> int:
-    number = _whole(name, value)
+    number = whole_number(name, value)
     if not 1 <= number <= n:
         raise InputError(f"{name}: there is no mass m{number}; the chain has m1 to m{n} (masses count from 1)")
     return number

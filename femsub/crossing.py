@@ -99,14 +99,17 @@ class PortFunction:
         likely = (G.real > 0) & (np.abs(G.imag) < 1e-2 * G.real)
         rough = -1 / np.where(likely, G, -1.0).real
         found: list[tuple[float, float]] = []
+        doubt = 1e-6
         for j in sorted(np.flatnonzero(likely), key=lambda j: -rough[j]):
-            # The rough values are right to some digits: those well behind a few exact ones cannot overtake them.
-            if len(found) >= 3 and rough[j] < 1.05 * found[-1][1] and rough[j] < 1.05 * found[2][1]:
+            # Those that lie behind the best by more than the rough values are off cannot overtake it; two are kept in
+            # reserve, should the best one turn out to lead the wrong way.
+            if len(found) >= 3 and rough[j] < (1 + doubt) * sorted(pair[1] for pair in found)[-3]:
                 break
             width = float(np.abs(1j * roots[j] - self.poles).min())
             root = self._polish(float(roots[j]), width)
             if root is not None and lo <= root[0] * (1 + 1e-9) and root[0] <= hi * (1 + 1e-9):
                 found.append(root)
+                doubt = max(doubt, 10 * abs(rough[j] / root[1] - 1))
         found.sort(key=lambda pair: (-pair[1], pair[0]))
         omegas = np.array([pair[0] for pair in found])
         return omegas, np.array([pair[1] for pair in found])

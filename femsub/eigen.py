@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.errors import InputError, MissedModesError, NotConvergedError
+from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, factorise
-from femsub.pencil import Array, Matrix
+from femsub.pencil import Array, Matrix, whole_number
 from femsub.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     if (count is None) == (band is None):
         raise InputError("give either count (elastic modes) or band=(lo, hi) in rad per unit of time")
     if count is not None:
-        return lowest_modes(ShiftInvert(model.K, model.M), int(count))
+        return lowest_modes(ShiftInvert(model.K, model.M), whole_number("count", count))
     lo, hi = check_band(band)
     modes = modes_below(model.K, model.M, hi)
     inside = modes.frequencies >= lo
@@ -178,12 +178,22 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
 def modes_below(K: Matrix, M: Matrix, limit: float) -> NormalModes:
     """All modes with ω < limit; their number is the inertia of K - limit² M, known before the search begins."""
     handle = ShiftInvert(K, M)
-    below = factorise(K - limit**2 * M, "symmetric").negative_pivots
+    below = _inertia(K, M, limit)
     modes = lowest_modes(handle, max(0, below - handle.rigid.shape[1]))
-    if len(modes.eigenvalues) and modes.frequencies[-1] > limit:
+    if len(modes.eigenvalues) and modes.frequencies[-1] > limit * (1 + 1e-7):
         raise MissedModesError(f"{below} modes were counted below ω = {limit:.6g}, but the last of as many that were found "
                                f"is at {modes.frequencies[-1]:.6g}: a mode was missed, or lies on the edge of the band")
     return NormalModes(modes.eigenvalues, modes.shapes, modes.rigid, modes.residual, (limit, below), modes.factorisations)
+
+
+def _inertia(K: Matrix, M: Matrix, limit: float) -> int:
+    """The number of modes with ω ≤ limit; a mode that is just there counts as below."""
+    for above in (0.0, 1e-9, 1e-7):
+        try:
+            return factorise(K - (limit * (1 + above)) ** 2 * M, "symmetric").negative_pivots
+        except SingularMatrixError as error:
+            last = error
+    raise last
 
 
 def check_band(band: object) -> tuple[float, float]:

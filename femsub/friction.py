@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import InputError
-from femsub.pencil import Array, Matrix
+from femsub.pencil import Array, Matrix, finite_number
 
 
 class FrictionLaw(Protocol):
@@ -24,12 +24,6 @@ class FrictionLaw(Protocol):
     def value(self, v: Any) -> Any: ...
 
     def slope(self, v: Any) -> Any: ...
-
-
-def _check(**values: float) -> None:
-    for name, value in values.items():
-        if not np.isfinite(value):
-            raise InputError(f"{name} must be a finite number, not {value!r}")
 
 
 @dataclass(frozen=True)
@@ -53,7 +47,8 @@ class StribeckArctan:
     decay: float = 2.0
 
     def __post_init__(self) -> None:
-        _check(eps=self.eps, coulomb=self.coulomb, drop=self.drop, decay=self.decay)
+        for name in ("eps", "coulomb", "drop", "decay"):
+            finite_number(name, getattr(self, name))
         if self.eps <= 0:
             raise InputError(f"eps must be positive, not {self.eps!r}: it is the width of the stick-slip transition")
 
@@ -117,11 +112,11 @@ class Belt:
     def __post_init__(self) -> None:
         if not isinstance(self.port, str):
             raise InputError(f"port must be the name of a port, not {self.port!r}")
-        _check(force=self.force)
+        finite_number("force", self.force)
         if self.force < 0:
             raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
         if self.speed is not None:
-            _check(speed=self.speed)
+            finite_number("speed", self.speed)
         if self.law is None and self.slope is None:
             raise InputError("a belt needs a friction law with the belt's speed, or a slope: Belt(slope=-0.2677)")
         if self.law is not None:
@@ -131,7 +126,7 @@ class Belt:
             if self.slope is not None and self.slope != slope:
                 raise InputError(f"slope={self.slope!r} contradicts the law, whose slope at {self.speed!r} is {slope!r}")
             object.__setattr__(self, "slope", slope)
-        _check(slope=self.slope)  # type: ignore[arg-type]
+        finite_number("slope", self.slope)
 
     def damping(self, w: Array) -> Matrix:
         """F μ'(v0) w wᵀ, sparse, shape (n, n), for a port w of shape (n,) or (n, p)."""

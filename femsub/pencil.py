@@ -17,6 +17,22 @@ Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (spar
 EPS = float(np.finfo(float).eps)
 
 
+def finite_number(name: str, value: Any) -> float:
+    """A finite real number, and nothing that merely looks like one."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise InputTypeError(f"{name} must be a number, not {value!r}")
+    if not np.isfinite(value):
+        raise InputError(f"{name} must be a finite number, not {value!r}")
+    return float(value)
+
+
+def whole_number(name: str, value: Any) -> int:
+    """An int, and nothing that merely looks like one."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise InputTypeError(f"{name} must be a whole number, not {value!r}")
+    return int(value)
+
+
 def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     """A square real matrix, checked: dense as a read-only array, sparse as a canonical, read-only CSR.
 

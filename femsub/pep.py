@@ -42,16 +42,15 @@ class Shifted:
     def _scale(self) -> float:
         """The size of the smallest eigenvalues, min(‖K⁻¹M‖^-½, ‖K⁻¹D‖^-1), by a few power steps."""
         x = np.random.default_rng(5).standard_normal((self.pencil.size, 2))
-        growth = np.zeros((2, 2))
+        growth = np.ones(2)
         for _ in range(4):
-            x /= np.linalg.norm(x, axis=0)
             x = self.factor.solve(np.stack([self.pencil.M @ x[:, 0], self.pencil.D @ x[:, 1]], axis=1))
             growth = np.linalg.norm(x, axis=0)
-            if not growth[1]:
-                x[:, 1] = x[:, 0]
-        if not growth[0] > 0 or growth[0] * self.pencil.norms[2] > 1e15 * self.pencil.norms[0]:
+            x = x / np.where(growth > 0, growth, 1.0)
+        if growth[0] * self.pencil.norms[2] > 1e15 * self.pencil.norms[0]:
             raise SingularMatrixError("K is singular to working precision")
-        return float(min(growth[0] ** -0.5, 1 / growth[1] if growth[1] > 0 else np.inf))
+        with np.errstate(divide="ignore"):
+            return float(min(growth[0] ** -0.5, 1 / growth[1]))
 
     def _free_shift(self, symmetric: bool) -> float:
         """Half of the first elastic frequency where K and M are symmetric; else from the softest diagonal."""

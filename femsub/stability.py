@@ -12,7 +12,7 @@ from femsub.cea import DENSE, complex_modes
 from femsub.eigen import check_band
 from femsub.errors import InputError, InputTypeError
 from femsub.friction import Belt
-from femsub.pencil import Array, Pencil
+from femsub.pencil import Array, Pencil, finite_number
 from femsub.qep import ModalForm, eigenvalues, modal_form
 from femsub.substructure import Substructure
 
@@ -162,7 +162,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     """
     if not isinstance(model, Substructure):
         raise InputTypeError(f"critical_slope takes a Substructure, not {type(model).__name__}")
-    if not np.isfinite(force) or force <= 0:
+    if finite_number("force", force) <= 0:
         raise InputError(f"force must be positive, but is {force!r}")
     if method not in ("auto", "scalar", "bracketing"):
         raise InputError(f"unknown method {method!r}; valid: auto, bracketing, scalar")

@@ -61,6 +61,7 @@ class Substructure:
             raise InputError(f"M has a negative mass: M[{where}, {where}] = {diagonal[where]:.6g}")
         if not np.any(diagonal):
             raise InputError("M has no mass at all: every diagonal entry is zero")
+        _semidefinite_pairs(mass, diagonal)
         values = {"M": mass, "K": stiffness, "D": pencil.D, "interface": _interface(interface, pencil.size),
                   "ports": _ports(ports or {}, pencil.size), "name": str(name)}
         for key, value in values.items():
@@ -181,6 +182,18 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
     return sp.csr_array(mean) if sp.issparse(mean) else mean
 
 
+def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
+    """m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too dear here."""
+    entries = M.tocoo() if sp.issparse(M) else sp.coo_array(M)
+    bound = np.sqrt(diagonal)
+    excess = np.abs(entries.data) - (1 + SYMMETRY) * bound[entries.row] * bound[entries.col]
+    if excess.max(initial=0.0) > 0:
+        where = int(excess.argmax())
+        i, j = int(entries.row[where]), int(entries.col[where])
+        raise InputError(f"M is not positive semidefinite: M[{i}, {j}] = {entries.data[where]:.6g} is larger than "
+                         f"sqrt(M[{i}, {i}] M[{j}, {j}]), so that some motion would have negative kinetic energy")
+
+
 def _interface(values: Iterable[int], size: int) -> Array:
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputTypeError(f"interface must be a sequence of DOF numbers, not {values!r}")
@@ -208,7 +221,10 @@ def _ports(ports: Mapping[str, Any], size: int) -> Mapping[str, Array]:
         if not isinstance(name, str):
             raise InputTypeError(f"a port's name must be a string, not {name!r}")
         try:
-            w = np.array(column.toarray() if sp.issparse(column) else column, dtype=np.float64)
+            raw = np.asarray(column.toarray() if sp.issparse(column) else column)
+            if np.iscomplexobj(raw):
+                raise TypeError
+            w = np.array(raw, dtype=np.float64)
         except (TypeError, ValueError):
             raise InputTypeError(f"port {name!r} must be a real column of numbers") from None
         if w.ndim not in (1, 2) or w.shape[0] != size or w.size == 0:

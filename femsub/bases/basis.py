@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.eigen import NormalModes, lowest_modes
-from femsub.errors import InputError, InputTypeError
-from femsub.pencil import EPS, Array
+from femsub.errors import InputError
+from femsub.pencil import EPS, Array, whole_number
 from femsub.shift_invert import ShiftInvert
 
 DEPENDENT = 1e-13  # share of a column's static energy below which what is left of it is rounding
@@ -35,9 +35,7 @@ class Basis:
 
 def check_modes(modes: object) -> None:
     """`modes` is a whole number, not negative."""
-    if isinstance(modes, bool) or not isinstance(modes, (int, np.integer)):
-        raise InputTypeError(f"modes must be a whole number, not {modes!r}")
-    if modes < 0:
+    if whole_number("modes", modes) < 0:
         raise InputError(f"modes must not be negative, but is {modes}")
 
 
