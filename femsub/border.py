@@ -52,21 +52,27 @@ class Model:
         self.symmetric = is_symmetric(pencil.D)
         self.size = float(np.linalg.norm(form.state(), 2)) if len(form.omega) <= 300 else float(form.omega.max())
 
-    def spectrum(self, c: float, band: Band) -> tuple[Array, Array]:
-        """λ with Im λ > 0 in the band at contact coefficient c, (k,), and modal shapes q (n, k).
+    def spectrum(self, c: float, band: Band, real: bool = False) -> tuple[Array, Array]:
+        """λ with Im λ > 0 (with real=True: ≥ 0) in the band at contact coefficient c, (k,), and modal shapes q (n, k).
 
         For symmetric matrices Re λ is taken from its energy, see `with_energy`.
         """
         C = self.form.C + c * self.contact
         values, right = np.linalg.eig(self.form.state(C))
-        keep = (values.imag > 0) & (values.imag >= band[0]) & (values.imag <= band[1])
+        keep = ((values.imag >= 0) if real else (values.imag > 0)) & (values.imag >= band[0]) & (values.imag <= band[1])
         values, q = values[keep], right[len(self.form.omega) - self.form.rigid:, keep]
         if self.form.H is None and (self.form.sign[self.form.rigid:] > 0).all() and self.symmetric:
             values = with_energy(values, q, C)
         return values, q
 
+    def felt(self, q: Array) -> Array:
+        """Which shapes move the contact, by more than rounding."""
+        return np.linalg.norm(self.W.T @ q, axis=0) > 1e-10 * np.linalg.norm(self.W) * np.linalg.norm(q, axis=0)
+
     def growth(self, c: float, band: Band) -> float:
-        return float(self.spectrum(c, band)[0].real.max(initial=-np.inf))
+        """max Re λ over what moves the contact. Real λ count: an overdamped mode may be first to be seen unstable."""
+        values, q = self.spectrum(c, band, real=True)
+        return float(values.real[self.felt(q) & (np.abs(values) > 1e-12 * self.size)].max(initial=-np.inf))
 
     @property
     def noise(self) -> float:
@@ -104,8 +110,7 @@ def _at_rest(model: Model, band: Band) -> Border | None:
         worst = unstable[np.argmax(unstable.real)]
         raise UnstableModelError(f"the model is unstable before the belt acts: λ = {worst.real:.6g} {worst.imag:+.6g}i; a border "
                                  "is sought from a stable state at c = 0 downwards")
-    felt = np.linalg.norm(model.W.T @ q, axis=0) > 1e-10 * np.linalg.norm(model.W) * size
-    free = np.flatnonzero(felt & undamped)
+    free = np.flatnonzero(model.felt(q) & undamped)
     if not len(free):
         return None
     order = free[np.argsort(values[free].imag)]
@@ -165,6 +170,7 @@ def _bracketed(model: Model, band: Band) -> Border:
 
     c = float(brentq(lambda value: model.growth(value, band), unstable, stable, xtol=1e-16 * abs(unstable), rtol=1e-15))
     values, q = model.spectrum(c, band)
+    values, q = values[model.felt(q)], q[:, model.felt(q)]
     slack = max(model.noise, 1e-9 * abs(c) * contact)
     together = np.flatnonzero(np.abs(values.real) <= slack * np.einsum("ij,ij->j", q.conj(), model.contact @ q).real
                               / np.einsum("ij,ij->j", q.conj(), q).real / contact)
