@@ -81,23 +81,28 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
     H = None
     if not symmetric or (omega[rigid.sum():] ** 2 > np.abs(values[rigid.sum():]) * (1 + 1e-12)).any():
         H = shapes.T @ (K @ shapes)
-    C = _unbraked(shapes, pencil.D, int(rigid.sum()))
+    shapes, C = _unbraked(pencil.D, shapes, int(rigid.sum()))
     return ModalForm(shapes, omega, np.sign(values), H, C, int(rigid.sum()))
 
 
-def _unbraked(shapes: Array, D: Array, r: int) -> Array:
-    """ΦᵀDΦ, with exact zeros for the rigid motions that D does not brake; turns the first r columns of Φ to show them.
+def _unbraked(D: Array, shapes: Array, rigid: int) -> tuple[Array, Array]:
+    """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not brake.
 
-    Their second eigenvalue at 0 would otherwise come out as rounding of either sign.
+    Each of these has a double eigenvalue at 0, which rounding in C would break up.
     """
-    if r and is_symmetric(D):
-        shapes[:, :r] = shapes[:, :r] @ np.linalg.eigh(shapes[:, :r].T @ (D @ shapes[:, :r]))[1]
     C = shapes.T @ (D @ shapes)
-    size = np.linalg.norm(C)
-    for j in range(r):
-        if np.linalg.norm(C[:, j]) <= 1e-12 * size and np.linalg.norm(C[j]) <= 1e-12 * size:
-            C[:, j] = C[j] = 0.0
-    return C
+    if not rigid:
+        return shapes, C
+    rotation = np.linalg.svd(D @ shapes[:, :rigid])[2].T
+    shapes = np.hstack([shapes[:, :rigid] @ rotation, shapes[:, rigid:]])
+    C = shapes.T @ (D @ shapes)
+    z = shapes[:, :rigid]
+    scale = np.linalg.norm(abs(D) @ abs(z).sum(axis=1))  # of all: one that is at rest where the dashpot is has no scale
+    free = np.flatnonzero(np.linalg.norm(D @ z, axis=0) <= RIGID * scale)
+    C[:, free] = 0.0
+    if is_symmetric(D):
+        C[free] = 0.0
+    return shapes, C
 
 
 def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
@@ -134,6 +139,9 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
 
     Conjugates are exact conjugates. Columns have unit length.
     """
+    bare = _bare(pencil)
+    if len(bare):
+        return _condensed(pencil, bare)
     form = modal_form(pencil)
     if form is None:
         return _companion(pencil)
@@ -154,6 +162,28 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
     values, X, Y = np.append(values, np.zeros(r)), np.hstack([X, form.shapes[:, :r]]), np.hstack([Y, form.shapes[:, :r]])
     if plain:
         Y = X.conj()
+    return values, _unit(X), _unit(Y)
+
+
+def _bare(pencil: Pencil) -> Array:
+    """DOF with neither mass nor damping, if K can be condensed on them: they have no dynamics of their own."""
+    M, D, K = pencil.M, pencil.D, pencil.K
+    bare = np.flatnonzero(~sum(part.any(axis=axis) for part in (M, D) for axis in (0, 1)).astype(bool))
+    if len(bare) in (0, pencil.size) or np.linalg.cond(K[np.ix_(bare, bare)]) > 1e12:
+        return bare[:0]
+    return bare
+
+
+def _condensed(pencil: Pencil, bare: Array) -> tuple[Array, Array, Array]:
+    """The eigenpairs of the rest with K_mm - K_mb K_bb⁻¹ K_bm, and what the bare DOF do with them, right and left."""
+    rest = np.setdiff1d(np.arange(pencil.size), bare)
+    K = pencil.K
+    right = -np.linalg.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, rest)])
+    left = -np.linalg.solve(K[np.ix_(bare, bare)].T, K[np.ix_(rest, bare)].T)
+    stiffness = K[np.ix_(rest, rest)] + K[np.ix_(rest, bare)] @ right
+    values, x, y = solve(Pencil(pencil.M[np.ix_(rest, rest)], pencil.D[np.ix_(rest, rest)], stiffness))
+    X, Y = (np.zeros((pencil.size, len(values)), dtype=complex) for _ in range(2))
+    X[rest], X[bare], Y[rest], Y[bare] = x, right @ x, y, left @ y
     return values, _unit(X), _unit(Y)
 
 
