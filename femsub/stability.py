@@ -103,13 +103,17 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     InputError
         An unknown port, slopes that are not finite, a missing band.
     """
-    values = np.atleast_1d(np.asarray(slopes, dtype=float))
+    _check_model("sweep", model, force)
+    try:
+        values = np.atleast_1d(np.asarray(slopes, dtype=float))
+    except (TypeError, ValueError):
+        raise InputTypeError(f"slopes must be numbers, not {slopes!r:.80}") from None
     if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
         raise InputError("slopes must be a flat, non-empty sequence of finite numbers")
     w = model.port(port).reshape(model.size, -1)
     limits = default_band(model) if band is None else check_band(band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
-    if model.K.ndim == 2 and (not model.pencil.is_sparse or model.size <= DENSE):
+    if not model.pencil.is_sparse or model.size <= DENSE:
         form = _form(model.pencil)
         amplitude = form.shapes.T @ w
         for i, slope in enumerate(values):
@@ -122,6 +126,13 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
             modes = complex_modes(model, Belt(port, force=force, slope=float(slope)), band=limits, certify=False)
             growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     return StabilitySweep(values, growth, omega, limits)
+
+
+def _check_model(name: str, model: object, force: object) -> None:
+    if not isinstance(model, Substructure):
+        raise InputTypeError(f"{name} takes a Substructure with a port, not {type(model).__name__}")
+    if finite_number("force", force) <= 0:
+        raise InputError(f"force must be positive, but is {force!r}")
 
 
 def _leading(values: Array, band: tuple[float, float]) -> tuple[float, float]:
@@ -160,10 +171,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     NotConvergedError
         A crossing found as a root could not be verified on the pencil.
     """
-    if not isinstance(model, Substructure):
-        raise InputTypeError(f"critical_slope takes a Substructure, not {type(model).__name__}")
-    if finite_number("force", force) <= 0:
-        raise InputError(f"force must be positive, but is {force!r}")
+    _check_model("critical_slope", model, force)
     if method not in ("auto", "scalar", "bracketing"):
         raise InputError(f"unknown method {method!r}; valid: auto, bracketing, scalar")
     w = model.port(port).reshape(model.size, -1)

@@ -103,7 +103,7 @@ class Substructure:
 
     def port(self, name: str) -> Array:
         """The column(s) w of a port, shape (n,) or (n, p); an unknown name is an InputError."""
-        if name not in self.ports:
+        if not isinstance(name, str) or name not in self.ports:
             raise unknown_name("port", name, self.ports)
         return self.ports[name]
 

@@ -50,6 +50,8 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     if len(sub.interface_rows.shape) == 2 and sub.interface_rows.shape[0] != len(sub.interface):
         raise InputError(f"{sub.name!r} has its interface spread over generalised coordinates (as Craig-Chang leaves it); "
                          "reduce the full component instead")
+    if isinstance(ports, str) or not isinstance(ports, (bool, Sequence)):
+        raise InputTypeError(f"ports must be True, False or a sequence of port names, not {ports!r}")
     names = list(sub.ports) if ports is True else list(ports or [])
     columns = {name: _columns(sub.port(name)) for name in sub.ports}
     for name in names:
