@@ -178,7 +178,9 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         order = np.flatnonzero(keep)[np.argsort(values[keep].imag, kind="stable")]
     else:
         order = _nearest(values, count)
-    result = certificates(pencil, values[order], X[:, order], Y[:, order])
+    # Row by row in memory: a sparse product copies anything else into that order first, each time.
+    X, Y = (np.ascontiguousarray(vectors[:, order]) for vectors in (X, Y))
+    result = certificates(pencil, values[order], X, Y)
     if result.backward_error.max(initial=0.0) > LOUD:
         warnings.warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
                       f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",

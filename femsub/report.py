@@ -40,22 +40,22 @@ def check_folder(folder: str | None) -> Path | None:
     return path
 
 
-def write(result: Result, folder: Path, figures: bool) -> list[Path]:
-    """results.json, results.csv and the figures, each whole or not at all; returns what was written."""
-    contents: dict[str, bytes] = {"results.json": to_json(result.data).encode()}
+def write(result: Result, folder: Path, figures: bool, name: str = "results") -> list[Path]:
+    """name.json, name.csv and the figures, each whole or not at all; returns what was written."""
+    contents: dict[str, bytes] = {f"{name}.json": to_json(result.data).encode()}
     if result.rows:
-        contents["results.csv"] = _csv(result.rows).encode()
+        contents[f"{name}.csv"] = _csv(result.rows).encode()
     if figures and result.drawings:
         from femsub.figures import render
 
-        contents |= {f"{name}.png": render(draw) for name, draw in result.drawings.items()}
+        contents |= {f"{title}.png": render(draw) for title, draw in result.drawings.items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, content in contents.items():
-            _replace(folder / name, content)
+        for file, content in contents.items():
+            _replace(folder / file, content)
     except OSError as error:
         raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
-    return [folder / name for name in contents]
+    return [folder / file for file in contents]
 
 
 def _replace(path: Path, content: bytes) -> None:

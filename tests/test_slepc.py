@@ -67,6 +67,12 @@ def test_inertia_counts_the_eigenvalues_below(n: int) -> None:
         assert factorise(sub.K - middle**2 * sub.M, "symmetric").negative_pivots == count
 
 
+def test_a_tree_is_factorised_without_fill(n: int = 2000) -> None:
+    sub = fs.chain(n)
+    handle = Factor(sub.K, "symmetric")
+    assert handle._factor.getMumpsInfog(29) == 2 * n - 1  # entries of D and of L below it
+
+
 def test_a_thousand_factors_do_not_grow_the_memory() -> None:
     sub = fs.chain(1000, belt=2)
     b = np.ones((1000, 3))
