@@ -276,9 +276,10 @@ def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
         values, bars = modes.eigenvalues, modes.error_bar
         at = int(np.argmin(np.abs(values - 1j * border.omega)))
         growth.append(float(values[at].real))
-        early = modes.unstable if factor < 1 else np.zeros(0, dtype=int)
+        # Real eigenvalues that grow are what became of a pair that crossed outside of the band.
+        early = modes.unstable[values[modes.unstable].imag > 0] if factor < 1 else np.zeros(0, dtype=int)
         if len(early) or (factor > 1 and values[at].real < -bars[at]):
             shown = values[early[0]] if len(early) else values[at]
             raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} does not hold on the full model: "
-                                    f"at {factor:g} c it has λ = {shown:.6g}; use method='bracketing', or narrow the band")
+                                    f"at {factor:g} c it has λ = {shown:.6g}; narrow the band")
     return replace(border, growth=(growth[0], growth[1]))

@@ -92,16 +92,13 @@ def _dense(handle: ShiftInvert, count: int) -> NormalModes:
     if len(bare):
         lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
         K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
-    values, moving = _from_both_ends((K + K.T) / 2, M)
+    values, moving = dense_modes((K + K.T) / 2, M)
     if len(values) < rigid + count:
         raise InputError(f"{count} elastic modes were asked for, but there are {len(values) - rigid}")
     keep = slice(rigid, rigid + count)
     shapes = np.zeros((handle.K.shape[0], count))
     shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
-    shapes = handle.deflate(shapes)
-    gram = shapes.T @ (handle.M @ shapes)
-    shapes = 1.5 * shapes - 0.5 * (shapes @ gram)  # one step of Newton and Schulz towards ΦᵀMΦ = I
-    return _result(handle, values[keep], shapes, (np.inf, len(values)))
+    return _result(handle, values[keep], _polished(handle.deflate(shapes), handle.M), (np.inf, len(values)))
 
 
 def _sparse(handle: ShiftInvert, count: int, finite: int) -> NormalModes:
@@ -214,9 +211,16 @@ def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Arr
     return np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0)
 
 
-def _from_both_ends(K: Array, M: Array) -> tuple[Array, Array]:
-    """All finite λ (k,) and φ (n, k) of dense Kφ = λMφ, K definite: the lower half (on a logarithmic scale) from
-    Mφ = θKφ, the upper from Kφ = λMφ, since each loses digits towards its far end.
+def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
+    """All finite λ (k,) and φ (n, k) of dense Kφ = λMφ, K definite, ΦᵀMΦ = I.
+
+    The lower half (on a logarithmic scale) comes from Mφ = θKφ, the upper from Kφ = λMφ, since each loses digits towards
+    its far end.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        K is not positive definite.
     """
     import scipy.linalg as la
 
@@ -230,7 +234,12 @@ def _from_both_ends(K: Array, M: Array) -> tuple[Array, Array]:
     else:
         low = int(np.count_nonzero(theta > np.sqrt(theta[0] / values[-1])))
     values[:low], upper[:, :low] = 1 / theta[:low], x[:, :low] / np.sqrt(theta[:low])
-    return values, upper
+    return values, _polished(upper, M)
+
+
+def _polished(shapes: Array, M: Matrix) -> Array:
+    """One step of Newton and Schulz towards ΦᵀMΦ = I."""
+    return 1.5 * shapes - 0.5 * (shapes @ (shapes.T @ (M @ shapes)))
 
 
 def _limit(values: Array, count: int) -> tuple[float, int]:

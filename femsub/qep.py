@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
+from femsub.eigen import dense_modes
 from femsub.pencil import EPS, Array, Pencil, is_symmetric
 from femsub.shift_invert import RIGID
 
@@ -61,7 +62,11 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
             scale = M.diagonal() ** -0.5
             if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > 1e12:
                 return None
-            values, shapes = la.eigh(K if symmetric else (K + K.T) / 2, M, check_finite=False)
+            still = K if symmetric else (K + K.T) / 2
+            try:
+                values, shapes = dense_modes(still, M)
+            except la.LinAlgError:  # floating, or made indefinite by friction
+                values, shapes = la.eigh(still, M, check_finite=False)
         except la.LinAlgError:
             return None
     top = float(np.abs(values).max()) or 1.0

@@ -35,8 +35,10 @@ def check_folder(folder: str | None) -> Path | None:
         existing = existing.parent
     if not existing.is_dir():
         raise InputError(f"the output folder {folder} cannot be written: {existing} is not a folder")
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise InputError(f"the output folder {folder} cannot be written: no permission in {existing}")
+    try:
+        tempfile.TemporaryFile(dir=existing).close()
+    except OSError as error:
+        raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error} ({existing})") from None
     return path
 
 

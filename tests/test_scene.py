@@ -164,7 +164,7 @@ def test_matrices_from_files(tmp_path: Path, capsys: pytest.CaptureFixture[str],
     assert data["critical-slope"][0]["slope"] == pytest.approx(float(fs.critical_slope(sub)), rel=1e-10)
 
 
-@pytest.mark.parametrize("place", ["file", "file/below"])
+@pytest.mark.parametrize("place", ["file", "file/below", "/proc/out"])
 def test_an_output_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str], place: str) -> None:
     (tmp_path / "file").write_text("mine")
     assert main(["run", "chain", "--out", str(tmp_path / place)]) == 2
