@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
-from femsub.pencil import Array
+from femsub.pencil import EPS, Array
 from femsub.qep import ModalForm
 
 REAL = 1e-6  # |Im c| ≤ REAL |Re c|, or the root is an antiresonance
@@ -99,17 +99,18 @@ class PortFunction:
         likely = (G.real > 0) & (np.abs(G.imag) < 1e-2 * G.real)
         rough = -1 / np.where(likely, G, -1.0).real
         found: list[tuple[float, float]] = []
-        doubt = 1e-6
+        widths = np.abs(1j * roots[:, None] - self.poles).min(axis=1, initial=np.inf)
+        # A rough value is off by as much as rounding moves the pole, compared with how far that is from the axis.
+        doubt = 1e-6 + 20 * EPS * np.abs(self.poles).max() / np.maximum(widths, 1e-300)
         for j in sorted(np.flatnonzero(likely), key=lambda j: -rough[j]):
-            # Those that lie behind the best by more than the rough values are off cannot overtake it; two are kept in
-            # reserve, should the best one turn out to lead the wrong way.
-            if len(found) >= 3 and rough[j] < (1 + doubt) * sorted(pair[1] for pair in found)[-3]:
-                break
-            width = float(np.abs(1j * roots[j] - self.poles).min())
+            # Those that lie behind the best beyond doubt cannot overtake it; two are kept in reserve, should the best
+            # one turn out to lead the wrong way.
+            if len(found) >= 3 and rough[j] < (1 + doubt[j]) * sorted(pair[1] for pair in found)[-3]:
+                continue
+            width = float(widths[j])
             root = self._polish(float(roots[j]), width)
             if root is not None and lo <= root[0] * (1 + 1e-9) and root[0] <= hi * (1 + 1e-9):
                 found.append(root)
-                doubt = max(doubt, 10 * abs(rough[j] / root[1] - 1))
         found.sort(key=lambda pair: (-pair[1], pair[0]))
         omegas = np.array([pair[0] for pair in found])
         return omegas, np.array([pair[1] for pair in found])
@@ -127,6 +128,8 @@ class PortFunction:
                 break
         G = self.exact(omega)[0]
         c = -1 / G if G else np.inf
-        if not np.isfinite(c) or c.real >= 0 or abs(c.imag) > REAL * abs(c.real):
+        # A resonance may be hardly wider than the spacing of floating-point numbers at ω.
+        limit = REAL + 16 * float(np.spacing(omega)) / width
+        if not np.isfinite(c) or c.real >= 0 or abs(c.imag) > limit * abs(c.real):
             return None
         return omega, float(c.real)

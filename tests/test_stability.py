@@ -73,6 +73,15 @@ def test_sparse_model_with_a_band(n: int) -> None:
         assert border.omega == pytest.approx(0.0039220856936240334, rel=1e-11)
 
 
+def test_the_first_of_many_close_borders_in_a_reduced_long_chain() -> None:
+    # c_j = -d1 / (4 cos²θ_j): the second border is 2e-9 behind the first, whose resonance is 1e-11 wide, relatively
+    sub = fs.chain(100_000, belt=2, interface=(1, 2))
+    for modes in (14, 19):
+        border = fs.critical_slope(fs.reduce(sub, fs.CraigChang(modes)), band=(0.0, 3e-4))
+        assert border.omega == pytest.approx(fs.chain_frequencies(100_000, 1)[0], rel=1e-9)
+        assert border.slope == pytest.approx(-0.025000000006153, rel=1e-11)
+
+
 def test_all_pairs_cross_together_where_the_damping_vanishes() -> None:
     border = fs.critical_slope(fs.chain(10, belt=1))
     assert border.slope == pytest.approx(-0.1, rel=1e-12) and len(border.crossing) == 10
