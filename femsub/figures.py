@@ -136,29 +136,42 @@ def eigenvalue_figure(models: Sequence[Mapping[str, Any]], short: Mapping[str, s
 
 def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
     """Errors of eigenvalues, growth rates and critical slope over the seconds to reduce and to solve."""
-    kinds = {"error_eigenvalue": "error of λ  [-]", "error_growth": "error of Re λ  [-]",
-             "error_slope": "error of critical slope  [-]"}
+    kinds = {"error_eigenvalue": "error of λ", "error_growth": "error of Re λ", "error_slope": "error of the critical slope"}
     shown = [(interface, found, phase) for interface, found in studies for phase in ("reduction", "solution")]
-    figure = new_figure(3.4 * len(shown), 8.5)
-    axes = figure.subplots(len(kinds), len(shown), sharey="row", sharex=True, squeeze=False)
-    for column, (interface, found, phase) in enumerate(shown):
-        axes[0, column].set_title(f"seconds for {phase}\ninterface {interface}", fontsize=10)
-        for line, (kind, label) in enumerate(kinds.items()):
-            axis = axes[line, column]
+    figure = new_figure(10.5, 2.7 * len(shown) + 0.8)
+    axes = figure.subplots(len(shown), len(kinds), sharex=True, sharey="col", squeeze=False)
+    for line, (interface, found, phase) in enumerate(shown):
+        for axis, kind in zip(axes[line], kinds, strict=True):
             for method in dict.fromkeys(row.method for row in found.rows):
                 _error_line(axis, [row for row in found.rows if row.method == method], kind, phase, method)
             if phase == "solution":
                 axis.axvline(found.full.solution.median, color="black", ls="--", lw=1, label=f"full, {found.full.size} DOF")
             axis.set(xscale="log", yscale="log")
-            axis.grid(alpha=0.3, which="both", lw=0.4)
-            if column == 0:
-                axis.set_ylabel(label)
-        axes[-1, column].set_xlabel("time  [s]")
-    axes[0, 1].legend(fontsize=8, loc="best")
+            axis.margins(y=0.12)
+            axis.grid(alpha=0.3, which="major", lw=0.4)
+            axis.tick_params(labelbottom=True)
+            axis.set_xlabel(f"seconds for {phase}" + (f", interface {interface}" if len(studies) > 1 else ""), fontsize=9)
+    for column, label in enumerate(kinds.values()):
+        axes[0, column].set_title(label, fontsize=10)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("relative error  [-]")
+    _few_decades(axes[0, 0])
+    figure.legend(*axes[1, -1].get_legend_handles_labels(), fontsize=9, loc="outside lower center", ncols=3)
     found = studies[0][1]
-    figure.suptitle(f"{found.name}: error against run time in the band {found.band[0]:g} to {found.band[1]:.4g} rad/time; "
-                    f"numbers are DOF, medians of {found.repeats} runs, bars least to most", fontsize=10)
+    figure.suptitle(f"{found.name}, band {found.band[0]:g} to {found.band[1]:.4g} rad/time\n"
+                    f"numbers are DOF; medians of {found.repeats} runs, bars from least to most", fontsize=10)
     return figure
+
+
+def _few_decades(axis: Any) -> None:
+    """Ticks at 1, 2 and 5 where a logarithmic time axis spans less than two decades, and no crowd of minor labels."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    lo, hi = axis.get_xlim()
+    if hi < 100 * lo:
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _error_line(axis: Any, rows: Sequence[Any], kind: str, phase: str, method: str) -> None:
@@ -173,5 +186,5 @@ def _error_line(axis: Any, rows: Sequence[Any], kind: str, phase: str, method: s
     order = np.flatnonzero(keep)
     axis.plot(seconds[order], shown[order], color=COLOURS[method], lw=0.5, alpha=0.6)
     for at in {order[0], order[-1]} if len(order) else ():  # the smallest and the largest model; all would overlap
-        axis.annotate(f"{rows[at].size}", (seconds[at], shown[at]), textcoords="offset points", xytext=(5, 4), fontsize=7,
+        axis.annotate(f"{rows[at].size}", (seconds[at], shown[at]), textcoords="offset points", xytext=(5, -10 if method == "CraigChang" else 4), fontsize=7,
                       color=COLOURS[method])
