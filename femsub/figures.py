@@ -186,5 +186,6 @@ def _error_line(axis: Any, rows: Sequence[Any], kind: str, phase: str, method: s
     order = np.flatnonzero(keep)
     axis.plot(seconds[order], shown[order], color=COLOURS[method], lw=0.5, alpha=0.6)
     for at in {order[0], order[-1]} if len(order) else ():  # the smallest and the largest model; all would overlap
-        axis.annotate(f"{rows[at].size}", (seconds[at], shown[at]), textcoords="offset points", xytext=(5, -10 if method == "CraigChang" else 4), fontsize=7,
-                      color=COLOURS[method])
+        below = method == "CraigChang"
+        axis.annotate(f"{rows[at].size}", (seconds[at], shown[at]), textcoords="offset points", xytext=(5, -10 if below else 4),
+                      fontsize=7, color=COLOURS[method])
