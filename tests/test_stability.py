@@ -106,6 +106,15 @@ def test_a_dashpot_at_a_node_leaves_a_mode_undamped() -> None:
     assert felt.slope == pytest.approx(-0.1, rel=1e-9)
 
 
+@pytest.mark.parametrize("belt", [2, 3, 6])
+def test_antiresonances_are_no_borders(belt: int) -> None:
+    # the masses right of the belt, fixed at it: at their frequencies the belt's mass stands still whatever c is
+    sub = fs.chain(10, belt=belt)
+    for omega in fs.chain_frequencies(10 - belt):
+        band = (0.9999 * omega, 1.0001 * omega)
+        assert fs.critical_slope(sub, band=band).slope == -np.inf
+
+
 def test_never_lost_and_unstable_from_the_start() -> None:
     sub = fs.chain(10, belt=2)
     assert fs.critical_slope(sub, band=(0.2, 0.3)).slope == -np.inf
