@@ -14,6 +14,7 @@ from femsub.studies import Study
 COLOURS = {"full": "black", "craig-bampton": "#c44e00", "craig-chang": "#0067a5",
            "CraigBampton": "#c44e00", "CraigChang": "#0067a5"}
 MARKERS = {"full": "o", "craig-bampton": "s", "craig-chang": "^", "CraigBampton": "s", "CraigChang": "^"}
+FLOOR = 1e-16  # where an error of zero is drawn on a logarithmic axis
 LABELS = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC", "CraigBampton": "HCB", "CraigChang": "CC"}
 
 
@@ -96,7 +97,7 @@ def size_sweep_figure(curves: Sequence[Mapping[str, Any]], belt: int, short: Map
             method = curve["method"]
             style = {"color": COLOURS[method], "marker": MARKERS[method], "label": short[method], "ms": 5}
             upper.plot(curve["sizes"], np.where(np.isfinite(curve["slope"]), curve["slope"], np.nan), **style)
-            lower.semilogy(curve["sizes"], np.maximum(curve["error"], 1e-16), **style)
+            lower.semilogy(curve["sizes"], np.maximum(curve["error"], FLOOR), **style)
             full = curve["full"]
         upper.axhline(full, color="black", lw=1, ls="--", label=f"full: {full:.6f}")
         upper.set(title=f"belt under m{belt}, interface {interface}")
@@ -146,8 +147,9 @@ def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
                 _error_line(axis, [row for row in found.rows if row.method == method], kind, phase, method)
             if phase == "solution":
                 axis.axvline(found.full.solution.median, color="black", ls="--", lw=1, label=f"full, {found.full.size} DOF")
-            axis.set(xscale="log", yscale="log")
-            axis.margins(y=0.12)
+            errors = np.array([getattr(row, kind) for _, one in studies for row in one.rows if row.missing == 0])
+            errors = np.maximum(errors[np.isfinite(errors)], FLOOR)
+            axis.set(xscale="log", yscale="log", ylim=(errors.min(initial=1.0) / 5, errors.max(initial=FLOOR) * 5))
             axis.grid(alpha=0.3, which="major", lw=0.4)
             axis.tick_params(labelbottom=True)
             axis.set_xlabel(f"seconds for {phase}" + (f", interface {interface}" if len(studies) > 1 else ""), fontsize=9)
@@ -180,7 +182,7 @@ def _error_line(axis: Any, rows: Sequence[Any], kind: str, phase: str, method: s
     keep = np.isfinite(errors) & np.array([row.missing == 0 for row in rows])
     seconds = np.array([t.median for t in timing])
     spread = np.array([[t.median - t.least, t.most - t.median] for t in timing]).T
-    shown = np.maximum(errors, 1e-16)
+    shown = np.maximum(errors, FLOOR)
     axis.errorbar(seconds[keep], shown[keep], xerr=spread[:, keep], color=COLOURS[method], marker=MARKERS[method], ms=5, lw=0.6,
                   elinewidth=0.6, ls="none", label=LABELS[method])
     order = np.flatnonzero(keep)
