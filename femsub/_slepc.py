@@ -31,6 +31,8 @@ BLOCK = 256  # right-hand sides solved at once: more gains nothing and costs n *
 def _load() -> tuple[Any, Any]:
     # Debian's PETSc is linked to OpenMPI, which would start a helper process for each Python process.
     os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
+    # All such processes share one folder in /tmp, and the first to end takes it from those that start: MPI_Init aborts.
+    os.environ.setdefault("OMPI_MCA_orte_create_session_dirs", "0")
     try:
         import slepc4py
     except ImportError as error:

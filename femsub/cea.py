@@ -36,7 +36,8 @@ class ComplexModes:
     error_bar : ndarray, shape (k,)
         How far the eigenvalue may be off: |y|ᵀ(|r| + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times
         condition number, y from the left vectors (Tisseur 2000, Th. 5), taken entry by entry, which is free of the
-        units of each DOF. Infinite where the eigenvalue is defective.
+        units of each DOF. Next to another eigenvalue, with which rounding may make it coalesce, the gap is added;
+        infinite where the eigenvalue is defective.
     rigid : ndarray of bool, shape (k,)
         Eigenvalues at 0 from rigid-body modes: neither unstable nor Hopf points.
     above_cutoff : ndarray of bool, shape (k,)
@@ -206,6 +207,9 @@ def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexMo
         else:
             sensitivity[group] = 0.0
     bar = np.divide(spread, sensitivity, out=np.full(len(values), np.inf), where=sensitivity > 0)
+    gap = _gaps(values)
+    # Where the bar is no longer small next to the gap, the two may coalesce, and the first order says nothing further.
+    bar = np.where(bar > gap / 8, bar + gap, bar)
     rigid = values == 0
     bar[rigid] = 0.0
     none = np.zeros(len(values), dtype=bool)
@@ -257,6 +261,16 @@ def _nearest(values: Array, count: int | None) -> Array:
                 taken[ahead[0]] = True
                 result.append(int(order[ahead[0]]))
     return np.array(result, dtype=int)
+
+
+def _gaps(values: Array) -> Array:
+    """The distance of each eigenvalue to the nearest other one, inf where there is none."""
+    if len(values) < 2:
+        return np.full(len(values), np.inf)
+    from scipy.spatial import cKDTree
+
+    points = np.stack([values.real, values.imag], axis=1)
+    return np.asarray(cKDTree(points).query(points, k=2)[0][:, 1])
 
 
 def _clusters(values: Array) -> list[Array]:

@@ -30,7 +30,7 @@ class MissedModesError(FemsubError, ArithmeticError):
     """Fewer modes were found than an independent count says there are."""
 
 
-class UnstableModelError(FemsubError, ArithmeticError):
+class UnstableModelError(FemsubError, ArithmeticError, ValueError):
     """The model is unstable before the friction acts, so that no border can be sought."""
 
 

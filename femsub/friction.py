@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.errors import InputError
+from femsub.errors import InputError, InputTypeError
 from femsub.pencil import Array, Matrix, finite_number
 
 
@@ -120,6 +120,8 @@ class Belt:
         if self.law is None and self.slope is None:
             raise InputError("a belt needs a friction law with the belt's speed, or a slope: Belt(slope=-0.2677)")
         if self.law is not None:
+            if not callable(getattr(self.law, "slope", None)):
+                raise InputTypeError(f"law must be a friction law, e.g. StribeckArctan(eps=1e-3), not {self.law!r}")
             if self.speed is None:
                 raise InputError("a belt with a friction law needs its speed, e.g. Belt(speed=0.1911, law=...)")
             slope = float(self.law.slope(self.speed))

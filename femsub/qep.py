@@ -194,7 +194,7 @@ def _condensed(pencil: Pencil, bare: Array) -> tuple[Array, Array, Array]:
 
 def _companion(pencil: Pencil) -> tuple[Array, Array, Array]:
     mass, damping, stiffness = pencil.norms
-    gamma = np.sqrt(stiffness / mass) if stiffness > 0 else 1.0
+    gamma = np.sqrt(stiffness / mass) if stiffness > 0 and mass > 0 else 1.0
     delta = 2 / (stiffness + gamma * damping) if stiffness + gamma * damping > 0 else 1.0
     n = pencil.size
     eye, zero = np.eye(n), np.zeros((n, n))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ SCENES = {
 }
 METHOD_NAMES = ("craig-bampton", "craig-chang")
 LAW_NAMES = ("stribeck-arctan", "stribeck-arctan-odd")
+SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang"}
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Scene:
     law, eps, speed, force
         The friction law, its width ε, the belt's speed and the normal force.
     methods : list of str
-        Of 'craig-bampton', 'craig-chang'.
+        Of 'craig-bampton', 'craig-chang'; the tables' HCB and CC and Python's CraigBampton and CraigChang will do.
     outputs : list of str
         What is computed; nothing else is. The scene's own list is the default.
     figures : bool
@@ -59,6 +61,8 @@ class Scene:
     def __post_init__(self) -> None:
         if not self.outputs:
             object.__setattr__(self, "outputs", list(self.OUTPUTS))
+        object.__setattr__(self, "methods", [_hyphenated(name) for name in self.methods])
+        object.__setattr__(self, "law", _hyphenated(self.law))
         for kind, values, valid in (("method", self.methods, METHOD_NAMES), ("output", self.outputs, self.OUTPUTS),
                                     ("law", [self.law], LAW_NAMES)):
             for value in values:
@@ -138,6 +142,12 @@ def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Sce
     if "folder" in {item.name for item in dataclasses.fields(scene_type)}:
         values["folder"] = str(folder)
     return scene_type(**{"name": kind, **values}), module.run
+
+
+def _hyphenated(name: str) -> str:
+    """'craig-bampton' for CraigBampton and HCB: each is shown somewhere, so each is taken."""
+    plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
+    return SHORT_NAMES.get(plain, plain)
 
 
 def _typed(key: str, value: Any, declared: str) -> Any:

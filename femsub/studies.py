@@ -13,9 +13,9 @@ import numpy as np
 from femsub.bases import CraigBampton, CraigChang, reduce
 from femsub.cea import ComplexModes, complex_modes
 from femsub.eigen import check_band
-from femsub.errors import FemsubError, InputError, PortWarning
+from femsub.errors import FemsubError, InputError, InputTypeError, PortWarning
 from femsub.friction import Belt
-from femsub.pencil import Array
+from femsub.pencil import Array, whole_number
 from femsub.stability import critical_slope
 from femsub.substructure import Substructure
 
@@ -138,12 +138,20 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     -------
     Study
     """
+    if not isinstance(sub, Substructure):
+        raise InputTypeError(f"study takes a Substructure, not {type(sub).__name__}")
+    if belt is not None and not isinstance(belt, Belt):
+        raise InputTypeError(f"belt must be a Belt, not {type(belt).__name__}")
     lo, hi = check_band(band)
+    if not isinstance(methods, Sequence):
+        raise InputTypeError(f"methods must be a list, e.g. [CraigBampton(modes=4)], not {methods!r}")
     if not methods:
         raise InputError("methods is empty: name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
-    if repeats < 1:
+    if whole_number("repeats", repeats) < 1:
         raise InputError(f"repeats must be at least 1, not {repeats!r}")
-    place = belt.port if belt is not None else port
+    place, force = (belt.port, belt.force) if belt is not None else (port, 1.0)
+    if sub.ports:  # without any there is no critical slope, and that is all
+        sub.port(place)
     tell = progress or (lambda _: None)
     reducing: list[list[float]] = [[] for _ in methods]
     solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
@@ -162,7 +170,7 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
             spectra[i], seconds = _timed(complex_modes, model, belt)
             solving[i].append(seconds)
     tell(f"{sub.name}: critical slopes")
-    slopes = [_slope(model, place, (lo, hi)) for model in (sub, *models)]
+    slopes = [_slope(model, place, force, (lo, hi)) for model in (sub, *models)]
     none = Timing(0.0, 0.0, 0.0)
     full = Row("full", 0, sub.size, 0.0, 0.0, 0.0, 0, slopes[0], _growth(spectra[0], hi), none, Timing.of(solving[0]), 0.0)
     rows = []
@@ -203,11 +211,11 @@ def _growth(modes: ComplexModes, hi: float) -> float:
     return float(modes.eigenvalues.real[within].max(initial=-np.inf))
 
 
-def _slope(model: Substructure, port: str, band: tuple[float, float]) -> float:
-    if port not in model.ports:
+def _slope(model: Substructure, port: str, force: float, band: tuple[float, float]) -> float:
+    if port not in model.ports or force == 0:
         return np.nan
     try:
-        return float(critical_slope(model, port, band=band))
+        return float(critical_slope(model, port, force=force, band=band))
     except FemsubError:
         return np.nan
 

@@ -176,6 +176,17 @@ def test_a_defective_pair_is_undecided() -> None:
     assert apart.is_stable is False and apart.error_bar.max() < 1e-13
 
 
+@pytest.mark.parametrize("N", [[[1.0, 1], [0, 1]], [[1.0, 0.1], [-0.1, 1.2]], [[1e6, 1e5], [-1e5, 1.2e6]], [[2, 0.5], [-0.5, 3]]])
+def test_rounding_that_splits_a_defective_pair_is_not_flutter(N: list) -> None:
+    # rounding moves such a pair by sqrt(eps): further than the first order of the error bar says
+    assert fs.complex_modes(fs.Pencil(np.eye(2), None, N)).is_stable is None
+
+
+def test_a_pencil_without_mass() -> None:
+    modes = fs.complex_modes(fs.Pencil(np.zeros((2, 2)), np.eye(2), np.diag([1.0, 3.0])))
+    assert np.allclose(np.sort(modes.eigenvalues.real), [-3, -1], rtol=1e-14)
+
+
 @pytest.mark.parametrize("n", [8, 250])
 def test_repeated_semisimple_pairs_keep_small_error_bars(n: int) -> None:
     one = fs.chain(n, belt=1)

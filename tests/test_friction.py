@@ -51,3 +51,5 @@ def test_belt_refuses(arguments: dict, words: str) -> None:
         fs.Belt(**arguments)
     with pytest.raises(ValueError, match="eps must be positive"):
         fs.StribeckArctan(eps=0.0)
+    with pytest.raises(TypeError, match="law must be a friction law"):
+        fs.Belt(speed=0.2, law=0.3)  # type: ignore[arg-type]

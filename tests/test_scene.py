@@ -17,6 +17,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.cli import main
 from femsub.report import to_json
+from femsub.scene import load
 
 QUICK = 'n = 10\nbelts = [1, 2]\nsizes = [3, 5]\nrepeats = 1\n'
 
@@ -71,7 +72,7 @@ def test_chain_results_hold_the_paper_s_figures(chain_run: tuple[Path, str]) -> 
 def test_csv_has_the_rows(chain_run: tuple[Path, str]) -> None:
     with open(chain_run[0] / "results.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert {row["output"] for row in rows} == {"critical-slope", "error-time"}
+    assert {row["output"] for row in rows} == {"critical-slope", "size-sweep", "eigenvalues", "error-time"}
     assert {row["method"] for row in rows} == {"craig-bampton", "craig-chang", "full", "CraigBampton", "CraigChang"}
 
 
@@ -82,6 +83,12 @@ def test_only_what_is_named_is_computed_and_imported(tmp_path: Path) -> None:
     assert done.returncode == 0 and done.stdout.splitlines()[-1] == "[]"
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv"}
     assert "eigenvalues" not in json.loads((tmp_path / "out" / "results.json").read_text())
+
+
+@pytest.mark.parametrize("names", ['["HCB", "CC"]', '["CraigBampton", "CraigChang"]', '["craig-bampton", "craig-chang"]'])
+def test_a_method_goes_by_each_of_its_names(tmp_path: Path, names: str) -> None:
+    scene, _ = load(scene_file(tmp_path, f"methods = {names}"))
+    assert scene.methods == ["craig-bampton", "craig-chang"]
 
 
 def test_without_out_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
@@ -127,6 +134,7 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
     ("eps = 0.0", "eps must be positive"),
     ("force = -1.0", "force must"),
     ("band = [1.0, 0.5]", "0 <= lo < hi"),
+    ("band = [1.0]", "band must be a pair"),
     ('scene = "matrices"\nK = "K.mtx"', "scene key 'M' is missing"),
     ('scene = "matrices"\nM = "M.mtx"\nK = "K.mtx"\nport = 0\nband = [0.0, 1.0]', "there is no file"),
 ])
@@ -186,7 +194,7 @@ def test_results_are_renamed_into_place(tmp_path: Path, monkeypatch: pytest.Monk
     assert main(["run", scene, "--out", str(tmp_path / "out")]) == 2
     assert "No space left" in capsys.readouterr().err
     assert (tmp_path / "out" / "results.json").read_bytes() == before
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv"}
 
 
 def test_json_keeps_every_digit_and_is_strict() -> None:

@@ -189,6 +189,10 @@ def test_refusals() -> None:
         fs.critical_slope(fs.chain(3000))
     with pytest.raises(TypeError, match="takes a Substructure"):
         fs.critical_slope(sub.pencil)
+    with pytest.raises(TypeError, match="takes a Substructure"):
+        fs.sweep(sub.pencil, [-0.1])
+    with pytest.raises(ValueError, match="unstable before the belt acts"):
+        fs.critical_slope(fs.Substructure(sub.M, sub.K, -sub.D, ports=sub.ports))
     with pytest.raises(ValueError, match="M is singular"):
         fs.critical_slope(fs.Substructure(np.diag([1.0, 0.0]), np.eye(2), ports={"belt": [1.0, 0]}))
     assert sp.issparse(sub.K)

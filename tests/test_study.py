@@ -43,3 +43,12 @@ def test_refusals() -> None:
         fs.study(fs.chain(10), [], band=(0, 1))
     with pytest.raises(ValueError, match="repeats must be at least 1"):
         fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), repeats=0)
+    with pytest.raises(ValueError, match="unknown port 'bel'; did you mean 'belt'"):
+        fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), port="bel")
+    with pytest.raises(TypeError, match="takes a Substructure"):
+        fs.study(fs.chain(10).K, [fs.CraigChang(2)], band=(0, 1))
+
+
+def test_the_slope_of_a_study_is_per_unit_of_the_belt_s_force() -> None:
+    found = fs.study(fs.chain(10, belt=2), [fs.CraigChang(9)], band=(0.0, 0.75), belt=fs.Belt(force=2.0, slope=-0.1), repeats=1)
+    assert 2 * found.full.slope == pytest.approx(-0.025567, abs=1e-6)

@@ -12,6 +12,7 @@ import numpy as np
 from femsub.bases import METHODS, reduce
 from femsub.cea import complex_modes
 from femsub.chains import chain
+from femsub.eigen import check_band
 from femsub.errors import InputError, PortWarning
 from femsub.friction import LAWS, Belt
 from femsub.report import machine, table
@@ -72,7 +73,7 @@ class ChainScene(Scene):
         if not self.band:
             # the lowest three pairs of a uniform chain; what lies higher no small model can follow
             object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
-
+        check_band(self.band)
         for key, sizes in (("size", [self.size]), ("sizes", self.sizes)):
             for size in sizes:
                 if size > self.n:
@@ -214,7 +215,11 @@ def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
         from femsub.figures import size_sweep_figure
         return size_sweep_figure(curves, scene.belt, SHORT)
 
-    return {"curves": curves}, f"Relative error of the critical slope, belt under m{scene.belt}\n" + "\n".join(lines), draw
+    rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
+             "full": curve["full"], "error": error} for curve in curves
+            for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
+    head = f"Relative error of the critical slope, belt under m{scene.belt}"
+    return {"curves": curves, "rows": rows}, "\n".join([head, *lines]), draw
 
 
 def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
@@ -238,7 +243,10 @@ def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
         from femsub.figures import eigenvalue_figure
         return eigenvalue_figure(models, SHORT, f"belt under m{scene.belt}, dμ/dv = {slope:.4g}")
 
-    return {"belt": scene.belt, "models": models}, f"Complex modes, belt under m{scene.belt}, dμ/dv = {slope:.5g}\n{said}", draw
+    rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "growth": m["growth"],
+             "is_stable": m["is_stable"]} for m in models]
+    head = f"Complex modes, belt under m{scene.belt}, dμ/dv = {slope:.5g}"
+    return {"belt": scene.belt, "models": models, "rows": rows}, f"{head}\n{said}", draw
 
 
 def _error_time(scene: ChainScene, slope: float, progress: Progress) -> Part:
