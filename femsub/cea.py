@@ -11,13 +11,12 @@ import numpy as np
 
 from femsub.eigen import check_band
 from femsub.errors import FemsubWarning, InputError, InputTypeError
-from femsub.factor import SMALL
+from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
 from femsub.pencil import EPS, Array, Pencil, whole_number
 from femsub.substructure import Substructure
 
-DENSE = 2000  # up to so many DOF all 2n eigenvalues of a sparse model are computed when nothing else is asked
-LOUD = 1e-8  # a backward error above this is warned of
+LOUD = 1e-9  # a backward error above this is warned of
 CLUSTER = 1e-7  # eigenvalues closer than this, relatively, get their left vectors as a group
 
 
@@ -158,10 +157,10 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     if count is not None:
         count = _check_count(count, pencil.size)
     small = not pencil.is_sparse or pencil.size <= SMALL
-    if not small and count is None and box is None and pencil.size > DENSE:
+    if not small and count is None and box is None and pencil.size > QUADRATIC:
         raise InputError(f"a sparse model of {pencil.size} DOF has {2 * pencil.size} eigenvalues: ask for count=20 or "
                          f"band=(lo, hi)")
-    if small or (count is None and box is None) or ((count or 0) > pencil.size / 2 and pencil.size <= DENSE):
+    if small or (count is None and box is None) or ((count or 0) > pencil.size / 2 and pencil.size <= QUADRATIC):
         from femsub.qep import solve
 
         values, X, Y = solve(pencil.dense())
@@ -173,7 +172,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
             values, X, Y = solve_count(pencil, count or 0)
             certified = False
         else:
-            values, X, Y, certified = solve_band(pencil, box, pencil.size <= DENSE if certify is None else certify)
+            values, X, Y, certified = solve_band(pencil, box, pencil.size <= QUADRATIC if certify is None else certify)
     if box is not None:
         keep = inside(values, box)
         order = np.flatnonzero(keep)[np.argsort(values[keep].imag, kind="stable")]

@@ -13,6 +13,7 @@ from femsub.errors import SingularMatrixError
 from femsub.pencil import EPS, Array, Matrix
 
 COMPLEX = 20_000  # up to so many DOF SuperLU is the quicker complex solver, beyond it MUMPS on the real form of twice the size
+QUADRATIC = 2000  # up to so many DOF all 2n eigenvalues of a quadratic problem are for LAPACK
 SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from femsub import qep
 from femsub._slepc import Factor, quadratic_modes
 from femsub.counting import missed_eigenvalues
 from femsub.eigen import NormalModes, lowest_modes, modes_below
 from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.factor import QUADRATIC
 from femsub.pencil import Array, Matrix, Pencil
 from femsub.shift_invert import ShiftInvert
 
+MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
 TOLERANCES = (1e-14, 1e-12)  # tried in turn; TOAR's own estimate is optimistic, at 1e-12 by five digits where K is singular
 Box = tuple[float, float, float, float]
 
@@ -152,6 +155,12 @@ def solve_band(pencil: Pencil, box: Box, certify: bool) -> tuple[Array, Array, A
     reference = _reference(pencil, radius, certify)
     ask = 2 * (10 if reference is None else reference[1].counted[1]) + 12
     while True:
+        if ask > min(pencil.size, MOST):
+            if pencil.size <= QUADRATIC:  # more than half of all: those of LAPACK are complete
+                return (*qep.solve(pencil.dense()), True)
+            raise InputError(
+                f"the disc around 0 that holds the band has about {ask} eigenvalues, and with a real shift all of them would "
+                f"have to be found ({MOST} at most); lower the band, narrow re=(a, b), or reduce the model")
         values, X = problem.nearest(ask)
         if np.abs(values - problem.shift).max() >= radius or len(values) + np.count_nonzero(values.imag) >= 2 * pencil.size:
             break

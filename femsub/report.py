@@ -29,6 +29,8 @@ def check_folder(folder: str | None) -> Path | None:
     """
     if folder is None:
         return None
+    if not folder:
+        raise InputError("--out needs the name of a folder; it is empty")
     path = Path(folder)
     existing = path
     while not os.path.lexists(existing):

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.border import dense_border, sparse_border
-from femsub.cea import DENSE, complex_modes
+from femsub.cea import complex_modes
 from femsub.eigen import check_band
 from femsub.errors import InputError, InputTypeError
+from femsub.factor import QUADRATIC
 from femsub.friction import Belt
 from femsub.pencil import Array, Pencil, finite_number
 from femsub.qep import ModalForm, eigenvalues, modal_form
@@ -113,7 +114,7 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     w = model.port(port).reshape(model.size, -1)
     limits = default_band(model) if band is None else check_band(band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
-    if not model.pencil.is_sparse or model.size <= DENSE:
+    if not model.pencil.is_sparse or model.size <= QUADRATIC:
         form = _form(model.pencil)
         amplitude = form.shapes.T @ w
         for i, slope in enumerate(values):
@@ -178,7 +179,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     if method == "scalar" and w.shape[1] > 1:
         raise InputError(f"port {port!r} has {w.shape[1]} columns; the scalar function is for one, use method='bracketing'")
     sparse = model.pencil.is_sparse and model.size > SMALL
-    if sparse and band is None and model.size > DENSE:
+    if sparse and band is None and model.size > QUADRATIC:
         raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time: which "
                          "frequencies may lose their stability?")
     limits = default_band(model) if band is None else check_band(band)

@@ -222,6 +222,17 @@ def test_singular_mass_goes_to_qz() -> None:
     assert np.allclose(np.sort(modes.frequencies)[::2], np.sqrt([1.0, 2.0]), rtol=1e-10)
 
 
+def test_a_band_high_up_goes_to_lapack_or_is_refused() -> None:
+    # with a real shift all eigenvalues below the band are needed
+    sub = fs.chain(250, belt=2)
+    modes = fs.complex_modes(sub, BELT, band=(1.9, 2.1))
+    exact = reference(sub.linearised(BELT))
+    agree(modes.eigenvalues, exact[(exact.imag >= 1.9) & (exact.imag <= 2.1)], modes.error_bar)
+    assert modes.certified
+    with pytest.raises(ValueError, match="the disc around 0 that holds the band has about"):
+        fs.complex_modes(fs.chain(5000, belt=2), BELT, band=(1.9, 2.1))
+
+
 def test_refusals() -> None:
     sub = fs.chain(3000)
     with pytest.raises(ValueError, match="6000 eigenvalues: ask for count=20 or band"):

@@ -18,11 +18,11 @@ LAYERS = {
     "factor": 3, "substructure": 3,
     "shift_invert": 4, "counting": 4, "chains": 4,
     "eigen": 5,
-    "qep": 6, "pep": 6, "bases": 6,
-    "crossing": 7, "cea": 7,
-    "border": 8, "stability": 9,
-    "studies": 10,
-    "scene": 11, "figures": 12, "report": 13, "scenes": 14, "cli": 15,
+    "qep": 6, "bases": 6,
+    "pep": 7, "crossing": 7,
+    "cea": 8, "border": 9, "stability": 10,
+    "studies": 11,
+    "scene": 12, "figures": 13, "report": 14, "scenes": 15, "cli": 16,
 }
 
 

@@ -172,12 +172,12 @@ def test_matrices_from_files(tmp_path: Path, capsys: pytest.CaptureFixture[str],
     assert data["critical-slope"][0]["slope"] == pytest.approx(float(fs.critical_slope(sub)), rel=1e-10)
 
 
-@pytest.mark.parametrize("place", ["file", "file/below", "/proc/out"])
+@pytest.mark.parametrize("place", ["file", "file/below", "/proc/out", ""])
 def test_an_output_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str], place: str) -> None:
     (tmp_path / "file").write_text("mine")
-    assert main(["run", "chain", "--out", str(tmp_path / place)]) == 2
+    assert main(["run", "chain", "--out", str(tmp_path / place) if place else ""]) == 2
     printed = capsys.readouterr()
-    assert "cannot be written" in printed.err and printed.err.count("\n") == 1
+    assert ("cannot be written" in printed.err or not place) and printed.err.count("\n") == 1
     assert (tmp_path / "file").read_text() == "mine"
 
 
