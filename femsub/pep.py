@@ -154,8 +154,9 @@ def solve_band(pencil: Pencil, box: Box, certify: bool) -> tuple[Array, Array, A
     radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
     reference = _reference(pencil, radius, certify)
     ask = 2 * (10 if reference is None else reference[1].counted[1]) + 12
+    most = min(pencil.size, MOST)
     while True:
-        if ask > min(pencil.size, MOST):
+        if ask > most:
             if pencil.size <= QUADRATIC:  # more than half of all: those of LAPACK are complete
                 return (*qep.solve(pencil.dense()), True)
             raise InputError(
@@ -164,9 +165,7 @@ def solve_band(pencil: Pencil, box: Box, certify: bool) -> tuple[Array, Array, A
         values, X = problem.nearest(ask)
         if np.abs(values - problem.shift).max() >= radius or len(values) + np.count_nonzero(values.imag) >= 2 * pencil.size:
             break
-        if ask >= 2 * pencil.size:
-            break
-        ask = min(2 * ask, 2 * pencil.size)
+        ask = min(2 * ask, most) if ask < most else most + 1
     certified = certify and reference is not None
     if certify and reference is not None:
         disc = values[np.abs(values) <= radius]
