@@ -10,11 +10,11 @@ from femsub.bases.basis import independent
 from femsub.cea import complex_modes
 from femsub.crossing import PortFunction
 from femsub.eigen import lowest_modes
-from femsub.errors import InputError, NotConvergedError, UnstableModelError
+from femsub.errors import NotConvergedError, UnstableModelError
 from femsub.factor import complex_solve, factorise
 from femsub.friction import contact_damping
 from femsub.pencil import Array, Pencil, is_symmetric
-from femsub.qep import eigenvalues, modal_form, with_energy
+from femsub.qep import definite_form, eigenvalues, with_energy
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
 
@@ -43,9 +43,7 @@ class Model:
     """A dense pencil in modal form under a contact: its spectrum at any c."""
 
     def __init__(self, pencil: Pencil, W: Array) -> None:
-        form = modal_form(pencil)
-        if form is None:
-            raise InputError("M is singular or nearly so (massless DOF): condense those, or reduce the model first")
+        form = definite_form(pencil)
         self.form, self.pencil = form, pencil
         self.W = form.shapes.T @ W
         self.contact = self.W @ self.W.T

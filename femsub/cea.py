@@ -192,7 +192,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
 def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexModes:
     """Residuals, backward errors and error bars of eigenpairs with their left vectors."""
     # |y|ᵀ|r| and not ‖y‖‖r‖: DOF of mixed units (displacements next to rotations) then leave the bar as it is.
-    doubt = np.abs(pencil.residual(values, X)) + 4 * EPS * pencil.magnitude(values, X)
+    residual = pencil.residual(values, X)
+    doubt = np.abs(residual) + 4 * EPS * pencil.magnitude(values, X)
     slope = (pencil.M @ X) * (2 * values) + pencil.D @ X  # P'(λ)x
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
     spread = np.einsum("ij,ij->j", np.abs(Y), doubt)
@@ -212,7 +213,7 @@ def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexMo
     rigid = values == 0
     bar[rigid] = 0.0
     none = np.zeros(len(values), dtype=bool)
-    return ComplexModes(values, X, pencil.backward_error(values, X), bar, rigid, none)
+    return ComplexModes(values, X, pencil.backward_error(values, X, residual), bar, rigid, none)
 
 
 def inside(values: Array, box: tuple[float, float, float, float]) -> Array:

@@ -196,19 +196,15 @@ class Pencil:
         lam, size = np.abs(eigenvalues), np.abs(shapes)
         return (abs(self.M) @ size) * lam**2 + (abs(self.D) @ size) * lam + abs(self.K) @ size
 
-    def backward_error(self, eigenvalues: Array, shapes: Array) -> Array:
+    def backward_error(self, eigenvalues: Array, shapes: Array, residual: Array | None = None) -> Array:
         """η_j = ‖P(λ_j)x_j‖ / ((|λ_j|²‖M‖ + |λ_j|‖D‖ + ‖K‖) ‖x_j‖), shape (k,).
 
         The matrices would have to be changed by η, relatively, for (λ, x) to be an exact pair
-        (Tisseur, Linear Algebra Appl. 309 (2000), Th. 1); η is free of units and of the scale of x.
+        (Tisseur, Linear Algebra Appl. 309 (2000), Th. 1); η is free of units and of the scale of x. `residual` is R
+        where it is at hand already.
         """
         lam = np.abs(eigenvalues)
         mass, damping, stiffness = self.norms
         scale = (lam**2 * mass + lam * damping + stiffness) * np.linalg.norm(shapes, axis=0)
-        residual = np.linalg.norm(self.residual(eigenvalues, shapes), axis=0)
-        return np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0)
-
-    def project(self, V: Array, W: Array | None = None) -> Pencil:
-        """WᵀP(λ)V for V, W of shape (n, r); W = V where it is not given."""
-        left = V if W is None else W
-        return Pencil(*(left.T @ (part @ V) for part in (self.M, self.D, self.K)))
+        size = np.linalg.norm(self.residual(eigenvalues, shapes) if residual is None else residual, axis=0)
+        return np.divide(size, scale, out=np.zeros_like(size), where=scale > 0)

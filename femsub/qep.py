@@ -18,6 +18,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.eigen import dense_modes
+from femsub.errors import InputError
 from femsub.pencil import EPS, Array, Pencil, is_symmetric
 from femsub.shift_invert import RIGID
 
@@ -49,6 +50,14 @@ class ModalForm:
         else:
             A[n - r:, :n - r] = -self.H[:, r:] / self.omega[r:]
         return A
+
+
+def definite_form(pencil: Pencil) -> ModalForm:
+    """The modal form of a pencil, made dense, whose M has to be definite for what is asked."""
+    form = modal_form(pencil.dense())
+    if form is None:
+        raise InputError("M is singular or nearly so (massless DOF): condense those, or reduce the model first")
+    return form
 
 
 def modal_form(pencil: Pencil) -> ModalForm | None:

@@ -13,8 +13,8 @@ from femsub.eigen import check_band
 from femsub.errors import InputError, InputTypeError
 from femsub.factor import QUADRATIC
 from femsub.friction import Belt
-from femsub.pencil import Array, Pencil, finite_number
-from femsub.qep import ModalForm, eigenvalues, modal_form
+from femsub.pencil import Array, finite_number
+from femsub.qep import definite_form, eigenvalues
 from femsub.substructure import Substructure
 
 SMALL = 150  # up to so many DOF a sparse model is treated as dense
@@ -115,7 +115,7 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     limits = default_band(model) if band is None else check_band(band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
     if not model.pencil.is_sparse or model.size <= QUADRATIC:
-        form = _form(model.pencil)
+        form = definite_form(model.pencil)
         amplitude = form.shapes.T @ w
         for i, slope in enumerate(values):
             spectrum = eigenvalues(form, form.C + force * slope * (amplitude @ amplitude.T))
@@ -188,10 +188,3 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     else:
         found = dense_border(model.pencil, w, limits, bracketing=method == "bracketing" or w.shape[1] > 1)
     return CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)
-
-
-def _form(pencil: Pencil) -> ModalForm:
-    form = modal_form(pencil.dense())
-    if form is None:
-        raise InputError("M is singular (massless DOF): condense them, or reduce the model first")
-    return form
