@@ -23,6 +23,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Pencil": "pencil",
     "Substructure": "substructure", "ReducedSubstructure": "substructure",
+    "DofMap": "dofs",
     "StribeckArctan": "friction", "StribeckArctanOdd": "friction", "Belt": "friction",
     "chain": "chains", "chain_frequencies": "chains",
     "normal_modes": "eigen", "NormalModes": "eigen",
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from femsub.bases import CraigBampton, CraigChang, reduce
     from femsub.cea import ComplexModes, complex_modes
     from femsub.chains import chain, chain_frequencies
+    from femsub.dofs import DofMap
     from femsub.eigen import NormalModes, normal_modes
     from femsub.errors import (
         FemsubError,

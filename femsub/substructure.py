@@ -6,11 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.dofs import DofMap
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.friction import Belt
 from femsub.pencil import Array, Matrix, Pencil, is_symmetric
@@ -35,6 +36,8 @@ class Substructure:
         Named columns w on which belts, forces and outputs act.
     name : str
         For messages and for `couple`.
+    dofs : DofMap, optional
+        Which motion of which node each DOF is, and where.
 
     Raises
     ------
@@ -49,10 +52,11 @@ class Substructure:
     interface: Array
     ports: Mapping[str, Array]
     name: str
+    dofs: DofMap | None = None
     cutoff: float = np.inf  #: rad per unit of time; modes above it are the reduction's, not the component's
 
     def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] = (),
-                 ports: Mapping[str, Any] | None = None, name: str = "part") -> None:
+                 ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None) -> None:
         pencil = Pencil(M, D, K)
         mass, stiffness = _symmetric("M", pencil.M), _symmetric("K", pencil.K)
         diagonal = mass.diagonal()
@@ -62,8 +66,10 @@ class Substructure:
         if not np.any(diagonal):
             raise InputError("M has no mass at all: every diagonal entry is zero")
         _semidefinite_pairs(mass, diagonal)
+        if dofs is not None and dofs.size != pencil.size:
+            raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
         values = {"M": mass, "K": stiffness, "D": pencil.D, "interface": _interface(interface, pencil.size),
-                  "ports": _ports(ports or {}, pencil.size), "name": str(name)}
+                  "ports": _ports(ports or {}, pencil.size), "name": str(name), "dofs": dofs}
         for key, value in values.items():
             object.__setattr__(self, key, value)
 
@@ -101,6 +107,15 @@ class Substructure:
             pencil = pencil.with_damping(belt.damping(self.port(belt.port)))
         return pencil
 
+    def with_damping(self, D: Any) -> Self:
+        """The same model with another D, shape (n, n), symmetric or not; None takes all damping away."""
+        if D is not None and sp.issparse(self.K) and not sp.issparse(D):
+            D = sp.csr_array(np.asarray(D))
+        checked = Pencil(self.M, D, self.K).D
+        copy = object.__new__(type(self))
+        copy.__dict__.update({key: value for key, value in self.__dict__.items() if key != "pencil"} | {"D": checked})
+        return copy
+
     def port(self, name: str) -> Array:
         """The column(s) w of a port, shape (n,) or (n, p); an unknown name is an InputError."""
         if not isinstance(name, str) or name not in self.ports:
@@ -130,6 +145,8 @@ class ReducedSubstructure(Substructure):
         Per port, the error of the static response in the energy norm, relative to that of the full component.
     factorisations : int
         How many factorisations of the component the basis took.
+    full_dofs : DofMap, optional
+        That of the rows of V.
     """
 
     V: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -138,10 +155,12 @@ class ReducedSubstructure(Substructure):
     dropped: int = 0
     port_error: Mapping[str, float] = field(default_factory=dict)
     factorisations: int = 0
+    full_dofs: DofMap | None = None
 
     def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
                  kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, dropped: int = 0,
-                 port_error: Mapping[str, float] | None = None, factorisations: int = 0) -> None:
+                 port_error: Mapping[str, float] | None = None, factorisations: int = 0,
+                 full_dofs: DofMap | None = None) -> None:
         # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
         rows = V[full_interface]
         places = [int(np.argmax(row == 1.0)) for row in rows if np.count_nonzero(row) == 1 and 1.0 in row]
@@ -149,7 +168,7 @@ class ReducedSubstructure(Substructure):
         super().__init__(M, K, D, places if physical else (), ports, name)
         values = {"V": V, "kinds": tuple(kinds), "cutoff": float(cutoff), "method": method, "dropped": dropped,
                   "port_error": MappingProxyType(dict(port_error or {})), "factorisations": factorisations,
-                  "interface_rows": rows}
+                  "interface_rows": rows, "full_dofs": full_dofs}
         for key, value in values.items():
             object.__setattr__(self, key, value)
         V.flags.writeable = False

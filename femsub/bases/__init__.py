@@ -69,7 +69,7 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     return ReducedSubstructure(
         basis.M, basis.K, V.T @ (sub.D @ V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, full_interface=sub.interface, cutoff=min(cutoff, sub.cutoff), method=basis.method,
-        dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations)
+        dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs)
 
 
 def _columns(w: Array) -> Array:
