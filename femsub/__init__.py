@@ -23,7 +23,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Pencil": "pencil",
     "Substructure": "substructure", "ReducedSubstructure": "substructure",
-    "DofMap": "dofs",
+    "DofMap": "dofs", "Mesh": "meshes",
     "StribeckArctan": "friction", "StribeckArctanOdd": "friction", "Belt": "friction",
     "chain": "chains", "chain_frequencies": "chains",
     "normal_modes": "eigen", "NormalModes": "eigen",
@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         UnstableModelError,
     )
     from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
+    from femsub.meshes import Mesh
     from femsub.pencil import Pencil
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
     from femsub.studies import Study, study

@@ -1,0 +1,124 @@
+"""`Mesh`: points, cells of one kind, and named sets of nodes and of cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from femsub.errors import InputError, unknown_name
+from femsub.pencil import Array
+
+#: kind: (dimension of the cell, nodes)
+CELLS = {"line": (1, 2), "triangle": (2, 3), "quad": (2, 4), "tetra": (3, 4), "tetra10": (3, 10), "hexahedron": (3, 8),
+         "hexahedron20": (3, 20), "hexahedron27": (3, 27)}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh:
+    """Points (n, d), cells (m, k) of one kind, and sets of nodes and of cells by name.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, d)
+        Coordinates, d = 1 to 3, in the unit of length that E and rho go with.
+    cells : array_like of int, shape (m, k)
+        Nodes of each cell as rows of `points`, in meshio's (VTK's) order.
+    kind : str
+        'line', 'triangle', 'quad', 'tetra', 'tetra10', 'hexahedron', 'hexahedron20', 'hexahedron27'.
+    sets : mapping of str to array_like of int
+        Named sets of nodes, as rows of `points`.
+    groups : mapping of str to array_like of int
+        Named sets of cells, as rows of `cells`.
+    numbers : array_like of int, shape (n,), optional
+        What the source calls the nodes; 1 to n without it.
+    repairs : sequence of str
+        What was mended when the mesh was read.
+    name : str
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, a node or cell that does not exist, coordinates that are not finite.
+    """
+
+    points: Array
+    cells: Array
+    kind: str
+    sets: Mapping[str, Array]
+    groups: Mapping[str, Array]
+    numbers: Array
+    repairs: tuple[str, ...]
+    name: str
+
+    def __init__(self, points: Any, cells: Any, kind: str, sets: Mapping[str, Any] | None = None,
+                 groups: Mapping[str, Any] | None = None, numbers: Any = None, repairs: Iterable[str] = (),
+                 name: str = "mesh") -> None:
+        if kind not in CELLS:
+            raise unknown_name("kind of cell", kind, CELLS)
+        places, corners = np.array(points, dtype=float), np.array(cells)
+        if places.ndim != 2 or not 1 <= places.shape[1] <= 3 or not len(places):
+            raise InputError(f"points must have the shape (n, 1), (n, 2) or (n, 3), not {places.shape}")
+        if places.shape[1] < CELLS[kind][0]:
+            raise InputError(f"{kind} cells are {CELLS[kind][0]}D, but the points of {name!r} have {places.shape[1]} coordinates")
+        if not np.isfinite(places).all():
+            raise InputError(f"node {int(np.argmin(np.isfinite(places).all(axis=1)))} has a coordinate that is not finite")
+        if corners.ndim != 2 or corners.shape[1] != CELLS[kind][1] or not len(corners):
+            raise InputError(f"cells must have the shape (m, {CELLS[kind][1]}) for {kind}, not {corners.shape}")
+        count = len(places)
+        corners = _within("cells", corners, count).reshape(corners.shape)
+        named = np.arange(1, count + 1) if numbers is None else np.array(numbers)
+        if named.shape != (count,):
+            raise InputError(f"numbers must have {count} entries, one per node, but their shape is {named.shape}")
+        values = {
+            "points": places, "cells": corners, "kind": kind, "numbers": named, "repairs": tuple(repairs), "name": str(name),
+            "sets": MappingProxyType({key: np.unique(_within(f"set {key!r}", rows, count)) for key, rows in (sets or {}).items()}),
+            "groups": MappingProxyType({key: np.unique(_within(f"group {key!r}", rows, len(corners)))
+                                        for key, rows in (groups or {}).items()})}
+        for key, value in values.items():
+            for array in value.values() if isinstance(value, Mapping) else [value]:
+                if isinstance(array, np.ndarray):
+                    array.flags.writeable = False
+            object.__setattr__(self, key, value)
+
+    def __repr__(self) -> str:
+        sets = f"sets {', '.join(self.sets)}" if self.sets else "no sets"
+        groups = f", groups {', '.join(self.groups)}" if self.groups else ""
+        mended = f"; {'; '.join(self.repairs)}" if self.repairs else ""
+        return f"Mesh {self.name!r}: {len(self.points)} nodes, {len(self.cells)} {self.kind}, {sets}{groups}{mended}"
+
+    @property
+    def dimension(self) -> int:
+        """Of the cells: 1, 2 or 3."""
+        return CELLS[self.kind][0]
+
+    def nodes(self, name: str) -> Array:
+        """The nodes of a set, ascending; an unknown or an empty one is an InputError."""
+        if name not in self.sets:
+            raise unknown_name(f"set of nodes of the mesh {self.name!r}:", name, self.sets)
+        if not len(self.sets[name]):
+            raise InputError(f"the set {name!r} of the mesh {self.name!r} is empty")
+        return self.sets[name]
+
+    def with_sets(self, **sets: Any) -> Mesh:
+        """A copy with more (or other) sets of nodes, each as rows of `points` or as a function of the points (n, d)
+        that returns n truth values.
+        """
+        found = {name: np.flatnonzero(rows(self.points)) if callable(rows) else rows for name, rows in sets.items()}
+        return Mesh(self.points, self.cells, self.kind, {**self.sets, **found}, self.groups, self.numbers, self.repairs,
+                    self.name)
+
+
+def _within(what: str, rows: Any, count: int) -> Array:
+    raw = np.asarray(rows)
+    if raw.size == 0:
+        return np.zeros(0, dtype=np.intp)
+    if not np.issubdtype(raw.dtype, np.integer):
+        raise InputError(f"{what} must hold whole numbers, not {raw.dtype}")
+    if raw.min() < 0 or raw.max() >= count:
+        bad = raw.min() if raw.min() < 0 else raw.max()
+        raise InputError(f"{what} names number {bad}, but there are {count}, counted from 0")
+    return raw.astype(np.intp)
