@@ -73,11 +73,11 @@ class Mesh:
         named = np.arange(1, count + 1) if numbers is None else np.array(numbers)
         if named.shape != (count,):
             raise InputError(f"numbers must have {count} entries, one per node, but their shape is {named.shape}")
+        node_sets = {key: np.unique(_within(f"set {key!r}", rows, count)) for key, rows in (sets or {}).items()}
+        cell_sets = {key: np.unique(_within(f"group {key!r}", rows, len(corners))) for key, rows in (groups or {}).items()}
         values = {
             "points": places, "cells": corners, "kind": kind, "numbers": named, "repairs": tuple(repairs), "name": str(name),
-            "sets": MappingProxyType({key: np.unique(_within(f"set {key!r}", rows, count)) for key, rows in (sets or {}).items()}),
-            "groups": MappingProxyType({key: np.unique(_within(f"group {key!r}", rows, len(corners)))
-                                        for key, rows in (groups or {}).items()})}
+            "sets": MappingProxyType(node_sets), "groups": MappingProxyType(cell_sets)}
         for key, value in values.items():
             for array in value.values() if isinstance(value, Mapping) else [value]:
                 if isinstance(array, np.ndarray):
