@@ -23,7 +23,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Pencil": "pencil",
     "Substructure": "substructure", "ReducedSubstructure": "substructure",
-    "DofMap": "dofs", "Mesh": "meshes",
+    "DofMap": "dofs", "Mesh": "meshes", "Material": "assembly", "solid": "solids",
     "StribeckArctan": "friction", "StribeckArctanOdd": "friction", "Belt": "friction",
     "chain": "chains", "chain_frequencies": "chains",
     "normal_modes": "eigen", "NormalModes": "eigen",
@@ -39,6 +39,7 @@ _HOME = {
 __all__ = sorted([*_HOME, "__version__"])
 
 if TYPE_CHECKING:
+    from femsub.assembly import Material
     from femsub.bases import CraigBampton, CraigChang, reduce
     from femsub.cea import ComplexModes, complex_modes
     from femsub.chains import chain, chain_frequencies
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
     from femsub.meshes import Mesh
     from femsub.pencil import Pencil
+    from femsub.solids import solid
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
     from femsub.studies import Study, study
     from femsub.substructure import ReducedSubstructure, Substructure

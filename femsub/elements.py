@@ -98,8 +98,10 @@ def shape_functions(kind: str, X: Array) -> tuple[Array, Array]:
 
 
 def quadrature(kind: str, degree: int) -> tuple[Array, Array]:
-    """Points (q, 3) and weights (q,), exact for polynomials of `degree` (in each direction, for hexahedra)."""
+    """Points (q, 3) and positive weights (q,), exact for polynomials of `degree` (in each direction, for hexahedra)."""
     X, w = skfem().quadrature.get_quadrature(_skfem_element(kind)[0].refdom, degree)
+    if w.min() < 0:  # some rules for tetrahedra have a negative weight, with which a mass may become negative
+        return quadrature(kind, degree + 1)
     return X.T, w
 
 

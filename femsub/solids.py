@@ -1,0 +1,128 @@
+"""Solid components: linear elasticity on hexahedra and tetrahedra, linear and quadratic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from femsub.assembly import Material, stiffness_and_mass
+from femsub.dofs import TRANSLATIONS, DofMap
+from femsub.elements import KINDS
+from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.meshes import Mesh
+from femsub.pencil import Array
+from femsub.substructure import Substructure
+from femsub.surfaces import patch_average
+
+Direction: TypeAlias = str | Sequence[float]
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] = (),
+          interface: Mapping[str, str] | Sequence[str] = (), ports: Mapping[str, tuple[str, Direction]] | None = None,
+          rayleigh: tuple[float, float] = (0.0, 0.0), name: str = "") -> Substructure:
+    """M ü + D u̇ + K u = f, K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, three DOF (x, y, z) to each node.
+
+    K and M are exact where the cells are affine; see `stiffness_and_mass`. The DOF of supports are left out.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of 'hexahedron', 'hexahedron20', 'hexahedron27', 'tetra' or 'tetra10'; `read_mesh` or `block` make one.
+    material : Material, or mapping of str to Material
+        One for all cells, or one for each group of cells, which together must cover all.
+    supports, interface : sequence of str, or mapping of str to str
+        Sets of nodes that are held, and those through which the component is joined: all three motions, or those
+        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node.
+    ports : mapping of str to (set, direction)
+        Where a belt or a force acts: w with wᵀu the average motion of a patch of the surface (a set of nodes) along
+        'x', 'y', 'z', 'normal', or a vector, which is brought to unit length.
+    rayleigh : (alpha, beta)
+        α in 1 per unit of time, β in units of time.
+    name : str
+        The mesh's, if empty.
+
+    Raises
+    ------
+    InputError
+        A set or group that the mesh has not, plane cells, inverted cells, a direction that is none.
+    """
+    if not isinstance(mesh, Mesh):
+        raise InputTypeError(f"solid takes a Mesh (see read_mesh, block), not {type(mesh).__name__}")
+    if mesh.kind not in KINDS:
+        raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D; a solid needs one of "
+                         f"{', '.join(KINDS)}")
+    held = _motions(mesh, "supports", supports)
+    joined = _motions(mesh, "interface", interface)
+    columns = {key: _port(mesh, key, value) for key, value in (ports or {}).items()}
+    K, M = stiffness_and_mass(mesh, _materials(mesh, material))
+    count = 3 * len(mesh.points)
+    free = np.ones(count, dtype=bool)
+    free[held] = False
+    both = joined[~free[joined]]
+    if len(both):
+        raise InputError(f"interface: node {mesh.numbers[both[0] // 3]} is held along {'xyz'[both[0] % 3]} by a support, and "
+                         f"{len(both)} DOF in all; take them out of one of the two")
+    rows = np.flatnonzero(free)
+    if len(rows) < count:
+        K, M = K[rows][:, rows], M[rows][:, rows]
+    number = np.cumsum(free) - 1
+    alpha, beta = rayleigh
+    D = None if alpha == beta == 0 else alpha * M + beta * K
+    dofs = DofMap(mesh.numbers[rows // 3], rows % 3, TRANSLATIONS, mesh.points[rows // 3])
+    return Substructure(M, K, D, number[joined], {key: w[rows] for key, w in columns.items()}, name or mesh.name, dofs)
+
+
+def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[tuple[Material, Array]]:
+    if isinstance(material, Material):
+        return [(material, np.arange(len(mesh.cells)))]
+    if not isinstance(material, Mapping):
+        raise InputTypeError(f"material must be a Material or map groups of cells to one, not {material!r:.60}")
+    covered = np.zeros(len(mesh.cells), dtype=int)
+    parts = []
+    for group, one in material.items():
+        if group not in mesh.groups:
+            raise unknown_name(f"group of cells of the mesh {mesh.name!r}:", group, mesh.groups)
+        covered[mesh.groups[group]] += 1
+        parts.append((one, mesh.groups[group]))
+    if (covered != 1).any():
+        raise InputError(f"material: {np.count_nonzero(covered == 0)} cells of {mesh.name!r} have none, and "
+                         f"{np.count_nonzero(covered > 1)} have several; each cell needs just one")
+    return parts
+
+
+def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str]) -> Array:
+    """DOF of all nodes, node by node, of the sets named."""
+    if isinstance(named, str):
+        named = [named]
+    chosen = np.zeros((len(mesh.points), 3), dtype=bool)
+    for name, axes in (named.items() if isinstance(named, Mapping) else ((name, "xyz") for name in named)):
+        if axes == "clamped":
+            axes = "xyz"
+        if not axes or set(axes) - set("xyz"):
+            raise InputError(f"{what}: {axes!r} for the set {name!r} must be 'clamped' or some of the letters x, y, z")
+        nodes = mesh.nodes(name)
+        for axis in axes:
+            chosen[nodes, "xyz".index(axis)] = True
+    return np.flatnonzero(chosen)
+
+
+def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
+    try:
+        place, direction = value
+    except (TypeError, ValueError):
+        raise InputTypeError(f"port {name!r} must be (set of nodes, direction), e.g. ('contact', 'x'), not {value!r}") from None
+    average, normal = patch_average(mesh, mesh.nodes(place))
+    if isinstance(direction, str):
+        if direction not in (*AXES, "normal"):
+            raise unknown_name(f"direction of port {name!r}:", direction, (*AXES, "normal"))
+        vector = normal if direction == "normal" else np.array(AXES[direction])
+    else:
+        vector = np.asarray(direction, dtype=float)
+    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
+    if not 0 < length < np.inf:
+        why = "the set holds no face of the surface" if isinstance(direction, str) else "three numbers, not all 0, are needed"
+        raise InputError(f"port {name!r}: {direction!r} is no direction: {why}")
+    return np.outer(average, vector / length).ravel()
