@@ -24,7 +24,7 @@ from femsub.pencil import EPS, Array, Matrix, norm
 
 Kind = Literal["definite", "symmetric", "general"]
 TREE = "femsub_tree_"  # options prefix of factors whose graph has no more edges than nodes, see Factor
-BLOCK = 256  # right-hand sides solved at once: more gains nothing and costs n * 8 bytes each
+BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
 
 
 @cache
@@ -155,13 +155,18 @@ class Factor:
             raise InputError("the inertia is counted by a symmetric factorisation")
         return int(self._factor.getMumpsInfog(12))
 
+    @property
+    def fill(self) -> float:
+        """Nonzeros of L per row, where CHOLMOD made it: what a solve has to read."""
+        return float(self._factor.getInfo()["nz_used"]) / self.size if self.kind == "definite" else np.nan
+
     def solve(self, B: Array) -> Array:
         """A⁻¹B, in blocks of right-hand sides."""
         PETSc, _ = _load()
         right = np.asarray(B, dtype=np.float64).reshape(self.size, -1)
         result = np.empty(right.shape, order="F")
         for start in range(0, right.shape[1], BLOCK):
-            b, x = np.array(right[:, start:start + BLOCK], order="F"), result[:, start:start + BLOCK]
+            b, x = np.require(right[:, start:start + BLOCK], requirements=["F", "W"]), result[:, start:start + BLOCK]
             with ExitStack() as stack:
                 source, target = (PETSc.Mat().createDense(part.shape, array=part, comm=PETSc.COMM_SELF) for part in (b, x))
                 for mat in (source, target):

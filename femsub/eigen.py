@@ -6,7 +6,7 @@ modes are wanted. Their number is confirmed by the inertia of K - ω²M, and wha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted eigenvalue
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
+BLOCK_TOLERANCE = 1e-10  # asked of block Lanczos, which ends with a step of inverse iteration
+HEAVY = 100  # nonzeros of the factor per row from which blocks of solves pay
 DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
 
 
@@ -40,6 +42,8 @@ class NormalModes:
         ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, free of units.
     counted : tuple (limit, count)
         An independent count: so many modes lie below the frequency `limit`, and all are here.
+    confirmed : bool
+        Whether that count was made yet, or is what was found, see `confirm`.
     factorisations : int
         Made for the modes (the one for the count comes on top).
     """
@@ -50,6 +54,7 @@ class NormalModes:
     residual: Array
     counted: tuple[float, int]
     factorisations: int = 1
+    confirmed: bool = True
 
     @property
     def frequencies(self) -> Array:
@@ -64,8 +69,12 @@ class NormalModes:
                 f"{self.counted[1]} counted below {self.counted[0]:.5g}")
 
 
-def lowest_modes(handle: ShiftInvert, count: int) -> NormalModes:
-    """The rigid-body modes and the `count` lowest elastic ones, certified."""
+def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False) -> NormalModes:
+    """The rigid-body modes and the `count` lowest elastic ones, certified.
+
+    With `defer`, the count of a large model is left to `confirm`, since it takes a second factorisation, and the memory
+    of the first may have to be given back before.
+    """
     n, rigid = handle.K.shape[0], handle.rigid.shape[1]
     finite = int(np.count_nonzero(handle.M.diagonal())) if _is_diagonal(handle.M) else n
     if count < 0 or count + rigid > finite:
@@ -73,7 +82,7 @@ def lowest_modes(handle: ShiftInvert, count: int) -> NormalModes:
                          + (f" (and {rigid} rigid-body modes)" if rigid else ""))
     if n <= SMALL or not sp.issparse(handle.K) or (count > 0.3 * n and n <= DENSE):
         return _dense(handle, count)
-    return _sparse(handle, count, finite)
+    return _sparse(handle, count, finite, defer)
 
 
 def _dense(handle: ShiftInvert, count: int) -> NormalModes:
@@ -101,19 +110,27 @@ def _dense(handle: ShiftInvert, count: int) -> NormalModes:
     return _result(handle, values[keep], _polished(handle.deflate(shapes), handle.M), (np.inf, len(values)))
 
 
-def _sparse(handle: ShiftInvert, count: int, finite: int) -> NormalModes:
+def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool) -> NormalModes:
     from femsub._slepc import Factor, symmetric_modes
+    from femsub.lanczos import block_lanczos
 
     assert isinstance(handle.factor, Factor)
     rigid = handle.rigid.shape[1]
     ask = min(count + 2, finite - rigid)
     if ask == 0:
         return _result(handle, np.zeros(0), np.zeros((handle.K.shape[0], 0)), (0.0, 0))
-    values, shapes = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE, known=handle.rigid)
+    heavy = handle.factor.fill > HEAVY and finite > 20 * ask
+    if heavy:
+        values, shapes = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=BLOCK_TOLERANCE, known=handle.rigid)
+    else:
+        values, shapes = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE,
+                                         known=handle.rigid)
     for attempt in range(4):
         order = np.argsort(values, kind="stable")
         values, shapes = values[order], shapes[:, order]
         limit, below = _limit(values, min(count, len(values)))
+        if heavy and defer:
+            return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), below + rigid), False)
         counted = factorise(handle.K - limit * handle.M, "symmetric").negative_pivots
         missed = counted - below - rigid
         if missed == 0:
@@ -127,14 +144,32 @@ def _sparse(handle: ShiftInvert, count: int, finite: int) -> NormalModes:
                            f"K - ω²M counts {counted}; ask for a few modes more or fewer, to leave the cluster")
 
 
-def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int]) -> NormalModes:
+def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
+    """Makes the count that was deferred; the handle may have been released.
+
+    Raises
+    ------
+    MissedModesError
+        The inertia of K - ω²M counts another number of modes.
+    """
+    if modes.confirmed:
+        return modes
+    limit, expected = modes.counted
+    counted = factorise(handle.K - limit**2 * handle.M, "symmetric").negative_pivots
+    if counted != expected:
+        raise MissedModesError(f"{expected} modes were found below ω = {limit:.6g}, but the inertia of K - ω²M counts {counted}; "
+                               "ask for a few modes more or fewer, to leave the cluster")
+    return replace(modes, confirmed=True)
+
+
+def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], confirmed: bool = True) -> NormalModes:
     values = np.concatenate([np.zeros(handle.rigid.shape[1]), values])
     shapes = np.hstack([handle.rigid, shapes])
     residual = relative_residual(handle.K, handle.M, values, shapes)
     if residual.max(initial=0.0) > ACCEPTED:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, and "
                                 f"{ACCEPTED:g} is the most that is accepted; check the scaling of K and M")
-    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations)
+    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed)
 
 
 def _is_diagonal(M: Matrix) -> bool:

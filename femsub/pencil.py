@@ -87,26 +87,29 @@ def _first(matrix: Matrix, mask: Array) -> tuple[int, int]:
 def is_symmetric(matrix: Matrix) -> bool:
     """A = Aᵀ to the last digit."""
     if sp.issparse(matrix):
-        return (matrix != matrix.T).nnz == 0
+        other = matrix.T.tocsr()  # canonical, as `matrix` is
+        if np.array_equal(matrix.indptr, other.indptr) and np.array_equal(matrix.indices, other.indices):
+            return np.array_equal(matrix.data, other.data)
+        return (matrix != other).nnz == 0
     return bool(np.array_equal(matrix, matrix.T))
 
 
-def without_rounding(matrix: Matrix) -> Matrix:
-    """(A + Aᵀ)/2 where |a_ij - a_ji| ≤ 1e-14 sqrt(|a_ii a_jj|) throughout, else A itself.
+def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
+    """(A + Aᵀ)/2 where |a_ij - a_ji| ≤ 1e-14 sqrt(|a_ii a_jj|) throughout, else A itself; and whether that is symmetric.
 
     An assembly adds up the two triangles in different orders: the skew part is then rounding, and would cost all that
     symmetric matrices are spared.
     """
     if is_symmetric(matrix):
-        return matrix
+        return matrix, True
     scale = np.sqrt(np.abs(matrix.diagonal()))
     skew = sp.coo_array(matrix - matrix.T)
     if (np.abs(skew.data) > 1e-14 * scale[skew.row] * scale[skew.col]).any():
-        return matrix
+        return matrix, False
     mean = (matrix + matrix.T) * 0.5
     mean = sp.csr_array(mean) if sp.issparse(mean) else mean
     (mean.data if sp.issparse(mean) else mean).flags.writeable = False
-    return mean
+    return mean, True
 
 
 def norm(matrix: Matrix) -> float:
@@ -134,6 +137,7 @@ class Pencil:
     M: Matrix
     D: Matrix
     K: Matrix
+    symmetric: tuple[bool, bool, bool]  #: whether M, D and K are, to the last digit
 
     def __init__(self, M: Any, D: Any, K: Any) -> None:
         mass = as_matrix("M", M)
@@ -142,8 +146,9 @@ class Pencil:
         parts = (mass, damping, stiffness)
         if not all(sp.issparse(part) for part in ((mass, stiffness) if D is None else parts)):
             parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)
-        for name, part in zip("MDK", parts, strict=True):
-            object.__setattr__(self, name, without_rounding(part))
+        checked, flags = zip(*(without_rounding(part) for part in parts), strict=True)
+        for name, part in zip(("M", "D", "K", "symmetric"), (*checked, flags), strict=True):
+            object.__setattr__(self, name, part)
 
     def __repr__(self) -> str:
         kind = "sparse" if self.is_sparse else "dense"
@@ -159,11 +164,6 @@ class Pencil:
         return bool(sp.issparse(self.K))
 
     @cached_property
-    def symmetric(self) -> tuple[bool, bool, bool]:
-        """Whether M, D and K are symmetric to the last digit."""
-        return is_symmetric(self.M), is_symmetric(self.D), is_symmetric(self.K)
-
-    @cached_property
     def norms(self) -> tuple[float, float, float]:
         """Upper bounds of ‖M‖₂, ‖D‖₂ and ‖K‖₂ (see `norm`)."""
         return norm(self.M), norm(self.D), norm(self.K)
@@ -177,10 +177,13 @@ class Pencil:
         return Pencil(self.M.T, self.D.T, self.K.T)
 
     def with_damping(self, extra: Matrix) -> Pencil:
-        """A copy with D + extra."""
-        if self.is_sparse:
-            return Pencil(self.M, self.D + sp.csr_array(extra), self.K)
-        return Pencil(self.M, self.D + (extra.toarray() if sp.issparse(extra) else extra), self.K)
+        """A copy with D + extra; M and K are shared, and not checked again."""
+        D = self.D + sp.csr_array(extra) if self.is_sparse else self.D + (extra.toarray() if sp.issparse(extra) else extra)
+        D, symmetric = without_rounding(as_matrix("D", D, self.size))
+        copy = object.__new__(Pencil)
+        flags = (self.symmetric[0], symmetric, self.symmetric[2])
+        copy.__dict__.update({"M": self.M, "D": D, "K": self.K, "symmetric": flags})
+        return copy
 
     def at(self, value: complex) -> Matrix:
         """P(value), shape (n, n); complex only if `value` is."""

@@ -14,6 +14,7 @@ from femsub.pencil import EPS, Array, Matrix
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units
 GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
+COLUMNS = 64  # right-hand sides of an elastic solve held at a time, with four temporaries each
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -118,6 +119,10 @@ class ShiftInvert:
     def floating(self) -> bool:
         return self.rigid.shape[1] > 0
 
+    def release(self) -> None:
+        """Gives the memory of the factor back; what needs no solve goes on working."""
+        self.factor.close()
+
     def deflate(self, x: Array, shapes: Array | None = None) -> Array:
         """(I - ΦΦᵀM)x, by default with the rigid-body modes: what is left is M-orthogonal to them."""
         basis = self.rigid if shapes is None else shapes
@@ -131,6 +136,13 @@ class ShiftInvert:
         σ < 0 the correction x ← x + (K - σM)⁻¹(b - Kx) contracts by |σ|/(λ + |σ|) with the lowest λ not in Φ.
         """
         basis = self.rigid if kept is None else kept
+        x = np.empty(B.shape, order="F")
+        for start in range(0, B.shape[1], COLUMNS):
+            part = slice(start, start + COLUMNS)
+            x[:, part] = self._elastic_block(B[:, part], basis)
+        return x
+
+    def _elastic_block(self, B: Array, basis: Array) -> Array:
         b = B - self.M @ (basis @ (basis.T @ B))
         x = self.deflate(self.factor.solve(b), basis)
         if self.sigma == 0:

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from femsub.dofs import DofMap
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.friction import Belt
-from femsub.pencil import Array, Matrix, Pencil, is_symmetric
+from femsub.pencil import Array, Matrix, Pencil
 
 SYMMETRY = 1e-9  # the largest |A - Aᵀ| taken for rounding, relative to the largest |A|
 
@@ -58,7 +58,8 @@ class Substructure:
     def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] = (),
                  ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None) -> None:
         pencil = Pencil(M, D, K)
-        mass, stiffness = _symmetric("M", pencil.M), _symmetric("K", pencil.K)
+        mass, stiffness = (part if flag else _symmetric(name, part) for name, part, flag in
+                           zip("MK", (pencil.M, pencil.K), pencil.symmetric[::2], strict=True))
         diagonal = mass.diagonal()
         if diagonal.min() < 0:
             where = int(diagonal.argmin())
@@ -70,8 +71,9 @@ class Substructure:
             raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
         values = {"M": mass, "K": stiffness, "D": pencil.D, "interface": _interface(interface, pencil.size),
                   "ports": _ports(ports or {}, pencil.size), "name": str(name), "dofs": dofs}
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
+        if mass is pencil.M and stiffness is pencil.K:
+            values["pencil"] = pencil  # checked already
+        self.__dict__.update(values)
 
     def __repr__(self) -> str:
         kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
@@ -111,9 +113,9 @@ class Substructure:
         """The same model with another D, shape (n, n), symmetric or not; None takes all damping away."""
         if D is not None and sp.issparse(self.K) and not sp.issparse(D):
             D = sp.csr_array(np.asarray(D))
-        checked = Pencil(self.M, D, self.K).D
+        pencil = Pencil(self.M, D, self.K)
         copy = object.__new__(type(self))
-        copy.__dict__.update({key: value for key, value in self.__dict__.items() if key != "pencil"} | {"D": checked})
+        copy.__dict__.update(self.__dict__ | {"D": pencil.D, "pencil": pencil})
         return copy
 
     def port(self, name: str) -> Array:
@@ -186,8 +188,6 @@ class ReducedSubstructure(Substructure):
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:
-    if is_symmetric(matrix):
-        return matrix
     skew = abs(matrix - matrix.T)
     largest = float(skew.max())
     if largest > SYMMETRY * float(abs(matrix).max()):

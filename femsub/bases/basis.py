@@ -40,12 +40,15 @@ def check_modes(modes: object) -> None:
 
 
 def kept_modes(handle: ShiftInvert, count: int) -> tuple[NormalModes, Array, Array, float]:
-    """The modes with one more, if there is one: (all, kept values, kept shapes with the rigid ones, cut-off)."""
+    """The modes with one more, if there is one: (all, kept values, kept shapes with the rigid ones, cut-off).
+
+    The count of a large model is still to be confirmed.
+    """
     try:
-        found = lowest_modes(handle, count + 1)
+        found = lowest_modes(handle, count + 1, defer=True)
         cutoff = float(found.frequencies[-1])
     except InputError:
-        found = lowest_modes(handle, count)
+        found = lowest_modes(handle, count, defer=True)
         cutoff = np.inf
     keep = found.rigid + count
     return found, found.eigenvalues[:keep], found.shapes[:, :keep], cutoff

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.bases.basis import Basis, check_modes, energy_error, independent, kept_modes
+from femsub.eigen import confirm
 from femsub.errors import InputError
 from femsub.pencil import Array, Matrix
 from femsub.shift_invert import ShiftInvert
@@ -53,13 +54,16 @@ class CraigBampton:
                 f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
                 "modes remain, and constraint modes do not exist; add interface DOF, or use CraigChang")
         found, values, fixed, cutoff = kept_modes(handle, self.modes)
-        Kib = _block(sub.K, i, b)
-        loads = np.hstack([-Kib, extra[i], *(column[i] for column in ports.values())])
-        answers = handle.elastic_solve(loads) if handle.floating else handle.factor.solve(loads)
+        Kib = _part(sub.K, i, b)
+        answers = _solved(handle, [-(Kib.toarray() if sp.issparse(Kib) else Kib), extra[i], *(w[i] for w in ports.values())])
         constraint, static, probes = np.split(answers, [len(b), len(b) + extra.shape[1]], axis=1)
+        rest = handle.elastic_solve(extra[i], fixed)
+        handle.release()
+        confirm(handle, found)
 
-        residual, stiffness, inertia, dropped = _static(handle, extra[i], static, fixed, values)
-        interior = np.hstack([fixed, residual])
+        whole = np.einsum("ij,ij->j", static, extra[i])
+        residual, stiffness, inertia, dropped = independent(handle, rest, extra[i], whole, fixed)
+        interior = np.hstack([fixed, residual]) if len(stiffness) else fixed
         V = np.zeros((sub.size, len(b) + interior.shape[1]))
         V[b, np.arange(len(b))] = 1.0
         V[i, :len(b)] = constraint
@@ -90,12 +94,9 @@ def _block(matrix: Matrix, rows: Array, columns: Array) -> Array:
     return part.toarray() if sp.issparse(part) else part
 
 
-def _static(handle: ShiftInvert, forces: Array, answers: Array, fixed: Array, values: Array) -> tuple[Array, Array, Array, int]:
-    """What the fixed-interface modes leave of the static responses, as independent columns."""
-    if forces.shape[1] == 0:
-        return np.zeros((len(forces), 0)), np.zeros(0), np.zeros(0), 0
-    rest = handle.elastic_solve(forces, fixed)
-    return independent(handle, rest, forces, np.einsum("ij,ij->j", answers, forces), fixed)
+def _solved(handle: ShiftInvert, loads: list[Array]) -> Array:
+    joined = np.hstack(loads)
+    return handle.elastic_solve(joined) if handle.floating else handle.factor.solve(joined)
 
 
 def _port_errors(ports: Mapping[str, Array], i: Array, b: Array, probes: Array, constraint: Array, condensed: Array,

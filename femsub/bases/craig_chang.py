@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.bases.basis import Basis, check_modes, energy_error, independent, kept_modes
+from femsub.eigen import confirm
 from femsub.pencil import Array
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
@@ -41,17 +42,19 @@ class CraigChang:
     def basis(self, sub: Substructure, extra: Array, ports: Mapping[str, Array]) -> Basis:
         handle = ShiftInvert(sub.K, sub.M)
         found, values, modes, cutoff = kept_modes(handle, self.modes)
-        unit = np.zeros((sub.size, len(sub.interface)))
-        unit[sub.interface, np.arange(len(sub.interface))] = 1.0
-        forces = np.hstack([unit, extra])
-        loads = np.hstack([forces, *ports.values()])
-        rest = handle.elastic_solve(loads, modes) if loads.shape[1] else loads
+        n_b, s = len(sub.interface), len(sub.interface) + extra.shape[1]
+        loads = np.zeros((sub.size, s + sum(w.shape[1] for w in ports.values())), order="F")
+        loads[sub.interface, np.arange(n_b)] = 1.0
+        loads[:, n_b:] = np.hstack([extra, *ports.values()])
+        forces = loads[:, :s]
+        rest = handle.elastic_solve(loads, modes)
+        handle.release()
+        confirm(handle, found)
         elastic = values[found.rigid:]
         held = modes[:, found.rigid:].T @ loads
         missing = np.einsum("ij,ij->j", rest, loads)
         whole = missing + np.einsum("ij,ij->j", held, held / elastic[:, None])
 
-        s = forces.shape[1]
         residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, whole[:s], modes)
         kinds = ("rigid",) * found.rigid + ("free",) * self.modes + ("residual attachment",) * len(stiffness)
         errors, at = {}, s
