@@ -23,7 +23,8 @@ __version__ = "0.1.0"
 _HOME = {
     "Pencil": "pencil",
     "Substructure": "substructure", "ReducedSubstructure": "substructure",
-    "DofMap": "dofs", "Mesh": "meshes", "Material": "assembly", "solid": "solids",
+    "DofMap": "dofs", "Mesh": "meshes", "read_mesh": "meshfiles", "write_mesh": "meshfiles",
+    "block": "blocks", "annulus": "blocks", "rectangle": "blocks", "Material": "assembly", "solid": "solids",
     "StribeckArctan": "friction", "StribeckArctanOdd": "friction", "Belt": "friction",
     "chain": "chains", "chain_frequencies": "chains",
     "normal_modes": "eigen", "NormalModes": "eigen",
@@ -41,6 +42,7 @@ __all__ = sorted([*_HOME, "__version__"])
 if TYPE_CHECKING:
     from femsub.assembly import Material
     from femsub.bases import CraigBampton, CraigChang, reduce
+    from femsub.blocks import annulus, block, rectangle
     from femsub.cea import ComplexModes, complex_modes
     from femsub.chains import chain, chain_frequencies
     from femsub.dofs import DofMap
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
     )
     from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
     from femsub.meshes import Mesh
+    from femsub.meshfiles import read_mesh, write_mesh
     from femsub.pencil import Pencil
     from femsub.solids import solid
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
