@@ -1,0 +1,51 @@
+"""Files on the disk: each whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import BinaryIO, TypeAlias
+
+Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content into an open temporary file
+
+
+def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
+    """Writes files (names relative to `folder`, which is made), and renames them only when all are on the disk.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written; what stood there before still stands there.
+    """
+    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    waiting: list[tuple[str, Path]] = []
+    try:
+        for name, writer in writers.items():
+            path = folder / name
+            made = [parent for parent in path.parents if not parent.exists() and parent not in made] + made
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+            waiting.append((temporary, path))
+            with os.fdopen(handle, "wb") as file:
+                writer(file)
+            os.chmod(temporary, 0o666 & ~_umask())
+        folder.mkdir(parents=True, exist_ok=True)
+        for temporary, path in list(waiting):
+            os.replace(temporary, path)
+            waiting.remove((temporary, path))
+    except BaseException:
+        for temporary, _ in waiting:
+            os.unlink(temporary)
+        for parent in sorted(made, key=lambda path: len(path.parts), reverse=True):
+            if parent.is_dir() and not any(parent.iterdir()):
+                parent.rmdir()
+        raise
+    return [folder / name for name in writers]
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
