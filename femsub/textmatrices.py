@@ -84,11 +84,26 @@ def _unfolded(path: Path, rows: Array, columns: Array, values: Array, size: int,
     paired = int(ones.multiply(ones.T).nnz) - int((rows == columns).sum()) if below and above else 0
     # By node and DOF each pair may stand in either order: which row comes first is Abaqus' own business.
     if not paired and (not below or not above or labels is not None):
+        _check_diagonal(path, rows, columns, size, labels)
         return sp.csr_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
+    if paired == below + above and (matrix != matrix.T).nnz == 0:
+        _check_diagonal(path, rows, columns, size, labels)
     if paired < below + above:
         raise InputError(f"{path} is neither one triangle nor a full matrix: {below} entries below the diagonal and {above} "
                          f"above, {below + above - paired} of them without the entry across; it may be cut short, write it again")
     return matrix
+
+
+def _check_diagonal(path: Path, rows: Array, columns: Array, size: int, labels: Array | None) -> None:
+    """The last line of these files is on the diagonal: where it is gone, its row still has entries beside the diagonal."""
+    on = rows == columns
+    empty = np.setdiff1d(np.concatenate([rows[~on], columns[~on]]), rows[on])
+    if labels is not None:
+        empty = empty[labels[empty, 0] > 0]  # Abaqus' own nodes, below 0, may be Lagrange multipliers
+    if len(empty):
+        place = f"row {empty[0] + 1}" if labels is None else f"node {labels[empty[0]][0]}, DOF {labels[empty[0]][1]}"
+        raise InputError(f"{path} has entries, but none on the diagonal, for {len(empty)} of {size} DOF, first {place}; it may "
+                         "be cut short, write it again")
 
 
 def _table(path: Path) -> Array:
@@ -115,6 +130,8 @@ def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float) 
             reason = f"{found[1]} in data line {int(found[2]) + 1} is not a number"
         elif found := re.search(r"changed from (\d+) to (\d+) at row (\d+)", reason):
             reason = f"data line {found[3]} has {found[2]} values, those before have {found[1]}"
+        elif found := re.search(r"requires (\d+) columns but (\d+) were found at row (\d+)", reason):
+            reason = f"data line {found[3]} has {found[2]} values, the first has {found[1]}"
         raise InputError(f"{path} cannot be read: {reason}; it may be cut short, write it again") from None
     if not table.size:
         raise InputError(f"{path} is empty")
