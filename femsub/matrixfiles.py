@@ -105,9 +105,28 @@ def _starts(path: Path, banner: bytes) -> bool:
 
 
 def _matrix_market(path: Path) -> Any:
-    from scipy.io import mmread
+    from scipy.io import mminfo, mmread
 
+    rows, columns, _, layout, _, symmetry = mminfo(path)
+    if layout == "array":  # SciPy (1.17) counts the entries of sparse matrices, but fills up dense ones with zeros
+        half = rows * (rows + 1) // 2 - (rows if symmetry == "skew-symmetric" else 0)
+        wanted = rows * columns if symmetry == "general" else half
+        found = _lines_of_data(path) - 1  # the first tells the shape
+        if found < wanted:
+            raise InputError(f"{path} is cut short: it announces {rows} x {columns}, so {wanted} entries, but has {found}; write it "
+                             "again")
     return mmread(path)
+
+
+def _lines_of_data(path: Path) -> int:
+    count = 0
+    with open(path, "rb") as file:
+        while (line := file.readline()).startswith(b"%") or not line.strip():
+            if not line:
+                return 0
+        while block := file.read(1 << 24):
+            count += block.count(b"\n") - block.count(b"\n\n")
+    return count + 1
 
 
 def _npz(path: Path) -> Any:

@@ -123,7 +123,7 @@ def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float) 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # a file without data: found below
             table = np.loadtxt(source, dtype=dtype, delimiter=delimiter, ndmin=2 if dtype is float else 1, encoding="utf-8",
-                               **({"comments": "**"} if dtype is float else {"comments": None, "quotechar": '"'}))
+                               **({"comments": "*"} if dtype is float else {"comments": None, "quotechar": '"'}))
     except (ValueError, UnicodeDecodeError) as error:
         reason = str(error).split(";")[0].rstrip(".")
         if found := re.search(r"could not convert string (.+) to \w+ at row (\d+)", reason):

@@ -247,7 +247,7 @@ def cut(path: Path, part: float) -> None:
 
 
 @pytest.mark.parametrize("part", [0.0, 0.03, 0.5, 0.97, 0.9999])
-@pytest.mark.parametrize("kind", ["mtx", "npz", "npy", "mat", "op4", "abaqus", "calculix"])
+@pytest.mark.parametrize("kind", ["mtx", "mtx-array", "npz", "npy", "mat", "op4", "abaqus", "calculix"])
 def test_a_file_cut_short(tmp_path: Path, sub: fs.Substructure, kind: str, part: float) -> None:
     for name, matrix in (("M", sub.M), ("K", sub.K)):
         if kind == "abaqus":
@@ -263,8 +263,8 @@ def test_a_file_cut_short(tmp_path: Path, sub: fs.Substructure, kind: str, part:
         elif kind == "op4":
             pytest.importorskip("pyyeti.nastran.op4").write(str(tmp_path / f"{name}.op4"), {name: matrix})
         else:
-            scipy.io.mmwrite(tmp_path / f"{name}.mtx", sp.coo_matrix(matrix), precision=17)
-    ending = {"abaqus": "mtx", "calculix": "sti"}.get(kind, kind)
+            scipy.io.mmwrite(tmp_path / f"{name}.mtx", matrix.toarray() if kind == "mtx-array" else sp.coo_matrix(matrix))
+    ending = {"abaqus": "mtx", "mtx-array": "mtx", "calculix": "sti"}.get(kind, kind)
     paths = tmp_path / f"M.{ending}", tmp_path / f"K.{ending}"
     fs.read_component(*paths)
     cut(paths[1], part)
@@ -274,17 +274,17 @@ def test_a_file_cut_short(tmp_path: Path, sub: fs.Substructure, kind: str, part:
 
 
 @pytest.mark.parametrize("line", range(1, 5))
-@pytest.mark.parametrize("kind", ["mtx", "abaqus", "calculix"])
+@pytest.mark.parametrize("kind", ["mtx", "mtx-array", "abaqus", "calculix"])
 def test_lines_that_are_missing_at_the_end(tmp_path: Path, sub: fs.Substructure, kind: str, line: int) -> None:
     paths = []
     for name, matrix in (("M", sub.M), ("K", sub.K)):
-        if kind == "mtx":
+        if kind.startswith("mtx"):
             paths.append(tmp_path / f"{name}.mtx")
-            scipy.io.mmwrite(paths[-1], sp.coo_matrix(matrix))
+            scipy.io.mmwrite(paths[-1], sp.coo_matrix(matrix) if kind == "mtx" else matrix.toarray())
         else:
             paths.append(abaqus(tmp_path / f"{name}.mtx", matrix, sub.dofs) if kind == "abaqus" else
                          numbered(tmp_path / f"{name}.sti", matrix, sp.triu))
-    for path in paths if kind == "mtx" else paths[:1]:
+    for path in paths if kind.startswith("mtx") else paths[:1]:
         path.write_text("".join(path.read_text().splitlines(keepends=True)[:-line]))
     with pytest.raises(fs.InputError, match=r"M: .*M.mtx|M is .*M.sti|M has not"):
         fs.read_component(*paths)
