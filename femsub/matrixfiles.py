@@ -113,8 +113,8 @@ def _matrix_market(path: Path) -> Any:
         wanted = rows * columns if symmetry == "general" else half
         found = _lines_of_data(path) - 1  # the first tells the shape
         if found < wanted:
-            raise InputError(f"{path} is cut short: it announces {rows} x {columns}, so {wanted} entries, but has {found}; write it "
-                             "again")
+            raise InputError(f"{path} is cut short: it announces {rows} x {columns}, so {wanted} entries, but has {found}; "
+                             "write it again")
     return mmread(path)
 
 

@@ -65,8 +65,8 @@ def read_text_matrix(path: Path) -> TextMatrix:
         raise InputError(f"{path}: the second and fourth number of a line must be DOF such as 1 to 6; {AS_WRITTEN}")
     # one number per (node, direction): a million of them sort much faster than pairs do
     keys = numbers[:, 0::2] * 100 + numbers[:, 1::2]
-    unique, index = np.unique(keys, return_inverse=True)
-    index = index.reshape(keys.shape)
+    unique = np.unique(keys)
+    index = np.searchsorted(unique, keys)
     labels = np.stack([unique // 100, unique % 100], axis=1)
     return TextMatrix(_unfolded(path, index[:, 0], index[:, 1], values, len(unique), labels), labels)
 
