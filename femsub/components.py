@@ -68,7 +68,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         raise InputError(f"dofs: {paths['K']} names node and DOF of each entry itself; leave the map out")
     if dofs is not None:
         found = dofs if isinstance(dofs, DofMap) else read_dofs(Path(dofs))
-        if found.size != matrices["K"].shape[0]:
+        if found.size != size:
             half = " (of a cyclic symmetric model, CalculiX lists one half only)" if 2 * found.size == size else ""
             raise InputError(f"dofs: the DOF map {'' if isinstance(dofs, DofMap) else dofs} has {found.size} DOF, but "
                              f"{paths['K']} has {size} rows{half}")

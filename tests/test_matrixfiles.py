@@ -29,7 +29,7 @@ def sub() -> fs.Substructure:
     n, rng = base.size, np.random.default_rng(3)
     dofs = fs.DofMap(np.repeat(np.arange(n // 2) * 7 + 3, 2), np.tile([0, 1], n // 2), points=rng.standard_normal((n, 2)))
     damping = sp.random(n, n, 0.1, random_state=5, format="csr")
-    ports = {"belt": base.port("belt"), "pad": rng.standard_normal((n, 2))}
+    ports = {"pad": rng.standard_normal((n, 2)), "belt": base.port("belt")}
     return fs.Substructure(base.M, base.K, damping, base.interface, ports, "lättice", dofs)
 
 
@@ -184,6 +184,14 @@ def test_held_and_massless_dof_of_abaqus(tmp_path: Path, sub: fs.Substructure) -
         fs.read_component(*paths, massless=True, interface=["10:ux"])
 
 
+def test_lagrange_multipliers_of_abaqus_have_no_diagonal(tmp_path: Path) -> None:
+    (tmp_path / "K.mtx").write_text("** a comment\n\n" + N3 + "3,1, -2,1, 5.0\n")
+    (tmp_path / "M.mtx").write_text(M3)
+    read = fs.read_component(tmp_path / "M.mtx", tmp_path / "K.mtx", massless=True, interface=["-2:ux"])
+    assert read.dofs.nodes.tolist() == [-2, 1, 2, 3] and list(read.interface) == [0]
+    assert read.K.toarray()[0].tolist() == [0, 0, 0, 5] and read.M.diagonal().tolist() == [0, 1, 1, 1]
+
+
 def test_calculix_component(tmp_path: Path, sub: fs.Substructure) -> None:
     numbered(tmp_path / "job.sti", sub.K, sp.triu, "%20.13e")
     numbered(tmp_path / "job.mas", sub.M, sp.triu, "%20.13e")
@@ -197,7 +205,7 @@ def test_calculix_component(tmp_path: Path, sub: fs.Substructure) -> None:
 
 @pytest.mark.parametrize(("text", "name", "label"), [
     ("3,ux\n3,uy\n4,ux\n", "ux at node 4", "ux"), ("node,component,x\n3,1,0.5\n3,2,0.5\n4,6,1.5\n", "rz at node 4", "rz"),
-    ('7,w\n7,"w,x"\n8,w\n', "w at node 8", "w"), ("7,1\n7,11\n8,8\n", "dof8 at node 8", "dof8"),
+    ("3,ux\n3,rx\n4,rz\n", "rz at node 4", "rz"), ('7,w\n7,"w,x"\n8,w\n', "w at node 8", "w"), ("7,1\n7,11\n8,8\n", "dof8 at node 8", "dof8"),
 ])
 def test_dof_map_as_text(tmp_path: Path, text: str, name: str, label: str) -> None:
     (tmp_path / "map.csv").write_text(text)
@@ -238,7 +246,7 @@ def test_matlab_counts_from_1(tmp_path: Path, sub: fs.Substructure) -> None:
     fs.write_matrices(tmp_path, rom, "mat")
     content = scipy.io.loadmat(tmp_path / "model.mat")
     assert content["interface"].ravel().tolist() == (rom.interface + 1).tolist()
-    assert [str(name[0]) for name in content["port_names"].ravel()] == ["belt", "pad"] and content["ports"].shape == (rom.size, 3)
+    assert [str(name[0]) for name in content["port_names"].ravel()] == ["pad", "belt"] and content["ports"].shape == (rom.size, 3)
 
 
 def cut(path: Path, part: float) -> None:
@@ -309,7 +317,7 @@ M3 = "1,1, 1,1, 1.0\n2,1, 2,1, 1.0\n3,1, 3,1, 1.0\n"
     ("sti", "\n\n", "is empty"),
     ("sti", K3[:-1], "its last line, '3 3 1.0', does not end"),
     ("sti", K3.replace("3 3", "4 4"), "has entries, but none on the diagonal, for 1 of 4 DOF, first row 3"),
-    ("sti", K3 + "4 4 1.0\n", "K is 4 x 4"),
+    ("sti", K3 + "4 4 1.0\n", "but K is 4 x 4"),
     ("mtx", N3 + "3,1, 2,1, -1.0\n", "lists an entry twice: node 3, DOF 1 with node 2, DOF 1"),
     ("mtx", N3 + "1,1, 2,1, -1.0\n", "1 above, 1 of them without the entry across"),
     ("mtx", N3.replace("3,1", "4,1"), "M has 1 DOF that K has not, first DOF 1 of node 3"),
@@ -338,7 +346,7 @@ def test_bad_text(tmp_path: Path, ending: str, text: str, words: str) -> None:
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    ({"dofs": "1.1\n1.2\n"}, "has 2 DOF, but"),
+    ({"dofs": "1.1\n1.2\n"}, r"K\.dof has 2 DOF, but .*K\.sti has 3 rows"),
     ({"dofs": "1.1\n"}, "has 1 DOF, but"),
     ({"dofs": "1.1\n1.2\n1.2\n"}, "uy at node 1 is listed twice"),
     ({"dofs": "1.1\n1\n2.1\n"}, "'' is not a node or direction"),
