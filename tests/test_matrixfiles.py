@@ -205,7 +205,8 @@ def test_calculix_component(tmp_path: Path, sub: fs.Substructure) -> None:
 
 @pytest.mark.parametrize(("text", "name", "label"), [
     ("3,ux\n3,uy\n4,ux\n", "ux at node 4", "ux"), ("node,component,x\n3,1,0.5\n3,2,0.5\n4,6,1.5\n", "rz at node 4", "rz"),
-    ("3,ux\n3,rx\n4,rz\n", "rz at node 4", "rz"), ('7,w\n7,"w,x"\n8,w\n', "w at node 8", "w"), ("7,1\n7,11\n8,8\n", "dof8 at node 8", "dof8"),
+    ("3,ux\n3,rx\n4,rz\n", "rz at node 4", "rz"),
+    ('7,w\n7,"w,x"\n8,w\n', "w at node 8", "w"), ("7,1\n7,11\n8,8\n", "dof8 at node 8", "dof8"),
 ])
 def test_dof_map_as_text(tmp_path: Path, text: str, name: str, label: str) -> None:
     (tmp_path / "map.csv").write_text(text)
