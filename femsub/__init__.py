@@ -25,6 +25,7 @@ _HOME = {
     "Substructure": "substructure", "ReducedSubstructure": "substructure",
     "DofMap": "dofs", "Mesh": "meshes", "read_mesh": "meshfiles", "write_mesh": "meshfiles",
     "block": "blocks", "annulus": "blocks", "rectangle": "blocks", "Material": "assembly", "solid": "solids",
+    "read_component": "components", "write_matrices": "modelfiles", "read_matrix": "matrixfiles",
     "StribeckArctan": "friction", "StribeckArctanOdd": "friction", "Belt": "friction",
     "chain": "chains", "chain_frequencies": "chains",
     "normal_modes": "eigen", "NormalModes": "eigen",
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from femsub.blocks import annulus, block, rectangle
     from femsub.cea import ComplexModes, complex_modes
     from femsub.chains import chain, chain_frequencies
+    from femsub.components import read_component
     from femsub.dofs import DofMap
     from femsub.eigen import NormalModes, normal_modes
     from femsub.errors import (
@@ -60,8 +62,10 @@ if TYPE_CHECKING:
         UnstableModelError,
     )
     from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
+    from femsub.matrixfiles import read_matrix
     from femsub.meshes import Mesh
     from femsub.meshfiles import read_mesh, write_mesh
+    from femsub.modelfiles import write_matrices
     from femsub.pencil import Pencil
     from femsub.solids import solid
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep

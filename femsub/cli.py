@@ -65,8 +65,8 @@ def _run(options: argparse.Namespace) -> int:
     for text in dict.fromkeys(str(item.message) for item in caught):
         print(f"femsub: warning: {text}", file=sys.stderr)
     print(result.text)
-    if written:
-        print(f"\nwritten to {folder}: {', '.join(path.name for path in written)}")
+    if folder is not None:
+        print(f"\nwritten to {folder}: {', '.join(str(path.relative_to(folder)) for path in written)}")
     return 0
 
 

@@ -10,12 +10,14 @@ import platform
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from femsub.errors import InputError
+from femsub.files import write_whole
 from femsub.scene import Result
 
 
@@ -45,7 +47,7 @@ def check_folder(folder: str | None) -> Path | None:
 
 
 def write(result: Result, folder: Path, figures: bool, name: str = "results") -> list[Path]:
-    """name.json, name.csv and the figures, each whole or not at all; returns what was written."""
+    """name.json, name.csv, the figures and the scene's own files, each whole or not at all; returns what was written."""
     contents: dict[str, bytes] = {f"{name}.json": to_json(result.data).encode()}
     if result.rows:
         contents[f"{name}.csv"] = _csv(result.rows).encode()
@@ -53,31 +55,15 @@ def write(result: Result, folder: Path, figures: bool, name: str = "results") ->
         from femsub.figures import render
 
         contents |= {f"{title}.png": render(draw) for title, draw in result.drawings.items()}
+    contents |= {file: content() for file, content in result.files.items()}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for file, content in contents.items():
-            _replace(folder / file, content)
+        return write_whole(folder, {file: partial(_put, content=content) for file, content in contents.items()})
     except OSError as error:
         raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
-    return [folder / file for file in contents]
 
 
-def _replace(path: Path, content: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _put(file: BinaryIO, content: bytes) -> None:
+    file.write(content)
 
 
 def to_json(data: Any) -> str:

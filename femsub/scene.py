@@ -38,7 +38,7 @@ class Scene:
     methods : list of str
         Of 'craig-bampton', 'craig-chang'; the tables' HCB and CC and Python's CraigBampton and CraigChang will do.
     outputs : list of str
-        What is computed; nothing else is. The scene's own list is the default.
+        What is computed; nothing else is. The scene's own list is the default, without what is only done on request.
     figures : bool
         Whether figures are drawn (in a folder given by --out).
     repeats : int
@@ -57,13 +57,15 @@ class Scene:
     repeats: int = 5
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ()
+    ON_REQUEST: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         if not self.outputs:
             object.__setattr__(self, "outputs", list(self.OUTPUTS))
         object.__setattr__(self, "methods", [_hyphenated(name) for name in self.methods])
         object.__setattr__(self, "law", _hyphenated(self.law))
-        for kind, values, valid in (("method", self.methods, METHOD_NAMES), ("output", self.outputs, self.OUTPUTS),
+        known = self.OUTPUTS + self.ON_REQUEST
+        for kind, values, valid in (("method", self.methods, METHOD_NAMES), ("output", self.outputs, known),
                                     ("law", [self.law], LAW_NAMES)):
             for value in values:
                 if value not in valid:
@@ -94,12 +96,16 @@ class Result:
         The tables for the terminal.
     drawings : dict of str to callable
         File name (without ending) to a function that draws onto a new matplotlib figure.
+    files : dict of str to callable
+        File name, which may name a folder below that of the results, to a function that returns the file's content. Called
+        only where there is a folder to write to.
     """
 
     data: dict[str, Any]
     rows: list[dict[str, Any]]
     text: str
     drawings: dict[str, Callable[[], Any]]
+    files: dict[str, Callable[[], bytes]] = field(default_factory=dict)
 
 
 def load(source: str) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], Result]]:
@@ -152,7 +158,7 @@ def _hyphenated(name: str) -> str:
 
 def _typed(key: str, value: Any, declared: str) -> Any:
     """The value if it is of the declared type; whole numbers do for floats, one value for a list of one."""
-    kinds = [part.strip() for part in declared.split("|")]
+    kinds = [part.strip() for part in re.split(r"\|(?![^\[]*\])", declared)]  # not the | inside list[...]
     for kind in kinds:
         if kind == "bool" and isinstance(value, bool):
             return value

@@ -149,6 +149,8 @@ class ReducedSubstructure(Substructure):
         How many factorisations of the component the basis took.
     full_dofs : DofMap, optional
         That of the rows of V.
+    full_interface : ndarray of int
+        The interface as rows of V.
     """
 
     V: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -158,6 +160,7 @@ class ReducedSubstructure(Substructure):
     port_error: Mapping[str, float] = field(default_factory=dict)
     factorisations: int = 0
     full_dofs: DofMap | None = None
+    full_interface: Array = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
                  kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, dropped: int = 0,
@@ -170,7 +173,7 @@ class ReducedSubstructure(Substructure):
         super().__init__(M, K, D, places if physical else (), ports, name)
         values = {"V": V, "kinds": tuple(kinds), "cutoff": float(cutoff), "method": method, "dropped": dropped,
                   "port_error": MappingProxyType(dict(port_error or {})), "factorisations": factorisations,
-                  "interface_rows": rows, "full_dofs": full_dofs}
+                  "interface_rows": rows, "full_dofs": full_dofs, "full_interface": np.asarray(full_interface, dtype=np.intp)}
         for key, value in values.items():
             object.__setattr__(self, key, value)
         V.flags.writeable = False

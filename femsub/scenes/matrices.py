@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
 from femsub.bases import METHODS, reduce
 from femsub.cea import complex_modes
-from femsub.errors import InputError, PortWarning
+from femsub.components import read_component
+from femsub.errors import InputError, PortWarning, unknown_name
+from femsub.files import Writer
 from femsub.friction import Belt
+from femsub.modelfiles import FORMATS, matrix_files
 from femsub.report import machine, table
 from femsub.scene import Result, Scene
 from femsub.stability import critical_slope
@@ -25,16 +28,22 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class MatricesScene(Scene):
-    """A component whose matrices are in files: Matrix Market (.mtx), SciPy (.npz) or NumPy (.npy).
+    """A component whose matrices are in files, as `read_component` takes them.
 
     Attributes
     ----------
     M, K, D : str
-        Files, relative to the scene file. D may be left out.
-    interface : list of int
-        Interface DOF, counted from 0.
-    port : int or list of int
-        The DOF under the belt, counted from 0: the port is w with 1 there.
+        Files, relative to the scene file: Matrix Market, SciPy, MATLAB, Nastran OP4, Abaqus, CalculiX. D may be left out.
+    dofs : str
+        The file of the DOF map, where the matrices do not carry it in themselves: .dof or 'node,component' a line.
+    massless : bool
+        Whether M may leave out DOF of K.
+    interface : list of int or str
+        Interface DOF, counted from 0, or by the map as "12:uz", "12.3" (node and direction) or "12:*".
+    port : int or str, or a list of them
+        The DOF under the belt: the port is w with 1 there.
+    format : str
+        What the output "reduced-matrices" writes: mtx, npz, mat or op4.
     modes : list of int
         Numbers of modes to compare, for each method.
     band : list of float
@@ -44,13 +53,17 @@ class MatricesScene(Scene):
     M: str = ""
     K: str = ""
     D: str = ""
-    interface: list[int] = field(default_factory=list)
-    port: list[int] = field(default_factory=list)
+    dofs: str = ""
+    massless: bool = False
+    interface: list[int | str] = field(default_factory=list)
+    port: list[int | str] = field(default_factory=list)
     modes: list[int] = field(default_factory=lambda: [10, 20])
     band: list[float] = field(default_factory=list)
+    format: str = "mtx"
     folder: str = "."
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("critical-slope", "eigenvalues", "error-time")
+    ON_REQUEST: ClassVar[tuple[str, ...]] = ("reduced-matrices",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -61,17 +74,14 @@ class MatricesScene(Scene):
             raise InputError("scene key 'band' must be [lo, hi] in rad per unit of time: it says where models are compared")
         if not self.port:
             raise InputError("scene key 'port' is missing: name the DOF under the belt, counted from 0")
+        if self.format not in FORMATS:
+            raise unknown_name("format", self.format, FORMATS)
 
     def model(self) -> Substructure:
         """The component, checked."""
-        read = {key: _read(Path(self.folder) / getattr(self, key), key) for key in ("M", "K", "D") if getattr(self, key)}
-        size = read["M"].shape[0]
-        w = np.zeros(size)
-        for number in self.port:
-            if not 0 <= number < size:
-                raise InputError(f"port: there is no DOF {number}; the model has {size}, counted from 0")
-            w[number] = 1.0
-        return Substructure(read["M"], read["K"], read.get("D"), self.interface, {"belt": w}, self.name)
+        paths = {key: Path(self.folder) / getattr(self, key) for key in ("M", "K", "D", "dofs") if getattr(self, key)}
+        return read_component(paths["M"], paths["K"], paths.get("D"), dofs=paths.get("dofs"), interface=self.interface,
+                              ports={"belt": self.port}, name=self.name, massless=self.massless)
 
 
 SCENE = MatricesScene
@@ -86,8 +96,9 @@ def run(scene: MatricesScene, progress: Progress) -> Result:
     data: dict[str, Any] = {"scene": scene.name, "machine": machine(), "model": repr(sub), "slope": slope,
                             "force": scene.force, "band": band}
     text, rows, drawings = [repr(sub)], [], {}
+    files: dict[str, Callable[[], bytes]] = {}
     models: list[tuple[str, Substructure]] = [("full", sub)]
-    if {"critical-slope", "eigenvalues"} & set(scene.outputs):
+    if {"critical-slope", "eigenvalues", "reduced-matrices"} & set(scene.outputs):
         progress(f"{scene.name}: reducing")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PortWarning)  # the figure is in the table
@@ -123,30 +134,16 @@ def run(scene: MatricesScene, progress: Progress) -> Result:
             return error_time_figure([(f"of {len(sub.interface)} DOF", result)])
 
         drawings["error-time"] = draw
-    return Result(data, rows, "\n\n".join(text), drawings)
+    if "reduced-matrices" in scene.outputs:
+        for method, (name, model) in zip(methods, models[1:], strict=True):
+            below = f"{name}-{method.modes}"
+            files |= {f"{below}/{file}": partial(_content, writer) for file, writer in matrix_files(model, scene.format).items()}
+        data["reduced-matrices"] = sorted({file.split("/")[0] for file in files})
+        text.append(f"reduced matrices, with --out: {', '.join(data['reduced-matrices'])}")
+    return Result(data, rows, "\n\n".join(text), drawings, files)
 
 
-def _read(path: Path, key: str) -> Any:
-    """A matrix from .mtx, .npz or .npy.
-
-    Raises
-    ------
-    InputError
-        No such file, an unknown ending, or a file that cannot be read as one.
-    """
-    if not path.is_file():
-        raise InputError(f"{key}: there is no file {path}")
-    try:
-        if path.suffix == ".mtx":
-            from scipy.io import mmread
-
-            return mmread(path)
-        if path.suffix == ".npz":
-            from scipy.sparse import load_npz
-
-            return load_npz(path)
-        if path.suffix == ".npy":
-            return np.load(path, allow_pickle=False)
-    except (ValueError, OSError, KeyError, EOFError) as error:
-        raise InputError(f"{key}: {path} cannot be read as a matrix ({error})") from None
-    raise InputError(f"{key}: {path.name} has an unknown ending; .mtx, .npz and .npy are read")
+def _content(writer: Writer) -> bytes:
+    file = io.BytesIO()
+    writer(file)
+    return file.getvalue()
