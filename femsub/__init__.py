@@ -35,7 +35,7 @@ _HOME = {
     "study": "studies", "Study": "studies",
     "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
     "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
-    "MissingPackageError": "errors", "FemsubWarning": "errors", "PortWarning": "errors",
+    "MissingPackageError": "errors", "NotEnoughMemoryError": "errors", "FemsubWarning": "errors", "PortWarning": "errors",
 }
 
 __all__ = sorted([*_HOME, "__version__"])
@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         MissedModesError,
         MissingPackageError,
         NotConvergedError,
+        NotEnoughMemoryError,
         PortWarning,
         SingularMatrixError,
         UnstableModelError,

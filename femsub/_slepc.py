@@ -24,6 +24,7 @@ from femsub.pencil import EPS, Array, Matrix, norm
 
 Kind = Literal["definite", "symmetric", "general"]
 TREE = "femsub_tree_"  # options prefix of factors whose graph has no more edges than nodes, see Factor
+ROOM = (30, 400)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
 BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
 
 
@@ -114,9 +115,15 @@ class Factor:
                     # Minimum degree leaves a tree (a chain, a branched shaft) without any fill; the ordering that MUMPS
                     # would choose fills a chain by half and takes three times as long at 10⁶ DOF.
                     self._factor.setOptionsPrefix(TREE)
-                self._factor.setMumpsIcntl(14, 80)  # room for delayed pivots of indefinite matrices, in per cent
+                self._factor.setMumpsIcntl(14, ROOM[0])
                 self._factor.setMumpsIcntl(24, 1)  # null pivots are detected, and counted in INFOG(28)
             self._ksp.setUp()
+            if kind != "definite" and self._factor.getMumpsInfog(1) in (-8, -9):  # delayed pivots took more than that
+                self._factor.setMumpsIcntl(14, ROOM[1])
+                self._ksp.setOperators(mat)
+                pc.setReusePreconditioner(False)
+                mat.assemble()
+                self._ksp.setUp()
             if kind == "definite":
                 self._factor = self._hold(pc.getFactorMatrix())
         except PETSc.Error as error:

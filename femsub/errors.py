@@ -34,6 +34,10 @@ class UnstableModelError(FemsubError, ArithmeticError, ValueError):
     """The model is unstable before the friction acts, so that no border can be sought."""
 
 
+class NotEnoughMemoryError(FemsubError, MemoryError):
+    """What was asked needs more memory than there is; nothing was begun."""
+
+
 class MissingPackageError(FemsubError, ImportError):
     """An optional package is needed for what was asked."""
 

@@ -11,6 +11,7 @@ from femsub.bases.basis import Basis
 from femsub.bases.craig_bampton import CraigBampton
 from femsub.bases.craig_chang import CraigChang
 from femsub.errors import InputError, InputTypeError, PortWarning
+from femsub.memory import check_memory
 from femsub.pencil import Array
 from femsub.substructure import ReducedSubstructure, Substructure
 
@@ -42,6 +43,8 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     ------
     InputError, InputTypeError
         An unknown method or port; more modes than there are; an interface that does not hold the component (HCB).
+    NotEnoughMemoryError
+        The memory it needs is not there.
     """
     if not isinstance(sub, Substructure):
         raise InputTypeError(f"reduce takes a Substructure, not {type(sub).__name__}")
@@ -57,6 +60,8 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     for name in names:
         sub.port(name)
     extra = np.hstack([columns[name] for name in names]) if names else np.zeros((sub.size, 0))
+    static = len(sub.interface) + 2 * sum(w.shape[1] for w in columns.values())
+    check_memory(sub.name, sub.K, static, method.modes, len(sub.interface))
     basis = method.basis(sub, extra, columns)
     for name, error in basis.port_error.items():
         if error > PORT_LIMIT:
