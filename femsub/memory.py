@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from femsub.errors import NotEnoughMemoryError
 from femsub.pencil import Array, Matrix
 
-MODEL = 1.7  # the separators found here cost so much more than METIS'; with it, fourteen meshes agree to a factor of 1.5
+MODEL = 1.5  # the separators found here cost so much more than METIS'; with it, fourteen models agree to a factor of 1.7
 LARGE = 50_000  # DOF from which memory is looked at
 
 
@@ -80,7 +80,7 @@ def factor_nonzeros(A: Matrix) -> float:
 
     A breadth-first search from one end to the other cuts the graph into layers; the smallest near the middle is the
     separator. That is repeated in the larger half only, as if the other were its like: with separators of s_l DOF that
-    touch b_l DOF of earlier ones, in parts of n_l DOF, nnz(L) ≈ Σ_l (n/n_l)(s_l²/2 + s_l b_l)/1.7.
+    touch b_l DOF of earlier ones, in parts of n_l DOF, nnz(L) ≈ Σ_l (n/n_l)(s_l²/2 + s_l b_l)/1.5.
 
     References
     ----------

@@ -123,6 +123,8 @@ def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
         vector = np.asarray(direction, dtype=float)
     length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
     if not 0 < length < np.inf:
-        why = "the set holds no face of the surface" if isinstance(direction, str) else "three numbers, not all 0, are needed"
+        why = "three numbers, not all 0, are needed"
+        if isinstance(direction, str):
+            why = "the set holds no face of the surface, or is closed in itself"
         raise InputError(f"port {name!r}: {direction!r} is no direction: {why}")
     return np.outer(average, vector / length).ravel()

@@ -31,7 +31,7 @@ def patch_average(mesh: Mesh, nodes: Array) -> tuple[Array, Array]:
     """a_i = ∫ N_i dA / A, so that a·u is the average over the patch, and n, its average outward unit normal.
 
     The patch is made of the faces of the surface all of whose corners are among `nodes`; where there is none, as with
-    a few single nodes, the average over the nodes is taken, and n is 0.
+    a few single nodes, the average over the nodes is taken, and n is 0. It is 0 also for a patch closed in itself.
 
     Returns
     -------
@@ -56,5 +56,6 @@ def patch_average(mesh: Mesh, nodes: Array) -> tuple[Array, Array]:
         area = np.cross(along[:, :, 0], along[:, :, 1]) * w[:, None]
         np.add.at(average, members, np.linalg.norm(area, axis=2) @ N)
         normal += area.sum(axis=(0, 1))
-    length = float(np.linalg.norm(normal))
-    return average / average.sum(), normal / length if length else normal
+    length, whole = float(np.linalg.norm(normal)), float(average.sum())
+    # faces that surround a hole or a body cancel: what is left is rounding and no direction
+    return average / whole, normal / length if length > 1e-6 * whole else np.zeros(3)

@@ -1,0 +1,148 @@
+"""What large models need: block Lanczos, the memory that is foretold, a count that can be put off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+from conftest import lattice, membrane, membrane_eigenvalues
+
+import femsub as fs
+from femsub import eigen, lanczos, memory
+from femsub._slepc import Factor
+from femsub.errors import InputError, MissedModesError, NotConvergedError, NotEnoughMemoryError
+from femsub.factor import factorise
+from femsub.lanczos import block_lanczos
+from femsub.shift_invert import ShiftInvert
+
+STEEL = fs.Material(2.1e11, 0.3, 7850.0)
+
+
+@pytest.fixture
+def every_model_is_heavy(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Block Lanczos for all; returns the list of how many modes were asked of it."""
+    asked: list[int] = []
+
+    def counted(*args: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
+        asked.append(args[3])  # type: ignore[arg-type]
+        return block_lanczos(*args, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(eigen, "HEAVY", 0.0)
+    monkeypatch.setattr(lanczos, "block_lanczos", counted)
+    return asked
+
+
+@pytest.mark.parametrize("block", [1, 3, 10])
+def test_block_lanczos_finds_pairs(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    monkeypatch.setattr(lanczos, "BLOCK", block)
+    sub = membrane(40)
+    values, shapes = block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-10)
+    order = np.argsort(values)
+    exact = membrane_eigenvalues(40)[:30]
+    if block > 1:  # one vector sees one shape of each pair, which is what the count is there for
+        np.testing.assert_allclose(values[order], exact, rtol=1e-12)
+    assert np.abs(shapes.T @ (sub.M @ shapes) - np.eye(30)).max() < 1e-9
+    assert np.linalg.norm(sub.K @ shapes - sub.M @ shapes * values) < 1e-9 * values.max()
+
+
+def test_block_lanczos_beside_known_shapes() -> None:
+    sub = lattice(20, 18)
+    handle = ShiftInvert(sub.K, sub.M)
+    values, shapes = block_lanczos(handle.factor, sub.M, handle.sigma, 12, tol=1e-10, known=handle.rigid)
+    assert handle.rigid.shape[1] == 3
+    assert np.abs(handle.rigid.T @ (sub.M @ shapes)).max() < 1e-10
+    exact = la.eigvalsh(sub.K.toarray(), sub.M.toarray(), subset_by_index=[3, 14])
+    np.testing.assert_allclose(np.sort(values), exact, rtol=1e-9)
+
+
+def test_block_lanczos_where_the_space_is_soon_exhausted() -> None:
+    # two eigenvalues only: the second block is rounding, and is replaced at random
+    K = np.diag(np.where(np.arange(121) < 118, 1.0, 4.0))
+    values, shapes = block_lanczos(factorise(K, "definite"), np.eye(121), 0.0, 5, tol=1e-10)
+    np.testing.assert_allclose(values, 1.0, rtol=1e-12)
+    assert np.abs(shapes.T @ shapes - np.eye(5)).max() < 1e-10
+
+
+def test_block_lanczos_says_when_it_has_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lanczos, "RESTARTS", 0)
+    sub = membrane(40)
+    with pytest.raises(NotConvergedError, match=r"of 30 modes converged to 1e-13 within 0 restarts"):
+        block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-13)
+
+
+@pytest.mark.parametrize("method", [fs.CraigBampton(12), fs.CraigChang(12)])
+def test_a_heavy_model_is_reduced_to_the_same(method: fs.CraigBampton | fs.CraigChang, every_model_is_heavy: list[int],
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    sub = lattice(40, 30, held=True)
+    before = Factor.made
+    heavy = fs.reduce(sub, method, ports=True)
+    assert every_model_is_heavy == [15] and Factor.made - before == 2  # the basis, and the count
+    monkeypatch.setattr(eigen, "HEAVY", np.inf)
+    plain = fs.reduce(sub, method, ports=True)
+    assert len(every_model_is_heavy) == 1
+    np.testing.assert_allclose(np.linalg.eigvals(np.linalg.solve(heavy.M, heavy.K)).real.sum(),
+                               np.linalg.eigvals(np.linalg.solve(plain.M, plain.K)).real.sum(), rtol=1e-8)
+    assert heavy.cutoff == pytest.approx(plain.cutoff, rel=1e-10)
+
+
+def test_a_mode_that_block_lanczos_hides_is_an_error(monkeypatch: pytest.MonkeyPatch, every_model_is_heavy: list[int]) -> None:
+    def blind(*args: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
+        values, shapes = block_lanczos(*args[:3], args[3] + 1, **options)  # type: ignore[operator, arg-type]
+        keep = np.argsort(values) != 4
+        return np.sort(values)[keep], shapes[:, np.argsort(values)][:, keep]
+
+    monkeypatch.setattr(lanczos, "block_lanczos", blind)
+    with pytest.raises(MissedModesError, match=r"modes were found below ω = .*, but the inertia of K - ω²M counts"):
+        fs.reduce(lattice(40, 30, held=True), fs.CraigBampton(12))
+
+
+SHAPES = {"slab": fs.block((1, 0.7, 0.05), (40, 30, 4), "hexahedron"), "cube": fs.block((1, 1, 1), (14, 14, 14), "hexahedron"),
+          "bar": fs.block((1, 0.1, 0.1), (100, 5, 5), "hexahedron"), "ring": fs.annulus(0.05, 0.15, 0.02, (6, 60, 2)),
+          "bulk": fs.block((1, 0.5, 0.25), (14, 7, 4)), "tetra": fs.block((1, 0.5, 0.2), (14, 8, 4), "tetra10")}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_nonzeros_of_the_factor_are_foretold(name: str) -> None:
+    sub = fs.solid(SHAPES[name], STEEL, supports=[next(iter(SHAPES[name].sets))])
+    true = Factor(sub.K, "definite").fill * sub.size
+    assert 1 / 1.7 < memory.factor_nonzeros(sub.K) / true < 1.7
+
+
+def test_nonzeros_of_chains_and_of_pieces() -> None:
+    assert memory.factor_nonzeros(fs.chain(1000).K) == pytest.approx(1500, rel=0.01)
+    one = membrane(30).K
+    two = sp.csr_array(sp.block_diag([one, one]))
+    assert memory.factor_nonzeros(two) == pytest.approx(2 * memory.factor_nonzeros(one), rel=0.3)
+
+
+def test_a_reduction_that_does_not_fit_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    sub = lattice(40, 30, held=True)
+    monkeypatch.setattr(memory, "LARGE", 1000)
+    monkeypatch.setattr(memory, "available", lambda: 1e6)
+    before = Factor.made
+    with pytest.raises(NotEnoughMemoryError, match=r"reducing 'lattice' needs about .* GB .* and 0 GB are available; .*, or a"):
+        fs.reduce(sub, fs.CraigBampton(5))
+    assert Factor.made == before
+    monkeypatch.setattr(memory, "available", lambda: None)
+    fs.reduce(sub, fs.CraigBampton(5), ports=True)
+
+
+def test_the_advice_fits_what_is_largest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "LARGE", 100)
+    monkeypatch.setattr(memory, "available", lambda: 1.0)
+    K = lattice(20, 20, held=True).K
+    with pytest.raises(NotEnoughMemoryError, match="fewer interface DOF"):
+        memory.check_memory("part", K, 600, 5, 600)
+    with pytest.raises(NotEnoughMemoryError, match="fewer modes"):
+        memory.check_memory("part", K, 600, 5000, 5)
+
+
+def test_memory_available_is_a_figure() -> None:
+    found = memory.available()
+    assert found is None or 1e6 < found < 1e15
+
+
+def test_more_modes_than_there_are_stays_an_input_error(every_model_is_heavy: list[int]) -> None:
+    with pytest.raises(InputError):
+        fs.normal_modes(lattice(20, 20, held=True), count=5000)

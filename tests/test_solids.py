@@ -1,0 +1,172 @@
+"""Solids: entries against scikit-fem, frequencies against closed forms, rigid motion, patches, bad input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import skfem
+from scipy.spatial import cKDTree
+from skfem.helpers import dot
+from skfem.models.elasticity import linear_elasticity
+
+import femsub as fs
+from femsub import assembly, elements
+from femsub.assembly import stiffness_and_mass
+from femsub.errors import InputError, InputTypeError
+from femsub.surfaces import boundary_faces, patch_average
+
+STEEL = {"SI": (fs.Material(2.1e11, 0.3, 7850.0), 1.0), "mm-t-s": (fs.Material(2.1e5, 0.3, 7.85e-9), 1e3)}
+ELEMENTS = {"hexahedron": skfem.ElementHex1, "hexahedron20": skfem.ElementHexS2, "hexahedron27": skfem.ElementHex2,
+            "tetra": skfem.ElementTetP1, "tetra10": skfem.ElementTetP2}
+
+
+def warped(kind: str, counts: tuple[int, int, int]) -> fs.Mesh:
+    """A block whose cells have straight edges but are no parallelepipeds."""
+    points, cells = elements.box((1.0, 0.6, 0.4), counts, "tetra" if kind.startswith("tetra") else "hexahedron")
+    x, y, z = points.T
+    points = points + 0.08 * np.stack([y * z, x * z - x * y, x * y], axis=1)
+    return fs.Mesh(*elements.raised(points, cells, kind), kind)
+
+
+@pytest.mark.parametrize("kind", ELEMENTS)
+def test_entries_equal_those_of_scikit_fem(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(assembly, "CHUNK", 8 * 20 * 10 * elements.reference(kind).nodes.shape[0] ** 2)  # ten cells at a time
+    mesh, material = warped(kind, (3, 3, 2)), fs.Material(3.0, 0.31, 1.7)
+    half = np.arange(len(mesh.cells)) % 2 == 0  # two materials, alike, in cells that take turns
+    K, M = stiffness_and_mass(mesh, [(material, np.flatnonzero(half)), (material, np.flatnonzero(~half))])
+    assert (K != K.T).nnz == 0 and (M != M.T).nnz == 0
+
+    corners = elements.reference(kind).corners
+    used, cells = np.unique(mesh.cells[:, :corners], return_inverse=True)
+    cells = cells.reshape(-1, corners)
+    linear = "hexahedron" if corners == 8 else "tetra"
+    order = elements._skfem_element(linear)[1].argsort()
+    kinds = {"hexahedron": skfem.MeshHex, "tetra": skfem.MeshTet}
+    other = kinds[linear](mesh.points[used].T.copy(), cells[:, order].T.copy())
+    X, w = elements.quadrature(kind, int(assembly.exact_degree(mesh, np.arange(1))[0]))
+    basis = skfem.Basis(other, skfem.ElementVector(ELEMENTS[kind]()), quadrature=(np.ascontiguousarray(X.T), w))
+
+    @skfem.BilinearForm
+    def inertia(u, v, _):
+        return material.rho * dot(u, v)
+
+    node = cKDTree(mesh.points).query(basis.doflocs.T)[1]
+    component = np.empty(basis.N, dtype=int)
+    for i, dofs in enumerate(basis.element_dofs):
+        component[dofs] = i % 3
+    to = sp.csr_array((np.ones(basis.N), (np.arange(basis.N), 3 * node + component)))
+    for ours, theirs in ((K, linear_elasticity(*material.lame).assemble(basis)), (M, inertia.assemble(basis))):
+        assert abs(to @ ours @ to.T - theirs).max() <= 1e-12 * abs(theirs).max()
+
+
+@pytest.mark.parametrize("kind, counts, order", [
+    ("hexahedron", (4, 6, 8, 10, 12), 2), ("tetra", (4, 6, 8, 10, 12), 2),
+    ("hexahedron20", (2, 3, 4, 5, 6), 4), ("hexahedron27", (2, 3, 4, 5, 6), 4), ("tetra10", (4, 5, 6, 7, 8), 4)])
+def test_error_falls_with_the_order_of_the_element(kind: str, counts: tuple[int, ...], order: int) -> None:
+    # Box between smooth walls: u = (sin πx/a cos πy/b /a, -cos πx/a sin πy/b /b, 0) is a shear mode, ω² = μ/ρ π²(a⁻² + b⁻²)
+    a, b, c, material = 1.0, 0.8, 0.6, fs.Material(2.6, 0.3, 1.3)
+    exact = material.lame[1] / material.rho * np.pi**2 * (a**-2 + b**-2)
+    walls = {"left": "x", "right": "x", "front": "y", "back": "y", "bottom": "z", "top": "z"}
+    errors = []
+    for n in counts:
+        sub = fs.solid(fs.block((a, b, c), (n, n, n), kind), material, supports=walls)
+        errors.append(fs.normal_modes(sub, count=1).eigenvalues[0] / exact - 1)
+    assert min(errors) > 0  # Ritz values bound from above
+    rate = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert rate == pytest.approx(order, abs=0.3)  # tetra10 comes up to 4 from below
+
+
+@pytest.mark.parametrize("units", STEEL)
+@pytest.mark.parametrize("kind", ELEMENTS)
+def test_six_rigid_body_modes_in_either_system_of_units(kind: str, units: str) -> None:
+    material, length = STEEL[units]
+    sub = fs.solid(fs.block((1.0 * length, 0.3 * length, 0.1 * length), (8, 3, 2), kind), material)
+    modes = fs.normal_modes(sub, count=4)
+    assert modes.rigid == 6 and modes.residual.max() < 1e-12
+    other = fs.normal_modes(fs.solid(fs.block((1.0, 0.3, 0.1), (8, 3, 2), kind), STEEL["SI"][0]), count=4)
+    np.testing.assert_allclose(modes.frequencies[6:], other.frequencies[6:], rtol=1e-9)
+    # the mass, and rigid motion costs nothing
+    x, y, z = sub.dofs.points[::3].T
+    motions = np.zeros((sub.size, 6))
+    for axis in range(3):
+        motions[axis::3, axis] = 1.0
+    motions[1::3, 3], motions[2::3, 3] = -z, y
+    motions[0::3, 4], motions[2::3, 4] = z, -x
+    motions[0::3, 5], motions[1::3, 5] = -y, x
+    np.testing.assert_allclose(np.diag(motions.T @ (sub.M @ motions))[:3], material.rho * 0.03 * length**3, rtol=1e-12)
+    assert np.abs(sub.K @ motions).max() <= 1e-13 * abs(sub.K).max() * np.abs(motions).max()
+
+
+def test_two_materials() -> None:
+    mesh = fs.block((2.0, 1.0, 1.0), (4, 2, 2), "hexahedron20")
+    right = mesh.points[mesh.cells].mean(axis=1)[:, 0] > 1.0
+    mesh = fs.Mesh(mesh.points, mesh.cells, mesh.kind, mesh.sets, {"pad": np.flatnonzero(right), "plate": np.flatnonzero(~right)})
+    heavy, light = fs.Material(2.0, 0.2, 5.0), fs.Material(1.0, 0.2, 1.0)
+    sub = fs.solid(mesh, {"pad": heavy, "plate": light})
+    motion = np.zeros(sub.size)
+    motion[0::3] = 1.0
+    assert motion @ (sub.M @ motion) == pytest.approx(6.0, rel=1e-12)
+    with pytest.raises(InputError, match="8 cells of 'mesh' have none, and 0 have several"):
+        fs.solid(mesh, {"pad": heavy})
+    with pytest.raises(InputError, match="unknown group of cells"):
+        fs.solid(mesh, {"pads": heavy})
+
+
+@pytest.mark.parametrize("kind", ELEMENTS)
+def test_a_patch_sees_the_average_over_its_area(kind: str) -> None:
+    mesh = fs.block((2.0, 1.0, 0.5), (5, 3, 2), kind).with_sets(half=lambda p: (p[:, 2] > 0.49) & (p[:, 0] < 1.21))
+    average, normal = patch_average(mesh, mesh.sets["half"])
+    x, y, _ = mesh.points.T
+    assert average.sum() == pytest.approx(1.0, rel=1e-14) and np.allclose(normal, [0, 0, 1], atol=1e-14)
+    assert average @ x == pytest.approx(0.6, rel=1e-12) and average @ y == pytest.approx(0.5, rel=1e-12)
+    expected = 1.2**2 / 3 if elements.reference(kind).degree == 2 else average @ x**2
+    assert average @ x**2 == pytest.approx(expected, rel=1e-12)
+    cells, _ = boundary_faces(mesh)
+    assert len(cells) == 2 * (15 + 10 + 6) * (2 if kind.startswith("tet") else 1)
+
+
+def test_normals_of_a_bent_patch_and_ports() -> None:
+    ring = fs.annulus(0.5, 1.0, 0.2, (2, 24, 1), "hexahedron20")
+    ring = ring.with_sets(sector=lambda p: (np.hypot(p[:, 0], p[:, 1]) > 0.999) & (p[:, 0] > 0.7))
+    _, normal = patch_average(ring, ring.sets["sector"])
+    assert np.allclose(normal, [1, 0, 0], atol=1e-12)
+    sub = fs.solid(ring, STEEL["SI"][0], supports={"inner": "xyz"}, interface={"sector": "z"},
+                   ports={"rub": ("sector", (0, 3.0, 4.0)), "push": ("sector", "normal")}, rayleigh=(2.0, 1e-6))
+    still = np.zeros(sub.size)
+    still[sub.dofs.components == 1], still[sub.dofs.components == 2] = 1.0, 2.0
+    assert sub.port("rub") @ still == pytest.approx(0.6 + 1.6, rel=1e-12)
+    assert abs(sub.D - (2.0 * sub.M + 1e-6 * sub.K)).max() <= 1e-14 * abs(sub.D).max()
+    assert set(sub.dofs.components[sub.interface]) == {2}
+    held = set(ring.numbers[ring.sets["inner"]])
+    assert not held & set(sub.dofs.nodes)
+
+
+@pytest.mark.parametrize("change, words", [
+    ({"supports": ["lid"]}, "unknown set of nodes of the mesh 'block': 'lid'; valid"),
+    ({"supports": {"left": "w"}}, "'w' for the set 'left' must be 'clamped' or some of the letters x, y, z"),
+    ({"interface": ["left"], "supports": ["left"]}, "is held along x by a support, and 27 DOF in all"),
+    ({"ports": {"belt": ("top", "up")}}, "unknown direction of port 'belt'"),
+    ({"ports": {"belt": ("top", (0, 0, 0))}}, "three numbers, not all 0"),
+    ({"ports": {"belt": ("one", "normal")}}, "the set holds no face of the surface"),
+    ({"ports": {"belt": ("all", "normal")}}, "the set holds no face|closed"),
+])
+def test_bad_input(change: dict, words: str) -> None:
+    mesh = fs.block((1.0, 1.0, 1.0), (2, 2, 2), "hexahedron").with_sets(one=[0], all=np.arange(27))
+    with pytest.raises(InputError, match=words):
+        fs.solid(mesh, STEEL["SI"][0], **change)
+
+
+def test_more_bad_input() -> None:
+    mesh = fs.block((1.0, 1.0, 1.0), (2, 2, 2), "hexahedron")
+    with pytest.raises(InputError, match="nu must lie between"):
+        fs.Material(1.0, 0.5, 1.0)
+    with pytest.raises(InputError, match="rho must be positive"):
+        fs.Material(1.0, 0.3, -1.0)
+    with pytest.raises(InputTypeError, match="solid takes a Mesh"):
+        fs.solid("mesh.inp", STEEL["SI"][0])
+    with pytest.raises(InputError, match="quad cells, which are 2D; a solid needs"):
+        fs.solid(fs.rectangle((1.0, 1.0), (2, 2), "quad"), STEEL["SI"][0])
+    turned = fs.Mesh(mesh.points, mesh.cells[:, [4, 5, 6, 7, 0, 1, 2, 3]], "hexahedron")
+    with pytest.raises(InputError, match=r"8 cells are inverted or have no volume, one of them at \(0.25, 0.25, 0.25\)"):
+        fs.solid(turned, STEEL["SI"][0])
