@@ -45,10 +45,12 @@ class ShiftInvert:
 
     def _nearly_singular(self) -> bool:
         # A Cholesky factorisation may survive a singular K by rounding; its inverse then blows up one shape.
-        x = _normalised(self.factor.solve(np.random.default_rng(2).standard_normal((self.K.shape[0], 2))), None)
-        for _ in range(2):
-            x = _normalised(self.factor.solve(x), None)
-        return bool((_rounding_ratio(self.K, x) < RIGID).any())
+        # DOF in units of their own stiffness: QR would leave slopes with the rounding of deflections.
+        unit = _units(self.K)[:, None]
+        x = np.random.default_rng(2).standard_normal((self.K.shape[0], 2))
+        for _ in range(3):
+            x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
+        return bool((rounding_ratio(self.K, x) < RIGID).any())
 
     def _float(self) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
@@ -101,7 +103,8 @@ class ShiftInvert:
             cleaned = _normalised(self.factor.solve(self.M @ x), self.M, mix=False)
             order = np.argsort(np.abs(values), kind="stable")
             values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
-            elastic = _rounding_ratio(self.K, cleaned) >= RIGID
+            cleaned = self._without_dust(cleaned)
+            elastic = rounding_ratio(self.K, cleaned) >= RIGID
             count = int(np.argmax(elastic)) if elastic.any() else len(values)
             while 0 < count < len(values) and abs(values[count - 1]) > GAP * abs(values[count]):
                 count -= 1
@@ -109,11 +112,32 @@ class ShiftInvert:
                 break
             block *= 2
         self.rigid = _normalised(cleaned[:, :count], self.M)
-        self.lowest, rest = float(values[count:].min(initial=np.inf)), values[count:]
+        rest = values[count:]
         if (rest < -noise[count:]).any():
             raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding: "
                                       "is it the stiffness of a stable component, written with all its digits?")
+        if not len(rest) and count < np.count_nonzero(self.M.diagonal()):
+            rest = self._lowest_elastic()
+        self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
+
+    def _without_dust(self, x: Array) -> Array:
+        """Entries below rounding set to 0, where K leaves some DOF free of all forces (as reduced models do): there rigid
+        motion has no forces that cancel, against which dust in the other DOF could be measured.
+        """
+        if self.K.diagonal().all():
+            return x
+        weighted = np.sqrt(self.M.diagonal())[:, None] * np.abs(x)
+        return np.where((weighted > 0) & (weighted < 8 * EPS * np.linalg.norm(weighted, axis=0)), 0.0, x)
+
+    def _lowest_elastic(self) -> Array:
+        """Ritz values where rigid motion drowned all else: with σ far below the elastic modes of a small component, one
+        solve leaves less of these than rounding.
+        """
+        x = np.random.default_rng(5).standard_normal((self.K.shape[0], 2))
+        for _ in range(10):
+            x = _normalised(self.deflate(self.factor.solve(self.M @ x)), self.M)
+        return np.linalg.eigvalsh(x.T @ (self.K @ x))
 
     @property
     def floating(self) -> bool:
@@ -165,21 +189,26 @@ def _short(x: float) -> float:
 def _annihilates_a_translation(K: Matrix) -> bool:
     """Whether a uniform motion of every s-th DOF costs no energy: a cheap sign of a floating component."""
     n = K.shape[0]
-    probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 6) if n % stride == 0]
-    return bool((_rounding_ratio(K, np.stack(probes, axis=1)) < RIGID).any())
+    probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 4, 6) if n % stride == 0]
+    return bool((rounding_ratio(K, np.stack(probes, axis=1)) < RIGID).any())
 
 
-def _rounding_ratio(K: Matrix, x: Array) -> Array:
-    scale = np.linalg.norm(abs(K) @ abs(x), axis=0)
-    return np.divide(np.linalg.norm(K @ x, axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
+def _units(K: Matrix) -> Array:
+    """1/sqrt(k_ii), shape (n,): forces, moments and whatever else, times these, are alike in size and in units."""
+    diagonal = K.diagonal()
+    return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
 
 
-def _normalised(x: Array, M: Matrix | None, mix: bool = True) -> Array:
-    """Columns made orthonormal (in M where given); with mix=False only scaled to unit length."""
+def rounding_ratio(K: Matrix, x: Array) -> Array:
+    unit = _units(K)[:, None]
+    scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
+    return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
+
+
+def _normalised(x: Array, M: Matrix, mix: bool = True) -> Array:
+    """Columns made M-orthonormal; with mix=False only scaled to unit length."""
     if not mix:
         return x / np.linalg.norm(x, axis=0)
-    if M is None:
-        return np.linalg.qr(x)[0]
     for _ in range(2):  # the second pass gives back what DOF of mixed units cost the first
         x = x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
         gram = x.T @ (M @ x)
