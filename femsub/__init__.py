@@ -28,6 +28,7 @@ _HOME = {
     "read_component": "components", "write_matrices": "modelfiles", "read_matrix": "matrixfiles",
     "StribeckArctan": "friction", "StribeckArctanOdd": "friction", "Belt": "friction",
     "chain": "chains", "chain_frequencies": "chains",
+    "beam": "beams", "plate": "plates", "damped": "dampers",
     "normal_modes": "eigen", "NormalModes": "eigen",
     "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases",
     "complex_modes": "cea", "ComplexModes": "cea",
@@ -43,10 +44,12 @@ __all__ = sorted([*_HOME, "__version__"])
 if TYPE_CHECKING:
     from femsub.assembly import Material
     from femsub.bases import CraigBampton, CraigChang, reduce
+    from femsub.beams import beam
     from femsub.blocks import annulus, block, rectangle
     from femsub.cea import ComplexModes, complex_modes
     from femsub.chains import chain, chain_frequencies
     from femsub.components import read_component
+    from femsub.dampers import damped
     from femsub.dofs import DofMap
     from femsub.eigen import NormalModes, normal_modes
     from femsub.errors import (
@@ -68,6 +71,7 @@ if TYPE_CHECKING:
     from femsub.meshfiles import read_mesh, write_mesh
     from femsub.modelfiles import write_matrices
     from femsub.pencil import Pencil
+    from femsub.plates import plate
     from femsub.solids import solid
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
     from femsub.studies import Study, study

@@ -85,7 +85,12 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False) -> Normal
     return _sparse(handle, count, finite, defer)
 
 
-def _dense(handle: ShiftInvert, count: int) -> NormalModes:
+def all_modes(K: Matrix, M: Matrix) -> NormalModes:
+    """Every mode, by LAPACK, however many there are; DOF without mass have none."""
+    return _dense(ShiftInvert(K, M), None)
+
+
+def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     """All by LAPACK. Massless DOF are condensed; rigid-body modes are moved to ω² = λ₁/4, by K + ω² MΦ_rΦ_rᵀM,
     which leaves the elastic ones where they are.
     """
@@ -102,6 +107,7 @@ def _dense(handle: ShiftInvert, count: int) -> NormalModes:
         lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
         K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
     values, moving = dense_modes((K + K.T) / 2, M)
+    count = len(values) - rigid if count is None else count
     if len(values) < rigid + count:
         raise InputError(f"{count} elastic modes were asked for, but there are {len(values) - rigid}")
     keep = slice(rigid, rigid + count)
