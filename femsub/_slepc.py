@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import InputError, MissingPackageError, NotConvergedError, SingularMatrixError
-from femsub.pencil import EPS, Array, Matrix, norm
+from femsub.pencil import EPS, Array, Matrix, equilibration, norm
 
 Kind = Literal["definite", "symmetric", "general"]
 TREE = "femsub_tree_"  # options prefix of factors whose graph has no more edges than nodes, see Factor
@@ -140,12 +140,14 @@ class Factor:
         return thing
 
     def _probe(self, A: Matrix) -> None:
+        rows, columns = equilibration(A)
         b = np.random.default_rng(0).standard_normal(self.size)
         try:
-            x = self.solve(b)
+            x = self.solve(b / rows) / columns
         except SingularMatrixError:
             self.close()
             raise
+        A = sp.diags_array(rows) @ A @ sp.diags_array(columns)
         self.columns = 0
         growth = norm(A) * float(np.linalg.norm(x)) / float(np.linalg.norm(b))
         null = self._factor.getMumpsInfog(28)

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from femsub._slepc import Factor, Kind
 from femsub.errors import SingularMatrixError
-from femsub.pencil import EPS, Array, Matrix
+from femsub.pencil import EPS, Array, Matrix, equilibration
 
 COMPLEX = 20_000  # up to so many DOF SuperLU is the quicker complex solver, beyond it MUMPS on the real form of twice the size
 QUADRATIC = 2000  # up to so many DOF all 2n eigenvalues of a quadratic problem are for LAPACK
@@ -39,13 +39,15 @@ class DenseFactor:
         import scipy.linalg as la
 
         self.kind, self.size, self.columns = kind, int(A.shape[0]), 0
-        self._matrix = A
         Factor.made += 1
         try:
             if kind == "definite":
                 factor = la.cho_factor(A, lower=True, check_finite=False)
                 self._solve = lambda b: la.cho_solve(factor, b, check_finite=False)
                 return
+            rows, columns = equilibration(A)
+            A = rows[:, None] * A * columns
+            self._matrix = A
             with warnings.catch_warnings():
                 warnings.simplefilter("error", la.LinAlgWarning)
                 warnings.simplefilter("error", RuntimeWarning)
@@ -56,11 +58,11 @@ class DenseFactor:
         except (la.LinAlgError, la.LinAlgWarning, RuntimeWarning) as error:
             raise SingularMatrixError(f"the {kind} factorisation of a {self.size} x {self.size} matrix broke down; it is "
                                       f"singular, or not what it was taken for ({error})") from None
-        self._solve = lambda b: la.lu_solve(factor, b, check_finite=False)
+        self._solve = lambda b: (columns * la.lu_solve(factor, (rows * b.T).T, check_finite=False).T).T
 
     @property
     def negative_pivots(self) -> int:
-        """The number of negative eigenvalues."""
+        """The number of negative eigenvalues, which the scaling does not change (Sylvester)."""
         return int(np.count_nonzero(np.linalg.eigvalsh(self._matrix) < 0))
 
     def solve(self, B: Array) -> Array:

@@ -118,6 +118,24 @@ def norm(matrix: Matrix) -> float:
     return float(np.sqrt(np.max(absolute.sum(axis=0)) * np.max(absolute.sum(axis=1))))
 
 
+def equilibration(A: Matrix) -> tuple[Array, Array]:
+    """r and c, (n,) each, powers of two, with which r_i a_ij c_j has no row or column far from 1 in size.
+
+    Deflections, slopes and twists in one vector make entries that differ by the fourth power of the element's length;
+    a condition number means something only once that is taken out. A symmetric A gets r = c.
+    (Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices, RAL-TR-2001-034.)
+    """
+    size = abs(A)
+    r, c = np.ones(A.shape[0]), np.ones(A.shape[0])
+    for _ in range(5):
+        scaled = sp.diags_array(r) @ size @ sp.diags_array(c) if sp.issparse(A) else r[:, None] * size * c
+        for scale, axis in ((r, 1), (c, 0)):
+            largest = scaled.max(axis=axis)
+            largest = np.ravel(largest.toarray() if sp.issparse(largest) else largest)
+            scale /= np.sqrt(np.where(largest > 0, largest, 1.0))
+    return 2.0 ** np.rint(np.log2(r)), 2.0 ** np.rint(np.log2(c))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Pencil:
     """P(λ) = λ²M + λD + K with real M, D, K of shape (n, n), sparse or dense, symmetric or not.

@@ -45,9 +45,11 @@ class ShiftInvert:
 
     def _nearly_singular(self) -> bool:
         # A Cholesky factorisation may survive a singular K by rounding; its inverse then blows up one shape.
-        x = _normalised(self.factor.solve(np.random.default_rng(2).standard_normal((self.K.shape[0], 2))), None)
-        for _ in range(2):
-            x = _normalised(self.factor.solve(x), None)
+        # DOF in units of their own stiffness: QR would leave slopes with the rounding of deflections.
+        unit = _units(self.K)[:, None]
+        x = np.random.default_rng(2).standard_normal((self.K.shape[0], 2))
+        for _ in range(3):
+            x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
         return bool((_rounding_ratio(self.K, x) < RIGID).any())
 
     def _float(self) -> None:
@@ -165,21 +167,26 @@ def _short(x: float) -> float:
 def _annihilates_a_translation(K: Matrix) -> bool:
     """Whether a uniform motion of every s-th DOF costs no energy: a cheap sign of a floating component."""
     n = K.shape[0]
-    probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 6) if n % stride == 0]
+    probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 4, 6) if n % stride == 0]
     return bool((_rounding_ratio(K, np.stack(probes, axis=1)) < RIGID).any())
 
 
+def _units(K: Matrix) -> Array:
+    """1/sqrt(k_ii), shape (n,): forces, moments and whatever else, times these, are alike in size and in units."""
+    diagonal = K.diagonal()
+    return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
+
+
 def _rounding_ratio(K: Matrix, x: Array) -> Array:
-    scale = np.linalg.norm(abs(K) @ abs(x), axis=0)
-    return np.divide(np.linalg.norm(K @ x, axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
+    unit = _units(K)[:, None]
+    scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
+    return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
 
 
-def _normalised(x: Array, M: Matrix | None, mix: bool = True) -> Array:
-    """Columns made orthonormal (in M where given); with mix=False only scaled to unit length."""
+def _normalised(x: Array, M: Matrix, mix: bool = True) -> Array:
+    """Columns made M-orthonormal; with mix=False only scaled to unit length."""
     if not mix:
         return x / np.linalg.norm(x, axis=0)
-    if M is None:
-        return np.linalg.qr(x)[0]
     for _ in range(2):  # the second pass gives back what DOF of mixed units cost the first
         x = x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
         gram = x.T @ (M @ x)
