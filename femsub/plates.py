@@ -50,7 +50,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     interface : sequence of set names
         All DOF of these nodes (and edges) that are not held.
     ports : mapping of str to set name, or to the place (x, y) of a node
-        The mean of w over the nodes of the set, or w at the node.
+        The mean of w over the cells within the set (a set without cells: over its nodes), or w at the node.
     rayleigh : (alpha, beta), optional
         D = αM + βK; every other damping by `damped`.
 
@@ -78,12 +78,12 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
         raise InputError(f"nu must lie between -1 and 0.5, but is {ratio:.6g}")
     layout = _Layout(mesh)
     bending = size["E"] * size["thickness"] ** 3 / (12 * (1 - ratio**2))
-    K, M = layout.gathered(ratio)
-    for key, value in (("supports", supports), ("ports", ports)):
-        if value is not None and not isinstance(value, Mapping):
-            raise InputTypeError(f"{key} must map names, e.g. {{'edge': ...}}, not {type(value).__name__}")
+    for key, named in (("supports", supports), ("ports", ports)):
+        if named is not None and not isinstance(named, Mapping):
+            raise InputTypeError(f"{key} must map names, e.g. {{'edge': ...}}, not {type(named).__name__}")
     if isinstance(interface, str):
         raise InputTypeError(f"interface must be a sequence of set names, e.g. ({interface!r},), not {interface!r}")
+    K, M = layout.gathered(ratio)
     held = [layout.held(mesh.nodes(where), kind) for where, kind in (supports or {}).items()]
     return component(
         bending * K, size["rho"] * size["thickness"] * M, np.concatenate([*held, np.zeros(0, dtype=int)]),
@@ -133,7 +133,8 @@ class _Layout:
         area = np.abs(span[:, 0, 0] * span[:, 1, 1] - span[:, 0, 1] * span[:, 1, 0])
         flat = area <= 1e-9 * np.einsum("mid,mid->mi", span, span).max(axis=1)
         if flat.any():
-            raise InputError(f"{int(flat.sum())} triangles of {self.mesh.name!r} are flat, the first is cell {int(flat.argmax())}")
+            raise InputError(f"{int(flat.sum())} triangles of {self.mesh.name!r} are flat, the first is cell "
+                             f"{int(flat.argmax())}, counted from 0")
         normals = self._normals()[edges]
         return gathered(np.hstack([cells, len(self.plane) + edges]), self.size,
                         lambda part: morley_matrices(corners[part], normals[part], nu))
@@ -159,7 +160,7 @@ class _Layout:
         right &= (np.sort(code, axis=1) == np.arange(4)).all(axis=1)
         if not right.all():
             raise InputError(f"{int((~right).sum())} quads of {self.mesh.name!r} are no axis-parallel rectangles, the first is "
-                             f"cell {int(right.argmin())}: mesh the plate with triangles, or turn it")
+                             f"cell {int(right.argmin())}, counted from 0: mesh the plate with triangles, or turn it")
         order = order[:, [2 * i + j for i, j in CORNERS]]
         cells = np.take_along_axis(self.mesh.cells, order, axis=1)
         dofs = (4 * cells[:, :, None] + np.arange(4)).reshape(len(cells), 16)
@@ -197,8 +198,8 @@ class _Layout:
         """The mean of w over a set, or w at a node, as a column for all DOF."""
         w, step = np.zeros(self.size), 1 if self.triangles else 4
         if isinstance(where, str):
-            nodes = self.mesh.nodes(where)
-            w[step * nodes] = 1 / len(nodes)
+            share = self._shares(self.mesh.nodes(where))
+            w[:step * len(share):step] = share / share.sum()
             return w
         if not isinstance(where, (Sequence, np.ndarray)) or len(where) != 2:
             raise InputTypeError(f"port {port!r} must be the name of a set or a place (x, y), not {where!r:.80}")
@@ -210,6 +211,18 @@ class _Layout:
                              f"{self.mesh.numbers[nearest]} at ({self.plane[nearest, 0]:.9g}, {self.plane[nearest, 1]:.9g})")
         w[step * nearest] = 1.0
         return w
+
+    def _shares(self, nodes: Array) -> Array:
+        """The area of the cells within a set, spread over their nodes; where there is none, 1 for each of the nodes."""
+        member = np.zeros(len(self.plane), dtype=bool)
+        member[nodes] = True
+        cells = self.mesh.cells[member[self.mesh.cells].all(axis=1)]
+        if not len(cells):
+            return member.astype(float)
+        across = self.plane[cells[:, 2]] - self.plane[cells[:, 0]]
+        other = self.plane[cells[:, -1]] - self.plane[cells[:, 1]]
+        area = np.abs(across[:, 0] * other[:, 1] - across[:, 1] * other[:, 0])
+        return np.bincount(cells.ravel(), np.repeat(area, cells.shape[1]), len(self.plane))
 
     def dofs(self) -> DofMap:
         """Labels w, w,x, w,y, w,xy at nodes; or w at nodes and w,n in the middle of edges, numbered on."""
