@@ -26,7 +26,7 @@ def hermite() -> dict[tuple[int, int], Array]:
     basis = fem.Basis(fem.MeshLine(np.array([0.0, 1.0])), fem.ElementLineHermite(), intorder=6)
     fields = [basis.basis[i][0] for i in range(4)]
     N = [np.stack([np.asarray(part).ravel() for part in order])
-         for order in ([f.value for f in fields], [f.grad for f in fields], [f.hess for f in fields])]
+         for order in ([np.asarray(f) for f in fields], [f.grad for f in fields], [f.hess for f in fields])]
     w = basis.dx.ravel()
     return {(a, b): np.round(420 * (N[a] * w) @ N[b].T) / 420 for a in range(3) for b in range(3)}
 
@@ -88,9 +88,9 @@ def morley_matrices(corners: Array, normals: Array, nu: float) -> tuple[Array, A
         edge i is    (λ_i - λ_i²) / (n·∇λ_i)
         corner j is  λ_j + 2 λ_k λ_l + Σ_{i = k, l} (∇λ_k·∇λ_l / |∇λ_i|²)(λ_i - λ_i²)
 
-    (Ming and Xu, Numer. Math. 103 (2006); λ_i - λ_i² is level in the middle of the edges that meet at corner i). scikit-fem gets the same functions
-    by inverting a matrix of powers of the global coordinates, which loses digits with the square of the plate's size over
-    the cell's.
+    (Ming and Xu, Numer. Math. 103 (2006); λ_i - λ_i² is level in the middle of the edges that meet at corner i).
+    scikit-fem gets the same functions by inverting a matrix of powers of the global coordinates, which loses digits
+    with the square of the plate's size over the cell's.
     """
     span = np.stack([corners[:, k] - corners[:, j] for j, k in OPPOSITE], axis=1)
     double = span[:, 0, 0] * span[:, 1, 1] - span[:, 0, 1] * span[:, 1, 0]

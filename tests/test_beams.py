@@ -1,0 +1,155 @@
+"""The Euler-Bernoulli beam against closed forms, its rigid motion in any units, and its reduced models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.optimize import brentq
+
+import femsub as fs
+
+SI = {"E": 210e9, "I": 1e-2**4 / 12, "rho": 7850.0, "A": 1e-4}  # a steel bar of 10 mm x 10 mm: m, kg, s
+MM = {"E": 210e3, "I": 1e4 / 12, "rho": 7.85e-9, "A": 100.0}  # the same in mm, t, s
+SPEED = np.sqrt(SI["E"] * SI["I"] / (SI["rho"] * SI["A"]))  # ω = (wave number)² SPEED
+GRIDS = (6, 8, 12, 16, 24)
+
+
+def roots(f: Callable[[float], float], shift: float, count: int) -> np.ndarray:
+    return np.array([brentq(f, (k + shift) * np.pi - 1, (k + shift) * np.pi + 1, xtol=1e-14) for k in range(1, count + 1)])
+
+
+def wave_numbers(ends: str, count: int) -> np.ndarray:
+    """βL: kπ, cosh βL cos βL = -1, and cosh βL cos βL = 1."""
+    if ends == "pinned":
+        return np.pi * np.arange(1, count + 1)
+    if ends == "clamped-free":
+        return roots(lambda x: np.cos(x) + 1 / np.cosh(x), -0.5, count)
+    return roots(lambda x: np.cos(x) - 1 / np.cosh(x), 0.5, count)
+
+
+SUPPORTS: dict[str, dict] = {"pinned": {"left": "pinned", "right": "pinned"}, "clamped-free": {"left": "clamped"}, "free": {}}
+
+
+@pytest.mark.parametrize("foundation", [0.0, 2e3])
+@pytest.mark.parametrize("ends", SUPPORTS)
+def test_frequencies_converge_with_order_4(ends: str, foundation: float) -> None:
+    exact = wave_numbers(ends, 2) ** 4 * SPEED**2 + foundation / (SI["rho"] * SI["A"])
+    errors = []
+    for n in GRIDS:
+        modes = fs.normal_modes(fs.beam(1.0, n, **SI, foundation=foundation, supports=SUPPORTS[ends]), count=4)
+        elastic = modes.eigenvalues[(2 if ends == "free" else 0):]  # on a foundation, rigid motion has k_f/ρA
+        errors.append(elastic[:2] / exact - 1)
+    assert (np.array(errors) > 0).all()  # conforming: from above
+    rates = -np.polyfit(np.log(GRIDS), np.log(errors), 1)[0]
+    assert np.abs(rates - 4).max() < 0.2  # cubics: error of ω² as h⁴, fitted over five grids
+
+
+def test_a_foundation_adds_to_every_eigenvalue() -> None:
+    bare, bedded = (fs.normal_modes(fs.beam(1.0, 20, **SI, foundation=k), count=6).eigenvalues for k in (0.0, 2e3))
+    assert np.allclose(bedded[:2], 2e3 / (SI["rho"] * SI["A"]), rtol=1e-9)
+    assert np.allclose(bedded[2:6] - bare[2:6], 2e3 / (SI["rho"] * SI["A"]), rtol=1e-7)
+
+
+@pytest.mark.parametrize("n", [1, 4, 7, 49, 50, 51, 200, 2000])
+@pytest.mark.parametrize(("units", "length"), [(SI, 1.0), (MM, 1000.0), (SI, 0.03), (MM, 50_000.0)])
+def test_rigid_body_modes_are_counted_in_any_units(n: int, units: dict, length: float) -> None:
+    count = min(5, 2 * n)
+    assert fs.normal_modes(fs.beam(length, n, **units), count=count).rigid == 2
+    for supports, rigid in (({"left": "pinned"}, 1), ({"left": "guided", "right": "guided"}, 1), ({"left": "clamped"}, 0)):
+        assert fs.normal_modes(fs.beam(length, n, **units, supports=supports), count=min(5, 2 * n - 1)).rigid == rigid
+
+
+def test_rigid_body_modes_of_unequal_elements(rng: np.random.Generator) -> None:
+    for m in (3, 60):  # few enough for LAPACK, and not
+        for _ in range(20):
+            places = np.append(0.0, np.cumsum(rng.uniform(0.1, 2.0, m)))
+            modes = fs.normal_modes(fs.beam(places[-1], places, **SI), count=2 * m)
+            assert modes.rigid == 2 and modes.residual.max() < 1e-13
+
+
+def test_units_change_no_digit_beyond_rounding() -> None:
+    si, mm = (fs.normal_modes(fs.beam(length, 40, **units), count=10).frequencies for length, units in ((1.0, SI), (1e3, MM)))
+    assert np.abs(mm[2:] / si[2:] - 1).max() < 1e-9
+
+
+def test_rigid_motion_costs_nothing_and_carries_the_whole_mass() -> None:
+    places = np.array([0.0, 0.1, 0.35, 0.6, 1.0])
+    sub = fs.beam(1.0, places, **SI)
+    lift, turn = np.tile([1.0, 0.0], 5), np.ravel(np.column_stack([places, np.ones(5)]))
+    for motion in (lift, turn):
+        assert np.abs(sub.K @ motion).max() < 1e-14 * (abs(sub.K) @ np.abs(motion)).max()
+    mass = SI["rho"] * SI["A"]
+    assert np.isclose(lift @ sub.M @ lift, mass, rtol=1e-14) and np.isclose(turn @ sub.M @ turn, mass / 3, rtol=1e-14)
+    assert all(sp.issparse(part) and (part != part.T).nnz == 0 for part in (sub.K, sub.M))
+
+
+def test_matrices_are_those_of_scikit_fem() -> None:
+    import skfem
+    from skfem.helpers import dd, ddot
+
+    places = np.array([0.0, 0.2, 0.3, 0.7])
+    basis = skfem.Basis(skfem.MeshLine(places), skfem.ElementLineHermite(), intorder=6)
+    K = skfem.BilinearForm(lambda u, v, w: ddot(dd(u), dd(v))).assemble(basis)
+    M = skfem.BilinearForm(lambda u, v, w: u * v).assemble(basis)
+    sub = fs.beam(0.7, places, E=[1.0, 1.0, 1.0], I=1.0, rho=1.0, A=1.0)
+    assert abs(sub.K - K).max() < 1e-11 * abs(K).max() and abs(sub.M - M).max() < 1e-12 * abs(M).max()
+
+
+def test_sections_may_change_along_the_beam() -> None:
+    stepped = fs.beam(1.0, 2, E=[1.0, 2.0], I=1.0, rho=1.0, A=[3.0, 1.0])
+    halves = [fs.beam(0.5, 1, E=E, I=1.0, rho=1.0, A=A) for E, A in ((1.0, 3.0), (2.0, 1.0))]
+    for name in "MK":
+        expected = np.zeros((6, 6))
+        for at, half in zip((0, 2), halves, strict=True):
+            expected[at:at + 4, at:at + 4] += getattr(half, name).toarray()
+        assert np.allclose(getattr(stepped, name).toarray(), expected, rtol=1e-14)
+
+
+def test_interface_ports_and_dof_names() -> None:
+    sub = fs.beam(1.0, 10, **SI, supports={"left": "clamped", 0.5: "pinned"}, interface=("right", 0.5),
+                  ports={"belt": 0.3, "twist": ("right", "w,x")})
+    assert sub.size == 22 - 3 and sub.dofs is not None
+    assert [sub.dofs.name(i) for i in sub.interface] == ["w at node 11", "w,x at node 11", "w,x at node 6"]
+    for port, node, label in (("belt", 4, "w"), ("twist", 11, "w,x")):
+        where = np.flatnonzero(sub.port(port))
+        assert list(where) == list(sub.dofs.find(node, label)) and sub.port(port)[where[0]] == 1.0
+    assert np.allclose(sub.dofs.points[sub.dofs.find(4)], 0.3)
+
+
+def test_static_deflection_of_a_cantilever_is_exact() -> None:
+    from scipy.sparse.linalg import spsolve
+
+    sub = fs.beam(2.0, 3, **SI, supports={"left": "clamped"}, ports={"tip": "right"})
+    w = sub.port("tip")
+    assert np.isclose(w @ spsolve(sub.K.tocsc(), w), 2.0**3 / (3 * SI["E"] * SI["I"]), rtol=1e-12)
+
+
+@pytest.mark.parametrize("supports", [{"left": "clamped"}, {}])
+@pytest.mark.parametrize("method", [fs.CraigBampton(modes=6), fs.CraigChang(modes=6)])
+def test_reduced_models_bound_from_above(method: fs.CraigBampton | fs.CraigChang, supports: dict) -> None:
+    sub = fs.beam(1.0, 60, **SI, supports=supports, interface=("right",), ports={"belt": 0.5})
+    full, rom = fs.normal_modes(sub, count=6), fs.normal_modes(fs.reduce(sub, method, ports=True), count=6)
+    error = rom.eigenvalues[rom.rigid:] / full.eigenvalues[full.rigid:] - 1
+    assert rom.rigid == full.rigid and error.min() > -1e-7 and error[:4].max() < 1e-3
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({"length": -1.0}, "length must be positive"), ({"elements": 0}, "elements must be at least 1"),
+    ({"elements": [0.0, 0.5, 0.4, 1.0]}, "must ascend"), ({"elements": [0.0, 0.5]}, "from 0 to the length 1"),
+    ({"E": 0.0}, "E must be positive"), ({"rho": [1.0, 2.0]}, "one number or 10"), ({"foundation": -1.0}, "zero or more"),
+    ({"A": [1.0] * 9 + [-1.0]}, "A must be positive and finite, but is -1 in element 10"),
+    ({"supports": {"left": "clampd"}}, "unknown support 'clampd'; did you mean 'clamped'"),
+    ({"supports": {"lift": "clamped"}}, "did you mean 'left'"), ({"supports": "left"}, "supports must be a mapping"),
+    ({"supports": {0.33: "pinned"}}, r"no node at x = 0.33; the nearest is at x = 0.3"),
+    ({"interface": ("left",), "supports": {"left": "clamped"}}, "interface 'left' of 'beam' is held"),
+    ({"interface": "left"}, "a sequence of places"), ({"ports": {"belt": 2.0}}, "no node at x = 2; the nearest is at x = 1"),
+    ({"ports": {"belt": ("left", "v")}}, "unknown motion"), ({"rayleigh": (-1.0, 0.0)}, "alpha of rayleigh must not be negative"),
+    ({"ports": {"belt": "left"}, "supports": {"left": "pinned"}}, "DOF that the supports hold"),
+    ({"elements": 1, "supports": {"left": "clamped", "right": "clamped"}}, "hold every DOF"),
+])
+def test_beam_refuses(arguments: dict, words: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=words):
+        fs.beam(**{"length": 1.0, "elements": 10, **SI, **arguments})
