@@ -50,7 +50,7 @@ class ShiftInvert:
         x = np.random.default_rng(2).standard_normal((self.K.shape[0], 2))
         for _ in range(3):
             x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
-        return bool((_rounding_ratio(self.K, x) < RIGID).any())
+        return bool((rounding_ratio(self.K, x) < RIGID).any())
 
     def _float(self) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
@@ -103,7 +103,8 @@ class ShiftInvert:
             cleaned = _normalised(self.factor.solve(self.M @ x), self.M, mix=False)
             order = np.argsort(np.abs(values), kind="stable")
             values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
-            elastic = _rounding_ratio(self.K, cleaned) >= RIGID
+            cleaned = self._without_dust(cleaned)
+            elastic = rounding_ratio(self.K, cleaned) >= RIGID
             count = int(np.argmax(elastic)) if elastic.any() else len(values)
             while 0 < count < len(values) and abs(values[count - 1]) > GAP * abs(values[count]):
                 count -= 1
@@ -119,6 +120,15 @@ class ShiftInvert:
             rest = self._lowest_elastic()
         self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
+
+    def _without_dust(self, x: Array) -> Array:
+        """Entries below rounding set to 0, where K leaves some DOF free of all forces (as reduced models do): there rigid
+        motion has no forces that cancel, against which dust in the other DOF could be measured.
+        """
+        if self.K.diagonal().all():
+            return x
+        weighted = np.sqrt(self.M.diagonal())[:, None] * np.abs(x)
+        return np.where((weighted > 0) & (weighted < 8 * EPS * np.linalg.norm(weighted, axis=0)), 0.0, x)
 
     def _lowest_elastic(self) -> Array:
         """Ritz values where rigid motion drowned all else: with σ far below the elastic modes of a small component, one
@@ -180,7 +190,7 @@ def _annihilates_a_translation(K: Matrix) -> bool:
     """Whether a uniform motion of every s-th DOF costs no energy: a cheap sign of a floating component."""
     n = K.shape[0]
     probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 4, 6) if n % stride == 0]
-    return bool((_rounding_ratio(K, np.stack(probes, axis=1)) < RIGID).any())
+    return bool((rounding_ratio(K, np.stack(probes, axis=1)) < RIGID).any())
 
 
 def _units(K: Matrix) -> Array:
@@ -189,7 +199,7 @@ def _units(K: Matrix) -> Array:
     return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
 
 
-def _rounding_ratio(K: Matrix, x: Array) -> Array:
+def rounding_ratio(K: Matrix, x: Array) -> Array:
     unit = _units(K)[:, None]
     scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
     return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)

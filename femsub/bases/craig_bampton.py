@@ -12,8 +12,10 @@ from femsub.bases.basis import Basis, check_modes, energy_error, independent, ke
 from femsub.eigen import confirm
 from femsub.errors import InputError
 from femsub.pencil import Array, Matrix
-from femsub.shift_invert import ShiftInvert
+from femsub.shift_invert import RIGID, ShiftInvert, rounding_ratio
 from femsub.substructure import Substructure
+
+SOFT = 1e-4  # condensed stiffness, relative to that of the interface with all else fixed, that may be rounding
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,7 @@ class CraigBampton:
         V[i, len(b):] = interior
         # ΨᵀK_iiΦ = 0 and ΦᵀK_iiΦ = Ω²; the condensed stiffness needs no second product with K_ii.
         K = np.zeros((V.shape[1],) * 2)
-        condensed = _block(sub.K, b, b) + Kib.T @ constraint
-        K[:len(b), :len(b)] = (condensed + condensed.T) / 2
+        K[:len(b), :len(b)] = _condensed(sub.K, sub.K.diagonal()[b], _block(sub.K, b, b) + Kib.T @ constraint, V[:, :len(b)])
         K[len(b):, len(b):] = np.diag(np.concatenate([values, stiffness]))
         M = V.T @ (sub.M @ V)
         M = (M + M.T) / 2
@@ -81,6 +82,29 @@ class CraigBampton:
                               np.concatenate([values, stiffness]), handle)
         return Basis(V, M, K, kinds + ("static port",) * len(stiffness), cutoff, method, dropped, errors,
                      handle.factorisations)
+
+
+def _condensed(K: Matrix, bare: Array, condensed: Array, constraint: Array) -> Array:
+    """ΨᵀKΨ for the constraint modes, with exactly 0 for rigid motion; `bare` is the diagonal of K_bb.
+
+    Of a floating component it is what large forces leave when they cancel. On an interface that just holds it (the two
+    DOF at one end of a beam) nothing is left but rounding, of either sign, which nobody could tell from stiffness later.
+    """
+    condensed = (condensed + condensed.T) / 2
+    if not condensed.size:
+        return condensed
+    unit = np.where(bare > 0, bare, 1.0) ** -0.5
+    values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
+    doubtful = np.flatnonzero(values <= SOFT)
+    if not len(doubtful):
+        return condensed
+    rigid = doubtful[rounding_ratio(K, constraint @ (unit[:, None] * vectors[:, doubtful])) < RIGID]
+    if not len(rigid):
+        return condensed
+    values[rigid] = 0.0
+    vectors = vectors / unit[:, None]
+    kept = (vectors * values) @ vectors.T
+    return (kept + kept.T) / 2
 
 
 def _part(matrix: Matrix, rows: Array, columns: Array) -> Matrix:
