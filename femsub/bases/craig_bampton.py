@@ -98,7 +98,8 @@ def _condensed(K: Matrix, bare: Array, condensed: Array, constraint: Array) -> A
     doubtful = np.flatnonzero(values <= SOFT)
     if not len(doubtful):
         return condensed
-    rigid = doubtful[rounding_ratio(K, constraint @ (unit[:, None] * vectors[:, doubtful])) < RIGID]
+    # constraint modes carry the rounding of their solve, which rigid shapes have been cleaned of
+    rigid = doubtful[rounding_ratio(K, constraint @ (unit[:, None] * vectors[:, doubtful])) < 10 * RIGID]
     if not len(rigid):
         return condensed
     values[rigid] = 0.0
