@@ -9,6 +9,7 @@ each of its factors is therefore probed with a random right-hand side.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import weakref
 from collections.abc import Callable, Sequence
@@ -45,6 +46,7 @@ def _load() -> tuple[Any, Any]:
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
+    _let_memory_go()
     if np.dtype(PETSc.ScalarType).kind == "c":
         raise MissingPackageError("this PETSc has complex scalars; femsub needs a build with real ones (twice as fast)")
     options = PETSc.Options()
@@ -54,6 +56,16 @@ def _load() -> tuple[Any, Any]:
     options.setValue("mat_cholmod_final_ll", 1)
     options.setValue(f"{TREE}mat_mumps_icntl_7", 0)  # AMD; a setMumpsIcntl(7) would be overruled by PETSc
     return PETSc, SLEPc
+
+
+def _let_memory_go() -> None:
+    """Large blocks go back to the system when they are freed, as they would without OpenMPI: loading it takes mmap from
+    malloc, and a factor of 8 GB, once given up, would stay in the heap beside the next one.
+    """
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "mallopt"):
+        for option, value in ((-3, 1 << 25), (-1, 1 << 26), (-4, 1 << 16)):  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, M_MMAP_MAX
+            libc.mallopt(option, value)
 
 
 def versions() -> dict[str, str]:

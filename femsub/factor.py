@@ -12,7 +12,8 @@ from femsub._slepc import Factor, Kind
 from femsub.errors import SingularMatrixError
 from femsub.pencil import EPS, Array, Matrix, equilibration
 
-COMPLEX = 20_000  # up to so many DOF SuperLU is the quicker complex solver, beyond it MUMPS on the real form of twice the size
+COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
+# on the real form of twice the size
 QUADRATIC = 2000  # up to so many DOF all 2n eigenvalues of a quadratic problem are for LAPACK
 SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
 
@@ -101,7 +102,7 @@ def complex_solve(matrix: Matrix, B: Array) -> Array:
         A is singular.
     """
     n = matrix.shape[0]
-    if n <= COMPLEX:
+    if n <= COMPLEX and matrix.nnz <= 15 * COMPLEX:
         from scipy.sparse.linalg import splu
 
         try:
@@ -110,6 +111,6 @@ def complex_solve(matrix: Matrix, B: Array) -> Array:
             raise SingularMatrixError(f"a complex {n} x {n} matrix is singular ({error})") from None
     real, imaginary = sp.csr_array(matrix.real), sp.csr_array(matrix.imag)
     handle = Factor(sp.block_array([[real, -imaginary], [imaginary, real]], format="csr"), "general")
-    x = handle.solve(np.vstack([np.real(B), np.imag(B)]))
+    x = handle.solve(np.concatenate([np.real(B), np.imag(B)]))
     handle.close()
     return x[:n] + 1j * x[n:]

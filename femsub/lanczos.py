@@ -14,6 +14,7 @@ from femsub.pencil import EPS, Array, Matrix
 
 BLOCK = 10  # a larger block makes a column cheaper, but the basis longer, which costs solves and orthogonalisation
 RESTARTS = 60
+ROWS = 50_000
 
 
 def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1,
@@ -47,9 +48,14 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     R. G. Grimes, J. G. Lewis, H. D. Simon, SIAM J. Matrix Anal. Appl. 15 (1994) 228 (block, shift and invert); K. Wu,
     H. Simon, SIAM J. Matrix Anal. Appl. 22 (2000) 602 (thick restart).
     """
-    n, rng = factor.size, np.random.default_rng(seed)
-    locked = np.zeros((n, 0)) if known is None else known
+    locked = np.zeros((factor.size, 0)) if known is None else known
     inert = M @ locked
+    return _polished(factor, _ritz_momenta(factor, M, count, tol, seed, locked, inert), M, sigma, locked, inert)
+
+
+def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array, inert: Array) -> Array:
+    """MX for the wanted Ritz vectors X, shape (n, count); all else is given back."""
+    n, rng = factor.size, np.random.default_rng(seed)
     room = n - locked.shape[1]
     b = min(BLOCK, room)
     most = min(room, int(2.5 * count) + 2 * b)
@@ -103,16 +109,23 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
                                         "fewer, or check the matrices")
             restarts += 1
             keep = min((2 * count + 3 * m) // 5, m - b)
-            next_block = V[:, m:m + b].copy(), MV[:, m:m + b].copy()
-            V[:, :keep], MV[:, :keep] = V[:, :m] @ Y[:, :keep], MV[:, :m] @ Y[:, :keep]
-            V[:, keep:keep + b], MV[:, keep:keep + b] = next_block
+            for basis in (V, MV):
+                _rotate(basis, m, Y[:, :keep])
+                basis[:, keep:keep + b] = basis[:, m:m + b]
             T[:] = 0.0
             T[np.arange(keep), np.arange(keep)] = theta[:keep]
             m = keep
-    return _polished(factor, V[:, :m] @ Y[:, :count], MV[:, :m] @ Y[:, :count], M, sigma, locked, inert)
+    return MV[:, :m] @ Y[:, :count]
 
 
-def _polished(factor: Handle, X: Array, MX: Array, M: Matrix, sigma: float, locked: Array, inert: Array) -> tuple[Array, Array]:
+def _rotate(basis: Array, m: int, Y: Array) -> None:
+    """The first m columns, times Y (m, k), in their own place: a second basis would not fit beside a large factor."""
+    for start in range(0, len(basis), ROWS):
+        rows = slice(start, start + ROWS)
+        basis[rows, :Y.shape[1]] = basis[rows, :m] @ Y
+
+
+def _polished(factor: Handle, MX: Array, M: Matrix, sigma: float, locked: Array, inert: Array) -> tuple[Array, Array]:
     """z = Ax takes out what lies in the null space of M, and θ = xᵀMz is right to rounding also for the small ones."""
     X = factor.solve(MX)
     X -= locked @ (inert.T @ X)

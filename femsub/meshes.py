@@ -104,10 +104,10 @@ class Mesh:
         return self.sets[name]
 
     def with_sets(self, **sets: Any) -> Mesh:
-        """A copy with more (or other) sets of nodes, each as rows of `points` or as a function of the points (n, d)
-        that returns n truth values.
+        """A copy with more (or other) sets of nodes, each as rows of `points`, as n truth values, or as a function of the
+        points (n, d) that returns either.
         """
-        found = {name: np.flatnonzero(rows(self.points)) if callable(rows) else rows for name, rows in sets.items()}
+        found = {name: rows(self.points) if callable(rows) else rows for name, rows in sets.items()}
         return Mesh(self.points, self.cells, self.kind, {**self.sets, **found}, self.groups, self.numbers, self.repairs,
                     self.name)
 
@@ -116,6 +116,8 @@ def _within(what: str, rows: Any, count: int) -> Array:
     raw = np.asarray(rows)
     if raw.size == 0:
         return np.zeros(0, dtype=np.intp)
+    if raw.dtype == bool and raw.shape == (count,):
+        return np.flatnonzero(raw)
     if not np.issubdtype(raw.dtype, np.integer):
         raise InputError(f"{what} must hold whole numbers, not {raw.dtype}")
     if raw.min() < 0 or raw.max() >= count:
