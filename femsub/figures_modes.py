@@ -108,9 +108,11 @@ def _surfaces(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], mar
                                            edgecolors=colours if fine else (0, 0, 0, 0.3)))
         for name, at in marks.items():
             colour, marker = MARKS[name]
+            at = at[np.isin(at, faces)] if np.isin(at, faces).any() else at  # corners will do
             hidden = ~np.isin(at, faces[front])
-            axis.plot(*plane[at[~hidden]].T, marker, color=colour, mec="white", mew=0.5, ms=5, ls="none", label=name)
-            axis.plot(*plane[at[hidden]].T, marker, color=colour, mfc="none", mew=0.7, ms=4, ls="none", label=f"{name}, behind")
+            style = {"color": colour, "ls": "none", "ms": 5 if len(at) < 30 else 3}
+            axis.plot(*plane[at[~hidden]].T, marker, mec="white", mew=0.5, label=name, **style)
+            axis.plot(*plane[at[hidden]].T, marker, mfc="none", mew=0.7, label=f"{name}, behind", **style)
         axis.set_title(label, fontsize=9)
         axis.set_aspect("equal")
         axis.autoscale_view()

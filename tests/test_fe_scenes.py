@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from femsub.cli import main
 from femsub.fields import displacements
 from femsub.scene import load
 from femsub.scenes.component import Work
+from femsub.studies import Row, Study, Timing, _extra
 
 SMALL = {
     "beam": 'scene = "beam"\nelements = 40\nmodes = [8, 12]\nrepeats = 1\n',
@@ -155,6 +157,29 @@ def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() ->
     assert found.recommended(1e-16) is None and "none of these models" in found.recommendation(1e-16)
     with pytest.raises(ValueError, match="tolerance must be a positive number"):
         found.recommended(0)
+
+
+def test_what_rules_a_model_out() -> None:
+    time = Timing(1.0, 1.0, 1.0)
+    full = Row("full", 0, 1000, 0.0, 0.0, 0.0, 0, -1.0, 0.0, time, time, 0.0)
+
+    def chosen(**change: float) -> int | None:
+        small = Row("CraigChang", 5, 10, 1e-5, 1e-4, 0.0, 0, -1.0, 0.0, time, time, 0.0, cutoff=2.0)
+        rows = (replace(small, modes=9, size=20, method="CraigBampton"), replace(small, **change))
+        best = Study("x", (0.0, 1.5), 1, full, rows).recommended()
+        return best and best.size
+
+    assert chosen() == 10
+    for change in ({"error_growth": 2e-3}, {"error_growth": np.nan}, {"missing": 1}, {"extra": 1}, {"cutoff": 1.4}):
+        assert chosen(**change) == 20
+
+
+def test_eigenvalues_that_only_the_reduced_model_has_are_counted() -> None:
+    sub = fs.chain(10, belt=2)
+    full, other = fs.complex_modes(sub, band=(0.0, 0.5)), fs.complex_modes(fs.chain(10, belt=2, springs=0.3))
+    assert _extra(full, fs.complex_modes(sub), (0.0, 0.5)) == 0
+    inside = int(np.sum((other.eigenvalues.imag >= 0) & (other.eigenvalues.imag <= 0.5)))
+    assert _extra(full, other, (0.0, 0.5)) == inside - len(full) > 0
 
 
 def test_the_band_is_chosen_by_rule(tmp_path: Path) -> None:
