@@ -23,7 +23,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Pencil": "pencil",
     "Substructure": "substructure", "ReducedSubstructure": "substructure",
-    "DofMap": "dofs", "Mesh": "meshes", "read_mesh": "meshfiles", "write_mesh": "meshfiles",
+    "DofMap": "dofs", "Mesh": "meshes", "displacements": "fields", "read_mesh": "meshfiles", "write_mesh": "meshfiles",
     "block": "blocks", "annulus": "blocks", "rectangle": "blocks", "Material": "assembly", "solid": "solids",
     "read_component": "components", "write_matrices": "modelfiles", "read_matrix": "matrixfiles",
     "StribeckArctan": "friction", "StribeckArctanOdd": "friction", "Belt": "friction",
@@ -65,6 +65,7 @@ if TYPE_CHECKING:
         SingularMatrixError,
         UnstableModelError,
     )
+    from femsub.fields import displacements
     from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
     from femsub.matrixfiles import read_matrix
     from femsub.meshes import Mesh

@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
 from femsub.errors import FemsubError, FemsubWarning, InputError
 from femsub.scene import SCENES, load
@@ -52,6 +53,8 @@ def _run(options: argparse.Namespace) -> int:
     from femsub.report import check_folder, progress, progress_done, write
 
     folder = check_folder(options.out)
+    if options.no_figures:
+        scene = replace(scene, figures=False)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FemsubWarning)
         try:
@@ -59,7 +62,7 @@ def _run(options: argparse.Namespace) -> int:
             written = []
             if folder is not None:
                 progress("writing")
-                written = write(result, folder, scene.figures and not options.no_figures)
+                written = write(result, folder, scene.figures)
         finally:
             progress_done()
     for text in dict.fromkeys(str(item.message) for item in caught):

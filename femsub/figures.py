@@ -112,11 +112,11 @@ def size_sweep_figure(curves: Sequence[Mapping[str, Any]], belt: int, short: Map
 
 def eigenvalue_figure(models: Sequence[Mapping[str, Any]], short: Mapping[str, str], title: str) -> Any:
     """Eigenvalues in the complex plane (the paper's Fig. 4); hollow above the reduced model's cut-off."""
-    interfaces = list(dict.fromkeys(model["interface"] for model in models))
-    figure = new_figure(4.8 * len(interfaces), 4.8)
-    axes = figure.subplots(1, len(interfaces), sharex=True, sharey=True, squeeze=False)[0]
-    for axis, interface in zip(axes, interfaces, strict=True):
-        for model in (model for model in models if model["interface"] == interface):
+    panels = list(dict.fromkeys(model["panel"] for model in models))
+    figure = new_figure(4.8 * len(panels), 4.8)
+    axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    for axis, panel in zip(axes, panels, strict=True):
+        for model in (model for model in models if model["panel"] == panel):
             values, beyond = np.asarray(model["eigenvalues"]), np.asarray(model["above_cutoff"])
             kind = model["model"]
             style = {"marker": MARKERS[kind], "ls": "none", "ms": 9 if kind == "full" else 6, "mfc": "none"}
@@ -127,9 +127,9 @@ def eigenvalue_figure(models: Sequence[Mapping[str, Any]], short: Mapping[str, s
                 axis.plot(values.real[beyond], values.imag[beyond], color=COLOURS[kind],
                           label=f"{short.get(kind, kind)}, above its cut-off", **style)
         axis.axvline(0, color="grey", lw=0.8)
-        axis.set(title=f"interface {interface}", xlabel="Re λ  [1/time]")
+        axis.set(title=panel, xlabel="Re λ  [1/time]")
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=8, loc="center left")
+        axis.legend(fontsize=8, loc="best")
     axes[0].set_ylabel("Im λ  [rad/time]")
     figure.suptitle(title)
     return figure
@@ -141,6 +141,8 @@ def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
     shown = [(interface, found, phase) for interface, found in studies for phase in ("reduction", "solution")]
     figure = new_figure(10.5, 2.7 * len(shown) + 0.8)
     axes = figure.subplots(len(shown), len(kinds), sharex=True, sharey="col", squeeze=False)
+    seconds = [time for _, one in studies for row in (one.full, *one.rows) for timing in (row.reduction, row.solution)
+               for time in (timing.least, timing.most) if time > 0]
     for line, (interface, found, phase) in enumerate(shown):
         for axis, kind in zip(axes[line], kinds, strict=True):
             for method in dict.fromkeys(row.method for row in found.rows):
@@ -149,7 +151,8 @@ def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
                 axis.axvline(found.full.solution.median, color="black", ls="--", lw=1, label=f"full, {found.full.size} DOF")
             errors = np.array([getattr(row, kind) for _, one in studies for row in one.rows if row.missing == 0])
             errors = np.maximum(errors[np.isfinite(errors)], FLOOR)
-            axis.set(xscale="log", yscale="log", ylim=(errors.min(initial=1.0) / 5, errors.max(initial=FLOOR) * 5))
+            axis.set(xscale="log", yscale="log", xlim=(min(seconds) / 1.4, max(seconds) * 1.7),
+                     ylim=(errors.min(initial=1.0) / 12, errors.max(initial=FLOOR) * 12))
             axis.grid(alpha=0.3, which="major", lw=0.4)
             axis.tick_params(labelbottom=True)
             axis.set_xlabel(f"seconds for {phase}" + (f", interface {interface}" if len(studies) > 1 else ""), fontsize=9)

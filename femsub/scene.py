@@ -17,6 +17,9 @@ from femsub.errors import InputError, unknown_name
 SCENES = {
     "chain": ("femsub.scenes.chain", "the paper's chain on a belt: full, HCB and CC, its figures 2 to 4, error against run time"),
     "matrices": ("femsub.scenes.matrices", "your own M, D, K from files: reduced models, critical slope, error against time"),
+    "beam": ("femsub.scenes.beam", "a steel beam on a belt: modes, critical slope, eigenvalues, error against run time"),
+    "plate": ("femsub.scenes.plate", "a thin plate, made or from a mesh file: the same, with pictures and VTU files of shapes"),
+    "solid": ("femsub.scenes.solid", "a solid, a brake's disc or your own mesh: the same"),
 }
 METHOD_NAMES = ("craig-bampton", "craig-chang")
 LAW_NAMES = ("stribeck-arctan", "stribeck-arctan-odd")

@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 
 from femsub.bases import CraigBampton, CraigChang, reduce
-from femsub.cea import ComplexModes, complex_modes
+from femsub.cea import ComplexModes, complex_modes, inside
 from femsub.eigen import check_band
 from femsub.errors import FemsubError, InputError, InputTypeError, PortWarning
+from femsub.factor import QUADRATIC
 from femsub.friction import Belt
 from femsub.pencil import Array, whole_number
 from femsub.stability import critical_slope
 from femsub.substructure import Substructure
 
 Progress = Callable[[str], None]
+SHORT_RUNS = 3  # so often a reduced model is solved in each turn
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,10 @@ class Row:
         Seconds to reduce, and to compute the complex modes in the band.
     port_error : float
         Static error at the port in the energy norm.
+    cutoff : float
+        Above this frequency the reduced model's modes decide nothing (inf for a complete one and for the full model).
+    extra : int
+        Eigenvalues in the band and below the cut-off that have no counterpart in the full model.
     """
 
     method: str
@@ -74,6 +80,8 @@ class Row:
     reduction: Timing
     solution: Timing
     port_error: float
+    cutoff: float = np.inf
+    extra: int = 0
 
     def flat(self) -> dict[str, Any]:
         """Plain columns, for CSV and JSON."""
@@ -100,6 +108,33 @@ class Study:
         best = min(self.rows, key=lambda row: row.error_eigenvalue, default=None)
         told = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.method} with {best.size} DOF"
         return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{told}"
+
+    def recommended(self, tolerance: float = 1e-3) -> Row | None:
+        """The smallest reduced model that may stand in for the full one, or None.
+
+        That is error_growth ≤ tolerance, nothing missing, nothing in the band that the full model has not, and the whole
+        band below its cut-off (above it, modes decide nothing). Of these the fewest DOF: they are solved soonest, and
+        that does not hang on the noise of the clock. Among equals the shortest reduction.
+        """
+        if not isinstance(tolerance, (int, float)) or not 0 < tolerance < np.inf:
+            raise InputError(f"tolerance must be a positive number, such as 1e-3, not {tolerance!r}")
+        fit = [row for row in self.rows if row.error_growth <= tolerance and row.missing == row.extra == 0
+               and row.cutoff >= self.band[1]]
+        return min(fit, key=lambda row: (row.size, row.reduction.median), default=None)
+
+    def recommendation(self, tolerance: float = 1e-3) -> str:
+        """`recommended` in words."""
+        row = self.recommended(tolerance)
+        where = f"{100 * tolerance:.3g} % of the growth rates from {self.band[0]:.4g} to {self.band[1]:.4g} rad/time"
+        if row is None:
+            whole = [row for row in self.rows if row.missing == row.extra == 0 and row.error_growth > tolerance]
+            near = min(whole, key=lambda row: row.error_growth, default=None)
+            nearest = "" if near is None else (f"; {near.method} with {near.modes} modes ({near.size} DOF) comes nearest with "
+                                               f"{100 * near.error_growth:.2g} %")
+            return f"for {where} none of these models will do{nearest}: keep more modes, or lower the band"
+        faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
+        return (f"for {where} take {row.method} with {row.modes} modes ({row.size} DOF): {_seconds(row.reduction.median)} to "
+                f"reduce, {_seconds(row.solution.median)} to solve, {float(f'{faster:.2g}'):g} times faster than the full model")
 
     def __str__(self) -> str:
         head = f"{'method':<16}{'DOF':>7}{'err λ':>10}{'err Re λ':>10}{'err slope':>10}{'missing':>9}{'reduce':>11}{'solve':>11}"
@@ -130,13 +165,16 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     ports : bool
         Passed to `reduce`: static port columns join each basis.
     repeats : int
-        Each time is a median over so many runs; models take turns, so that a slow spell hits all of them.
+        Each time is a median over so many runs (solutions of reduced models: three times as many); models take turns, so
+        that a slow spell hits all of them.
     progress : callable, optional
         Told in a few words what is being done.
 
     Returns
     -------
     Study
+        The seconds of the full model are those of the eigensolver alone: where the number of its eigenvalues in the band
+        is confirmed by a winding number (up to 2,000 DOF), that is done once and not timed.
     """
     if not isinstance(sub, Substructure):
         raise InputTypeError(f"study takes a Substructure, not {type(sub).__name__}")
@@ -157,18 +195,24 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
     models: list[Any] = [None] * len(methods)
     spectra: list[Any] = [None] * (len(methods) + 1)
+    tell(f"{sub.name}: complex modes of the full model")
+    if sub.size <= QUADRATIC:
+        spectra[0] = complex_modes(sub, belt, band=(lo, hi))
     for turn in range(repeats):
-        tell(f"{sub.name}: run {turn + 1} of {repeats}")
         for i, method in enumerate(methods):
+            tell(f"{sub.name}: run {turn + 1} of {repeats}, {type(method).__name__} with {method.modes} modes")
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
                 models[i], seconds = _timed(reduce, sub, method, ports=ports)
             reducing[i].append(seconds)
-        spectra[0], seconds = _timed(complex_modes, sub, belt, band=(lo, hi))
+        tell(f"{sub.name}: run {turn + 1} of {repeats}, full model")
+        found, seconds = _timed(complex_modes, sub, belt, band=(lo, hi), certify=False)
+        spectra[0] = found if spectra[0] is None else spectra[0]
         solving[0].append(seconds)
         for i, model in enumerate(models, start=1):  # a reduced model is dense: all of it costs what the band would
-            spectra[i], seconds = _timed(complex_modes, model, belt)
-            solving[i].append(seconds)
+            for _ in range(SHORT_RUNS):  # threads of BLAS that wake up, or wait for a core, cost as much as the work
+                spectra[i], seconds = _timed(complex_modes, model, belt)
+                solving[i].append(seconds)
     tell(f"{sub.name}: critical slopes")
     slopes = [_slope(model, place, force, (lo, hi)) for model in (sub, *models)]
     none = Timing(0.0, 0.0, 0.0)
@@ -177,8 +221,9 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     for method, model, modes, slope, reduction, solution in zip(
             methods, models, spectra[1:], slopes[1:], reducing, solving[1:], strict=True):
         value, growth, missing = spectrum_errors(spectra[0], modes)
-        rows.append(Row(type(method).__name__, method.modes, model.size, value, growth, _relative(slope, slopes[0]), missing,
-                        slope, _growth(modes, hi), Timing.of(reduction), Timing.of(solution), model.port_error.get(place, 0.0)))
+        rows.append(Row(type(method).__name__, method.modes, model.size, value, growth, relative_error(slope, slopes[0]), missing,
+                        slope, _growth(modes, hi), Timing.of(reduction), Timing.of(solution), model.port_error.get(place, 0.0),
+                        model.cutoff, _extra(spectra[0], modes, (lo, hi))))
     return Study(sub.name, (lo, hi), repeats, full, tuple(rows))
 
 
@@ -206,6 +251,15 @@ def spectrum_errors(full: ComplexModes, reduced: ComplexModes) -> tuple[float, f
     return float(error[near].max()), float(growth[near].max()), missing
 
 
+def _extra(full: ComplexModes, reduced: ComplexModes, band: tuple[float, float]) -> int:
+    """Eigenvalues of a reduced model in the band, below its cut-off, that match none of the full model."""
+    shown = ~reduced.rigid & (reduced.eigenvalues.imag >= 0)
+    reference, values = full.eigenvalues[~full.rigid & (full.eigenvalues.imag >= 0)], reduced.eigenvalues[shown]
+    counted = ~reduced.above_cutoff[shown] & inside(values, (-band[1], band[1], *band))
+    counted[match(reference, values)[1]] = False
+    return int(counted.sum())
+
+
 def _growth(modes: ComplexModes, hi: float) -> float:
     within = ~modes.rigid & (modes.frequencies <= hi)
     return float(modes.eigenvalues.real[within].max(initial=-np.inf))
@@ -220,7 +274,8 @@ def _slope(model: Substructure, port: str, force: float, band: tuple[float, floa
         return np.nan
 
 
-def _relative(value: float, reference: float) -> float:
+def relative_error(value: float, reference: float) -> float:
+    """|value - reference| / |reference|; 0 where both are equal, infinite ones too."""
     if value == reference:
         return 0.0
     return float(abs(value - reference) / abs(reference)) if reference else np.nan

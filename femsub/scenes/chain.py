@@ -18,7 +18,7 @@ from femsub.friction import LAWS, Belt
 from femsub.report import machine, table
 from femsub.scene import Result, Scene
 from femsub.stability import critical_slope, sweep
-from femsub.studies import study
+from femsub.studies import relative_error, study
 from femsub.substructure import ReducedSubstructure, Substructure
 
 Progress = Callable[[str], None]
@@ -159,7 +159,7 @@ def _critical(scene: ChainScene, slope: float, progress: Progress) -> Part:
                 found = critical_slope(rom, band=band, force=scene.force)
                 rows.append({"belt": belt, "interface": _masses(sub.interface + 1), "method": method, "size": rom.size,
                              "slope": found.slope, "omega": found.omega, "full": exact.slope,
-                             "error": _relative(found.slope, exact.slope), "port_error": rom.port_error["belt"]})
+                             "error": relative_error(found.slope, exact.slope), "port_error": rom.port_error["belt"]})
     lines = [table(["belt", "interface", "model", "DOF", "critical slope", "full model", "rel. error", "static port error"],
                    [[f"m{row['belt']}", row["interface"], SHORT[row["method"]], row["size"], row["slope"], row["full"],
                      row["error"], row["port_error"]] for row in rows],
@@ -205,7 +205,7 @@ def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
             sizes = [size for size in scene.sizes if size >= len(sub.interface)]
             found = [float(critical_slope(scene.reduced(sub, method, size), force=scene.force, band=band)) for size in sizes]
             curves.append({"interface": _masses(sub.interface + 1), "method": method, "sizes": sizes, "slope": found,
-                           "full": exact, "error": [_relative(value, exact) for value in found]})
+                           "full": exact, "error": [relative_error(value, exact) for value in found]})
     lines = [table(["interface", "model", *(f"{size} DOF" for size in scene.sizes)],
                    [[curve["interface"], SHORT[curve["method"]],
                      *(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size) for size in scene.sizes)]
@@ -241,7 +241,8 @@ def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
 
     def draw() -> Any:
         from femsub.figures import eigenvalue_figure
-        return eigenvalue_figure(models, SHORT, f"belt under m{scene.belt}, dμ/dv = {slope:.4g}")
+        panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
+        return eigenvalue_figure(panels, SHORT, f"belt under m{scene.belt}, dμ/dv = {slope:.4g}")
 
     rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "growth": m["growth"],
              "is_stable": m["is_stable"]} for m in models]
@@ -274,7 +275,3 @@ PARTS: dict[str, Callable[[ChainScene, float, Progress], Part]] = {
 
 def _masses(numbers: Any) -> str:
     return "{" + ", ".join(f"m{int(number)}" for number in numbers) + "}"
-
-
-def _relative(value: float, reference: float) -> float:
-    return 0.0 if value == reference else abs(value - reference) / abs(reference) if reference else np.nan

@@ -1,0 +1,268 @@
+"""The scenes beam, plate and solid: what is asked is computed, shown and written; shapes come back; bad input leaves nothing."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from femsub.cli import main
+from femsub.fields import displacements
+from femsub.scene import load
+from femsub.scenes.component import Work
+from femsub.studies import Row, Study, Timing, _extra
+
+SMALL = {
+    "beam": 'scene = "beam"\nelements = 40\nmodes = [8, 12]\nrepeats = 1\n',
+    "plate": 'scene = "plate"\nelements = [12, 9]\nmodes = [8, 16]\nrepeats = 1\n',
+    "solid": 'scene = "solid"\nelements = [2, 12, 1]\nmodes = [10, 20]\nrepeats = 1\n',
+}
+PICTURES = {"modes", "eigenvalues", "least-stable", "error-time"}
+
+
+def scene_file(folder: Path, text: str) -> str:
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, str]]:
+    found = {}
+    for name, text in SMALL.items():
+        folder = tmp_path_factory.mktemp(name)
+        done = subprocess.run([sys.executable, "-m", "femsub.cli", "run", scene_file(folder, text), "--out", str(folder / "out")],
+                              capture_output=True, text=True, check=False)
+        assert done.returncode == 0 and done.stderr == "", done.stderr
+        found[name] = (folder / "out", done.stdout)
+    return found
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_files_and_figures(runs: dict[str, tuple[Path, str]], name: str) -> None:
+    folder, _ = runs[name]
+    assert {path.name for path in folder.iterdir()} == {
+        "results.json", "results.csv", "modes.vtu", "least-stable.vtu", *(f"{picture}.png" for picture in PICTURES)}
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_results_hold_what_is_printed(runs: dict[str, tuple[Path, str]], name: str) -> None:
+    folder, text = runs[name]
+    data = json.loads((folder / "results.json").read_text())
+    for row in data["modes"]["rows"]:
+        assert f"{row['omega']:.6g}" in text and row["residual"] < 1e-10
+    for row in data["critical-slope"]:
+        assert f"{row['slope']:.6g}" in text and f"{row['omega']:.5g}" in text and f"{row['error']:.1e}" in text
+    for item in data["eigenvalues"]:
+        assert f"{item['growth']:.6g}" in text and (item["model"] == "full" or f"{item['shape_error']:.1e}" in text)
+    for row in data["error-time"]:
+        assert f"{row['error_growth']:.1e}" in text and f"{row['error_eigenvalue']:.1e}" in text
+    assert data["recommended"]["sentence"] in text
+    assert f"{data['band'][1]:.6g}" in text and data["band_rule"] in text
+    assert f"{data['least-stable']['backward_error']:.1e}" in text
+    # all that a reduced model says agrees with the full one, to what its row claims
+    full = data["critical-slope"][0]["slope"]
+    for row in data["critical-slope"]:
+        assert abs(row["slope"] / full - 1) == pytest.approx(row["error"], abs=1e-12) and row["error"] < 0.05
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_vtu_files_hold_the_shapes(runs: dict[str, tuple[Path, str]], name: str) -> None:
+    meshio = pytest.importorskip("meshio")
+    folder, _ = runs[name]
+    work = Work(load(scene_file(folder.parent, SMALL[name]))[0], lambda text: None)
+    found = meshio.read(folder / "modes.vtu")
+    normal = fs.normal_modes(work.sub, count=14)
+    assert np.array_equal(found.cells[0].data, work.mesh.cells)
+    for i in range(3):
+        shape = displacements(work.mesh, work.sub.dofs, normal.shapes[:, i])
+        shape /= np.linalg.norm(shape, axis=1).max()
+        stored = found.point_data[f"mode-{i + 1:02d}"]
+        assert np.linalg.norm(stored, axis=1).max() == pytest.approx(1.0)
+        if name != "solid":  # whose first modes are a pair, of which any combination will do
+            assert min(abs(stored - shape).max(), abs(stored + shape).max()) < 1e-6
+    held = np.setdiff1d(work.mesh.numbers, work.sub.dofs.nodes) - 1
+    assert len(held) and not np.any(found.point_data["mode-01"][held])
+    recovered = meshio.read(folder / "least-stable.vtu").point_data
+    assert np.linalg.norm(recovered["real-part"], axis=1).max() == pytest.approx(1.0, rel=1e-6)
+    assert np.any(recovered["imaginary-part"])
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_recovered_shapes_fulfil_the_full_pencil_better_with_more_modes(tmp_path: Path, name: str) -> None:
+    work = Work(load(scene_file(tmp_path, SMALL[name]))[0], lambda text: None)
+    pencil = work.sub.linearised(work.belt)
+    exact = fs.complex_modes(work.sub, work.belt, band=work.band[0], certify=False)
+    at = int(np.argmax(exact.eigenvalues.real))
+    errors, angles = [], []
+    for modes in (10, 30):
+        rom = fs.reduce(work.sub, fs.CraigChang(modes), ports=True)
+        found = fs.complex_modes(rom, work.belt, band=work.band[0])
+        near = int(np.argmin(abs(found.eigenvalues - exact.eigenvalues[at])))
+        u = rom.expand(found.shapes[:, [near]])
+        errors.append(pencil.backward_error(found.eigenvalues[[near]], u)[0])
+        y = exact.shapes[:, at]
+        angles.append(1 - abs(np.vdot(y, u[:, 0])) / np.linalg.norm(y) / np.linalg.norm(u))
+        # the error of the eigenvalue is of the order that residual and condition foretell
+        assert abs(found.eigenvalues[near] / exact.eigenvalues[at] - 1) < 1e-5
+    assert errors[1] < 0.5 * errors[0] < 1e-6 and angles[1] <= angles[0] < 1e-6
+
+
+@pytest.mark.parametrize(("outputs", "there"), [('["critical-slope"]', {"critical-slope"}), ('["modes"]', {"modes"})])
+def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, outputs: str, there: set[str]) -> None:
+    scene = scene_file(tmp_path, SMALL["beam"] + f"outputs = {outputs}\n")
+    code = ("import sys; from femsub.cli import main; status = main(sys.argv[1:]); "
+            "print([name for name in ('meshio', 'matplotlib', 'scipy.io') if name in sys.modules]); sys.exit(status)")
+    done = subprocess.run([sys.executable, "-c", code, "run", scene, "--no-figures", "--out", str(tmp_path / "out")],
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stdout.splitlines()[-1] == "[]", done.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv"}
+    data = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert set(data) & {"modes", "critical-slope", "eigenvalues", "error-time", "least-stable"} == there
+
+
+def test_modes_solve_no_quadratic_problem_and_reduce_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from femsub.scenes import component, outputs
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("not asked for")
+
+    for module, name in ((component, "reduce"), (outputs, "complex_modes"), (outputs, "critical_slope"), (outputs, "study")):
+        monkeypatch.setattr(module, name, never)
+    scene, run = load(scene_file(tmp_path, SMALL["plate"] + 'outputs = ["modes"]'))
+    told: list[str] = []
+    assert "modes" in run(scene, told.append).data
+    assert told == ["plate: building the component", "plate: normal modes"]
+
+
+def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() -> None:
+    sub = fs.beam(1.0, 40, E=2.1e11, I=1.7e-9, rho=7850, A=2e-4, supports={"left": "clamped"}, interface=["right"],
+                  ports={"belt": 0.35}, rayleigh=(5.0, 1e-7))
+    methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 8, 16, 24)]
+    found = fs.study(sub, methods, band=(0.0, 8500.0), belt=fs.Belt(slope=-5.0), ports=True, repeats=1)
+    best = found.recommended(1e-3)
+    assert best is not None and (best.method, best.modes) == ("CraigChang", 8)
+    assert "CraigChang with 8 modes (11 DOF)" in found.recommendation(1e-3)
+    fit = [row for row in found.rows if row.error_growth <= 1e-3]
+    assert len(fit) > 2 and best.size == min(row.size for row in fit)
+    few = next(row for row in found.rows if row.modes == 4)
+    assert few.cutoff < 8500 and few not in fit
+    assert found.recommended(1e-16) is None and "none of these models" in found.recommendation(1e-16)
+    with pytest.raises(ValueError, match="tolerance must be a positive number"):
+        found.recommended(0)
+
+
+def test_what_rules_a_model_out() -> None:
+    time = Timing(1.0, 1.0, 1.0)
+    full = Row("full", 0, 1000, 0.0, 0.0, 0.0, 0, -1.0, 0.0, time, time, 0.0)
+
+    def chosen(**change: float) -> int | None:
+        small = Row("CraigChang", 5, 10, 1e-5, 1e-4, 0.0, 0, -1.0, 0.0, time, time, 0.0, cutoff=2.0)
+        rows = (replace(small, modes=9, size=20, method="CraigBampton"), replace(small, **change))
+        best = Study("x", (0.0, 1.5), 1, full, rows).recommended()
+        return best and best.size
+
+    assert chosen() == 10
+    for change in ({"error_growth": 2e-3}, {"error_growth": np.nan}, {"missing": 1}, {"extra": 1}, {"cutoff": 1.4}):
+        assert chosen(**change) == 20
+
+
+def test_eigenvalues_that_only_the_reduced_model_has_are_counted() -> None:
+    sub = fs.chain(10, belt=2)
+    full, other = fs.complex_modes(sub, band=(0.0, 0.5)), fs.complex_modes(fs.chain(10, belt=2, springs=0.3))
+    assert _extra(full, fs.complex_modes(sub), (0.0, 0.5)) == 0
+    inside = int(np.sum((other.eigenvalues.imag >= 0) & (other.eigenvalues.imag <= 0.5)))
+    assert _extra(full, other, (0.0, 0.5)) == inside - len(full) > 0
+
+
+def test_the_band_is_chosen_by_rule(tmp_path: Path) -> None:
+    beam = Work(load(scene_file(tmp_path, SMALL["beam"]))[0], lambda text: None)
+    (lo, hi), rule = beam.band
+    omega = fs.normal_modes(beam.sub, count=9).frequencies
+    assert lo == 0 and hi == pytest.approx(1.02 * omega[7]) and omega[8] > hi and "mode 8" in rule
+    disc = Work(load(scene_file(tmp_path, SMALL["solid"]))[0], lambda text: None)
+    assert "mode 9" in disc.band[1]  # 8 and 9 are a pair, which is not split
+
+
+def test_a_solid_from_a_mesh_file_beside_the_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("meshio")
+    mesh = fs.block((0.2, 0.02, 0.02), (8, 1, 1), "hexahedron20", "bar")
+    halves = {"root": np.arange(4), "end": np.arange(4, 8)}
+    mesh = fs.Mesh(mesh.points, mesh.cells, mesh.kind, {**mesh.sets, "tip": np.flatnonzero(mesh.points[:, 0] > 0.199)}, halves)
+    fs.write_mesh(tmp_path / "bar.vtu", mesh)
+    text = ('scene = "solid"\nmesh = "bar.vtu"\nsupports = ["left"]\ninterface = ["right:z"]\ncontact = "tip"\n'
+            'direction = [0, 0.0, 2]\ngroups = ["root", "end"]\nE = [2.1e11, 7e10]\nrho = [7850.0, 2700.0]\nmodes = [12]\n'
+            'outputs = ["eigenvalues"]\n')
+    assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().err
+    data = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert data["interface"] == 8 and data["eigenvalues"][1]["shape_error"] < 0.1
+
+
+def tangled(mesh: fs.Mesh) -> fs.Mesh:
+    """One cell of a mesh tangled beyond repair: two neighbouring corners exchanged."""
+    cells = np.array(mesh.cells)
+    cells[0, [0, 1]] = cells[0, [1, 0]]
+    return fs.Mesh(mesh.points, cells, mesh.kind, mesh.sets)
+
+
+FILE = 'mesh = "mesh.vtu"\nsupports = ["left"]\ncontact = "top"\nmodes = [4]\nrepeats = 1\n'
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ('scene = "solid"\n' + FILE.replace("left", "lef"), "did you mean 'left'"),
+    ('scene = "solid"\n' + FILE.replace("top", "pad"), "unknown set of nodes"),
+    ('scene = "solid"\n' + FILE.replace("mesh.vtu", "flat.vtu"), "a solid needs one of"),
+    ('scene = "solid"\n' + FILE.replace("mesh.vtu", "tangled.vtu"), "tangled or flat"),
+    ('scene = "solid"\n' + FILE.replace("mesh.vtu", "none.vtu"), "there is no mesh file"),
+    ('scene = "solid"\n' + FILE.replace("mesh.vtu", "short.vtu"), "cannot be read as a mesh"),
+    ('scene = "solid"\nmesh = "mesh.vtu"', "scene key 'contact' is missing"),
+    ('scene = "solid"\n' + FILE + 'groups = ["a"]\nE = [1.0, 2.0]', "one for each of groups (1), but there are 2"),
+    ('scene = "solid"\nradii = [0.1]', "radii must be"),
+    ('scene = "solid"\ndirection = "up"', "unknown direction"),
+    ('scene = "plate"\n' + FILE.replace('supports = ["left"]\n', ""), "triangle or quad cells"),
+    ('scene = "plate"\ncontact = [9.0, 9.0]', "there is no node at"),
+    ('scene = "plate"\nthicknes = 1.0', "unknown scene key 'thicknes'; did you mean 'thickness'"),
+    ('scene = "beam"\nlength = -1.0', "length must be positive"),
+    ('scene = "beam"\nleft = "clamp"', "unknown support 'clamp'; did you mean 'clamped'"),
+    ('scene = "beam"\ncontact = 0.3501', "there is no node at x = 0.3501"),
+    ('scene = "beam"\nrayleigh = [1.0]', "rayleigh must be [alpha, beta]"),
+    ('scene = "beam"\nwidth = 0.0', "width must be positive"),
+    ('scene = "beam"\nmodes = [401]', "401 are more than the 400 DOF"),
+    ('scene = "beam"\nmodes = [-1]', "modes must be 0 or more"),
+    ('scene = "beam"\nband = [2.0, 1.0]', "0 <= lo < hi"),
+    ('scene = "beam"\ntolerance = 0.0', "tolerance must be positive"),
+    ('scene = "beam"\nforce = -1.0', "force must not be negative"),
+])
+def test_bad_input_ends_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str) -> None:
+    if ".vtu" in text:
+        pytest.importorskip("meshio")
+        block = fs.block((1.0, 1.0, 1.0), (2, 2, 1), "hexahedron")
+        fs.write_mesh(tmp_path / "mesh.vtu", block)
+        fs.write_mesh(tmp_path / "tangled.vtu", tangled(block))
+        fs.write_mesh(tmp_path / "flat.vtu", fs.rectangle((1.0, 1.0), (2, 2)).with_sets(top=[0, 1]))
+        (tmp_path / "short.vtu").write_bytes((tmp_path / "mesh.vtu").read_bytes()[:300])
+    before = {path.name for path in tmp_path.iterdir()} | {"scene.toml"}
+    assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr()
+    assert words in printed.err and printed.err.startswith("femsub: ") and printed.err.count("\n") == 1
+    assert printed.out == "" and {path.name for path in tmp_path.iterdir()} == before
+
+
+def test_displacements_name_what_does_not_fit() -> None:
+    sub = fs.beam(1.0, 4, E=1.0, I=1.0, rho=1.0, A=1.0)
+    mesh = fs.Mesh(np.linspace(0, 1, 5)[:, None], np.stack([np.arange(4), np.arange(1, 5)], axis=1), "line")
+    assert sub.dofs is not None
+    assert displacements(mesh, sub.dofs, np.eye(10)[2])[1].tolist() == [0, 0, 1]
+    assert displacements(mesh, sub.dofs, 1j * np.eye(10)).shape == (5, 3, 10)
+    with pytest.raises(ValueError, match="u must have 10 rows"):
+        displacements(mesh, sub.dofs, np.ones(9))
+    short = fs.Mesh(mesh.points[:3], mesh.cells[:2], "line")
+    with pytest.raises(ValueError, match="has no node 4"):
+        displacements(short, sub.dofs, np.ones(10))
