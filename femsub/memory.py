@@ -9,6 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import NotEnoughMemoryError
+from femsub.graph import layers as distance_layers
+from femsub.graph import neighbours, quotient
 from femsub.pencil import Array, Matrix
 
 MODEL = 1.5  # the separators found here cost so much more than METIS'; with it, fourteen models agree to a factor of 1.7
@@ -86,22 +88,22 @@ def factor_nonzeros(A: Matrix) -> float:
     ----------
     A. George, SIAM J. Numer. Anal. 10 (1973) 345.
     """
-    graph, weight = _quotient(sp.csr_array(A))
+    graph, weight = quotient(sp.csr_array(A))
     if A.nnz <= 3 * A.shape[0]:  # a tree: no fill
         return A.nnz / 2
     count, total, whole = len(weight), 0.0, float(weight.sum())
     part, cut = np.arange(count), np.zeros(count, dtype=bool)
     while True:
         size = float(weight[part].sum())
-        border = np.unique(_neighbours(graph, part))
+        border = np.unique(neighbours(graph, part))
         touched = float(weight[border[cut[border]]].sum())
         if len(part) <= 64:
             return (total + whole / size * (size**2 / 2 + size * touched)) / MODEL
         inside = np.zeros(count, dtype=bool)
         inside[part] = True
-        layers = _layers(graph, inside, part[:1])
+        layers = distance_layers(graph, inside, part[:1])
         for _ in range(2):  # from the far end, and back
-            layers = _layers(graph, inside, layers[-1])
+            layers = distance_layers(graph, inside, layers[-1])
         sizes = np.cumsum([weight[layer].sum() for layer in layers])
         if sizes[-1] < 0.9 * size:  # in pieces: go on with the larger share
             reached = np.concatenate(layers)
@@ -121,38 +123,8 @@ def factor_nonzeros(A: Matrix) -> float:
         part = max(halves, key=len)
 
 
-def _quotient(A: Matrix) -> tuple[Matrix, Array]:
-    """The graph whose nodes are runs of rows with the same pattern (the DOF of a mesh node), and their sizes."""
-    n = A.shape[0]
-    mark = sp.csr_array((np.ones(A.nnz), A.indices, A.indptr), shape=A.shape) @ np.random.default_rng(0).random(n)
-    fresh = np.ones(n, dtype=bool)
-    fresh[1:] = np.abs(mark[1:] - mark[:-1]) > 1e-9 * mark[1:]
-    first = np.flatnonzero(fresh)
-    return A[first][:, first], np.diff(np.append(first, n)).astype(float)
-
-
-def _neighbours(graph: Matrix, nodes: Array) -> Array:
-    start = graph.indptr[nodes]
-    lengths = graph.indptr[nodes + 1] - start
-    before = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-    return graph.indices[np.repeat(start - before, lengths) + np.arange(lengths.sum())]
-
-
-def _layers(graph: Matrix, inside: Array, start: Array) -> list[Array]:
-    """The nodes `inside` that are reached from `start`, by their distance."""
-    waiting, layers = inside.copy(), [start]
-    waiting[start] = False
-    while True:
-        near = _neighbours(graph, layers[-1])
-        near = np.unique(near[waiting[near]])
-        if not len(near):
-            return layers
-        waiting[near] = False
-        layers.append(near)
-
-
 def _wall(graph: Matrix, layer: Array, following: Array, count: int) -> Array:
     """Those of a layer that touch the next one."""
     marked = np.zeros(count, dtype=bool)
-    marked[_neighbours(graph, following)] = True
+    marked[neighbours(graph, following)] = True
     return layer[marked[layer]]

@@ -7,13 +7,16 @@ found first, by subspace iteration with the same factor, so that they can be kep
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.errors import SingularMatrixError
 from femsub.factor import Handle, factorise
+from femsub.graph import smooth_shape
 from femsub.pencil import EPS, Array, Matrix
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units
 GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
+LARGE = 10_000  # DOF from which the first shift is worth a look at the graph
 COLUMNS = 64  # right-hand sides of an elastic solve held at a time, with four temporaries each
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
@@ -38,6 +41,8 @@ class ShiftInvert:
             self._factorise(0.0)  # held after all, by little
 
     def _factorise(self, sigma: float) -> None:
+        if hasattr(self, "factor"):
+            self.factor.close()  # two large ones would not fit
         shifted = self.K if sigma == 0 else self.K - sigma * self.M
         self.factorisations += 1
         self.factor: Handle = factorise(shifted, "definite")
@@ -60,7 +65,12 @@ class ShiftInvert:
         ratio = stiffness[loaded] / mass[loaded]
         # Rayleigh: no lower than the lowest frequencies, and no higher than the highest, whose rounding is the floor.
         floor = 16 * EPS * float(ratio.max())
-        self._shift(max(1e-7 * float(ratio.min()), floor))
+        guess = 1e-7 * float(ratio.min())
+        if self.K.shape[0] > LARGE and sp.issparse(self.K) and self.K.nnz > 10 * self.K.shape[0]:
+            # Of a fine mesh each DOF alone is far stiffer than the whole, and a second factorisation costs minutes.
+            wave = smooth_shape(self.K)
+            guess = min(guess, 1e-6 * float(wave @ (self.K @ wave)) / float(wave @ (self.M @ wave)))
+        self._shift(max(guess, floor))
         elastic = self._find_rigid()
         if elastic <= 10 * -self.sigma and -self.sigma > floor:
             # A very soft component: the shift must stay below its first elastic mode.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from femsub.bases.basis import Basis
+from femsub.bases.basis import Basis, projected
 from femsub.bases.craig_bampton import CraigBampton
 from femsub.bases.craig_chang import CraigChang
 from femsub.errors import InputError, InputTypeError, PortWarning
@@ -72,7 +72,7 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     V = basis.V
     cutoff = np.inf if V.shape[1] == sub.size else basis.cutoff
     return ReducedSubstructure(
-        basis.M, basis.K, V.T @ (sub.D @ V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
+        basis.M, basis.K, projected(sub.D, V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, full_interface=sub.interface, cutoff=min(cutoff, sub.cutoff), method=basis.method,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs)
 

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.eigen import NormalModes, lowest_modes
 from femsub.errors import InputError
-from femsub.pencil import EPS, Array, whole_number
+from femsub.pencil import EPS, Array, Matrix, whole_number
 from femsub.shift_invert import ShiftInvert
 
+COLUMNS = 64  # of V, worked on at a time
 DEPENDENT = 1e-13  # share of a column's static energy below which what is left of it is rounding
 
 
@@ -31,6 +33,16 @@ class Basis:
     dropped: int
     port_error: Mapping[str, float]
     factorisations: int
+
+
+def projected(A: Matrix, V: Array) -> Array:
+    """VᵀAV, shape (r, r), without AV: a block of columns at a time."""
+    result = np.zeros((V.shape[1],) * 2)
+    if not sp.issparse(A) or A.nnz:
+        for start in range(0, V.shape[1], COLUMNS):
+            part = slice(start, start + COLUMNS)
+            result[:, part] = V.T @ (A @ V[:, part])
+    return result
 
 
 def check_modes(modes: object) -> None:

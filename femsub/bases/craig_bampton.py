@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.bases.basis import Basis, check_modes, energy_error, independent, kept_modes
+from femsub.bases.basis import COLUMNS, Basis, check_modes, energy_error, independent, kept_modes, projected
 from femsub.eigen import confirm
 from femsub.errors import InputError
 from femsub.pencil import Array, Matrix
@@ -56,30 +56,29 @@ class CraigBampton:
                 f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
                 "modes remain, and constraint modes do not exist; add interface DOF, or use CraigChang")
         found, values, fixed, cutoff = kept_modes(handle, self.modes)
-        Kib = _part(sub.K, i, b)
-        answers = _solved(handle, [-(Kib.toarray() if sp.issparse(Kib) else Kib), extra[i], *(w[i] for w in ports.values())])
-        constraint, static, probes = np.split(answers, [len(b), len(b) + extra.shape[1]], axis=1)
+        n_b, r = len(b), len(b) + fixed.shape[1]
+        V = np.zeros((sub.size, r + extra.shape[1]), order="F")
+        V[b, np.arange(n_b)] = 1.0
+        V[i, n_b:r] = fixed
+        condensed = _constraint_modes(handle, sub, V)
+        static, probes = np.split(_solved(handle, [extra[i], *(w[i] for w in ports.values())]), [extra.shape[1]], axis=1)
         rest = handle.elastic_solve(extra[i], fixed)
         handle.release()
         confirm(handle, found)
 
         whole = np.einsum("ij,ij->j", static, extra[i])
         residual, stiffness, inertia, dropped = independent(handle, rest, extra[i], whole, fixed)
-        interior = np.hstack([fixed, residual]) if len(stiffness) else fixed
-        V = np.zeros((sub.size, len(b) + interior.shape[1]))
-        V[b, np.arange(len(b))] = 1.0
-        V[i, :len(b)] = constraint
-        V[i, len(b):] = interior
+        V = V[:, :r + len(stiffness)]
+        V[i, r:] = residual
         # ΨᵀK_iiΦ = 0 and ΦᵀK_iiΦ = Ω²; the condensed stiffness needs no second product with K_ii.
         K = np.zeros((V.shape[1],) * 2)
-        K[:len(b), :len(b)] = _condensed(sub.K, sub.K.diagonal()[b], _block(sub.K, b, b) + Kib.T @ constraint, V[:, :len(b)])
-        K[len(b):, len(b):] = np.diag(np.concatenate([values, stiffness]))
-        M = V.T @ (sub.M @ V)
+        K[:n_b, :n_b] = _condensed(sub.K, sub.K.diagonal()[b], condensed, V[:, :n_b])
+        K[n_b:, n_b:] = np.diag(np.concatenate([values, stiffness]))
+        M = projected(sub.M, V)
         M = (M + M.T) / 2
-        M[len(b):, len(b):] = np.diag(np.concatenate([np.ones(len(values)), inertia]))
+        M[n_b:, n_b:] = np.diag(np.concatenate([np.ones(len(values)), inertia]))
         kinds = ("constraint",) * len(b) + ("rigid",) * found.rigid + ("fixed-interface",) * self.modes
-        errors = _port_errors(ports, i, b, probes, constraint, K[:len(b), :len(b)], interior,
-                              np.concatenate([values, stiffness]), handle)
+        errors = _port_errors(ports, i, probes, V, K[:n_b, :n_b], np.concatenate([values, stiffness]))
         return Basis(V, M, K, kinds + ("static port",) * len(stiffness), cutoff, method, dropped, errors,
                      handle.factorisations)
 
@@ -119,27 +118,40 @@ def _block(matrix: Matrix, rows: Array, columns: Array) -> Array:
     return part.toarray() if sp.issparse(part) else part
 
 
+def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array) -> Array:
+    """Puts Ψ = -K_ii⁻¹K_ib into the rows of the interior, a block of columns at a time; returns K_bb + K_bi Ψ."""
+    b, i = sub.interface, sub.interior
+    Kib, condensed = _part(sub.K, i, b), _block(sub.K, b, b)
+    for start in range(0, len(b), COLUMNS):
+        part = slice(start, min(start + COLUMNS, len(b)))
+        loads = Kib[:, part]
+        answers = handle.factor.solve(-(loads.toarray(order="F") if sp.issparse(loads) else loads))
+        V[i, part] = answers
+        condensed[:, part] += Kib.T @ answers
+    return condensed
+
+
 def _solved(handle: ShiftInvert, loads: list[Array]) -> Array:
     joined = np.hstack(loads)
     return handle.elastic_solve(joined) if handle.floating else handle.factor.solve(joined)
 
 
-def _port_errors(ports: Mapping[str, Array], i: Array, b: Array, probes: Array, constraint: Array, condensed: Array,
-                 interior: Array, values: Array, handle: ShiftInvert) -> dict[str, float]:
+def _port_errors(ports: Mapping[str, Array], i: Array, probes: Array, V: Array, condensed: Array,
+                 values: Array) -> dict[str, float]:
     """Static error per port: K_ii⁻¹w_i less what the interior columns hold, against the whole response.
 
     The constraint modes are exact, so all that is missing is interior. For a component that floats on its interface
     the whole is taken for the self-equilibrated part of the load.
     """
-    errors, at = {}, 0
-    inverse = np.linalg.pinv(condensed, rcond=1e-12, hermitian=True) if len(b) else condensed
+    errors, at, n_b = {}, 0, len(condensed)
+    inverse = np.linalg.pinv(condensed, rcond=1e-12, hermitian=True) if n_b else condensed
     elastic = values > 0
     for name, w in ports.items():
         answer = probes[:, at:at + w.shape[1]]
         at += w.shape[1]
         inside = np.einsum("ij,ij->j", answer, w[i])
-        held = interior[:, elastic].T @ w[i]
+        boundary, held = np.split(V.T @ w, [n_b])
+        held = held[elastic]
         missing = inside - np.einsum("ij,ij->j", held, held / values[elastic][:, None])
-        boundary = w[b] + constraint.T @ w[i]
         errors[name] = energy_error(missing, inside + np.einsum("ij,ij->j", boundary, inverse @ boundary))
     return errors

@@ -1,0 +1,51 @@
+"""The graph of a sparse matrix: its nodes, and layers of them from one end of a component to the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.pencil import Array, Matrix
+
+
+def quotient(A: Matrix) -> tuple[Matrix, Array]:
+    """The graph whose nodes are runs of rows with the same pattern (the DOF of a mesh node), and their sizes."""
+    n = A.shape[0]
+    mark = sp.csr_array((np.ones(A.nnz), A.indices, A.indptr), shape=A.shape) @ np.random.default_rng(0).random(n)
+    fresh = np.ones(n, dtype=bool)
+    fresh[1:] = np.abs(mark[1:] - mark[:-1]) > 1e-9 * mark[1:]
+    first = np.flatnonzero(fresh)
+    return A[first][:, first], np.diff(np.append(first, n)).astype(float)
+
+
+def neighbours(graph: Matrix, nodes: Array) -> Array:
+    start = graph.indptr[nodes]
+    lengths = graph.indptr[nodes + 1] - start
+    before = np.concatenate([[0], np.cumsum(lengths)[:-1]])
+    return graph.indices[np.repeat(start - before, lengths) + np.arange(lengths.sum())]
+
+
+def layers(graph: Matrix, inside: Array, start: Array) -> list[Array]:
+    """Layers of the nodes `inside` that are reached from `start`, by their distance."""
+    waiting, layers = inside.copy(), [start]
+    waiting[start] = False
+    while True:
+        near = neighbours(graph, layers[-1])
+        near = np.unique(near[waiting[near]])
+        if not len(near):
+            return layers
+        waiting[near] = False
+        layers.append(near)
+
+
+def smooth_shape(A: Matrix) -> Array:
+    """cos(πl/L) on one DOF of each node, l its layer of the L + 1 from end to end: about as soft as a wave along A."""
+    graph, weight = quotient(sp.csr_array(A))
+    inside = np.ones(len(weight), dtype=bool)
+    found = layers(graph, inside, np.array([0]))
+    found = layers(graph, inside, found[-1])
+    shape = np.zeros(A.shape[0])
+    first = np.concatenate([[0], np.cumsum(weight)[:-1]]).astype(int)
+    for number, nodes in enumerate(found):
+        shape[first[nodes]] = np.cos(np.pi * number / max(1, len(found) - 1))
+    return shape
