@@ -25,7 +25,7 @@ from femsub.pencil import EPS, Array, Matrix, equilibration, norm
 
 Kind = Literal["definite", "symmetric", "general"]
 TREE = "femsub_tree_"  # options prefix of factors whose graph has no more edges than nodes, see Factor
-ROOM = (30, 400)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
+ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
 BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
 
 

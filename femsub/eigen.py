@@ -113,7 +113,9 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     keep = slice(rigid, rigid + count)
     shapes = np.zeros((handle.K.shape[0], count))
     shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
-    return _result(handle, values[keep], _polished(handle.deflate(shapes), handle.M), (np.inf, len(values)))
+    shapes = handle.deflate(shapes)
+    shapes /= np.sqrt(np.einsum("ij,ij->j", shapes, handle.M @ shapes))
+    return _result(handle, values[keep], shapes, (np.inf, len(values)))
 
 
 def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool) -> NormalModes:
@@ -275,12 +277,15 @@ def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
     else:
         low = int(np.count_nonzero(theta > np.sqrt(theta[0] / values[-1])))
     values[:low], upper[:, :low] = 1 / theta[:low], x[:, :low] / np.sqrt(theta[:low])
-    return values, _polished(upper, M)
+    return values, _orthonormal(upper, M)
 
 
-def _polished(shapes: Array, M: Matrix) -> Array:
-    """One step of Newton and Schulz towards ΦᵀMΦ = I."""
-    return 1.5 * shapes - 0.5 * (shapes @ (shapes.T @ (M @ shapes)))
+def _orthonormal(shapes: Array, M: Matrix) -> Array:
+    """One step towards ΦᵀMΦ = I that changes each mode by those below it only: the least bit of a high mode would cost a
+    low one much energy.
+    """
+    gram = shapes.T @ (M @ shapes)
+    return shapes - shapes @ (np.triu(gram, 1) + np.diag((gram.diagonal() - 1) / 2))
 
 
 def _limit(values: Array, count: int) -> tuple[float, int]:

@@ -194,3 +194,21 @@ def _error_line(axis: Any, rows: Sequence[Any], kind: str, phase: str, method: s
         below = method == "CraigChang"
         axis.annotate(f"{rows[at].size}", (seconds[at], shown[at]), textcoords="offset points", xytext=(5, -10 if below else 4),
                       fontsize=7, color=COLOURS[method])
+
+
+def joined_figure(rows: Sequence[Mapping[str, Any]], title: str) -> Any:
+    """Error of the lowest frequencies over the stiffness of the springs under the interface; a line for each model."""
+    figure = new_figure(8, 4.6)
+    axis = figure.subplots()
+    modes = list(dict.fromkeys(row["modes"] for row in rows))
+    for method in dict.fromkeys(row["model"] for row in rows):
+        for count in modes:
+            mine = [row for row in rows if (row["model"], row["modes"]) == (method, count)]
+            shade = 0.35 + 0.65 * (modes.index(count) + 1) / len(modes)
+            axis.loglog([row["springs"] for row in mine], [max(row["error"], FLOOR) for row in mine], color=COLOURS[method],
+                        marker=MARKERS[method], ms=5, lw=1, alpha=shade, label=f"{LABELS[method]}, {mine[0]['size']} DOF")
+    axis.set(xlabel="springs under the interface / static stiffness of the component there  [-]",
+             ylabel="relative error of ω  [-]", title=title)
+    axis.grid(alpha=0.3)
+    figure.legend(fontsize=8, loc="outside right upper")
+    return figure

@@ -143,3 +143,12 @@ def test_too_many_modes_and_bad_requests(n: int) -> None:
 def test_repr() -> None:
     told = repr(fs.normal_modes(fs.chain(10, fixed=False), count=3))
     assert told.startswith("NormalModes: 1 rigid and 3 elastic, ω 0.31287 to 0.90798 rad/time; largest residual")
+
+
+def test_modes_of_a_reduced_model_have_residuals_too() -> None:
+    """Its fixed-interface modes span seven decades of stiffness: the least bit of the highest ruins the lowest."""
+    sub = fs.beam(1.0, 100, E=2.1e11, I=1e-9, rho=7850.0, A=1e-4, supports={"left": "clamped"}, interface=["right"])
+    rom = fs.reduce(sub, fs.CraigBampton(modes=40))
+    modes = fs.normal_modes(rom, count=42)
+    assert modes.residual.max() < 1e-12
+    assert np.abs(modes.shapes.T @ (rom.M @ modes.shapes) - np.eye(42)).max() < 1e-9

@@ -23,7 +23,7 @@ SMALL = {
     "plate": 'scene = "plate"\nelements = [12, 9]\nmodes = [8, 16]\nrepeats = 1\n',
     "solid": 'scene = "solid"\nelements = [2, 12, 1]\nmodes = [10, 20]\nrepeats = 1\n',
 }
-PICTURES = {"modes", "eigenvalues", "least-stable", "error-time"}
+PICTURES = {"modes", "eigenvalues", "least-stable", "error-time", "joined-interface"}
 
 
 def scene_file(folder: Path, text: str) -> str:
@@ -266,3 +266,14 @@ def test_displacements_name_what_does_not_fit() -> None:
     short = fs.Mesh(mesh.points[:3], mesh.cells[:2], "line")
     with pytest.raises(ValueError, match="has no node 4"):
         displacements(short, sub.dofs, np.ones(10))
+
+
+@pytest.mark.parametrize("name", ["plate", "solid"])
+def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: dict[str, tuple[Path, str]], name: str) -> None:
+    rows = json.loads((runs[name][0] / "results.json").read_text())["joined-interface"]
+    most = max(row["modes"] for row in rows)
+    error = {(row["model"], row["springs"]): row["error"] for row in rows if row["modes"] == most}
+    soft, stiff = min(row["springs"] for row in rows), max(row["springs"] for row in rows)
+    assert error["CraigChang", soft] < 0.1 * error["CraigBampton", soft]
+    assert error["CraigBampton", stiff] < 0.1 * error["CraigChang", stiff]
+    assert max(error.values()) < 0.1

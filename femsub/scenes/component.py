@@ -47,7 +47,7 @@ class ComponentScene(Scene):
     band: list[float] = field(default_factory=list)
     tolerance: float = 1e-3
 
-    OUTPUTS: ClassVar[tuple[str, ...]] = ("modes", "critical-slope", "eigenvalues", "error-time")
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("modes", "critical-slope", "eigenvalues", "error-time", "joined-interface")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -103,9 +103,10 @@ class Work:
 
     @cached_property
     def reduced(self) -> list[tuple[CraigBampton | CraigChang, ReducedSubstructure]]:
-        return [(method, self._reduced(method)) for method in self.methods]
+        return [(method, self.reduce(method)) for method in self.methods]
 
-    def _reduced(self, method: CraigBampton | CraigChang) -> ReducedSubstructure:
+    def reduce(self, method: CraigBampton | CraigChang) -> ReducedSubstructure:
+        """The component by one method, as the scene has it."""
         self.tell(f"{type(method).__name__} with {method.modes} modes")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PortWarning)  # the figure is in the tables

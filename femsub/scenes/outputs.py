@@ -12,6 +12,7 @@ from femsub.pencil import Array
 from femsub.report import machine, table
 from femsub.scene import Result
 from femsub.scenes.component import ComponentScene, Progress, Work
+from femsub.scenes.joined import joined_interface
 from femsub.stability import critical_slope
 from femsub.studies import relative_error, study
 from femsub.substructure import ReducedSubstructure, Substructure
@@ -223,4 +224,5 @@ def _error_time(work: Work) -> Result:
     return Result(data, rows, f"Error against run time\n{found}\n{words}", {"error-time": draw})
 
 
-PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time}
+PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,
+                         "joined-interface": joined_interface}
