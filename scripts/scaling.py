@@ -250,7 +250,7 @@ def requirement(rows: list[Row], fits: list[Row]) -> list[str]:
         if len(mine) >= 5 and mine[-1]["n"] >= models.KINDS["chain"].sizes[-1]:
             power, peak = fit["seconds, large"], max(row["peak_mb"] for row in mine)
             met = power <= LIMITS["exponent"] and peak < LIMITS["peak_mb"]
-            lines.append(f"chain, {fit['step']}, {fit['cores']} core{'s' * (fit['cores'] > 1)}, from 10^4 on: seconds ~ n^{power:.2f} (limit "
+            lines.append(f"chain, {fit['step']}, cores: {fit['cores']}, from 10^4 on: seconds ~ n^{power:.2f} (limit "
                          f"{LIMITS['exponent']}), at most {peak:.0f} MB (limit {LIMITS['peak_mb']:.0f}): "
                          f"{'met' if met else 'NOT MET'}")
     return lines
