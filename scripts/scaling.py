@@ -1,12 +1,26 @@
 #!/usr/bin/env python3
-"""Seconds and memory over size: the chain of 10 to 10⁶ masses, belt under m2 at half of its critical slope.
+"""Seconds, memory and error over size: chain, beam, plate and solid from 10 to 10⁶ DOF, on one core and on two.
 
-    python scripts/scaling.py [--largest N] [--repeats N] [--out DIR]
+    python scripts/scaling.py [--components chain beam plate solid] [--cores 1 2] [--steps STEP ...] [--largest N]
+                              [--repeats N] [--long SECONDS] [--out DIR]
 
-Measured are the assembly, HCB and CC (interface {m1}, 20 modes each) and the CEA (20 eigenvalues nearest to 0) of the
-full model by PEP and of both reduced ones. Each measurement has a process of its own, so that the peak of its resident
-memory is its own; packages are loaded, and a tiny problem solved, before the clock starts. Medians over the repeats,
-whose order alternates. Written are scaling.csv, scaling.json and scaling.png.
+Measured are the assembly (from the mesh on), HCB and CC, and the CEA of the full model by PEP (of a solid above 300,000 DOF
+only where --steps asks for it) and of both reduced ones. Chain, beam and plate keep 20 modes and give the 20 eigenvalues
+nearest to 0; the floating solid keeps 50 and gives 32, of which 12 belong to its rigid-body modes. What the components are
+is in scaling_models.py. Beams end at 20,000 DOF: the condition of their K grows with n⁴, and
+from some 5,000 on HCB has lost their lowest frequency (error 1), at 20,000 the full model has all but one digit of it.
+
+Cores are threads of BLAS: OMP_NUM_THREADS and OPENBLAS_NUM_THREADS of the process; all else runs on one core.
+
+Each measurement has a process of its own, so that the peak of its resident memory is its own; packages are loaded, and a
+tiny problem solved, before the clock starts. Medians over the repeats, whose order alternates; what takes longer than
+--long is measured once. Written are scaling.csv, scaling.json and scaling.png.
+
+error     The largest relative one of the lowest frequencies. Chain: all 20 against the closed form, of HCB those with
+          fixed interface. Beam and plate: 5 of the reduced or full model against the continuum, so that errors of the mesh,
+          the reduction and the solver add up. Solid: 10 elastic ones against `normal_modes` of the full model, below
+          100,000 DOF.
+residual  The largest of the kept modes, ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, or the largest backward error of a CEA.
 """
 
 from __future__ import annotations
@@ -27,31 +41,23 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout will do
+import scaling_models as models
+
 import femsub as fs
 from femsub import report
 from femsub.scene import Result
 
-SIZES = (10, 100, 1_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 STEPS = ("assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC")
 METHODS: dict[str, Any] = {"HCB": fs.CraigBampton, "CC": fs.CraigChang}
-MODES, DAMPING = 20, 0.1
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 LARGE = 10_000  # below it fixed costs rule
 LIMITS = {"exponent": 1.25, "peak_mb": 4000.0}  # what HCB and CC are held to at 10⁶ masses
 Row = dict[str, Any]
-
-
-def half_slope(n: int) -> float:
-    """Half of the largest slope at which one of the 20 lowest pairs loses its stability."""
-    if n <= LARGE:
-        band = (0.0, float(fs.chain_frequencies(n, min(MODES, n))[-1]))
-        return fs.critical_slope(fs.chain(n, belt=2, damping=DAMPING), band=band).slope / 2
-    # First order in the damping: mode j moves m_k by sin(kθ_j), θ_j = (2j - 1)π/(2n + 1), and decays while
-    # d1 sin²θ_j + c sin²2θ_j > 0, that is c > -d1/(4 cos²θ_j). At n = 10⁴ the exact value agrees to 6e-11.
-    return -DAMPING / (4 * np.cos(np.pi / (2 * n + 1)) ** 2) / 2
 
 
 def peak_mb() -> float:
@@ -64,51 +70,77 @@ def largest_error(found: np.ndarray, exact: np.ndarray) -> float:
     return float(np.max(np.abs(found / exact - 1)))
 
 
-def warm_up() -> None:
+def warm_up(kind: str = "chain") -> None:
     """Loads everything, below and above the size from which the sparse solvers are taken."""
     # The belt at m2 is outside the interface {m1} on purpose, as in the paper; the scene chain shows what that costs.
     warnings.simplefilter("ignore", fs.PortWarning)
     for size in (20, 200):
         fs.complex_modes(fs.reduce(fs.chain(size, belt=2), fs.CraigBampton(modes=3)), count=2)
         fs.complex_modes(fs.chain(size, belt=2), count=2)
+    if kind != "chain":
+        fs.reduce(models.build(kind, models.KINDS[kind].sizes[0]), fs.CraigBampton(modes=3), ports=True)
 
 
-def measure(step: str, n: int, slope: float, reduced: tuple[np.ndarray, ...] | None) -> Row:
-    """One step at one size, to be run in a fresh process; `reduced` is (M, K, D, w) of the model a CEA is asked of.
+def measure(kind: str, step: str, n: int, known: Row, reduced: tuple[np.ndarray, ...] | None) -> Row:
+    """One step at one size, in a fresh process; `reduced` is (M, K, D, w) of the model a CEA is asked of.
 
     Returns
     -------
     dict
-        seconds; peak_mb, and base_mb before the model is built; frequency_error, the largest relative one against
-        2 sin((2j-1)π/(4n+2)); for a reduction also its matrices, for a CEA its largest backward error and verdict.
+        seconds; peak_mb, and base_mb before the model is built; dof; error and residual, see the top; for a reduction
+        also its matrices, for the CEA of a chain its verdict.
     """
-    warm_up()
+    warm_up(kind)
     result: Row = {"base_mb": peak_mb()}
-    if step == "assembly":
-        start = time.perf_counter()
-        fs.chain(n, belt=2, damping=DAMPING)
-        return result | {"seconds": time.perf_counter() - start, "peak_mb": peak_mb()}
-    if reduced is None:
-        model = fs.chain(n, belt=2, damping=DAMPING)
-    else:
-        mass, stiffness, damping, w = reduced
-        model = fs.Substructure(mass, stiffness, damping, ports={"belt": w})
-    if step in METHODS:
-        start = time.perf_counter()
-        rom = fs.reduce(model, METHODS[step](modes=min(MODES, n - 1)))
-        result |= {"seconds": time.perf_counter() - start, "peak_mb": peak_mb()}
-        kept = [i for i, kind in enumerate(rom.kinds) if kind in ("fixed-interface", "free")]
-        exact = fs.chain_frequencies(n - 1 if step == "HCB" else n, len(kept))  # with m1 held, n - 1 masses vibrate
-        return result | {"frequency_error": largest_error(np.sqrt(rom.K[kept, kept]), exact),
-                         "reduced": (rom.M, rom.K, rom.D, rom.port("belt"))}
     start = time.perf_counter()
-    modes = fs.complex_modes(model, fs.Belt(slope=slope), count=min(MODES, 2 * model.size))
-    result |= {"seconds": time.perf_counter() - start, "peak_mb": peak_mb()}
-    if n >= LARGE:  # there the dashpot shifts the frequencies by 5e-12 and less
-        found = np.sort(modes.eigenvalues.imag[modes.eigenvalues.imag > 0])
-        result["frequency_error"] = largest_error(found, fs.chain_frequencies(n, len(found)))
-    verdict = {True: "yes", False: "NO", None: "undecided"}[modes.is_stable]  # within the error bars
-    return result | {"backward_error": float(modes.backward_error.max()), "stable": verdict}
+    model = models.build(kind, n) if reduced is None else fs.Substructure(*reduced[:3], ports={"belt": reduced[3]})
+    if step == "assembly":
+        return result | {"seconds": time.perf_counter() - start, "peak_mb": peak_mb(), "dof": model.size}
+    of = models.KINDS[kind]
+    if step in METHODS:
+        method = METHODS[step](modes=min(of.modes, model.size - len(model.interface)))
+        start = time.perf_counter()
+        rom = fs.reduce(model, method, ports=kind != "chain")
+        result |= {"seconds": time.perf_counter() - start, "peak_mb": peak_mb(), "dof": model.size}
+        return result | modes_kept(kind, step, model, rom, known["lowest"]) | {
+            "reduced": (rom.M, rom.K, rom.D, rom.port("belt"))}
+    count = min(20 + 2 * of.rigid, 2 * model.size)
+    start = time.perf_counter()
+    modes = fs.complex_modes(model, fs.Belt(slope=known["slope"]), count=count)
+    result |= {"seconds": time.perf_counter() - start, "peak_mb": peak_mb(), "residual": float(modes.backward_error.max())}
+    found = np.sort(modes.eigenvalues.imag[modes.eigenvalues.imag > 0])
+    if kind == "chain":
+        result["stable"] = {True: "yes", False: "NO", None: "undecided"}[modes.is_stable]  # within the error bars
+        if n >= LARGE:  # there the dashpot shifts the frequencies by 5e-12 and less
+            result["error"] = largest_error(found, fs.chain_frequencies(n, len(found)))
+    elif known["lowest"] is not None:
+        found = found[found > known["lowest"][0] / 2][:of.compared]  # without rigid-body modes
+        result["error"] = largest_error(found, known["lowest"][:len(found)]) if len(found) else 1.0
+    return result
+
+
+def modes_kept(kind: str, step: str, model: fs.Substructure, rom: fs.ReducedSubstructure, exact: np.ndarray | None) -> Row:
+    """Error of the reduced model's frequencies, and the largest residual of the modes it keeps."""
+    import scipy.linalg
+
+    from femsub.eigen import relative_residual
+
+    at = np.array([i for i, name in enumerate(rom.kinds) if name in ("fixed-interface", "free")])
+    values, shapes = rom.K[at, at], rom.V[:, at]
+    if step == "HCB":
+        inner = model.interior
+        residual = relative_residual(model.K[inner][:, inner], model.M[inner][:, inner], values, shapes[inner])
+    else:
+        residual = relative_residual(model.K, model.M, values, shapes)
+    result = {"residual": float(residual.max())}
+    if kind == "chain":  # with m1 held, n - 1 masses vibrate
+        exact = fs.chain_frequencies(model.size - 1 if step == "HCB" else model.size, len(at))
+        return result | {"error": largest_error(np.sqrt(values), exact)}
+    if exact is None:
+        return result
+    rigid, count = models.KINDS[kind].rigid, min(len(exact), model.size // 2)
+    squares = scipy.linalg.eigh(rom.K, rom.M, eigvals_only=True)[rigid:rigid + count]
+    return result | {"error": largest_error(np.sqrt(np.maximum(squares, 0)), exact[:count])}
 
 
 def machine() -> Row:
@@ -124,152 +156,189 @@ def machine() -> Row:
                                "blas_threads": threads}
 
 
-def fresh(task: Callable[..., Any], *args: Any) -> Any:
-    """task(*args) in a process of its own. It is started by this one, which therefore must stay small: on Linux the
-    peak of a child begins at the size of its parent."""
-    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
+def fresh(task: Callable[..., Any], *args: Any, cores: int | None = None) -> Any:
+    """task(*args) in a process of its own, with so many threads of BLAS. It is started by this one, which therefore must
+    stay small: on Linux the peak of a child begins at the size of its parent."""
+    threads = {} if cores is None else dict.fromkeys(THREADS, str(cores))
+    with patch.dict(os.environ, threads), ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
         return pool.submit(task, *args).result()
 
 
-def run(sizes: list[int], repeats: int) -> tuple[list[Row], list[str]]:
-    """All measurements: one row for each size and step, and what failed."""
-    slopes = {n: fresh(half_slope, n) for n in sizes}
-    tasks = [(n, step) for n in sizes for step in STEPS]
-    runs: dict[tuple[int, str], list[Row]] = {task: [] for task in tasks}
-    reduced: dict[tuple[int, str], tuple[np.ndarray, ...]] = {}
-    failed: dict[str, None] = {}
-    for repeat in range(repeats):
-        for at, (n, step) in enumerate(tasks if repeat % 2 == 0 else tasks[::-1]):
-            report.progress(f"run {repeat + 1}/{repeats}, {at + 1}/{len(tasks)}: n = {n:,}, {step}")
-            model = reduced.get((n, step.removeprefix("CEA "))) if step.startswith("CEA") else None
-            if step in ("CEA HCB", "CEA CC") and model is None:
-                continue  # its reduction has failed
+def sizes(kind: str, largest: int | None) -> list[int]:
+    """Those of the component below the largest, which comes last."""
+    of = models.KINDS[kind]
+    top = of.sizes[-1] if largest is None else max(of.sizes[0], min(largest, of.most))
+    return [n for n in of.sizes if n < top] + [int(top)]
+
+
+def run(asked: argparse.Namespace) -> tuple[list[Row], list[str]]:
+    """All measurements: one row for each component, size, number of cores and step, and what failed."""
+    steps = STEPS if asked.steps is None else [step for step in STEPS if step in asked.steps or f"CEA {step}" in asked.steps]
+    tasks = [(kind, n, cores, step) for kind in asked.components for n in sizes(kind, asked.largest) for cores in asked.cores
+             for step in steps if asked.steps or step != "CEA full" or n <= models.KINDS[kind].pep]
+    runs: dict[tuple[str, int, int, str], list[Row]] = {task: [] for task in tasks}
+    known: dict[tuple[str, int], Row] = {}
+    reduced: dict[tuple[str, int, int, str], tuple[np.ndarray, ...]] = {}
+    failed: dict[tuple[str, int, int, str], str] = {}
+    for repeat in range(asked.repeats):
+        for at, task in enumerate(tasks if repeat % 2 == 0 else tasks[::-1]):
+            kind, n, cores, step = task
+            label = f"{kind}, n = {n:,}, {cores} core{'s' * (cores > 1)}, {step}"
+            report.progress(f"run {repeat + 1}/{asked.repeats}, {at + 1}/{len(tasks)}: {label}")
+            model = reduced.get((kind, n, cores, step.removeprefix("CEA "))) if step.startswith("CEA") else None
+            if task in failed or (step in ("CEA HCB", "CEA CC") and model is None):
+                continue  # it, or its reduction, has failed
+            if runs[task] and runs[task][0]["seconds"] > asked.long:
+                continue
             try:
-                result = fresh(measure, step, n, slopes[n], model)
-            except (fs.FemsubError, MemoryError, BrokenProcessPool) as error:
-                failed[f"n = {n:,}, {step}: {type(error).__name__}: {error}"] = None
+                if (kind, n) not in known:
+                    known[kind, n] = fresh(models.reference, kind, n)
+                result = fresh(measure, kind, step, n, known[kind, n], model, cores=cores)
+            except (fs.FemsubError, MemoryError, BrokenProcessPool, ArithmeticError, np.linalg.LinAlgError) as error:
+                failed[task] = f"{label}: {type(error).__name__}: {error}"
                 continue
             if "reduced" in result:
-                reduced[n, step] = result.pop("reduced")
-            runs[n, step].append(result)
+                reduced[task] = result.pop("reduced")
+            runs[task].append(result)
+            if repeat == 0:
+                print(f"{label}: {result['seconds']:.3g} s, {result['peak_mb']:.0f} MB", file=sys.stderr, flush=True)
     report.progress_done()
-    return [summary(n, step, results) for (n, step), results in runs.items() if results], list(failed)
+    rows = [summary(task, results) for task, results in runs.items() if results]
+    dof = {(row["component"], row["n"]): row["dof"] for row in rows if row["dof"]}
+    return [row | {"dof": dof.get((row["component"], row["n"]), row["n"])} for row in rows], list(failed.values())
 
 
-def summary(n: int, step: str, results: list[Row]) -> Row:
+def summary(task: tuple[str, int, int, str], results: list[Row]) -> Row:
     """Medians over the runs of one measurement, the spread of its seconds, its largest errors."""
+    kind, n, cores, step = task
     seconds = [one["seconds"] for one in results]
-    row: Row = {"n": n, "step": step, "seconds": statistics.median(seconds), "seconds_least": min(seconds),
-                "seconds_most": max(seconds), "runs": len(seconds)}
+    row: Row = {"component": kind, "n": n, "dof": results[0].get("dof"), "cores": cores, "step": step,
+                "seconds": statistics.median(seconds), "seconds_least": min(seconds), "seconds_most": max(seconds),
+                "runs": len(seconds)}
     row |= {key: statistics.median(one[key] for one in results) for key in ("peak_mb", "base_mb")}
-    for key in ("frequency_error", "backward_error"):
-        row[key] = max((one[key] for one in results if key in one), default=None)
+    row |= {key: max((one[key] for one in results if key in one), default=None) for key in ("error", "residual")}
     return row | {"stable": results[-1].get("stable")}
 
 
 def exponents(rows: list[Row]) -> list[Row]:
-    """p of seconds ~ nᵖ, and of memory above the baseline, by least squares in logarithms, for each step."""
+    """p of seconds ~ nᵖ, and of memory above the baseline, by least squares in logarithms, for each component, number of
+    cores and step; `large` begins at the same size for all, and beams have no more than a factor of 2 there."""
     def power(points: list[tuple[int, float]]) -> float | None:
         x, y = np.log(np.array(points or [(1, 1)])).T
         return float(np.polyfit(x, y, 1)[0]) if len(points) > 1 else None
 
     result = []
-    for step in STEPS:
-        fit: Row = {"step": step}
+    for kind, cores, step in dict.fromkeys((row["component"], row["cores"], row["step"]) for row in rows):
+        fit: Row = {"component": kind, "cores": cores, "step": step}
         for name, least in (("large", LARGE), ("all", 0)):
-            mine = [row for row in rows if row["step"] == step and row["n"] >= least]
+            mine = [row for row in rows if (row["component"], row["cores"], row["step"]) == (kind, cores, step)
+                    and row["n"] >= least]
             for key in ("seconds", "seconds_least"):
-                fit[f"{key}, {name}"] = power([(row["n"], row[key]) for row in mine])
-            above = [(row["n"], row["peak_mb"] - row["base_mb"]) for row in mine]
+                fit[f"{key}, {name}"] = power([(row["dof"], row[key]) for row in mine])
+            above = [(row["dof"], row["peak_mb"] - row["base_mb"]) for row in mine]
             fit[f"memory, {name}"] = power([point for point in above if point[1] > 1])  # less is the allocator's slack
         result.append(fit)
     return result
 
 
 def requirement(rows: list[Row], fits: list[Row]) -> list[str]:
-    """A line for each of HCB and CC against LIMITS, where enough was measured: 5 runs, 5 sizes from 10⁴ to 10⁶."""
+    """A line for each of HCB and CC of the chain against LIMITS, where enough was measured: 5 runs, 5 sizes up to 10⁶."""
     lines = []
     for fit in fits:
-        mine = [row for row in rows if row["step"] == fit["step"] in METHODS and row["n"] >= LARGE and row["runs"] >= 5]
-        if len(mine) >= 5 and mine[-1]["n"] >= SIZES[-1]:
+        mine = [row for row in rows if row["component"] == fit["component"] == "chain" and row["cores"] == fit["cores"]
+                and row["step"] == fit["step"] in METHODS and row["n"] >= LARGE and row["runs"] >= 5]
+        if len(mine) >= 5 and mine[-1]["n"] >= models.KINDS["chain"].sizes[-1]:
             power, peak = fit["seconds, large"], max(row["peak_mb"] for row in mine)
             met = power <= LIMITS["exponent"] and peak < LIMITS["peak_mb"]
-            lines.append(f"{fit['step']} from 10^4 on: seconds ~ n^{power:.2f} (limit {LIMITS['exponent']}), at most "
-                         f"{peak:.0f} MB (limit {LIMITS['peak_mb']:.0f}): {'met' if met else 'NOT MET'}")
+            lines.append(f"chain, {fit['step']}, cores: {fit['cores']}, from 10^4 on: seconds ~ n^{power:.2f} (limit "
+                         f"{LIMITS['exponent']}), at most {peak:.0f} MB (limit {LIMITS['peak_mb']:.0f}): "
+                         f"{'met' if met else 'NOT MET'}")
     return lines
 
 
 def text(rows: list[Row], fits: list[Row]) -> str:
     """The two tables for the terminal."""
-    columns = [("masses", "n", ",d"), ("step", "step", ""), ("seconds", "seconds", ".3g"),
-               ("least", "seconds_least", ".3g"), ("most", "seconds_most", ".3g"), ("peak MB", "peak_mb", ".0f"),
-               ("baseline", "base_mb", ".0f"), ("freq. error", "frequency_error", ".1e"),
-               ("backw. error", "backward_error", ".1e"), ("stable", "stable", "")]
+    columns = [("component", "component", ""), ("DOF", "dof", ",d"), ("cores", "cores", "d"), ("step", "step", ""),
+               ("seconds", "seconds", ".3g"), ("least", "seconds_least", ".3g"), ("most", "seconds_most", ".3g"),
+               ("runs", "runs", "d"), ("peak MB", "peak_mb", ".0f"), ("baseline", "base_mb", ".0f"),
+               ("error", "error", ".1e"), ("residual", "residual", ".1e"), ("stable", "stable", "")]
     heads, keys, forms = (list(part) for part in zip(*columns, strict=True))
     table = report.table(heads, [[row[key] for key in keys] for row in rows], forms)
-    heads = ["growth ~ n^p", "n >= 10^4: seconds", "least", "memory", "all n: seconds", "least", "memory"]
-    return f"{table}\n\n" + report.table(heads, [list(fit.values()) for fit in fits], ["", *[".2f"] * 6])
+    heads = ["growth ~ n^p", "cores", "step", "n >= 10^4: seconds", "least", "memory", "all n: seconds", "least", "memory"]
+    return f"{table}\n\n" + report.table(heads, [list(fit.values()) for fit in fits], ["", "d", "", *[".2f"] * 6])
 
 
 def draw(rows: list[Row], fits: list[Row]) -> Any:
-    """Seconds (median, least to most) and peak memory over n, both axes logarithmic; exponents in the legends."""
+    """Seconds (least to most as bars) above, peak memory below, one column for each component, all axes logarithmic."""
     from femsub.figures import COLOURS, new_figure
 
     hcb, cc = COLOURS["craig-bampton"], COLOURS["craig-chang"]
-    looks = {"assembly": ("0.55", "v", "-"), "HCB": (hcb, "s", "-"), "CC": (cc, "^", "-"),
-             "CEA full": (COLOURS["full"], "o", "-"), "CEA HCB": (hcb, "s", "--"), "CEA CC": (cc, "^", ":")}
-    figure = new_figure(12, 6.4)
-    panels = figure.subplots(1, 2)
-    for panel, key, name in zip(panels, ("seconds", "peak_mb"), ("seconds", "memory"), strict=True):
-        for fit in fits:
-            mine = [row for row in rows if row["step"] == fit["step"]]
-            colour, marker, line = looks[fit["step"]]
-            power = fit[f"{name}, large"]
-            middle = np.array([row[key] for row in mine])
-            spread = None
-            if key == "seconds":
-                least, most = (np.array([row[f"seconds_{end}"] for row in mine]) for end in ("least", "most"))
-                spread = [middle - least, most - middle]
-            panel.errorbar([row["n"] for row in mine], middle, spread, color=colour, marker=marker,
-                           linestyle=line, markersize=5, capsize=2, markerfacecolor=colour if line == "-" else "none",
-                           label=fit["step"] + ("" if power is None else f"  ($n^{{{power:.2f}}}$)"))
-        panel.set(xscale="log", yscale="log", xlabel="number of masses n")
-        panel.grid(alpha=0.3)
-    base, top = statistics.median(row["base_mb"] for row in rows), max(row["peak_mb"] for row in rows)
-    panels[1].axhline(base, color="0.6", lw=1, zorder=0, label=f"packages loaded ({base:.0f} MB)")
-    panels[1].axhline(LIMITS["peak_mb"], color="#b00000", ls=(0, (1, 3)), label="limit for HCB and CC")
-    panels[0].set(title="time", ylabel="seconds  (median; bars: least to most)")
-    panels[1].set(title="memory", ylabel="peak resident memory  [MB]")
-    panels[1].set_ylim(base / 2, 1.5 * max(top, LIMITS["peak_mb"]))
-    for panel, what in zip(panels, ("growth", "growth above the baseline"), strict=True):
-        panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.11), ncols=3, fontsize=9, title_fontsize=9,
-                     title=f"in brackets: {what} from $n = 10^4$ on")
-    figure.suptitle("Chain, belt under m2 at half of its critical slope: 20 modes in HCB and CC, 20 eigenvalues in CEA")
+    looks = {"assembly": ("0.55", "v", 5), "HCB": (hcb, "s", 5), "CC": (cc, "^", 5), "CEA full": (COLOURS["full"], "o", 5),
+             "CEA HCB": (hcb, "s", 3), "CEA CC": (cc, "^", 3)}
+    kinds, cores = (list(dict.fromkeys(row[key] for row in rows)) for key in ("component", "cores"))
+    figure = new_figure(2 + 3.4 * len(kinds), 7.6)
+    panels = figure.subplots(2, len(kinds), sharex=True, sharey="row", squeeze=False)
+    for (times, memory), kind in zip(panels.T, kinds, strict=True):
+        lines = [f"{fit['step']} {fit['seconds, large']:.2f}" for fit in fits if fit["seconds, large"] is not None
+                 and fit["component"] == kind and fit["cores"] == max(cores) and fit["step"] in ("HCB", "CC", "CEA full")]
+        for fit in (fit for fit in fits if fit["component"] == kind):
+            mine = [row for row in rows if all(row[key] == fit[key] for key in ("component", "cores", "step"))]
+            colour, marker, size = looks[fit["step"]]
+            dof, least, middle, most, peak = np.array([[row[key] for key in (
+                "dof", "seconds_least", "seconds", "seconds_most", "peak_mb")] for row in mine]).T
+            filled = colour if fit["cores"] == max(cores) else "white"
+            style = {"color": colour, "marker": marker, "markersize": size, "markerfacecolor": filled, "lw": 1.3,
+                     "linestyle": "-" if fit["cores"] == max(cores) else "--", "zorder": 2 + (filled == colour)}
+            times.errorbar(dof, middle, [middle - least, most - middle], capsize=2, **style)
+            memory.plot(dof, peak, **style)
+        times.set(xscale="log", yscale="log", title=kind + (f"\n$n^p$ from $10^4$ on: {', '.join(lines)}" if lines else "\n"))
+        times.title.set_fontsize(9)
+        memory.set(yscale="log", xlabel="DOF n")
+        if kind == "chain":
+            memory.axhline(LIMITS["peak_mb"], color="#b00000", ls=(0, (1, 3)))
+            memory.annotate("limit for HCB and CC", (0.03, LIMITS["peak_mb"]), xycoords=("axes fraction", "data"), va="top",
+                            textcoords="offset points", xytext=(0, -3), fontsize=8, color="#b00000")
+        for panel in (times, memory):
+            panel.grid(alpha=0.3)
+    panels[0, 0].set_ylabel("seconds  (median; bars: least to most)")
+    panels[1, 0].set_ylabel("peak resident memory  [MB]")
+    shown = [step for step in looks if step in {row["step"] for row in rows}]
+    empty = panels[0, 0]
+    keys = [empty.plot([], [], color=looks[step][0], marker=looks[step][1], markersize=looks[step][2])[0] for step in shown]
+    keys += [empty.plot([], [], color="0.3", ls="-" if many == max(cores) else "--")[0] for many in cores]
+    figure.legend(keys, [*shown, *(f"{many} core{'s' * (many > 1)}" for many in cores)], loc="outside lower center", ncols=8,
+                  fontsize=9)
     return figure
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--largest", type=int, default=SIZES[-1], metavar="N", help="most masses (default 1000000)")
+    kinds = list(models.KINDS)
+    parser.add_argument("--components", nargs="+", choices=kinds, default=kinds, metavar="NAME", help="default: all four")
+    parser.add_argument("--cores", nargs="+", type=int, default=[1, 2], metavar="N", help="threads of BLAS (default 1 2)")
+    parser.add_argument("--steps", nargs="+", choices=STEPS, metavar="STEP", help=f"of {', '.join(STEPS)} (default: all)")
+    parser.add_argument("--largest", type=int, metavar="N", help="most DOF (default: 10^6; beam 20,000, plate 300,000)")
     parser.add_argument("--repeats", type=int, default=5, metavar="N", help="runs of each measurement (default 5)")
+    parser.add_argument("--long", type=float, default=60.0, metavar="SECONDS",
+                        help="what takes longer is measured once (default 60)")
     parser.add_argument("--out", type=Path, default=Path("out/scaling"), metavar="DIR",
                         help="output folder (default out/scaling)")
     asked = parser.parse_args()
-    if asked.largest < SIZES[0] or asked.repeats < 1:
-        parser.error(f"--largest must be at least {SIZES[0]}, --repeats at least 1")
+    if asked.repeats < 1 or min(asked.cores) < 1 or (asked.largest is not None and asked.largest < 10):
+        parser.error("--largest must be at least 10, --repeats and --cores at least 1")
     try:
         asked.out.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=asked.out).close()  # to know it now and not at the end
     except OSError as error:
         parser.error(f"the output folder {asked.out} cannot be written: {error.strerror}")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that measures stays behind
-    computer = fresh(machine)
-    rows, failed = run([n for n in SIZES if n < asked.largest] + [asked.largest], asked.repeats)
+    computers = {cores: fresh(machine, cores=cores) for cores in asked.cores}
+    rows, failed = run(asked)
     fits = exponents(rows)
     checks = requirement(rows, fits)
-    data = {"machine": computer, "modes": MODES, "damping": DAMPING, "large": LARGE, "rows": rows, "exponents": fits,
-            "requirement": checks, "failed": failed}
-    result = Result(data, rows, text(rows, fits), {"scaling": lambda: draw(rows, fits)})
+    data = {"machine": computers, "modes": {kind: models.KINDS[kind].modes for kind in asked.components},
+            "damping": models.DAMPING, "large": LARGE, "rows": rows, "exponents": fits, "requirement": checks, "failed": failed}
+    result = Result(data, rows, text(rows, fits), {"scaling": lambda: draw(rows, fits)} if rows else {})
     print(result.text, *checks, *(f"failed: {line}" for line in failed), sep="\n")
     report.write(result, asked.out, figures=True, name="scaling")
     return 1 if failed else 0

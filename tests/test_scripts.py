@@ -6,18 +6,39 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parent.parent
 
 
-def test_scaling(tmp_path: Path) -> None:
-    command = [sys.executable, str(ROOT / "scripts" / "scaling.py"), "--largest", "10", "--repeats", "1", "--out", str(tmp_path)]
+def scaling(folder: Path, *args: str) -> dict[str, Any]:
+    command = [sys.executable, str(ROOT / "scripts" / "scaling.py"), *args,
+               "--repeats", "1", "--cores", "1", "--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert {path.name for path in tmp_path.iterdir()} == {"scaling.csv", "scaling.json", "scaling.png"}
-    report = json.loads((tmp_path / "scaling.json").read_text())
-    assert {row["step"] for row in report["rows"]} == {"assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC"}
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert {path.name for path in folder.iterdir()} == {"scaling.csv", "scaling.json", "scaling.png"}
+    report = json.loads((folder / "scaling.json").read_text())
+    assert set(report["machine"]["1"]["blas_threads"].values()) <= {1}
     assert all(row["seconds"] > 0 and row["peak_mb"] > 0 for row in report["rows"])
+    return report
+
+
+def test_scaling_of_the_chain(tmp_path: Path) -> None:
+    rows = {row["step"]: row for row in scaling(tmp_path, "--components", "chain", "--largest", "10")["rows"]}
+    assert list(rows) == ["assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC"]
+    assert all(row["n"] == row["dof"] == 10 and row["component"] == "chain" for row in rows.values())
+    assert all(0 < rows[step]["error"] < 1e-12 and rows[step]["residual"] < 1e-13 for step in ("HCB", "CC"))
+    assert all(rows[step]["stable"] == "yes" for step in ("CEA full", "CEA HCB", "CEA CC"))
+
+
+def test_scaling_of_finite_elements(tmp_path: Path) -> None:
+    args = ("--components", "beam", "plate", "solid", "--largest", "40", "--steps", "CC")
+    rows = {(row["component"], row["dof"]): row for row in scaling(tmp_path, *args)["rows"]}
+    assert set(rows) == {("beam", 10), ("beam", 40), ("plate", 80), ("solid", 990)}
+    assert all(row["residual"] < 1e-12 for row in rows.values())
+    assert rows["beam", 40]["error"] < 2e-4 < 1e-2 < rows["beam", 10]["error"] < 3e-2  # of the mesh
+    assert 1e-3 < rows["plate", 80]["error"] < 1e-2
+    assert 0 < rows["solid", 990]["error"] < 1e-11  # CC keeps these very modes
 
 
 def test_bench(tmp_path: Path) -> None:
