@@ -37,6 +37,7 @@ _HOME = {
     "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
     "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
     "MissingPackageError": "errors", "NotEnoughMemoryError": "errors", "FemsubWarning": "errors", "PortWarning": "errors",
+    "ConditionWarning": "errors",
 }
 
 __all__ = sorted([*_HOME, "__version__"])
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from femsub.dofs import DofMap
     from femsub.eigen import NormalModes, normal_modes
     from femsub.errors import (
+        ConditionWarning,
         FemsubError,
         FemsubWarning,
         InputError,

@@ -50,6 +50,10 @@ class PortWarning(FemsubWarning):
     """A port's static response is poorly represented by a reduction basis."""
 
 
+class ConditionWarning(FemsubWarning):
+    """Rounding has taken so much of a result that it deserves no trust."""
+
+
 def unknown_name(kind: str, found: object, valid: Iterable[str]) -> InputError:
     """The error for a name that does not exist, with the nearest one that does."""
     names = sorted(valid)

@@ -157,3 +157,13 @@ def test_reduced_models_bound_from_above(method: fs.CraigBampton | fs.CraigChang
 def test_beam_refuses(arguments: dict, words: str) -> None:
     with pytest.raises((ValueError, TypeError), match=words):
         fs.beam(**{"length": 1.0, "elements": 10, **SI, **arguments})
+
+
+def test_a_slender_beam_that_is_held_keeps_its_stiffness_or_says_that_it_is_lost() -> None:
+    def tip(elements: int) -> float:
+        sub = fs.beam(1.0, elements, E=2.1e11, I=8e-9, rho=7850.0, A=2e-4, supports={"left": "clamped"}, interface=["right"])
+        return float(fs.reduce(sub, fs.CraigBampton(modes=5)).K[0, 0] / (12 * 2.1e11 * 8e-9) - 1)
+
+    assert abs(tip(1000)) < 1e-5 and abs(tip(2000)) < 3e-3  # K is conditioned as the fourth power of their number
+    with pytest.warns(fs.ConditionWarning, match="two formulas differ by"):
+        assert abs(tip(6000)) < 0.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,11 +11,13 @@ import scipy.sparse as sp
 
 from femsub.bases.basis import COLUMNS, Basis, check_modes, energy_error, independent, kept_modes, projected
 from femsub.eigen import confirm
-from femsub.errors import InputError
+from femsub.errors import ConditionWarning, InputError
 from femsub.pencil import Array, Matrix
 from femsub.shift_invert import RIGID, ShiftInvert, rounding_ratio
 from femsub.substructure import Substructure
 
+DIGITS = 1e-4  # of the condensed stiffness that rounding may take before `reduce` warns
+CLEAR = 4e-15  # up to here it is rounding, beyond any doubt (see `rounding_ratio`)
 SOFT = 1e-4  # condensed stiffness, relative to that of the interface with all else fixed, that may be rounding
 
 
@@ -72,7 +75,7 @@ class CraigBampton:
         V[i, r:] = residual
         # ΨᵀK_iiΦ = 0 and ΦᵀK_iiΦ = Ω²; the condensed stiffness needs no second product with K_ii.
         K = np.zeros((V.shape[1],) * 2)
-        K[:n_b, :n_b] = _condensed(sub.K, sub.K.diagonal()[b], condensed, V[:, :n_b])
+        K[:n_b, :n_b] = _condensed(sub, condensed, V[:, :n_b])
         K[n_b:, n_b:] = np.diag(np.concatenate([values, stiffness]))
         M = projected(sub.M, V)
         M = (M + M.T) / 2
@@ -83,23 +86,35 @@ class CraigBampton:
                      handle.factorisations)
 
 
-def _condensed(K: Matrix, bare: Array, condensed: Array, constraint: Array) -> Array:
-    """ΨᵀKΨ for the constraint modes, with exactly 0 for rigid motion; `bare` is the diagonal of K_bb.
+def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
+    """ΨᵀKΨ for the constraint modes, with exactly 0 for rigid motion.
 
     Of a floating component it is what large forces leave when they cancel. On an interface that just holds it (the two
     DOF at one end of a beam) nothing is left but rounding, of either sign, which nobody could tell from stiffness later.
+    Where much cancels, two formulas for the same stiffness, K_bb + K_bi Ψ and ΨᵀKΨ, tell what is left of its digits.
     """
     condensed = (condensed + condensed.T) / 2
     if not condensed.size:
         return condensed
+    bare = sub.K.diagonal()[sub.interface]
     unit = np.where(bare > 0, bare, 1.0) ** -0.5
     values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
     doubtful = np.flatnonzero(values <= SOFT)
     if not len(doubtful):
         return condensed
     # constraint modes carry the rounding of their solve, which rigid shapes have been cleaned of
-    rigid = doubtful[rounding_ratio(K, constraint @ (unit[:, None] * vectors[:, doubtful])) < 10 * RIGID]
+    ratio = rounding_ratio(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful]))
+    rigid = doubtful[ratio < 10 * RIGID]
     if not len(rigid):
+        return condensed
+    if ratio[ratio < 10 * RIGID].max() > CLEAR:  # a long slender part that is held looks much the same: ask K itself
+        rigid = rigid[:ShiftInvert(sub.K, sub.M).rigid.shape[1]]
+    if not len(rigid):
+        lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed).max() / np.abs(condensed).max()
+        if lost > DIGITS:
+            warnings.warn(f"the condensed stiffness of {sub.name!r} has lost its digits: two formulas differ by {lost:.1e}, "
+                          "since the stiffness of its elements is so much larger; take fewer elements, or larger ones",
+                          ConditionWarning, stacklevel=4)
         return condensed
     values[rigid] = 0.0
     vectors = vectors / unit[:, None]
