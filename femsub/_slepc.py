@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import InputError, MissingPackageError, NotConvergedError, SingularMatrixError
-from femsub.pencil import EPS, Array, Matrix, equilibration, norm
+from femsub.pencil import EPS, Array, Matrix, equilibrated
 
 Kind = Literal["definite", "symmetric", "general"]
 TREE = "femsub_tree_"  # options prefix of factors whose graph has no more edges than nodes, see Factor
@@ -111,6 +111,7 @@ class Factor:
         self.kind, self.size, self.columns = kind, int(A.shape[0]), 0
         self._held: list[Any] = []
         self._finalizer = weakref.finalize(self, _destroy, self._held)
+        scaling = None if kind == "definite" else equilibrated(A)
         mat = self._hold(_matrix(A, kind))
         self._ksp = self._hold(PETSc.KSP().create(PETSc.COMM_SELF))
         self._ksp.setType("preonly")
@@ -144,26 +145,25 @@ class Factor:
                                       f"singular, or not what it was taken for ({_last_line(error)})") from None
         # Whoever else gets this KSP (EPS, PEP) must not factorise again.
         pc.setReusePreconditioner(True)
-        if kind != "definite":
-            self._probe(A)
+        if scaling is not None:
+            self._probe(A, *scaling)
 
     def _hold(self, thing: Any) -> Any:
         self._held.append(thing)
         return thing
 
-    def _probe(self, A: Matrix) -> None:
-        rows, columns = equilibration(A)
+    def _probe(self, A: Matrix, rows: Array, columns: Array, size: float) -> None:
         b = np.random.default_rng(0).standard_normal(self.size)
         try:
             x = self.solve(b / rows) / columns
         except SingularMatrixError:
             self.close()
             raise
-        A = sp.diags_array(rows) @ A @ sp.diags_array(columns)
         self.columns = 0
-        growth = norm(A) * float(np.linalg.norm(x)) / float(np.linalg.norm(b))
+        length, given = float(np.linalg.norm(x)), float(np.linalg.norm(b))
+        growth = size * length / given
         null = self._factor.getMumpsInfog(28)
-        wrong = float(np.linalg.norm(A @ x - b)) > 1e-6 * (norm(A) * float(np.linalg.norm(x)) + float(np.linalg.norm(b)))
+        wrong = float(np.linalg.norm(rows * (A @ (columns * x)) - b)) > 1e-6 * (size * length + given)
         if null or wrong or not growth < 0.1 / EPS:
             self.close()
             raise SingularMatrixError(f"a {self.size} x {self.size} matrix is singular to working precision "

@@ -119,7 +119,7 @@ def norm(matrix: Matrix) -> float:
 
 
 def equilibration(A: Matrix) -> tuple[Array, Array]:
-    """r and c, (n,) each, powers of two, with which r_i a_ij c_j has no row or column far from 1 in size.
+    """r and c, (n,) each, powers of two, with which the rows and columns of r_i a_ij c_j have sums near 1.
 
     Deflections, slopes and twists in one vector make entries that differ by the fourth power of the element's length;
     a condition number means something only once that is taken out. A symmetric A gets r = c.
@@ -128,12 +128,17 @@ def equilibration(A: Matrix) -> tuple[Array, Array]:
     size = abs(A)
     r, c = np.ones(A.shape[0]), np.ones(A.shape[0])
     for _ in range(5):
-        scaled = sp.diags_array(r) @ size @ sp.diags_array(c) if sp.issparse(A) else r[:, None] * size * c
-        for scale, axis in ((r, 1), (c, 0)):
-            largest = scaled.max(axis=axis)
-            largest = np.ravel(largest.toarray() if sp.issparse(largest) else largest)
-            scale /= np.sqrt(np.where(largest > 0, largest, 1.0))
+        rows, columns = r * (size @ c), c * (size.T @ r)
+        r /= np.sqrt(np.where(rows > 0, rows, 1.0))
+        c /= np.sqrt(np.where(columns > 0, columns, 1.0))
     return 2.0 ** np.rint(np.log2(r)), 2.0 ** np.rint(np.log2(c))
+
+
+def equilibrated(A: Matrix) -> tuple[Array, Array, float]:
+    """Row and column scales, and the norm of the scaled matrix, which is not formed: beside a factor it would not fit."""
+    rows, columns = equilibration(A)
+    size = abs(A)
+    return rows, columns, float(np.sqrt(np.max(rows * (size @ columns)) * np.max(columns * (size.T @ rows))))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
