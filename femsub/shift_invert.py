@@ -28,7 +28,7 @@ class ShiftInvert:
         self.K, self.M, self.sigma, self.factorisations = K, M, 0.0, 0
         self.rigid: Array = np.zeros((K.shape[0], 0))
         self.lowest = np.inf  # ω² of the first elastic mode, about; known where rigid-body modes had to be sought
-        if not _annihilates_a_translation(K):
+        if not annihilates_a_translation(K):
             try:
                 self._factorise(0.0)
             except SingularMatrixError:
@@ -196,7 +196,7 @@ def _short(x: float) -> float:
     return float(np.copysign(2.0 ** np.round(np.log2(abs(x))), x))
 
 
-def _annihilates_a_translation(K: Matrix) -> bool:
+def annihilates_a_translation(K: Matrix) -> bool:
     """Whether a uniform motion of every s-th DOF costs no energy: a cheap sign of a floating component."""
     n = K.shape[0]
     probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 4, 6) if n % stride == 0]

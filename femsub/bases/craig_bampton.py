@@ -13,7 +13,7 @@ from femsub.bases.basis import COLUMNS, Basis, check_modes, energy_error, indepe
 from femsub.eigen import confirm
 from femsub.errors import ConditionWarning, InputError
 from femsub.pencil import Array, Matrix
-from femsub.shift_invert import RIGID, ShiftInvert, rounding_ratio
+from femsub.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio
 from femsub.substructure import Substructure
 
 DIGITS = 1e-4  # of the condensed stiffness that rounding may take before `reduce` warns
@@ -107,7 +107,8 @@ def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
     rigid = doubtful[ratio < 10 * RIGID]
     if not len(rigid):
         return condensed
-    if ratio[ratio < 10 * RIGID].max() > CLEAR:  # a long slender part that is held looks much the same: ask K itself
+    if ratio[ratio < 10 * RIGID].max() > CLEAR and not annihilates_a_translation(sub.K):
+        # A long slender part that is held looks much the same: ask K itself.
         rigid = rigid[:ShiftInvert(sub.K, sub.M).rigid.shape[1]]
     if not len(rigid):
         lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed).max() / np.abs(condensed).max()
