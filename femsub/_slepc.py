@@ -112,33 +112,12 @@ class Factor:
         self._held: list[Any] = []
         self._finalizer = weakref.finalize(self, _destroy, self._held)
         scaling = None if kind == "definite" else equilibrated(A)
-        mat = self._hold(_matrix(A, kind))
-        self._ksp = self._hold(PETSc.KSP().create(PETSc.COMM_SELF))
-        self._ksp.setType("preonly")
-        self._ksp.setOperators(mat)
-        pc = self._hold(self._ksp.getPC())
-        pc.setType("lu" if kind == "general" else "cholesky")
-        pc.setFactorSolverType("cholmod" if kind == "definite" else "mumps")
         Factor.made += 1
         try:
-            if kind != "definite":
-                pc.setFactorSetUpSolverType()
-                self._factor = self._hold(pc.getFactorMatrix())
-                if A.nnz <= 3 * self.size:
-                    # Minimum degree leaves a tree (a chain, a branched shaft) without any fill; the ordering that MUMPS
-                    # would choose fills a chain by half and takes three times as long at 10⁶ DOF.
-                    self._factor.setOptionsPrefix(TREE)
-                self._factor.setMumpsIcntl(14, ROOM[0])
-                self._factor.setMumpsIcntl(24, 1)  # null pivots are detected, and counted in INFOG(28)
-            self._ksp.setUp()
+            pc = self._set_up(A, ROOM[0])
             if kind != "definite" and self._factor.getMumpsInfog(1) in (-8, -9):  # delayed pivots took more than that
-                self._factor.setMumpsIcntl(14, ROOM[1])
-                self._ksp.setOperators(mat)
-                pc.setReusePreconditioner(False)
-                mat.assemble()
-                self._ksp.setUp()
-            if kind == "definite":
-                self._factor = self._hold(pc.getFactorMatrix())
+                _destroy(self._held)
+                pc = self._set_up(A, ROOM[1])
         except PETSc.Error as error:
             self.close()
             raise SingularMatrixError(f"the {kind} factorisation of a {self.size} x {self.size} matrix broke down; it is "
@@ -147,6 +126,30 @@ class Factor:
         pc.setReusePreconditioner(True)
         if scaling is not None:
             self._probe(A, *scaling)
+
+    def _set_up(self, A: Matrix, room: int) -> Any:
+        """Makes the KSP with its factor; returns its PC."""
+        PETSc, _ = _load()
+        self._ksp = self._hold(PETSc.KSP().create(PETSc.COMM_SELF))
+        self._ksp.setType("preonly")
+        self._ksp.setOperators(self._hold(_matrix(A, self.kind)))
+        pc = self._hold(self._ksp.getPC())
+        pc.setType("lu" if self.kind == "general" else "cholesky")
+        pc.setFactorSolverType("cholmod" if self.kind == "definite" else "mumps")
+        if self.kind == "definite":
+            self._ksp.setUp()
+            self._factor = self._hold(pc.getFactorMatrix())
+            return pc
+        pc.setFactorSetUpSolverType()
+        self._factor = self._hold(pc.getFactorMatrix())
+        if A.nnz <= 3 * self.size:
+            # Minimum degree leaves a tree (a chain, a branched shaft) without any fill; the ordering that MUMPS
+            # would choose fills a chain by half and takes three times as long at 10⁶ DOF.
+            self._factor.setOptionsPrefix(TREE)
+        self._factor.setMumpsIcntl(14, room)
+        self._factor.setMumpsIcntl(24, 1)  # null pivots are detected, and counted in INFOG(28)
+        self._ksp.setUp()
+        return pc
 
     def _hold(self, thing: Any) -> Any:
         self._held.append(thing)

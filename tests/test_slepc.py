@@ -13,6 +13,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub import _slepc
 from femsub._slepc import Factor, quadratic_modes, symmetric_modes
+from femsub.errors import SingularMatrixError
 from femsub.factor import complex_solve, factorise
 
 
@@ -126,3 +127,17 @@ def test_memory_of_a_factor_goes_back_to_the_system() -> None:
     run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     held, left = map(float, run.stdout.split())
     assert held > 150 and left < 20
+
+
+def test_an_indefinite_matrix_gets_more_room_for_its_pivots(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    A = sp.random_array((600, 600), density=1e-2, rng=rng)
+    B = sp.random_array((500, 600), density=1e-2, rng=rng) + sp.eye_array(500, 600)
+    saddle = sp.csr_array(sp.block_array([[A + A.T, B.T], [B, None]]))
+    monkeypatch.setattr(_slepc, "ROOM", (-60, 200))  # less than MUMPS says it needs
+    before = Factor.made
+    x = Factor(saddle, "symmetric").solve(np.ones(1100))
+    assert np.abs(saddle @ x - 1).max() < 1e-8 and Factor.made == before + 1
+    monkeypatch.setattr(_slepc, "ROOM", (-60, -60))
+    with pytest.raises(SingularMatrixError):
+        Factor(saddle, "symmetric")
