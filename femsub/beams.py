@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,11 +10,12 @@ import numpy as np
 
 from femsub.bending import hermite_matrices
 from femsub.dofs import DofMap
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import ConditionWarning, InputError, InputTypeError, unknown_name
 from femsub.partition import component, gathered
-from femsub.pencil import Array, finite_number, whole_number
+from femsub.pencil import EPS, Array, finite_number, whole_number
 from femsub.substructure import Substructure
 
+FINEST = 1e14  # (length / shortest element)⁴ from which `beam` warns: 3,162 equal elements
 LABELS = ("w", "w,x")
 #: which of w and w,x a support holds
 SUPPORTS: dict[str, tuple[int, ...]] = {"free": (), "pinned": (0,), "guided": (1,), "clamped": (0, 1)}
@@ -50,6 +52,11 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     rayleigh : (alpha, beta), optional
         D = αM + βK; every other damping by `damped`.
 
+    Warns
+    -----
+    ConditionWarning
+        An element is so short that rounding shows in the lowest frequencies.
+
     Raises
     ------
     InputError, InputTypeError
@@ -66,6 +73,12 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     mass = _per_element("rho", rho, m) * _per_element("A", A, m)
     bed = _per_element("foundation", foundation, m, zero=True)
     h = np.diff(x)
+
+    fineness = (x[-1] / float(h.min())) ** 4
+    if fineness > FINEST:
+        warnings.warn(f"{name!r} has elements of {h.min() / x[-1]:.1e} of its length: its stiffness is conditioned as the fourth "
+                      f"power of that, and rounding may take {EPS * fineness:.0e} of the lowest frequencies; take longer "
+                      "elements", ConditionWarning, stacklevel=2)
 
     def matrices(part: slice) -> tuple[Array, Array]:
         stiffness, unit = hermite_matrices(h[part])

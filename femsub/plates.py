@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from femsub.assembly import Material
 from femsub.bending import CORNERS, OPPOSITE, bfs_matrices, morley_matrices
 from femsub.dofs import DofMap
 from femsub.elements import skfem
@@ -69,24 +70,20 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
         raise InputTypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
     if mesh.kind not in ("triangle", "quad"):
         raise InputError(f"a plate is meshed with triangle or quad cells, but {mesh.name!r} has {mesh.kind}")
-    size, ratio = {}, finite_number("nu", nu)
-    for key, value in (("E", E), ("rho", rho), ("thickness", thickness)):
-        size[key] = finite_number(key, value)
-        if size[key] <= 0:
-            raise InputError(f"{key} must be positive, but is {size[key]:.6g}")
-    if not -1 < ratio < 0.5:
-        raise InputError(f"nu must lie between -1 and 0.5, but is {ratio:.6g}")
+    steel, h = Material(E, nu, rho), finite_number("thickness", thickness)
+    if h <= 0:
+        raise InputError(f"thickness must be positive, but is {h:.6g}")
     layout = _Layout(mesh)
-    bending = size["E"] * size["thickness"] ** 3 / (12 * (1 - ratio**2))
+    bending = steel.E * h**3 / (12 * (1 - steel.nu**2))
     for key, named in (("supports", supports), ("ports", ports)):
         if named is not None and not isinstance(named, Mapping):
             raise InputTypeError(f"{key} must map names, e.g. {{'edge': ...}}, not {type(named).__name__}")
     if isinstance(interface, str):
         raise InputTypeError(f"interface must be a sequence of set names, e.g. ({interface!r},), not {interface!r}")
-    K, M = layout.gathered(ratio)
+    K, M = layout.gathered(steel.nu)
     held = [layout.held(mesh.nodes(where), kind) for where, kind in (supports or {}).items()]
     return component(
-        bending * K, size["rho"] * size["thickness"] * M, np.concatenate([*held, np.zeros(0, dtype=int)]),
+        bending * K, steel.rho * h * M, np.concatenate([*held, np.zeros(0, dtype=int)]),
         {repr(where): layout.all_of(mesh.nodes(where)) for where in interface},
         {port: layout.column(where, port) for port, where in (ports or {}).items()}, layout.dofs(), rayleigh, name)
 

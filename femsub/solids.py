@@ -12,6 +12,7 @@ from femsub.dofs import TRANSLATIONS, DofMap
 from femsub.elements import KINDS
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.meshes import Mesh
+from femsub.partition import component
 from femsub.pencil import Array
 from femsub.substructure import Substructure
 from femsub.surfaces import patch_average
@@ -22,7 +23,7 @@ AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] = (),
           interface: Mapping[str, str] | Sequence[str] = (), ports: Mapping[str, tuple[str, Direction]] | None = None,
-          rayleigh: tuple[float, float] = (0.0, 0.0), name: str = "") -> Substructure:
+          rayleigh: tuple[float, float] | None = None, name: str = "") -> Substructure:
     """M ü + D u̇ + K u = f, K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, three DOF (x, y, z) to each node.
 
     K and M are exact where the cells are affine; see `stiffness_and_mass`. The DOF of supports are left out.
@@ -35,19 +36,20 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
         One for all cells, or one for each group of cells, which together must cover all.
     supports, interface : sequence of str, or mapping of str to str
         Sets of nodes that are held, and those through which the component is joined: all three motions, or those
-        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node.
+        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, as far as they are not held.
     ports : mapping of str to (set, direction)
         Where a belt or a force acts: w with wᵀu the average motion of a patch of the surface (a set of nodes) along
         'x', 'y', 'z', 'normal', or a vector, which is brought to unit length.
-    rayleigh : (alpha, beta)
-        α in 1 per unit of time, β in units of time.
+    rayleigh : (alpha, beta), optional
+        α in 1 per unit of time, β in units of time; every other damping by `damped`.
     name : str
         The mesh's, if empty.
 
     Raises
     ------
     InputError
-        A set or group that the mesh has not, plane cells, inverted cells, a direction that is none.
+        A set or group that the mesh has not, plane cells, inverted cells, a direction that is none, an interface or a
+        port that is held.
     """
     if not isinstance(mesh, Mesh):
         raise InputTypeError(f"solid takes a Mesh (see read_mesh, block), not {type(mesh).__name__}")
@@ -58,21 +60,11 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     joined = _motions(mesh, "interface", interface)
     columns = {key: _port(mesh, key, value) for key, value in (ports or {}).items()}
     K, M = stiffness_and_mass(mesh, _materials(mesh, material))
-    count = 3 * len(mesh.points)
-    free = np.ones(count, dtype=bool)
-    free[held] = False
-    both = joined[~free[joined]]
-    if len(both):
-        raise InputError(f"interface: node {mesh.numbers[both[0] // 3]} is held along {'xyz'[both[0] % 3]} by a support, and "
-                         f"{len(both)} DOF in all; take them out of one of the two")
-    rows = np.flatnonzero(free)
-    if len(rows) < count:
-        K, M = K[rows][:, rows], M[rows][:, rows]
-    number = np.cumsum(free) - 1
-    alpha, beta = rayleigh
-    D = None if alpha == beta == 0 else alpha * M + beta * K
-    dofs = DofMap(mesh.numbers[rows // 3], rows % 3, TRANSLATIONS, mesh.points[rows // 3])
-    return Substructure(M, K, D, number[joined], {key: w[rows] for key, w in columns.items()}, name or mesh.name, dofs)
+    every = np.arange(3 * len(mesh.points))
+    dofs = DofMap(mesh.numbers[every // 3], every % 3, TRANSLATIONS, mesh.points[every // 3])
+    names = interface if isinstance(interface, str) else ", ".join(interface)
+    places = {names: joined} if len(joined) else {}
+    return component(K, M, held, places, columns, dofs, rayleigh, name or mesh.name)
 
 
 def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[tuple[Material, Array]]:

@@ -224,10 +224,9 @@ def main() -> int:
     if asked.repeats < 1:
         parser.error("--repeats must be at least 1")
     try:
-        asked.out.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=asked.out).close()  # to know it now and not at the end
-    except OSError as error:
-        parser.error(f"the output folder {asked.out} cannot be written: {error.strerror}")
+        report.check_folder(str(asked.out))  # to know it now and not at the end
+    except fs.InputError as error:
+        parser.error(str(error))
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that measures stays behind
     # Debian's PETSc starts OpenMPI, see femsub/_slepc.py; here slepc4py is loaded without it.
     os.environ |= {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}

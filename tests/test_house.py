@@ -18,11 +18,11 @@ LAYERS = {
     "factor": 3, "substructure": 3, "bending": 3, "textmatrices": 3,
     "blocks": 4, "fields": 4, "meshchecks": 4, "inpfiles": 4, "assembly": 4, "surfaces": 4, "matrixfiles": 4,
     "shift_invert": 4, "counting": 4, "chains": 4, "lanczos": 4,
-    "meshfiles": 5, "solids": 5, "modelfiles": 5, "components": 6,
+    "meshfiles": 5, "modelfiles": 5, "components": 6,
     "eigen": 5,
     "qep": 6, "bases": 6, "dampers": 6,
     "pep": 7, "crossing": 7, "partition": 7,
-    "beams": 8, "plates": 8, "cea": 8, "border": 9, "stability": 10,
+    "beams": 8, "plates": 8, "solids": 8, "cea": 8, "border": 9, "stability": 10,
     "studies": 11,
     "scene": 12, "figures": 13, "figures_modes": 14, "report": 14, "scenes": 15, "cli": 16,
 }
