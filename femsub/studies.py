@@ -148,7 +148,7 @@ class Study:
 
 def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band: tuple[float, float], *,
           belt: Belt | None = None, port: str = "belt", ports: bool = False, repeats: int = 5,
-          progress: Progress | None = None) -> Study:
+          slopes: Sequence[float] | None = None, progress: Progress | None = None) -> Study:
     """Reduces `sub` by each method and compares complex modes and critical slope with the full model.
 
     Parameters
@@ -167,6 +167,8 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     repeats : int
         Each time is a median over so many runs (solutions of reduced models: three times as many); models take turns, so
         that a slow spell hits all of them.
+    slopes : sequence of float, optional
+        The critical slopes of the full model and of each reduced one, where they are known already.
     progress : callable, optional
         Told in a few words what is being done.
 
@@ -213,8 +215,11 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
             for _ in range(SHORT_RUNS):  # threads of BLAS that wake up, or wait for a core, cost as much as the work
                 spectra[i], seconds = _timed(complex_modes, model, belt)
                 solving[i].append(seconds)
-    tell(f"{sub.name}: critical slopes")
-    slopes = [_slope(model, place, force, (lo, hi)) for model in (sub, *models)]
+    if slopes is None:
+        tell(f"{sub.name}: critical slopes")
+        slopes = [_slope(model, place, force, (lo, hi)) for model in (sub, *models)]
+    elif len(slopes) != len(methods) + 1:
+        raise InputError(f"slopes must be {len(methods) + 1}, of the full model and of each method, not {len(slopes)}")
     none = Timing(0.0, 0.0, 0.0)
     full = Row("full", 0, sub.size, 0.0, 0.0, 0.0, 0, slopes[0], _growth(spectra[0], hi), none, Timing.of(solving[0]), 0.0)
     rows = []

@@ -277,3 +277,17 @@ def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: dict[str, tuple
     assert error["CraigChang", soft] < 0.1 * error["CraigBampton", soft]
     assert error["CraigBampton", stiff] < 0.1 * error["CraigChang", stiff]
     assert max(error.values()) < 0.1
+
+
+def test_critical_slopes_are_sought_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from femsub import studies
+    from femsub.scenes import outputs
+
+    sought: list[int] = []
+    for module in (studies, outputs):
+        monkeypatch.setattr(module, "critical_slope", lambda model, *rest, original=module.critical_slope, **options: (
+            sought.append(model.size), original(model, *rest, **options))[1])
+    scene, run = load(scene_file(tmp_path, SMALL["beam"] + 'outputs = ["critical-slope", "error-time"]'))
+    data = run(scene, lambda _: None).data
+    assert len(sought) == len(data["critical-slope"]) == len(data["error-time"])
+    assert [row["slope"] for row in data["error-time"]] == [row["slope"] for row in data["critical-slope"]]

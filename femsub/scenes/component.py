@@ -21,6 +21,7 @@ from femsub.scene import Scene
 from femsub.substructure import ReducedSubstructure, Substructure
 
 Progress = Callable[[str], None]
+SHORT = {"CraigBampton": "HCB", "CraigChang": "CC"}
 UP_TO, MARGIN = 8, 0.02  # the band's default: so much above that mode
 LISTED = 14  # normal modes that are listed and written
 
@@ -80,6 +81,7 @@ class Work:
         self.tell("building the component")
         self.sub, self.mesh = scene.component()
         self.belt = Belt(force=scene.force, slope=scene.friction_slope())
+        self.slopes: list[float] | None = None  # critical ones, once an output has found them
         self.methods = [METHODS[name](modes) for name in scene.methods for modes in scene.modes]
         for count in scene.modes:
             if count > self.sub.size:

@@ -12,11 +12,10 @@ from femsub.eigen import normal_modes
 from femsub.pencil import Array
 from femsub.report import table
 from femsub.scene import Result
-from femsub.scenes.component import UP_TO, Work
+from femsub.scenes.component import SHORT, UP_TO, Work
 from femsub.substructure import Substructure
 
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of the springs to the component's own static stiffness at the interface
-SHORT = {"CraigBampton": "HCB", "CraigChang": "CC"}
 
 
 def joined_interface(work: Work) -> Result:

@@ -11,13 +11,12 @@ from femsub.cea import ComplexModes, complex_modes
 from femsub.pencil import Array
 from femsub.report import machine, table
 from femsub.scene import Result
-from femsub.scenes.component import ComponentScene, Progress, Work
+from femsub.scenes.component import SHORT, ComponentScene, Progress, Work
 from femsub.scenes.joined import joined_interface
 from femsub.stability import critical_slope
 from femsub.studies import relative_error, study
 from femsub.substructure import ReducedSubstructure, Substructure
 
-SHORT = {"CraigBampton": "HCB", "CraigChang": "CC"}
 DRAWN = 6  # of the normal modes
 
 Part = Callable[[Work], Result]
@@ -106,6 +105,7 @@ def _critical(work: Work) -> Result:
         full = rows[0]["slope"] if rows else found.slope
         rows.append({"model": name, "modes": modes, "size": model.size, "slope": found.slope, "omega": found.omega,
                      "error": relative_error(found.slope, full), "port_error": _port_error(model)})
+    work.slopes = [row["slope"] for row in rows]
     said = table(["model", "modes", "DOF", "critical slope", "at ω", "rel. error", "static port error"],
                  [[SHORT.get(row["model"], row["model"]), row["modes"] if row["model"] != "full" else None, row["size"],
                    row["slope"], row["omega"], row["error"], row["port_error"]] for row in rows],
@@ -211,7 +211,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
 def _error_time(work: Work) -> Result:
     scene = work.scene
     found = study(work.sub, work.methods, work.band[0], belt=work.belt, ports=scene.ports, repeats=scene.repeats,
-                  progress=work.tell)
+                  slopes=work.slopes, progress=work.tell)
     rows = [row.flat() for row in (found.full, *found.rows)]
     best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
     data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,
