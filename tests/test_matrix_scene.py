@@ -1,0 +1,64 @@
+"""The scene of one's own matrices: names from a DOF map in, reduced matrices out."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from test_matrixfiles import numbered
+
+import femsub as fs
+from femsub.cli import main
+
+SCENE = ('scene = "matrices"\nM = "K.mas"\nK = "K.sti"\ndofs = "K.dof"\ninterface = ["1.1", "8:ux"]\nport = "4:ux"\nmodes = [3]\n'
+         'band = [0.0, 0.9]\nslope = -0.1\n')
+
+
+def calculix_chain(folder: Path) -> fs.Substructure:
+    sub = fs.chain(20, belt=4)
+    numbered(folder / "K.sti", sub.K, sp.triu)
+    numbered(folder / "K.mas", sub.M, sp.triu)
+    (folder / "K.dof").write_text("".join(f"{node}.1\n" for node in range(1, 21)))
+    return sub
+
+
+@pytest.mark.parametrize("format", ["mtx", "mat"])
+def test_a_scene_writes_reduced_matrices(tmp_path: Path, capsys: pytest.CaptureFixture[str], format: str) -> None:
+    sub = calculix_chain(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE + f'outputs = ["reduced-matrices"]\nformat = "{format}"\n')
+    assert main(["run", str(tmp_path / "scene.toml")]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"K.sti", "K.mas", "K.dof", "scene.toml"}
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().err
+    assert "CraigChang-3/model.json" in capsys.readouterr().out
+    read = fs.read_component(tmp_path / "out" / "CraigBampton-3")
+    undamped = fs.Substructure(sub.M, sub.K, None, [0, 7], {"belt": sub.port("belt")}, "matrices")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        expected = fs.reduce(undamped, fs.CraigBampton(3))
+    assert read.V.shape == (20, 5) and np.allclose(read.K, expected.K, atol=1e-12)
+    assert read.full_dofs.name(3) == "ux at node 4"
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["reduced-matrices"] == ["CraigBampton-3", "CraigChang-3"]
+
+
+def test_reduced_matrices_are_only_written_on_request(tmp_path: Path) -> None:
+    calculix_chain(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE + "figures = false\nrepeats = 1\n")
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv"}
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (('"K.dof"', '"L.dof"'), "there is no file"), (('"4:ux"', '"4:uy"'), "there is no uy at node 4"),
+    (('"4:ux"', "4.5"), "must be list[int | str], not 4.5"), (('"4:ux"', "20"), "there is no DOF 20"),
+    (("modes", 'format = "mtz"\nmodes'), "unknown format 'mtz'"), (('"K.sti"', '"K.dof"'), "K: "),
+])
+def test_a_scene_with_bad_names(tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], words: str) -> None:
+    calculix_chain(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE.replace(*change) + 'outputs = ["reduced-matrices"]\n')
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr().err
+    assert words in printed and printed.count("\n") == 1 and not (tmp_path / "out").exists()
