@@ -1,0 +1,188 @@
+"""The nonlinear contact of belts with a substructure: what drives it, where it slides steadily, how it is disturbed.
+
+    M q̈ + D q̇ + K q = W f(Wᵀq̇),   f_c(v) = F_c μ_c(v0_c - v_c)
+
+with one column of W (n, p) for each column of each belt's port, and v = Wᵀq̇ (p,) the speeds under the belts. Friction
+stands on the right, see `friction`. Full and reduced models alike: W of a reduced one is VᵀW.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.errors import InputError, InputTypeError, SingularMatrixError
+from femsub.factor import factorise
+from femsub.friction import Belt
+from femsub.pencil import Array, Matrix, finite_number
+from femsub.shift_invert import ShiftInvert
+from femsub.substructure import ReducedSubstructure, Substructure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class State:
+    """Displacement q and velocity q̇ in the coordinates of one model, shape (n,) each."""
+
+    displacement: Array
+    velocity: Array
+
+    def __repr__(self) -> str:
+        return f"State: {len(self.displacement)} DOF, largest |q| {np.abs(self.displacement).max():.4g}, " \
+               f"largest |q̇| {np.abs(self.velocity).max():.4g}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sliding:
+    """M q̈ + D q̇ + K q = W f(Wᵀq̇) with W (n, p): a model and the belts on its ports.
+
+    Attributes
+    ----------
+    model : Substructure
+    belts : tuple of Belt
+    W : ndarray, shape (n, p)
+    owner : tuple of int, length p
+        The belt to which each column belongs.
+    """
+
+    model: Substructure
+    belts: tuple[Belt, ...]
+    W: Array
+    owner: tuple[int, ...]
+
+    def __repr__(self) -> str:
+        under = ", ".join(f"{belt.port!r} at {belt.speed:g}" for belt in self.belts)
+        return f"Sliding: {self.model.name!r} with {self.model.size} DOF, belts under {under}"
+
+    @property
+    def columns(self) -> int:
+        return int(self.W.shape[1])
+
+    def _each(self, function: str, v: Array) -> Array:
+        v = np.asarray(v, dtype=float)
+        result = np.empty_like(v)
+        for row, at in enumerate(self.owner):
+            belt = self.belts[at]
+            result[row] = belt.force * getattr(belt.law, function)(belt.speed - v[row])
+        return result
+
+    def force(self, v: Array) -> Array:
+        """f(v) = F μ(v0 - v), shape (p,) or (p, m) as v: one row per column of W."""
+        return self._each("value", v)
+
+    def tangent(self, v: Array) -> Array:
+        """df/dv = -F μ'(v0 - v), shape (p,) or (p, m): its diagonal, since each column is a contact of its own."""
+        return -self._each("slope", v)
+
+    @cached_property
+    def equilibrium(self) -> Array:
+        """K q = W F μ(v0): steady sliding, shape (n,).
+
+        Raises
+        ------
+        InputError
+            The model floats: friction drags it away, and nothing holds it.
+        """
+        handle = ShiftInvert(self.model.K, self.model.M)
+        if handle.floating:
+            handle.release()
+            raise InputError(f"{self.model.name!r} floats ({handle.rigid.shape[1]} rigid-body modes): friction drags it along "
+                             "with the belt and it has no sliding equilibrium; hold it with supports or springs")
+        found = handle.factor.solve(self.W @ self.force(np.zeros(self.columns)))
+        handle.release()
+        return found
+
+    def impulse(self, size: Mapping[str, float] | float = 1e-3) -> State:
+        """q at the sliding equilibrium and q̇ = M⁻¹ W_p J: what a short blow J on a port leaves behind.
+
+        The same blow is the same physical disturbance for every model: M_r⁻¹ Vᵀw J is the M-orthogonal projection of
+        the full model's M⁻¹ w J. (On a unit mass J is its velocity.)
+
+        Parameters
+        ----------
+        size : float or mapping of str to float
+            J (mass · length / time), on the first belt's port or on the ports named.
+        """
+        blows = size if isinstance(size, Mapping) else {self.belts[0].port: size}
+        load = np.zeros(self.model.size)
+        for port, value in blows.items():
+            column = self.model.port(port).reshape(self.model.size, -1).sum(axis=1)
+            load = load + column * finite_number(f"impulse on {port!r}", value)
+        return State(self.equilibrium, _mass_solve(self.model.M, load))
+
+    def perturbed(self, displacement: Any = 0.0, velocity: Any = 0.0) -> State:
+        """The sliding equilibrium plus what is given in the model's own coordinates, shape (n,) each."""
+        parts = [_vector(name, value, self.model.size) for name, value in
+                 (("displacement", displacement), ("velocity", velocity))]
+        return State(self.equilibrium + parts[0], parts[1])
+
+
+def sliding(model: Substructure, belts: Belt | Sequence[Belt], what: str = "the nonlinear model") -> Sliding:
+    """A model with its belts, checked.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        No belt, a belt without a friction law (a slope alone says nothing beyond the linear border), two belts on one
+        port, an unknown port.
+    """
+    if not isinstance(model, Substructure):
+        raise InputTypeError(f"{what} takes a Substructure with a port, not {type(model).__name__}")
+    contacts = (belts,) if isinstance(belts, Belt) else tuple(belts) if isinstance(belts, Sequence) else (belts,)
+    for belt in contacts:
+        if not isinstance(belt, Belt):
+            raise InputTypeError(f"a contact must be a Belt, not {type(belt).__name__}")
+        if belt.law is None:
+            raise InputError(f"the belt on port {belt.port!r} has a slope only; {what} needs a friction law and the belt's "
+                             "speed, e.g. Belt(speed=0.19113, law=StribeckArctan(eps=1e-3))")
+    if not contacts:
+        raise InputError(f"{what} needs at least one Belt")
+    names = [belt.port for belt in contacts]
+    if len(set(names)) < len(names):
+        raise InputError(f"two belts act on one port: {names}; give each a port of its own")
+    columns = [model.port(belt.port).reshape(model.size, -1) for belt in contacts]
+    owner = tuple(at for at, column in enumerate(columns) for _ in range(column.shape[1]))
+    return Sliding(model, contacts, np.hstack(columns), owner)
+
+
+def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:
+    """q = M_r⁻¹ Vᵀ M u, shape (n,) or (n, k) to (r,) or (r, k): the M-orthogonal projection of a field of the full model.
+
+    M (n, n) is the full model's. V q is then the nearest to u in kinetic energy that the basis can do.
+    """
+    if not isinstance(rom, ReducedSubstructure):
+        raise InputTypeError(f"project takes a reduced substructure, not {type(rom).__name__}")
+    rows = rom.V.shape[0]
+    u = np.asarray(field, dtype=float)
+    if M.shape != (rows, rows) or u.ndim == 0 or u.shape[0] != rows:
+        raise InputError(f"the basis has {rows} rows, but M is {M.shape} and the field {u.shape}: both belong to the full model")
+    return _mass_solve(rom.M, rom.V.T @ (M @ u))
+
+
+def _mass_solve(M: Matrix, load: Array) -> Array:
+    if sp.issparse(M) and M.nnz == np.count_nonzero(M.diagonal()) == M.shape[0]:
+        return (load.T / M.diagonal()).T
+    try:
+        handle = factorise(M, "definite")
+    except SingularMatrixError:
+        raise InputError("M is singular (massless DOF): a blow or a field of velocities has no meaning there; "
+                         "condense those DOF, or reduce the model first") from None
+    found = handle.solve(load)
+    handle.close()
+    return found
+
+
+def _vector(name: str, value: Any, size: int) -> Array:
+    try:
+        found = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputTypeError(f"{name} must be numbers, not {value!r:.80}") from None
+    if found.ndim > 1 or (found.ndim == 1 and len(found) != size):
+        raise InputError(f"{name} must have {size} entries, one per DOF of the model, but its shape is {found.shape}")
+    if not np.isfinite(found).all():
+        raise InputError(f"{name} holds a NaN or Inf")
+    return np.broadcast_to(found, (size,)).copy()
