@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import InputError, MissingPackageError, NotConvergedError, SingularMatrixError
-from femsub.pencil import EPS, Array, Matrix, equilibrated
+from femsub.pencil import EPS, Array, Difference, Matrix, equilibrated, upper
 
 Kind = Literal["definite", "symmetric", "general"]
 TREE = "femsub_tree_"  # options prefix of factors whose graph has no more edges than nodes, see Factor
@@ -79,17 +79,17 @@ def _destroy(objects: list[Any]) -> None:
         objects.pop().destroy()
 
 
-def _matrix(A: Matrix, kind: Kind) -> Any:
-    PETSc, _ = _load()
-    A = sp.csr_array(A)
+def _matrix(A: Matrix, kind: Kind = "general") -> Any:
+    """A as PETSc has it; for a symmetric factor the upper triangle alone."""
+    (PETSc, _), half = _load(), kind != "general"
+    A = sp.csr_array(A) if not half else A.upper() if isinstance(A, Difference) else upper(A)
     index = PETSc.IntType
     if A.nnz > np.iinfo(index).max:
         raise InputError(f"{A.nnz} nonzeros are more than this PETSc's {np.dtype(index).name} can count")
-    mat = PETSc.Mat().createAIJ(A.shape, csr=(A.indptr.astype(index), A.indices.astype(index), np.array(A.data)),
-                                comm=PETSc.COMM_SELF)
+    arrays = (A.indptr.astype(index, copy=False), A.indices.astype(index, copy=False), A.data)
+    create = PETSc.Mat().createSBAIJ if half else PETSc.Mat().createAIJ
+    mat = create(A.shape, 1, csr=arrays, comm=PETSc.COMM_SELF)
     mat.assemble()
-    if kind != "general":
-        mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     if kind == "definite":
         mat.setOption(PETSc.Mat.Option.SPD, True)
     return mat
@@ -106,33 +106,35 @@ class Factor:
 
     made = 0  #: how many have been made in this process; tests count with it
 
-    def __init__(self, A: Matrix, kind: Kind) -> None:
+    def __init__(self, A: Matrix | Difference, kind: Kind) -> None:
         PETSc, _ = _load()
         self.kind, self.size, self.columns = kind, int(A.shape[0]), 0
         self._held: list[Any] = []
         self._finalizer = weakref.finalize(self, _destroy, self._held)
-        scaling = None if kind == "definite" else equilibrated(A)
+        scaling = None if kind == "definite" else equilibrated(A.formed() if isinstance(A, Difference) else A)
         Factor.made += 1
+        mat = _matrix(A, kind)
         try:
-            pc = self._set_up(A, ROOM[0])
+            pc = self._set_up(mat, ROOM[0])
             if kind != "definite" and self._factor.getMumpsInfog(1) in (-8, -9):  # delayed pivots took more than that
                 _destroy(self._held)
-                pc = self._set_up(A, ROOM[1])
+                pc = self._set_up(mat, ROOM[1])
         except PETSc.Error as error:
             self.close()
             raise SingularMatrixError(f"the {kind} factorisation of a {self.size} x {self.size} matrix broke down; it is "
                                       f"singular, or not what it was taken for ({_last_line(error)})") from None
+        finally:
+            mat.destroy()  # the KSP has a reference of its own
         # Whoever else gets this KSP (EPS, PEP) must not factorise again.
         pc.setReusePreconditioner(True)
         if scaling is not None:
             self._probe(A, *scaling)
 
-    def _set_up(self, A: Matrix, room: int) -> Any:
+    def _set_up(self, mat: Any, room: int) -> Any:
         """Makes the KSP with its factor; returns its PC."""
-        PETSc, _ = _load()
-        self._ksp = self._hold(PETSc.KSP().create(PETSc.COMM_SELF))
+        self._ksp = self._hold(_load()[0].KSP().create(comm=_load()[0].COMM_SELF))
         self._ksp.setType("preonly")
-        self._ksp.setOperators(self._hold(_matrix(A, self.kind)))
+        self._ksp.setOperators(mat)
         pc = self._hold(self._ksp.getPC())
         pc.setType("lu" if self.kind == "general" else "cholesky")
         pc.setFactorSolverType("cholmod" if self.kind == "definite" else "mumps")
@@ -142,7 +144,7 @@ class Factor:
             return pc
         pc.setFactorSetUpSolverType()
         self._factor = self._hold(pc.getFactorMatrix())
-        if A.nnz <= 3 * self.size:
+        if mat.getInfo()["nz_used"] <= (3 if self.kind == "general" else 2) * self.size:
             # Minimum degree leaves a tree (a chain, a branched shaft) without any fill; the ordering that MUMPS
             # would choose fills a chain by half and takes three times as long at 10⁶ DOF.
             self._factor.setOptionsPrefix(TREE)
@@ -155,7 +157,7 @@ class Factor:
         self._held.append(thing)
         return thing
 
-    def _probe(self, A: Matrix, rows: Array, columns: Array, size: float) -> None:
+    def _probe(self, A: Matrix | Difference, rows: Array, columns: Array, size: float) -> None:
         b = np.random.default_rng(0).standard_normal(self.size)
         try:
             x = self.solve(b / rows) / columns
@@ -247,7 +249,7 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
     """
     PETSc, SLEPc = _load()
     with ExitStack() as stack:
-        mats = [_matrix(K, "symmetric"), _matrix(M, "symmetric")]
+        mats = [_matrix(K), _matrix(M)]
         for mat in mats:
             stack.callback(mat.destroy)
         st = SLEPc.ST().create(PETSc.COMM_SELF)
@@ -307,7 +309,7 @@ def quadratic_modes(factor: Factor, matrices: Sequence[Matrix], shift: float, co
     PETSc, SLEPc = _load()
     M, D, K = matrices
     with ExitStack() as stack:
-        mats = [_matrix(part, "general") for part in (K, scale * D, scale**2 * M)]
+        mats = [_matrix(part) for part in (K, scale * D, scale**2 * M)]
         for mat in mats:
             stack.callback(mat.destroy)
         pep = SLEPc.PEP().create(PETSc.COMM_SELF)

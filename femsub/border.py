@@ -13,7 +13,7 @@ from femsub.eigen import lowest_modes
 from femsub.errors import NotConvergedError, UnstableModelError
 from femsub.factor import complex_solve, factorise
 from femsub.friction import contact_damping
-from femsub.pencil import Array, Pencil, is_symmetric
+from femsub.pencil import Array, Difference, Pencil, is_symmetric
 from femsub.qep import definite_form, eigenvalues, with_energy
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
@@ -223,7 +223,7 @@ class _Growing:
     def __init__(self, model: Substructure, W: Array, limit: float) -> None:
         self.full, self.load = model.pencil, W
         handle = ShiftInvert(model.K, model.M)
-        below = factorise(model.K - limit**2 * model.M, "symmetric").negative_pivots
+        below = factorise(Difference(model.K, model.M, limit**2), "symmetric").negative_pivots
         modes = lowest_modes(handle, max(1, below - handle.rigid.shape[1]))
         braked = np.unique(model.D.nonzero()[1])
         forces = np.hstack([W, _units(model.size, braked if len(braked) <= 12 else braked[:0])])

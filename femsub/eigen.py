@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, factorise
-from femsub.pencil import Array, Matrix, whole_number
+from femsub.pencil import Array, Difference, Matrix, whole_number
 from femsub.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted eigenvalue
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
-BLOCK_TOLERANCE = 1e-10  # asked of block Lanczos, which ends with a step of inverse iteration
+BLOCK_TOLERANCE = 1e-9  # asked of block Lanczos, which ends with a step of inverse iteration
 HEAVY = 100  # nonzeros of the factor per row from which blocks of solves pay
 DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
 
@@ -139,7 +139,7 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool) -> Normal
         limit, below = _limit(values, min(count, len(values)))
         if heavy and defer:
             return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), below + rigid), False)
-        counted = factorise(handle.K - limit * handle.M, "symmetric").negative_pivots
+        counted = factorise(Difference(handle.K, handle.M, limit), "symmetric").negative_pivots
         missed = counted - below - rigid
         if missed == 0:
             return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted))
@@ -163,7 +163,7 @@ def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     if modes.confirmed:
         return modes
     limit, expected = modes.counted
-    counted = factorise(handle.K - limit**2 * handle.M, "symmetric").negative_pivots
+    counted = factorise(Difference(handle.K, handle.M, limit**2), "symmetric").negative_pivots
     if counted != expected:
         raise MissedModesError(f"{expected} modes were found below ω = {limit:.6g}, but the inertia of K - ω²M counts {counted}; "
                                "ask for a few modes more or fewer, to leave the cluster")
@@ -230,7 +230,7 @@ def _inertia(K: Matrix, M: Matrix, limit: float) -> int:
     """The number of modes with ω ≤ limit; a mode that is just there counts as below."""
     for above in (0.0, 1e-9, 1e-7):
         try:
-            return factorise(K - (limit * (1 + above)) ** 2 * M, "symmetric").negative_pivots
+            return factorise(Difference(K, M, (limit * (1 + above)) ** 2), "symmetric").negative_pivots
         except SingularMatrixError as error:
             last = error
     raise last

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from femsub._slepc import Factor, Kind
 from femsub.errors import SingularMatrixError
-from femsub.pencil import EPS, Array, Matrix, equilibration
+from femsub.pencil import EPS, Array, Difference, Matrix, equilibration
 
 COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
 # on the real form of twice the size
@@ -75,7 +75,7 @@ class DenseFactor:
         """Nothing to give back; there for the likeness with sparse factors."""
 
 
-def factorise(A: Matrix, kind: Kind) -> Handle:
+def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
     """A handle on A⁻¹, chosen by what A is: 'definite', 'symmetric' or 'general'.
 
     Raises
@@ -83,7 +83,9 @@ def factorise(A: Matrix, kind: Kind) -> Handle:
     SingularMatrixError
         A is singular, or not definite although it was called so.
     """
-    if not sp.issparse(A) or A.shape[0] <= SMALL:
+    if isinstance(A, Difference) and (not sp.issparse(A.K) or A.shape[0] <= SMALL):
+        A = A.formed()
+    if not isinstance(A, Difference) and (not sp.issparse(A) or A.shape[0] <= SMALL):
         return DenseFactor(A.toarray() if sp.issparse(A) else np.asarray(A), kind)
     if kind == "definite" and A.diagonal().min() <= 0:
         raise SingularMatrixError("a matrix with a diagonal entry that is not positive is not positive definite")

@@ -141,6 +141,41 @@ def equilibrated(A: Matrix) -> tuple[Array, Array, float]:
     return rows, columns, float(np.sqrt(np.max(rows * (size @ columns)) * np.max(columns * (size.T @ rows))))
 
 
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """K - σM of symmetric sparse K and M, (n, n), formed only where it must be: beside a large factor it would not fit."""
+
+    K: Matrix
+    M: Matrix
+    sigma: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.K.shape
+
+    def diagonal(self) -> Array:
+        return self.K.diagonal() - self.sigma * self.M.diagonal()
+
+    def formed(self) -> Matrix:
+        """The matrix itself."""
+        return self.K - self.sigma * self.M if self.sigma else self.K
+
+    def upper(self) -> Matrix:
+        """Its upper triangle, made of those of K and M."""
+        return upper(self.K) - self.sigma * upper(self.M) if self.sigma else upper(self.K)
+
+    def __matmul__(self, x: Array) -> Array:
+        return self.K @ x - self.sigma * (self.M @ x)
+
+
+def upper(A: Matrix) -> Matrix:
+    """The upper triangle of a sparse A, diagonal included, as CSR."""
+    A = sp.csr_array(A)
+    keep = A.indices >= np.repeat(np.arange(A.shape[0], dtype=A.indices.dtype), np.diff(A.indptr))
+    starts = np.append(0, np.cumsum(keep, dtype=A.indptr.dtype))[A.indptr]
+    return sp.csr_array((A.data[keep], A.indices[keep], starts), shape=A.shape)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Pencil:
     """P(λ) = λ²M + λD + K with real M, D, K of shape (n, n), sparse or dense, symmetric or not.

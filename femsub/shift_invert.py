@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from femsub.errors import SingularMatrixError
 from femsub.factor import Handle, factorise
 from femsub.graph import smooth_shape
-from femsub.pencil import EPS, Array, Matrix
+from femsub.pencil import EPS, Array, Difference, Matrix
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units
 GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
@@ -43,9 +43,8 @@ class ShiftInvert:
     def _factorise(self, sigma: float) -> None:
         if hasattr(self, "factor"):
             self.factor.close()  # two large ones would not fit
-        shifted = self.K if sigma == 0 else self.K - sigma * self.M
         self.factorisations += 1
-        self.factor: Handle = factorise(shifted, "definite")
+        self.factor: Handle = factorise(Difference(self.K, self.M, sigma), "definite")
         self.sigma = sigma
 
     def _nearly_singular(self) -> bool:
