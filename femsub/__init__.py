@@ -34,6 +34,7 @@ _HOME = {
     "complex_modes": "cea", "ComplexModes": "cea",
     "sweep": "stability", "critical_slope": "stability", "CriticalSlope": "stability", "StabilitySweep": "stability",
     "transient": "transients", "Transient": "transients", "State": "contacts",
+    "spectrum": "spectra", "spectrogram": "spectra", "growth_rate": "spectra", "sticking": "spectra", "rms": "spectra",
     "study": "studies", "Study": "studies",
     "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
     "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
     from femsub.pencil import Pencil
     from femsub.plates import plate
     from femsub.solids import solid
+    from femsub.spectra import growth_rate, rms, spectrogram, spectrum, sticking
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
     from femsub.studies import Study, study
     from femsub.substructure import ReducedSubstructure, Substructure
