@@ -203,6 +203,8 @@ class Flow:
     ----------
     t, y
         Where it stands.
+    columns, whole
+        What is seen of it: columnsᵀq, and all of q or not.
     stretch : float
         The time to be integrated at one go.
     steps, rhs, jacobians : int
@@ -214,6 +216,8 @@ class Flow:
     y: Array
     tol: float
     method: str
+    columns: Array
+    whole: bool
     steps: int = 0
     rhs: int = 0
     jacobians: int = 0
@@ -222,8 +226,10 @@ class Flow:
     def stretch(self) -> float:
         return PERIODS * 2 * np.pi / (self.system.highest or 1.0)
 
-    def advance(self, times: Array) -> Array:
-        """y at times, shape (m, 2n + 2); times[0] is where the trajectory stands, and the integrator starts anew there.
+    def advance(self, times: Array) -> tuple[Array, ...]:
+        """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n).
+
+        times[0] is where the trajectory stands, and the integrator starts anew there.
 
         Raises
         ------
@@ -236,7 +242,14 @@ class Flow:
             raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}: the motion "
                                     "grows without bound (no belt makes it do so: look at D), or the friction law is not finite")
         self.t, self.y = float(times[-1]), found[-1].copy()
-        return found
+        n, T = self.system.size, self.system.T
+        parts = found[:, :n], found[:, n:2 * n]
+        C = T.T @ self.columns
+        ports = parts[0] @ C, parts[1] @ C
+        return (*ports, parts[0] @ T.T, parts[1] @ T.T) if self.whole else ports
+
+    def close(self) -> None:
+        """Nothing to give back; there for the likeness with `second_order.AlphaFlow`."""
 
     @property
     def state(self) -> State:
@@ -246,16 +259,6 @@ class Flow:
     def balance(self) -> tuple[float, float, float]:
         """Work of the belts and dissipation since the start, and the energy now."""
         return float(self.y[-2]), float(self.y[-1]), self.system.energy(self.y)
-
-    def observed(self, found: Array, columns: Array) -> tuple[Array, Array]:
-        """columnsᵀq and columnsᵀq̇ (m, c) of what `advance` returned, columns (n, c) in the model's coordinates."""
-        n, C = self.system.size, self.system.T.T @ columns
-        return found[:, :n] @ C, found[:, n:2 * n] @ C
-
-    def states(self, found: Array) -> tuple[Array, Array]:
-        """q and q̇ (m, n) of what `advance` returned."""
-        n, T = self.system.size, self.system.T
-        return found[:, :n] @ T.T, found[:, n:2 * n] @ T.T
 
 
 def _lsoda(flow: Flow, times: Array) -> Array:

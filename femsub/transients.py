@@ -6,9 +6,10 @@ import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.contacts import Sliding, State, sliding
 from femsub.errors import InputError, InputTypeError, unknown_name
@@ -17,8 +18,16 @@ from femsub.integrators import METHODS, Flow, equations
 from femsub.pencil import Array, finite_number, whole_number
 from femsub.substructure import Substructure
 
+if TYPE_CHECKING:
+    from femsub.second_order import AlphaFlow
+
+DENSE = 300  # up to so many DOF a sparse model is integrated as a dense one
+LARGEST = 2000  # DOF for the integrators of dense models
+TOL = {"dense": 1e-9, "alpha": 1e-5}
 POINTS = 16  # per period of the highest mode, on the grid that is recorded
 MOST_POINTS = 200_000  # where nothing else is said
+FAINT = 1e-6  # of the energy there is: changes below it are no measure of the balance
+UNKNOWN = 2000  # points where no highest mode is known
 ROUNDING = 1e-9  # of a step, by which the grid may reach beyond the end
 TELL = 0.3  # seconds between two words of progress
 
@@ -27,7 +36,8 @@ TELL = 0.3  # seconds between two words of progress
 class EnergyBalance:
     """work = dissipation + change: ∫ fᵀWᵀq̇ dt = ∫ q̇ᵀDq̇ dt + Δ(½q̇ᵀMq̇ + ½qᵀKq), and `residual`, what is missing.
 
-    `residual` is relative to the largest of the three (and, where friction does next to nothing, to the energy at the start).
+    `residual` is relative to the largest of the three (and to no less than a millionth of the energy there is, where nothing
+    much happens).
     """
 
     work: float
@@ -129,7 +139,7 @@ class Transient:
 def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[float, float] = (0.0, 500.0), *,
               start: State | None = None, impulse: Mapping[str, float] | float | None = None, ports: Sequence[str] = (),
               step: float | None = None, samples: int | None = None, record_from: float | None = None,
-              record: str = "ports", tol: float = 1e-9, method: str = "lsoda",
+              record: str = "ports", tol: float | None = None, method: str = "auto",
               progress: Callable[[str], None] | None = None) -> Transient:
     """M q̈ + D q̇ + K q = W f(Wᵀq̇) over time = (t0, t1), recorded on a uniform grid.
 
@@ -148,13 +158,15 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
         Recorded besides the belts' ports.
     step, samples, record_from
         The grid: from record_from (default t0) in steps of `step`, or in so many equal intervals up to t1. Default:
-        16 points per period of the highest mode, at most 200,000 in all.
+        16 points per period of the highest mode, at most 200,000 in all; of a sparse model 2,000.
     record : str
         'ports', or 'states' for all coordinates as well (2 n numbers per point).
     tol : float
-        Local error: tol times (value + scale); the scale of velocities is the belts' speed, see `integrators`.
+        Local error: tol times (value + scale); the scale of velocities is the belts' speed. See `integrators` (default 1e-9)
+        and `second_order` (default 1e-5).
     method : str
-        'lsoda', 'dop853', 'radau', 'bdf' (SciPy's).
+        'lsoda', 'dop853', 'radau', 'bdf' (SciPy's) for dense models, 'alpha' (PETSc's) for sparse ones; 'auto' is lsoda for
+        dense models and sparse ones of up to 300 DOF.
     progress : callable, optional
         Is told, now and then, how far the run has come.
 
@@ -173,24 +185,21 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     began = clock.perf_counter()
     contact = sliding(model, belts, "transient")
     t0, t1 = _interval(time)
-    if method not in METHODS:
-        raise unknown_name("method", method, METHODS)
-    if not 1e-13 <= finite_number("tol", tol) <= 1e-2:
+    if method not in ("auto", "alpha", *METHODS):
+        raise unknown_name("method", method, ("auto", "alpha", *METHODS))
+    if tol is not None and not 1e-13 <= finite_number("tol", tol) <= 1e-2:
         raise InputError(f"tol must lie between 1e-13 and 1e-2, not {tol!r}")
     if record not in ("ports", "states"):
         raise unknown_name("record", record, ("ports", "states"))
     columns, slices = _columns(contact, ports)
     first = _start(contact, start, impulse)
-    system = equations(contact, first)
-    grid = _grid(t0, t1, step, samples, record_from, system.highest)
-    flow = Flow(system, t0, system.vector(first), float(tol), method)
+    flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns, record == "states")
     before = flow.balance[2]
     parts: list[tuple[Array, ...]] = []
     complete, told = True, clock.perf_counter()
     try:
         for times, wanted in _stretches(t0, t1, grid, flow.stretch):
-            found = flow.advance(times)[wanted]
-            parts.append(flow.observed(found, columns) + (flow.states(found) if record == "states" else ()))
+            parts.append(tuple(part[wanted] for part in flow.advance(times)))
             if progress is not None and clock.perf_counter() - told > TELL:
                 told = clock.perf_counter()
                 progress(f"t = {flow.t:.6g} of {t1:g}")
@@ -200,12 +209,34 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
         (np.zeros((0, columns.shape[1])),) * 2
     work, loss, now = flow.balance
     change = now - before
-    largest = max(abs(work), abs(loss), abs(change), before)
+    largest = max(abs(work), abs(loss), abs(change), FAINT * max(before, now))
     balance = EnergyBalance(work, loss, change, abs(work - loss - change) / largest if largest else 0.0)
-    return Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
+    run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
                      {name: v[:, at] for name, at in slices.items()}, (states[0], states[1]) if states else None, first,
                      flow.state, flow.t, complete, balance,
-                     Effort(method, float(tol), flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began))
+                     Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began))
+    flow.close()
+    return run
+
+
+def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple[Any, Any, Any],
+          tol: float | None, method: str, columns: Array, whole: bool) -> tuple[Flow | AlphaFlow, Array]:
+    """The trajectory, ready to start, and the grid on which it is recorded."""
+    model = contact.model
+    large = sp.issparse(model.K) and model.size > DENSE
+    if method == "alpha" or (method == "auto" and large):
+        from femsub.second_order import AlphaFlow
+
+        points = _grid(*time, *grid, 0.0)
+        apart = float(points[1] - points[0]) if len(points) > 1 else time[1] - time[0]
+        return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns, whole), points
+    if model.size > LARGEST:
+        raise InputError(f"{method!r} is for dense models of up to {LARGEST} DOF, and {model.name!r} has {model.size}; take "
+                         "method='alpha', or reduce the model first")
+    system = equations(contact, start)
+    points = _grid(*time, *grid, system.highest)
+    return Flow(system, time[0], system.vector(start), TOL["dense"] if tol is None else float(tol),
+                "lsoda" if method == "auto" else method, columns, whole), points
 
 
 def _interval(time: Any) -> tuple[float, float]:
@@ -264,7 +295,7 @@ def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_
             raise InputError(f"samples must be at least 1, not {samples!r}")
         return np.linspace(begin, t1, samples + 1)
     if step is None:
-        step = 2 * np.pi / (POINTS * highest) if highest else (t1 - begin) / 1000
+        step = 2 * np.pi / (POINTS * highest) if highest else (t1 - begin) / UNKNOWN
         step = max(step, (t1 - begin) / MOST_POINTS)
     elif finite_number("step", step) <= 0:
         raise InputError(f"step must be positive, not {step!r}")
