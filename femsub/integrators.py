@@ -237,7 +237,8 @@ class Flow:
             The integrator gave up.
         """
         step = _lsoda if self.method == "lsoda" else _solve_ivp
-        found = step(self, times)
+        with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is found below
+            found = step(self, times)
         if not np.isfinite(found).all():
             raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}: the motion "
                                     "grows without bound (no belt makes it do so: look at D), or the friction law is not finite")

@@ -77,6 +77,8 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
              floor: float = 0.01) -> Spectrum:
     """Amplitudes over ω, and the `count` highest peaks of at least `floor` times the highest.
 
+    Below a floor of 0.0013 the window's own side lobes show as peaks.
+
     Raises
     ------
     InputError
