@@ -33,6 +33,8 @@ _HOME = {
     "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases",
     "complex_modes": "cea", "ComplexModes": "cea",
     "sweep": "stability", "critical_slope": "stability", "CriticalSlope": "stability", "StabilitySweep": "stability",
+    "transient": "transients", "Transient": "transients", "State": "contacts",
+    "spectrum": "spectra", "spectrogram": "spectra", "growth_rate": "spectra", "sticking": "spectra", "rms": "spectra",
     "study": "studies", "Study": "studies",
     "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
     "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
     from femsub.cea import ComplexModes, complex_modes
     from femsub.chains import chain, chain_frequencies
     from femsub.components import read_component
+    from femsub.contacts import State
     from femsub.dampers import damped
     from femsub.dofs import DofMap
     from femsub.eigen import NormalModes, normal_modes
@@ -76,9 +79,11 @@ if TYPE_CHECKING:
     from femsub.pencil import Pencil
     from femsub.plates import plate
     from femsub.solids import solid
+    from femsub.spectra import growth_rate, rms, spectrogram, spectrum, sticking
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
     from femsub.studies import Study, study
     from femsub.substructure import ReducedSubstructure, Substructure
+    from femsub.transients import Transient, transient
 
 
 def __getattr__(name: str) -> Any:

@@ -18,6 +18,7 @@ LAYERS = {
     "factor": 3, "substructure": 3, "bending": 3, "textmatrices": 3,
     "blocks": 4, "fields": 4, "meshchecks": 4, "inpfiles": 4, "assembly": 4, "surfaces": 4, "matrixfiles": 4,
     "shift_invert": 4, "counting": 4, "chains": 4, "lanczos": 4, "contacts": 5,
+    "integrators": 6, "second_order": 6, "transients": 7, "spectra": 8,
     "meshfiles": 5, "modelfiles": 5, "components": 6,
     "eigen": 5,
     "qep": 6, "bases": 6, "dampers": 6,

@@ -1,0 +1,309 @@
+"""The nonlinear model in time: energy, growth against the CEA, the paper's Fig. 5 in short, two integrators, hard cases."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.integrate import trapezoid
+
+import femsub as fs
+from femsub.contacts import project, sliding
+
+LAW = fs.StribeckArctan(eps=1e-3)
+BELT = fs.Belt(speed=0.19113, law=LAW)
+METHODS = ("full", "HCB", "CC")
+
+
+def paper(kind: str, modes: int = 4) -> fs.Substructure:
+    full = fs.chain(10, belt=2, damping=0.1)
+    if kind == "full":
+        return full
+    with pytest.warns(fs.PortWarning):
+        return fs.reduce(full, (fs.CraigBampton if kind == "HCB" else fs.CraigChang)(modes))
+
+
+def one_mass(damping: float = 0.05) -> fs.Substructure:
+    return fs.chain(1, belt=1, damping=damping)
+
+
+@pytest.mark.parametrize("kind", METHODS)
+def test_a_small_disturbance_grows_as_the_eigenvalue_says(kind: str) -> None:
+    model = paper(kind)
+    modes = fs.complex_modes(model, BELT)
+    at = int(np.argmax(modes.eigenvalues.real))
+    value, shape = modes.eigenvalues[at], modes.shapes[:, at] / np.abs(modes.shapes[:, at]).max() * 1e-6
+    start = sliding(model, BELT).perturbed(shape.real, (value * shape).real)
+    run = fs.transient(model, BELT, (0, 250), start=start, tol=1e-10)
+    found = fs.growth_rate(run.t, run.velocity("belt"), below=1e-4)
+    assert found.rate == pytest.approx(value.real, rel=1e-3)
+    assert found.omega == pytest.approx(abs(value.imag), rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", METHODS)
+def test_the_belt_s_work_is_what_is_dissipated_and_what_the_energy_gains(kind: str) -> None:
+    run = fs.transient(paper(kind), BELT, (0, 600), step=0.05)
+    energy = run.energy
+    assert energy.residual < 1e-6 and energy.work > 0.3
+    assert energy.work == pytest.approx(energy.dissipation + energy.change, rel=1e-6)
+    # the same by quadrature of what was recorded
+    power = run.friction("belt") * run.velocity("belt")
+    assert trapezoid(power, run.t) == pytest.approx(energy.work, rel=1e-2)
+
+
+def test_two_integrators_agree_and_halving_the_tolerance_changes_nothing() -> None:
+    model, window = paper("CC"), (1400.0, 1800.0)
+
+    def seen(run: fs.Transient) -> tuple[float, float]:
+        v = run.velocity("belt")
+        return fs.rms(run.t, v, window), float(fs.spectrum(run.t, v, window).peaks[0])
+
+    runs = {(method, tol): seen(fs.transient(model, BELT, (0, 1800), record_from=1400, step=0.1, method=method, tol=tol))
+            for method, tol in (("lsoda", 1e-9), ("lsoda", 5e-10), ("dop853", 1e-9))}
+    usual = runs["lsoda", 1e-9]
+    assert runs["dop853", 1e-9] == pytest.approx(usual, rel=1e-4)
+    assert runs["lsoda", 5e-10] == pytest.approx(usual, rel=1e-5)
+    assert usual[1] == pytest.approx(0.7227, rel=5e-3)  # the paper's CC
+
+
+@pytest.mark.parametrize(("kind", "frequency"), [("HCB", 0.7245), ("CC", 0.7227)])
+def test_reduced_models_go_to_the_cycles_of_fig_5(kind: str, frequency: float) -> None:
+    run = fs.transient(paper(kind), BELT, (0, 3000), record_from=2000, step=0.2)
+    found = fs.spectrum(run.t, run.velocity("belt"))
+    assert found.peaks[0] == pytest.approx(frequency, rel=5e-3)
+    np.testing.assert_allclose(np.sort(found.peaks)[:3], frequency * np.arange(1, 4), rtol=5e-3)  # and multiples
+
+
+def test_the_full_model_looks_different_before_it_settles() -> None:
+    run = fs.transient(paper("full"), BELT, (0, 2000), record_from=1000, step=0.2)
+    found = fs.spectrum(run.t, run.velocity("belt"))
+    np.testing.assert_allclose(found.peaks[0], 1.794, rtol=5e-3)
+    for wanted in (0.148, 1.646):
+        assert np.abs(found.peaks / wanted - 1).min() < 0.02
+
+
+def test_all_models_start_from_the_same_blow() -> None:
+    full, rom = paper("full"), paper("HCB")
+    runs = [fs.transient(model, BELT, (0, 1), samples=10) for model in (full, rom)]
+    np.testing.assert_allclose(runs[1].start.velocity, project(rom, full.M, runs[0].start.velocity), atol=1e-17)
+    np.testing.assert_allclose(runs[0].start.velocity[1], 1e-3, rtol=1e-14)
+    np.testing.assert_allclose(runs[0].velocity("belt")[0], 1e-3, rtol=1e-12)
+
+
+def test_a_run_goes_on_where_another_ended() -> None:
+    model = paper("HCB")
+    whole = fs.transient(model, BELT, (0, 200), step=0.5, tol=1e-11)
+    first = fs.transient(model, BELT, (0, 80), step=0.5, tol=1e-11)
+    rest = fs.transient(model, BELT, (80, 200), start=first.final, step=0.5, tol=1e-11)
+    np.testing.assert_allclose(np.concatenate([first.port("belt"), rest.port("belt")[1:]]), whole.port("belt"), atol=1e-8)
+    assert whole.end == 200 and whole.complete
+
+
+def test_grids_and_records() -> None:
+    model = fs.chain(3, belt=2)
+    run = fs.transient(model, BELT, (0, 10), samples=7, record="states")
+    np.testing.assert_allclose(run.t, np.linspace(0, 10, 8))
+    assert run.states is not None
+    np.testing.assert_allclose(run.states[1][:, 1], run.velocity("belt"), atol=1e-15)
+    np.testing.assert_allclose(run.states[0][:, 1], run.port("belt"), atol=1e-15)
+    late = fs.transient(model, BELT, (0, 10.25), step=0.5, record_from=6.1)
+    np.testing.assert_allclose(late.t, np.arange(6.1, 10.25, 0.5))
+    assert late.end == 10.25
+    assert fs.transient(model, BELT, (0, 1), step=5.0).t.tolist() == [0.0]
+    assert "energy balance to" in repr(run) and "\n" not in repr(run)
+
+
+def several() -> fs.Substructure:
+    chain = fs.chain(6, belt=2)
+    W = np.zeros((6, 2))
+    W[3, 0], W[4, 1] = 1.0, 0.5
+    return fs.Substructure(chain.M, chain.K, chain.D, [0], {"belt": chain.port("belt"), "pair": W, "end": np.eye(6)[5]})
+
+
+def test_several_belts_and_columns() -> None:
+    model = several()
+    belts = [BELT, fs.Belt("pair", force=0.5, speed=-0.1, law=fs.StribeckArctanOdd(eps=1e-2))]
+    run = fs.transient(model, belts, (0, 60), ports=["end"], step=0.1, record="states")
+    assert run.velocity("pair").shape == (601, 2) and run.port("end").shape == (601,) and run.energy.residual < 1e-6
+    np.testing.assert_allclose(run.velocity("pair"), run.states[1] @ model.port("pair"), atol=1e-14)
+    # another integrator with nothing but the definition
+    from scipy.integrate import solve_ivp
+    contact = sliding(model, belts)
+
+    def rhs(t: float, y: np.ndarray) -> np.ndarray:
+        return np.concatenate([y[6:], contact.W @ contact.force(contact.W.T @ y[6:]) - model.D @ y[6:] - model.K @ y[:6]])
+
+    start = contact.impulse()
+    done = solve_ivp(rhs, (0, 60), np.concatenate([start.displacement, start.velocity]), "Radau", rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(done.y[6:, -1], run.final.velocity, atol=1e-6)
+
+
+def test_alpha_agrees_with_lsoda_and_closes_the_balance() -> None:
+    full = fs.chain(10, belt=2, damping=0.1)
+    start = fs.transient(paper("CC"), BELT, (0, 600), samples=1).final
+    start = fs.State(*(paper("CC").expand(part) for part in (start.displacement, start.velocity)))
+    exact = fs.transient(full, BELT, (0, 10), start=start, step=0.1)
+    errors = []
+    for tol in (1e-5, 1e-6):
+        run = fs.transient(full, BELT, (0, 10), start=start, step=0.1, tol=tol, method="alpha")
+        errors.append(np.abs(run.velocity("belt") - exact.velocity("belt")).max())
+        assert run.end == pytest.approx(10) and run.energy.residual < 1e-4
+    print(errors)
+    assert errors[1] < 2e-3 and errors[1] < errors[0] / 3
+
+
+def test_a_large_sparse_model_takes_one_factor_per_step_size() -> None:
+    model = fs.chain(2000, belt=2, damping=0.1)
+    start = sliding(model, BELT).impulse(0.1)
+    run = fs.transient(model, BELT, (0, 20), start=start, step=0.1)
+    assert run.effort.method == "alpha" and run.effort.jacobians <= 40 and run.effort.steps > 200
+    short = fs.transient(fs.chain(60, belt=2, damping=0.1), BELT, (0, 20), impulse=0.1, step=0.1)  # the wave is not back by then
+    relative = run.velocity("belt") - short.velocity("belt")
+    assert np.abs(relative).max() < 5e-3 * np.abs(short.velocity("belt")).max()
+
+
+def test_without_a_normal_force_the_chain_rings_down() -> None:
+    run = fs.transient(one_mass(0.1), fs.Belt(force=0.0, speed=0.2, law=LAW), (0, 40), impulse=0.01, step=0.1)
+    omega = np.sqrt(1 - 0.05**2)
+    np.testing.assert_allclose(run.port("belt"), 0.01 / omega * np.exp(-0.05 * run.t) * np.sin(omega * run.t), atol=1e-8)
+
+
+def test_a_belt_at_rest_brings_everything_to_rest() -> None:
+    run = fs.transient(one_mass(), fs.Belt(speed=0.0, law=fs.StribeckArctanOdd(eps=1e-3)), (0, 200), impulse=0.3, step=0.1)
+    assert np.abs(run.velocity("belt"))[-200:].max() < 1e-3 and run.energy.work < 0
+
+
+def test_a_reversed_belt_mirrors_an_odd_law_and_only_an_odd_one() -> None:
+    model = paper("CC")
+
+    def runs(law: fs.StribeckArctan) -> list[np.ndarray]:
+        return [fs.transient(model, fs.Belt(speed=sign * 0.18388, law=law), (0, 400), impulse=sign * 1e-3, step=0.2).velocity("belt")
+                for sign in (1, -1)]
+
+    ahead, back = runs(fs.StribeckArctanOdd(eps=1e-3))
+    np.testing.assert_allclose(back, -ahead, atol=1e-8)
+    ahead, back = runs(LAW)
+    assert np.abs(back + ahead).max() > 1e-3
+
+
+def test_a_start_inside_the_sticking_phase_leaves_it_where_the_spring_overcomes_friction() -> None:
+    belt = fs.Belt(speed=0.1, law=fs.StribeckArctanOdd(eps=1e-5))
+    run = fs.transient(one_mass(0.0), belt, (0, 12), start=fs.State(np.zeros(1), np.array([0.1])), step=0.002)
+    stuck = np.abs(run.relative_velocity("belt")) < 1e-3
+    slip = run.t[np.argmin(stuck)]
+    assert slip == pytest.approx(5.0, rel=0.02)  # 0.1 t = μ(0+) F = 0.5
+    assert run.port("belt")[run.t < 4.5] == pytest.approx(0.1 * run.t[run.t < 4.5], abs=1e-3)
+
+
+def test_a_narrow_friction_layer_is_integrated_right() -> None:
+    """ε → 1e-6: the arctan law tends to Coulomb's, and two methods find the same cycle."""
+    belt = fs.Belt(speed=0.1, law=fs.StribeckArctanOdd(eps=1e-6))
+    found = [fs.transient(one_mass(), belt, (0, 60), impulse=0.1, step=0.05, method=method, tol=1e-8)
+             for method in ("lsoda", "radau")]
+    np.testing.assert_allclose(found[0].port("belt"), found[1].port("belt"), atol=1e-5)
+    assert fs.sticking(found[0], below=1e-3) == pytest.approx(fs.sticking(found[1], below=1e-3), abs=0.01)
+    assert found[0].energy.residual < 1e-6
+
+
+def test_ctrl_c_leaves_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(text: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("femsub.transients.TELL", 0.0)
+    run = fs.transient(paper("HCB"), BELT, (0, 5000), step=1.0, progress=stop)
+    assert not run.complete and 0 < run.end < 5000 and "interrupted at t =" in repr(run)
+    assert len(run.t) == len(run.velocity("belt")) > 100 and run.t[-1] == run.end
+    assert np.isfinite(run.final.velocity).all()
+
+
+@pytest.mark.parametrize(("keys", "words"), [
+    ({"time": (5, 5)}, "time must ascend"), ({"time": (5, 1)}, "time must ascend"), ({"time": (0, np.nan)}, r"time\[1\]"),
+    ({"step": 0.0}, "step must be positive"), ({"step": 0.1, "samples": 3}, "either step or samples"),
+    ({"samples": 0}, "at least 1"), ({"record_from": 50.0}, "record_from must lie"), ({"tol": 1.0}, "tol must lie"),
+    ({"method": "euler"}, "unknown method 'euler'"), ({"record": "all"}, "unknown record"), ({"ports": ["bel"]}, "did you mean 'belt'"),
+    ({"start": fs.State(np.zeros(3), np.full(3, np.nan))}, "NaN or Inf"),
+    ({"start": fs.State(np.zeros(4), np.zeros(4))}, "3 DOF.*project"),
+    ({"start": fs.State(np.zeros(3), np.zeros(3)), "impulse": 1.0}, "either start or impulse"), ({"impulse": np.nan}, "impulse"),
+])
+def test_bad_input_says_what_to_do(keys: dict, words: str) -> None:
+    with pytest.raises(fs.InputError, match=words):
+        fs.transient(fs.chain(3, belt=2), BELT, **({"time": (0, 10)} | keys))
+
+
+def test_bad_types_and_models_say_what_to_do() -> None:
+    chain = fs.chain(3, belt=2)
+    with pytest.raises(fs.InputTypeError, match="time must be"):
+        fs.transient(chain, BELT, 10.0)  # type: ignore[arg-type]
+    with pytest.raises(fs.InputTypeError, match="sequence of names"):
+        fs.transient(chain, BELT, ports="belt")
+    with pytest.raises(fs.InputTypeError, match="State"):
+        fs.transient(chain, BELT, start=np.zeros(3))  # type: ignore[arg-type]
+    with pytest.raises(fs.InputError, match="slope only"):
+        fs.transient(chain, fs.Belt(slope=-0.2))
+    massless = fs.Substructure(np.diag([1.0, 0.0]), [[2.0, -1.0], [-1.0, 1.0]], ports={"belt": [1.0, 0.0]})
+    for method in ("auto", "alpha"):
+        with pytest.raises(fs.InputError, match="singular"):
+            fs.transient(massless, BELT, start=fs.State(np.zeros(2), np.zeros(2)), method=method)
+    with pytest.raises(fs.InputError, match="'lsoda' is for dense models.*method='alpha'"):
+        fs.transient(fs.chain(3000, belt=2), BELT, method="lsoda")
+    run = fs.transient(chain, BELT, (0, 1))
+    with pytest.raises(fs.InputError, match="unknown port 'bolt'"):
+        run.port("bolt")
+    with pytest.raises(fs.InputError, match="was not recorded"):
+        fs.transient(several(), BELT, (0, 1)).velocity("end")
+    with pytest.raises(fs.InputError, match="unknown belt 'end'"):
+        fs.transient(several(), BELT, (0, 1), ports=["end"]).friction("end")
+
+
+def test_a_floating_model_has_no_equilibrium_but_moves_from_a_start_of_its_own() -> None:
+    floating = fs.chain(4, belt=2, damping=0.0, fixed=False)
+    with pytest.raises(fs.InputError, match="floats"):
+        fs.transient(floating, BELT)
+    run = fs.transient(floating, BELT, (0, 20), start=fs.State(np.zeros(4), np.zeros(4)), samples=10, record="states")
+    assert run.states is not None and run.energy.residual < 1e-6
+    momentum = run.states[1].sum(axis=1)
+    assert momentum[-1] > 0 and momentum[-1] <= 4 * 0.19113 * 1.1  # dragged along, no faster than the belt takes it
+
+
+def test_motion_without_bound_is_an_error() -> None:
+    with pytest.raises(fs.NotConvergedError, match="without bound|stopped"):
+        fs.transient(fs.chain(2, belt=2).with_damping(-np.eye(2)), BELT, (0, 5000), step=1.0)
+
+
+def test_a_law_of_one_s_own() -> None:
+    class Coulomb:
+        """μ = 0.3 tanh(v / 0.01)."""
+
+        def value(self, v: np.ndarray) -> np.ndarray:
+            return 0.3 * np.tanh(v / 0.01)
+
+        def slope(self, v: np.ndarray) -> np.ndarray:
+            return 30 / np.cosh(np.clip(v / 0.01, -300, 300)) ** 2
+
+    run = fs.transient(fs.chain(3, belt=2), fs.Belt(speed=0.1, law=Coulomb()), (0, 30), impulse=0.1, step=0.1)
+    assert run.energy.residual < 1e-6
+    with pytest.raises(fs.InputError, match="no eps"):
+        fs.sticking(run)
+
+
+def test_scalar_laws_are_the_laws() -> None:
+    from femsub.friction import scalar_law
+
+    v = np.concatenate([-np.geomspace(1, 1e-6, 30), [0.0], np.geomspace(1e-6, 1, 30)])
+    for law in (fs.StribeckArctan(eps=1e-3), fs.StribeckArctanOdd(eps=1e-3, drop=0.1)):
+        value, slope = scalar_law(law)
+        np.testing.assert_allclose([value(x) for x in v.tolist()], law.value(v), rtol=1e-14)
+        np.testing.assert_allclose([slope(x) for x in v.tolist()], law.slope(v), rtol=1e-13)
+
+
+def test_the_jacobian_is_that_of_the_right_hand_side(rng: np.random.Generator) -> None:
+    from femsub.integrators import equations
+
+    damped = several().with_damping(sp.csr_array(np.diag([0.1, 0.2, 0.0, 0.3, 0.1, 0.2])))
+    for model, belts in ((several(), [BELT]), (damped, [BELT, fs.Belt("pair", speed=0.1, law=LAW)])):
+        contact = sliding(model, belts)
+        system = equations(contact, contact.impulse())
+        y = rng.uniform(-0.1, 0.1, 14)
+        J = system.jacobian(0.0, y).T.copy()
+        numeric = np.array([(system.rhs(0.0, y + h).copy() - system.rhs(0.0, y - h)) / 2e-7 for h in 1e-7 * np.eye(14)]).T
+        np.testing.assert_allclose(J, numeric, atol=2e-6)
