@@ -1,0 +1,250 @@
+"""How many modes a basis needs for a band and a tolerance: found with one factorisation, in modes that are only added to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from femsub.bases.basis import Kept, independent, projected
+from femsub.eigen import NormalModes, all_modes, elastic_modes, lowest_modes
+from femsub.errors import NotConvergedError
+from femsub.estimates import SHARE, Estimate, Nested, within
+from femsub.memory import check_memory
+from femsub.pencil import EPS, Array, Matrix, Pencil
+from femsub.qep import solve
+from femsub.shift_invert import ShiftInvert
+from femsub.substructure import Substructure
+
+BEGIN = 10  # modes of the first search
+MOST = 1000  # modes after which growth ends, where the model has more
+DENSE = 3000  # DOF up to which all modes may be taken
+FAINT = 1e-16  # share of the squared residuals below which a direction of them is not worth a solve
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What a method knows of a component before it has modes: the factor, its constraint modes C and its static loads.
+
+    Attributes
+    ----------
+    handle : ShiftInvert
+        Of K and M within `rows`: the interior (Craig-Bampton), or all.
+    constraint, condensed : ndarray, shapes (n, n_c) and (n_c, n_c)
+        C and CᵀKC; without columns for Craig-Chang.
+    forces : ndarray, shape (n_i, s)
+        F, whose static responses join the basis.
+    """
+
+    sub: Substructure
+    handle: ShiftInvert
+    rows: Array
+    constraint: Array
+    condensed: Array
+    forces: Array
+
+    @cached_property
+    def inertia(self) -> Array:
+        """MC, shape (n, n_c)."""
+        return self.sub.M @ self.constraint
+
+    def lifted(self, shapes: Array) -> Array:
+        """Shapes of the rows in all DOF, shape (n, k)."""
+        if len(self.rows) == self.sub.size:
+            return shapes
+        full = np.zeros((self.sub.size, shapes.shape[1]), order="F")
+        full[self.rows] = shapes
+        return full
+
+
+class Search:
+    """The modes found so far, and the static shapes less their share; both only grow."""
+
+    def __init__(self, parts: Parts, pencil: Pencil | None) -> None:
+        self.parts, self.pencil = parts, pencil
+        self.most = elastic_modes(parts.handle)
+        self.found = lowest_modes(parts.handle, min(BEGIN, self.most), certify=False)
+        self.loads = np.hstack([parts.forces, parts.inertia[parts.rows]])
+        self.rest = parts.handle.elastic_solve(self.loads, self.found.shapes)
+
+    @property
+    def modes(self) -> int:
+        return len(self.found.eigenvalues) - self.found.rigid
+
+    @property
+    def top(self) -> float:
+        """The highest frequency found."""
+        return float(self.found.frequencies[-1]) if self.modes else 0.0
+
+    @property
+    def complete(self) -> bool:
+        return self.modes == self.most
+
+    def grow(self, count: int) -> None:
+        """More modes beside those at hand; the static shapes lose their share without a further solve."""
+        handle, sub = self.parts.handle, self.parts.sub
+        count = min(count, self.most)
+        check_memory(sub.name, sub.K, 2 * self.loads.shape[1] + 4 * count, 2 * count, len(sub.interface))
+        self.replace(lowest_modes(handle, count, known=self.found, certify=False))
+
+    def replace(self, found: NormalModes) -> None:
+        self.found = found
+        self.rest = self.parts.handle.deflate(self.rest, found.shapes)
+
+    def needed(self, limit: float) -> int:
+        """About how many modes lie below `limit`, by the growth of their number with the frequency so far."""
+        omega = self.found.frequencies[self.found.rigid:]
+        half = len(omega) // 2
+        power = np.log(len(omega) / half) / max(np.log(omega[-1] / omega[half - 1]), 1e-3) if half else 1.0
+        guess = len(omega) * (limit / omega[-1]) ** min(max(power, 0.5), 3.0)
+        return int(np.clip(1.1 * guess + 4, 1.5 * len(omega) + 1, 4 * len(omega) + 4))
+
+    def nested(self, band: tuple[float, float]) -> Nested:
+        """M, D and K in [C Φ Ξ]; with damping Ξ also takes the residuals of the complex modes in the band."""
+        plain, U = self._space(self.loads, self.rest)
+        if self.pencil is None:
+            return plain
+        loads = self._residuals(plain, U, band)
+        if not loads.shape[1]:
+            return plain
+        rest = self.parts.handle.elastic_solve(loads, self.found.shapes)
+        return self._space(np.hstack([self.loads, loads]), np.hstack([self.rest, rest]))[0]
+
+    def _space(self, loads: Array, rest: Array) -> tuple[Nested, Array]:
+        parts, found, rigid = self.parts, self.found, self.found.rigid
+        elastic = found.eigenvalues[rigid:]
+        held = found.shapes[:, rigid:].T @ loads
+        whole = np.einsum("ij,ij->j", rest, loads) + np.einsum("ij,ij->j", held, held / elastic[:, None])
+        static, stiffness, mass, _ = independent(parts.handle, rest, loads, whole, found.shapes)
+        n_c = parts.constraint.shape[1]
+        U = np.hstack([parts.constraint, parts.lifted(np.hstack([found.shapes, static]))])
+        diagonal = np.concatenate([np.zeros(n_c + rigid), elastic, stiffness])
+        M, K = np.diag(np.concatenate([np.zeros(n_c), np.ones(rigid + len(elastic)), mass])), np.diag(diagonal)
+        if n_c:
+            M[:n_c] = parts.inertia.T @ U
+            M[:, :n_c] = M[:n_c].T
+            M[:n_c, :n_c] = (M[:n_c, :n_c] + M[:n_c, :n_c].T) / 2
+            K[:n_c, :n_c] = parts.condensed
+        symmetric = self.pencil is None or self.pencil.symmetric[1]
+        D = None if self.pencil is None else projected(self.pencil.D, U)
+        if D is not None and symmetric:
+            D = (D + D.T) / 2
+        return Nested(M, K, D, n_c, rigid, elastic, U[parts.rows].T @ parts.forces, symmetric), U
+
+    def _residuals(self, plain: Nested, U: Array, band: tuple[float, float]) -> Array:
+        """λ²MΞx + λDUx and, for an unsymmetric D, the left ones, less MΦ, F and MC, whose K⁻¹ is in U already; (n_i, k)."""
+        assert self.pencil is not None
+        rows, rest = self.parts.rows, plain.rest
+        values, _, X, Y, _ = plain.damped(plain.modes)
+        wanted = (values.imag <= 1.1 * band[1]) & (np.abs(values) <= 2 * band[1])
+        sides = [(values[wanted], X[:, wanted], self.pencil.D)]
+        if not self.pencil.symmetric[1]:
+            sides.append((values[wanted].conj(), Y[:, wanted], self.pencil.D.T))
+        blocks = []
+        for value, x, D in sides:
+            x = x / np.sqrt(np.abs(np.einsum("ij,ij->j", x.conj(), plain.M @ x)))
+            size = np.abs(value)
+            for part in (np.real, np.imag):
+                static = U[:, rest] @ part(x * (value**2 / size))[rest]
+                blocks.append((self.pencil.M @ static + D @ (U @ part(x * (value / size))))[rows])
+        return _compressed(np.hstack(blocks), self.parts.handle.K.diagonal())
+
+
+def chosen(parts: Parts, band: Any, tol: Any, pencil: Pencil | None) -> tuple[Kept, Estimate]:
+    """The modes and the estimate of the smallest basis that meets `tol` in the band, which ends below 0.7 of its cut-off.
+
+    Parameters
+    ----------
+    pencil : Pencil, optional
+        With the damping whose complex eigenvalues must be within `tol`, too.
+
+    Raises
+    ------
+    NotConvergedError
+        No basis meets it, all modes or 1000 of them taken.
+    """
+    search, counted = Search(parts, pencil), False
+    hi = band[1]
+    while True:
+        if not search.complete and SHARE * search.top <= hi:
+            search.grow(search.needed(hi / SHARE))
+            continue
+        nested = search.nested(band)
+        best = _smallest(nested, band, tol, search.complete)
+        if not best.met:
+            search.grow(_further(nested, best, search, parts.sub.name))
+            continue
+        if counted:
+            return Kept(search.found, best.modes, best.cutoff), best
+        # what the count confirms is the modes kept and the one that gives the cut-off
+        least = min(best.modes + 1, search.most)
+        found = lowest_modes(parts.handle, least, known=search.found, defer=True)
+        if np.array_equal(found.eigenvalues, search.found.eigenvalues[:len(found.eigenvalues)]):
+            return Kept(found, best.modes, best.cutoff), best
+        counted = True  # it has found one that had been missed
+        search.replace(lowest_modes(parts.handle, search.modes, known=found, certify=False))
+
+
+def _smallest(nested: Nested, band: tuple[float, float], tol: float, complete: bool) -> Estimate:
+    """The estimate of the smallest basis that meets `tol`, by bisection, or of the largest where none does."""
+    most = nested.modes if complete else nested.modes - 1
+    cutoffs = np.array([nested.cutoff(count) for count in range(most + 1)])
+    low = int(np.searchsorted(SHARE * cutoffs, band[1], side="right"))  # the fewest with the band below 0.7 of the cut-off
+    best = nested.estimate(most, band, tol)
+    if not best.met:
+        return best
+    while low < best.modes:
+        middle = (low + best.modes) // 2
+        other = nested.estimate(middle, band, tol)
+        if other.met:
+            best = other
+        else:
+            low = middle + 1
+    return best
+
+
+def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
+    """How many modes to go on with, by the slope of the error over their number.
+
+    Raises
+    ------
+    NotConvergedError
+        There are no more, 1000 are at hand and the model is large, or rounding alone takes more than is allowed.
+    """
+    count, size = search.modes, search.parts.handle.K.shape[0]
+    floor = nested.rounding(best.band)
+    if search.complete or floor > best.tol or (count >= MOST and size > DENSE):
+        where = "all modes" if search.complete else f"{best.modes} modes"
+        rounding = f"; rounding alone takes {floor:.1e}" if floor > best.tol else ""
+        raise NotConvergedError(f"{name!r} cannot be reduced to {best.tol:g} from {best.band[0]:.5g} to {best.band[1]:.5g} "
+                                f"rad/time: with {where} {best!r}{rounding}; lower the band, allow more, put the belt's DOF into "
+                                "the interface, or call reduce(..., ports=True)")
+    half = nested.estimate(best.modes // 2, best.band, best.tol, damped=False) if best.modes > 1 else best
+    factor = 1.5
+    if not best.unmatched and np.isfinite(best.worst):
+        slope = np.log(max(half.worst, best.worst) / best.worst) / np.log(2.0) if np.isfinite(half.worst) else 4.0
+        factor = (best.worst / best.tol) ** (1 / max(slope, 0.5))
+    return int(count * min(max(1.1 * factor, 1.5), 3.0)) + 1
+
+
+def _compressed(columns: Array, stiffness: Array) -> Array:
+    """An orthonormal basis of the columns, in units of force free of those of each DOF; faint directions left out."""
+    unit = np.where(stiffness > 0, stiffness, 1.0)[:, None] ** -0.5
+    scaled = unit * columns
+    share, vectors = np.linalg.eigh(scaled.T @ scaled)
+    keep = share > FAINT * max(float(share.max(initial=0.0)), np.finfo(float).tiny)
+    return columns @ (vectors[:, keep] / np.sqrt(share[keep]))
+
+
+def unreduced(K: Matrix, M: Matrix, band: Any, tol: Any, pencil: Pencil | None) -> Estimate:
+    """That of a model which keeps all of its DOF: nothing is left out."""
+    modes = all_modes(K, M)
+    omega = modes.frequencies[modes.rigid:]
+    omega = omega[(omega >= band[0]) & (omega <= band[1])]
+    values = np.zeros(0, dtype=complex)
+    if pencil is not None:
+        values = solve(pencil.dense())[0]
+        values = values[within(values, band) & (values != 0)]
+    return Estimate(band, tol, 0, np.inf, omega, np.full(len(omega), 4 * EPS), values, np.full(len(values), 4 * EPS))
