@@ -16,6 +16,7 @@ from femsub.pencil import EPS, Array, Pencil
 from femsub.qep import solve
 
 SHARE = 0.7  # a band ends below so much of the cut-off: the terms left out of a series in (ω/ω_cut)² then stay below a half
+MARGIN = 1.01  # on each figure: where all modes are at hand it is the error itself, and rounding would take it below that
 DEPENDENT = 1e-13  # share of a static shape's energy below which what the modes leave of it is rounding
 
 
@@ -242,7 +243,7 @@ class Nested:
         omega, low = self.frequencies(count), self.bounds
         known = min(len(omega), len(low))
         inside = np.flatnonzero((low[:known] <= hi) & (omega[:known] >= lo))
-        error = np.maximum(omega[inside] - low[inside], 0.0) / low[inside] + 4 * EPS
+        error = MARGIN * np.maximum(omega[inside] - low[inside], 0.0) / low[inside] + 4 * EPS
         lacking = int(np.count_nonzero(low <= hi)) - int(np.count_nonzero(low[:known] <= hi))
         values, errors, unmatched = np.zeros(0, dtype=complex), np.zeros(0), lacking
         if self.D is not None and damped:
@@ -270,7 +271,7 @@ class Nested:
         tail = np.zeros(len(exact))
         tail[near[0]] = doubt[near[1]]
         size = np.abs(exact[at])
-        error = (distance + tail[at] + exact_bar[at] + bar[to]) / size
+        error = (MARGIN * (distance + tail[at]) + exact_bar[at] + bar[to]) / size
         lone = within(exact, band)
         lone[at] = False
         extra = within(found, band)

@@ -155,7 +155,8 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     ----------
     sub : Substructure
     methods : sequence of CraigBampton or CraigChang
-        One entry per reduced model; list the same method with several numbers of modes to see convergence.
+        One entry per reduced model; list the same method with several numbers of modes to see convergence. With a band
+        and a tolerance, the row shows how many modes were chosen (under the belt, if there is one).
     band : (lo, hi)
         Where the errors count, in radians per unit of time.
     belt : Belt, optional
@@ -202,10 +203,11 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
         spectra[0] = complex_modes(sub, belt, band=(lo, hi))
     for turn in range(repeats):
         for i, method in enumerate(methods):
-            tell(f"{sub.name}: run {turn + 1} of {repeats}, {type(method).__name__} with {method.modes} modes")
+            tell(f"{sub.name}: run {turn + 1} of {repeats}, {type(method).__name__} with {method}")
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
-                models[i], seconds = _timed(reduce, sub, method, ports=ports)
+                models[i], seconds = _timed(reduce, sub, method, ports=ports,
+                                            contacts=belt if method.band is not None else None)
             reducing[i].append(seconds)
         tell(f"{sub.name}: run {turn + 1} of {repeats}, full model")
         found, seconds = _timed(complex_modes, sub, belt, band=(lo, hi), certify=False)
@@ -226,7 +228,7 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     for method, model, modes, slope, reduction, solution in zip(
             methods, models, spectra[1:], slopes[1:], reducing, solving[1:], strict=True):
         value, growth, missing = spectrum_errors(spectra[0], modes)
-        rows.append(Row(type(method).__name__, method.modes, model.size, value, growth, relative_error(slope, slopes[0]), missing,
+        rows.append(Row(type(method).__name__, model.modes, model.size, value, growth, relative_error(slope, slopes[0]), missing,
                         slope, _growth(modes, hi), Timing.of(reduction), Timing.of(solution), model.port_error.get(place, 0.0),
                         model.cutoff, _extra(spectra[0], modes, (lo, hi))))
     return Study(sub.name, (lo, hi), repeats, full, tuple(rows))

@@ -51,24 +51,16 @@ class CraigBampton(Extent):
             estimate = None if self.band is None else unreduced(sub.K, sub.M, self.band, self.tol, damped)
             return Basis(np.eye(sub.size)[:, b], _block(sub.M, b, b), _block(sub.K, b, b), ("constraint",) * len(b),
                          np.inf, _title(0), extra.shape[1], dict.fromkeys(ports, 0.0), 0, estimate)
-        Kii, Mii = (_part(part, i, i) for part in (sub.K, sub.M))
-        handle = ShiftInvert(Kii, Mii)
-        if handle.floating and len(b):
-            raise InputError(
-                f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
-                "modes remain, and constraint modes do not exist; add interface DOF, or use CraigChang")
-        n_b, estimate = len(b), None
-        C = np.zeros((sub.size, n_b), order="F")
-        C[b, np.arange(n_b)] = 1.0
-        condensed = _constraint_modes(handle, sub, C)
+        parts = self.parts(sub, extra)
+        handle, n_b, condensed, estimate = parts.handle, len(b), parts.condensed, None
         if self.modes is not None:
             modes = kept_modes(handle, self.modes)
         else:
-            stiffness = _condensed(sub, condensed, C)
-            modes, estimate = chosen(Parts(sub, handle, i, C, stiffness, extra[i]), self.band, self.tol, damped)
+            modes, estimate = chosen(parts, self.band, self.tol, damped)
         r = n_b + modes.shapes.shape[1]
         V = np.zeros((sub.size, r + extra.shape[1]), order="F")
-        V[:, :n_b] = C
+        V[:, :n_b] = parts.constraint
+        del parts  # of a large interface, the second set would cost as much as all that follows
         V[i, n_b:r] = modes.shapes
         static, probes = np.split(_solved(handle, [extra[i], *(w[i] for w in ports.values())]), [extra.shape[1]], axis=1)
         rest = handle.elastic_solve(extra[i], modes.shapes)
@@ -82,7 +74,7 @@ class CraigBampton(Extent):
         # ΨᵀK_iiΦ = 0 and ΦᵀK_iiΦ = Ω²; the condensed stiffness needs no second product with K_ii.
         diagonal = np.concatenate([modes.values, stiffness])
         K = np.zeros((V.shape[1],) * 2)
-        K[:n_b, :n_b] = _condensed(sub, condensed, V[:, :n_b])
+        K[:n_b, :n_b] = condensed
         K[n_b:, n_b:] = np.diag(diagonal)
         M = projected(sub.M, V)
         M = (M + M.T) / 2
@@ -91,6 +83,18 @@ class CraigBampton(Extent):
         errors = _port_errors(ports, i, probes, V, K[:n_b, :n_b], diagonal)
         return Basis(V, M, K, kinds + ("static port",) * len(stiffness), modes.cutoff, _title(modes.elastic), dropped, errors,
                      handle.factorisations, estimate)
+
+    def parts(self, sub: Substructure, extra: Array) -> Parts:
+        """The factor of the interior, and the constraint modes with their stiffness."""
+        b, i = sub.interface, sub.interior
+        handle = ShiftInvert(_part(sub.K, i, i), _part(sub.M, i, i))
+        if handle.floating and len(b):
+            raise InputError(
+                f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
+                "modes remain, and constraint modes do not exist; add interface DOF, or use CraigChang")
+        C = np.zeros((sub.size, len(b)), order="F")
+        C[b, np.arange(len(b))] = 1.0
+        return Parts(sub, handle, i, C, _condensed(sub, _constraint_modes(handle, sub, C), C), extra[i])
 
 
 def _title(modes: int) -> str:
@@ -126,7 +130,7 @@ def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
         if lost > DIGITS:
             warnings.warn(f"the condensed stiffness of {sub.name!r} has lost its digits: two formulas differ by {lost:.1e}, "
                           "since the stiffness of its elements is so much larger; take fewer elements, or larger ones",
-                          ConditionWarning, stacklevel=4)
+                          ConditionWarning, stacklevel=5)
         return condensed
     values[rigid] = 0.0
     vectors = vectors / unit[:, None]

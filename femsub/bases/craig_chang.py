@@ -40,18 +40,14 @@ class CraigChang(Extent):
     """
 
     def basis(self, sub: Substructure, extra: Array, ports: Mapping[str, Array], damped: Pencil | None = None) -> Basis:
-        handle = ShiftInvert(sub.K, sub.M)
-        n_b, s = len(sub.interface), len(sub.interface) + extra.shape[1]
-        loads = np.zeros((sub.size, s + sum(w.shape[1] for w in ports.values())), order="F")
-        loads[sub.interface, np.arange(n_b)] = 1.0
-        loads[:, n_b:] = np.hstack([extra, *ports.values()])
-        forces, estimate = loads[:, :s], None
+        parts = self.parts(sub, extra)
+        handle, forces, estimate = parts.handle, parts.forces, None
+        s = forces.shape[1]
         if self.modes is not None:
             modes = kept_modes(handle, self.modes)
         else:
-            none = np.zeros((sub.size, 0))
-            parts = Parts(sub, handle, np.arange(sub.size), none, np.zeros((0, 0)), forces)
             modes, estimate = chosen(parts, self.band, self.tol, damped)
+        loads = np.hstack([forces, *ports.values()])
         rest = handle.elastic_solve(loads, modes.shapes)
         handle.release()
         confirm(handle, modes.found)
@@ -72,3 +68,11 @@ class CraigChang(Extent):
         return Basis(np.hstack([modes.shapes, residual]), np.diag(np.concatenate([np.ones(len(modes.values)), inertia])),
                      np.diag(np.concatenate([modes.values, stiffness])), kinds, modes.cutoff,
                      f"Craig-Chang with {modes.elastic} free modes", dropped, errors, handle.factorisations, estimate)
+
+    def parts(self, sub: Substructure, extra: Array) -> Parts:
+        """The factor of the whole, and unit forces at the interface."""
+        n, n_b = sub.size, len(sub.interface)
+        forces = np.zeros((n, n_b + extra.shape[1]), order="F")
+        forces[sub.interface, np.arange(n_b)] = 1.0
+        forces[:, n_b:] = extra
+        return Parts(sub, ShiftInvert(sub.K, sub.M), np.arange(n), np.zeros((n, 0)), np.zeros((0, 0)), forces)

@@ -226,7 +226,7 @@ def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
     if not best.unmatched and np.isfinite(best.worst):
         slope = np.log(max(half.worst, best.worst) / best.worst) / np.log(2.0) if np.isfinite(half.worst) else 4.0
         factor = (best.worst / best.tol) ** (1 / max(slope, 0.5))
-    return int(count * min(max(1.1 * factor, 1.5), 3.0)) + 1
+    return int(count * float(np.clip(1.1 * factor, 1.5, 3.0))) + 1
 
 
 def _compressed(columns: Array, stiffness: Array) -> Array:
