@@ -83,6 +83,7 @@ class Nested:
 
     CᵀK[Φ Ξ] = 0, ΦᵀKΦ = diag(values), ΦᵀMΞ = ΦᵀKΞ = 0, ΞᵀKΞ diagonal. `loads` = UᵀF (R, s) are the forces whose static
     response belongs to every reduced model; all K⁻¹F and, for C, all K⁻¹MC lie in the span of U. D is None without damping.
+    `rounding` (n_c, n_c) is what CᵀKC may be off by: stiff springs leave few digits of a soft interface's stiffness.
     """
 
     M: Array
@@ -92,6 +93,7 @@ class Nested:
     rigid: int
     values: Array
     loads: Array
+    rounding: Array
     symmetric: bool = True
 
     @property
@@ -137,13 +139,15 @@ class Nested:
         M, K = T.T @ self.M @ T, T.T @ self.K @ T
         return (M + M.T) / 2, (K + K.T) / 2
 
-    def frequencies(self, count: int) -> Array:
-        """ω of the undamped reduced model with `count` modes, without its rigid-body modes, ascending."""
-        M, K = self.projected(self.basis(count))
+    def undamped(self, count: int) -> tuple[Array, Array]:
+        """ω of the undamped reduced model with `count` modes, ascending and without rigid-body modes, and their rounding."""
         if not self.constraint:
-            return np.sqrt(np.sort(self.values[:count]))
+            return np.sqrt(self.values[:count]), np.zeros(count)
+        T = self.basis(count)
+        M, K = self.projected(T)
         found = all_modes(K, M)
-        return found.frequencies[found.rigid:]
+        omega, q = found.frequencies[found.rigid:], np.abs(T[:self.constraint] @ found.shapes[:, found.rigid:])
+        return omega, np.einsum("ij,ij->j", q, self.rounding @ q) / (2 * omega)
 
     @cached_property
     def bounds(self) -> Array:
@@ -193,19 +197,27 @@ class Nested:
     @cached_property
     def reference(self) -> tuple[Array, Array]:
         """λ of the whole of U with Im λ ≥ 0, the rigid ones left out, and what rounding may have done to each."""
-        assert self.D is not None
-        values, X, Y = solve(Pencil(self.M, self.D, self.K))
-        return _listed(Pencil(self.M, self.D, self.K), values, X, Y)[:2]
+        return self._solved(np.eye(len(self.M)))[:2]
 
     def damped(self, count: int) -> tuple[Array, Array, Array, Array, Array]:
-        """λ (k,), rounding (k,), right and left shapes in U (R, k) and yᴴP'(λ)x of the reduced model, Im λ ≥ 0."""
+        """λ (k,), rounding (k,), right and left shapes in U (R, k) and |yᴴP'(λ)x| of the reduced model, Im λ ≥ 0."""
+        return self._solved(self.basis(count))
+
+    def _solved(self, T: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """All of TᵀP(λ)T with Im λ ≥ 0 that are not rigid, in ascending |λ|."""
         assert self.D is not None
-        T = self.basis(count)
         M, K = self.projected(T)
         D = T.T @ self.D @ T
         pencil = Pencil(M, (D + D.T) / 2 if self.symmetric else D, K)
-        values, bar, X, Y, slope = _listed(pencil, *solve(pencil))
-        return values, bar, T @ X, T @ Y, slope
+        values, X, Y = solve(pencil)
+        keep = np.flatnonzero((values.imag >= 0) & (values != 0))
+        keep = keep[np.argsort(np.abs(values[keep]), kind="stable")]
+        values, X, Y = values[keep], X[:, keep], Y[:, keep]
+        slope = np.abs(np.einsum("ij,ij->j", Y.conj(), (pencil.M @ X) * (2 * values) + pencil.D @ X))
+        noise = EPS * np.einsum("ij,ij->j", np.abs(Y), pencil.magnitude(values, X))
+        X, Y = T @ X, T @ Y
+        noise += np.einsum("ij,ij->j", np.abs(Y[:self.constraint]), self.rounding @ np.abs(X[:self.constraint]))
+        return values, np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0), X, Y, slope
 
     @cached_property
     def doubt(self) -> tuple[Array, Array]:
@@ -240,10 +252,11 @@ class Nested:
     def estimate(self, count: int, band: tuple[float, float], tol: float, damped: bool = True) -> Estimate:
         """That of the reduced model with `count` modes."""
         lo, hi = band
-        omega, low = self.frequencies(count), self.bounds
+        (omega, rounding), low = self.undamped(count), self.bounds
         known = min(len(omega), len(low))
         inside = np.flatnonzero((low[:known] <= hi) & (omega[:known] >= lo))
-        error = MARGIN * np.maximum(omega[inside] - low[inside], 0.0) / low[inside] + 4 * EPS
+        error = MARGIN * np.maximum(omega[inside] - low[inside], 0.0) / low[inside]
+        error += rounding[inside] / omega[inside] + 4 * EPS
         lacking = int(np.count_nonzero(low <= hi)) - int(np.count_nonzero(low[:known] <= hi))
         values, errors, unmatched = np.zeros(0, dtype=complex), np.zeros(0), lacking
         if self.D is not None and damped:
@@ -251,13 +264,16 @@ class Nested:
             unmatched += more
         return Estimate(band, tol, count, self.cutoff(count), omega[inside], error, values, errors, unmatched, self.modes)
 
-    def rounding(self, band: tuple[float, float]) -> float:
+    def floor(self, band: tuple[float, float]) -> float:
         """The largest relative error that rounding alone may have made in the band."""
+        omega, rounding = self.undamped(self.modes)
+        inside = (omega >= band[0]) & (omega <= band[1])
+        floor = float((rounding[inside] / omega[inside]).max(initial=4 * EPS))
         if self.D is None:
-            return 4 * EPS
+            return floor
         exact, bar = self.reference
         inside = within(exact, band)
-        return float((bar[inside] / np.abs(exact[inside])).max(initial=4 * EPS))
+        return max(floor, float((bar[inside] / np.abs(exact[inside])).max(initial=0.0)))
 
     def _compared(self, count: int, band: tuple[float, float]) -> tuple[Array, Array, int]:
         """λ of the reduced model that belong to those of the reference in the band, their errors, and how many miss one."""
@@ -290,16 +306,6 @@ def paired(exact: Array, found: Array) -> tuple[Array, Array]:
 
     distance = np.abs(exact[:, None] - found[None, :]) / np.maximum(np.abs(exact), np.finfo(float).tiny)[:, None]
     return linear_sum_assignment(np.minimum(distance, 2.0))
-
-
-def _listed(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Those with Im λ ≥ 0 that are not rigid, in ascending |λ|, with rounding and |yᴴP'(λ)x|."""
-    keep = np.flatnonzero((values.imag >= 0) & (values != 0))
-    keep = keep[np.argsort(np.abs(values[keep]), kind="stable")]
-    values, X, Y = values[keep], X[:, keep], Y[:, keep]
-    slope = np.abs(np.einsum("ij,ij->j", Y.conj(), (pencil.M @ X) * (2 * values) + pencil.D @ X))
-    noise = EPS * np.einsum("ij,ij->j", np.abs(Y), pencil.magnitude(values, X))
-    return values, np.divide(noise, slope, out=np.zeros_like(slope), where=slope > 0), X, Y, slope
 
 
 def _root(A: Array) -> Array:

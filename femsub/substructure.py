@@ -106,6 +106,8 @@ class Substructure:
     def linearised(self, contacts: Belt | Sequence[Belt] | None = None) -> Pencil:
         """The pencil with D + Σ F μ' w wᵀ over the belts given."""
         pencil = self.pencil
+        if contacts is not None and not isinstance(contacts, (Belt, Sequence)):
+            raise InputTypeError(f"a contact must be a Belt, not {type(contacts).__name__}")
         for belt in [contacts] if isinstance(contacts, Belt) else contacts or []:
             if not isinstance(belt, Belt):
                 raise InputTypeError(f"a contact must be a Belt, not {type(belt).__name__}")

@@ -93,9 +93,9 @@ def turning(sub: fs.Substructure, share: float) -> fs.Substructure:
 
 def beam(free: bool = False, **options: object) -> fs.Substructure:
     nodes = np.linspace(0, 1.0, 41)
-    supports = {} if free else {"left": "clamped"}
-    return fs.beam(1.0, 40, **STEEL, I=1e-4**2 / 12, A=1e-4, supports=supports, interface=["left", "right"] if free else ["right"],
-                   ports={"belt": nodes[14]}, **options)  # type: ignore[arg-type]
+    supports, joints = ({}, ["left", "right"]) if free else ({"left": "clamped"}, ["right"])
+    return fs.beam(1.0, 40, **STEEL, I=1e-4**2 / 12, A=1e-4, supports=supports, interface=joints, ports={"belt": nodes[14]},
+                   **options)  # type: ignore[arg-type]
 
 
 def plate(cells: int = 8, edge: bool = True, triangles: bool = False) -> fs.Substructure:
@@ -109,7 +109,8 @@ def plate(cells: int = 8, edge: bool = True, triangles: bool = False) -> fs.Subs
     joint = [node(cells // 2, cells // 4), node(cells // 4, cells // 2)] if edge else corners
     mesh = mesh.with_sets(joint=np.array(joint))
     return fs.plate(mesh, **STEEL, nu=0.3, thickness=2e-3, supports={"edge": "simply supported"} if edge else {},
-                    interface=["joint"], ports={"belt": tuple(mesh.points[node(cells // 2, cells // 2 - 1)])}, rayleigh=(3.0, 2e-6))
+                    interface=["joint"], ports={"belt": tuple(mesh.points[node(cells // 2, cells // 2 - 1)])},
+                    rayleigh=(3.0, 2e-6))
 
 
 def block(held: bool) -> fs.Substructure:

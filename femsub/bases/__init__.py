@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from femsub.bases.basis import Basis, projected
 from femsub.bases.craig_bampton import CraigBampton
 from femsub.bases.craig_chang import CraigChang
 from femsub.errors import InputError, InputTypeError, PortWarning
+from femsub.estimates import SHARE, Estimate
 from femsub.friction import Belt
 from femsub.memory import check_memory
 from femsub.pencil import Array
@@ -19,7 +21,7 @@ from femsub.substructure import ReducedSubstructure, Substructure
 METHODS: dict[str, type[CraigBampton] | type[CraigChang]] = {"craig-bampton": CraigBampton, "craig-chang": CraigChang}
 PORT_LIMIT = 0.01  # a port's static response may be wrong by so much in the energy norm before `reduce` warns
 
-__all__ = ["METHODS", "Basis", "CraigBampton", "CraigChang", "reduce"]
+__all__ = ["METHODS", "Basis", "CraigBampton", "CraigChang", "Estimate", "reduce"]
 
 
 def reduce(sub: Substructure, method: CraigBampton | CraigChang,
@@ -79,6 +81,9 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     damped = None
     if method.band is not None:
         pencil = sub.linearised(contacts)
+        if method.band[1] >= SHARE * sub.cutoff:
+            raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is itself reduced, cut off "
+                             f"at {sub.cutoff:.5g}: end below {SHARE:g} of that, or reduce the full component")
         damped = pencil if pencil.norms[1] > 0 else None
     check_memory(sub.name, sub.K, static, method.modes or 0, len(sub.interface))
     basis = method.basis(sub, extra, columns, damped)
@@ -89,12 +94,13 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
                 f"{basis.method}; put its DOF into the interface, or call reduce(..., ports=True)",
                 PortWarning, stacklevel=2)
     V = basis.V
-    cutoff = np.inf if V.shape[1] == sub.size else basis.cutoff
+    cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
+    estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     return ReducedSubstructure(
         basis.M, basis.K, projected(sub.D, V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
-        kinds=basis.kinds, full_interface=sub.interface, cutoff=min(cutoff, sub.cutoff), method=basis.method,
+        kinds=basis.kinds, full_interface=sub.interface, cutoff=cutoff, method=basis.method,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
-        estimate=basis.estimate)
+        estimate=estimate)
 
 
 def _columns(w: Array) -> Array:

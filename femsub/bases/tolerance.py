@@ -50,6 +50,11 @@ class Parts:
         """MC, shape (n, n_c)."""
         return self.sub.M @ self.constraint
 
+    @cached_property
+    def rounding(self) -> Array:
+        """What CᵀKC, shape (n_c, n_c), may be off by: two formulas for it differ by that."""
+        return np.abs(self.constraint.T @ (self.sub.K @ self.constraint) - self.condensed)
+
     def lifted(self, shapes: Array) -> Array:
         """Shapes of the rows in all DOF, shape (n, k)."""
         if len(self.rows) == self.sub.size:
@@ -62,10 +67,10 @@ class Parts:
 class Search:
     """The modes found so far, and the static shapes less their share; both only grow."""
 
-    def __init__(self, parts: Parts, pencil: Pencil | None) -> None:
+    def __init__(self, parts: Parts, pencil: Pencil | None, begin: int = BEGIN) -> None:
         self.parts, self.pencil = parts, pencil
         self.most = elastic_modes(parts.handle)
-        self.found = lowest_modes(parts.handle, min(BEGIN, self.most), certify=False)
+        self.found = lowest_modes(parts.handle, min(begin, self.most), certify=False)
         self.loads = np.hstack([parts.forces, parts.inertia[parts.rows]])
         self.rest = parts.handle.elastic_solve(self.loads, self.found.shapes)
 
@@ -131,7 +136,7 @@ class Search:
         D = None if self.pencil is None else projected(self.pencil.D, U)
         if D is not None and symmetric:
             D = (D + D.T) / 2
-        return Nested(M, K, D, n_c, rigid, elastic, U[parts.rows].T @ parts.forces, symmetric), U
+        return Nested(M, K, D, n_c, rigid, elastic, U[parts.rows].T @ parts.forces, parts.rounding, symmetric), U
 
     def _residuals(self, plain: Nested, U: Array, band: tuple[float, float]) -> Array:
         """λ²MΞx + λDUx and, for an unsymmetric D, the left ones, less MΦ, F and MC, whose K⁻¹ is in U already; (n_i, k)."""
@@ -214,7 +219,7 @@ def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
         There are no more, 1000 are at hand and the model is large, or rounding alone takes more than is allowed.
     """
     count, size = search.modes, search.parts.handle.K.shape[0]
-    floor = nested.rounding(best.band)
+    floor = nested.floor(best.band)
     if search.complete or floor > best.tol or (count >= MOST and size > DENSE):
         where = "all modes" if search.complete else f"{best.modes} modes"
         rounding = f"; rounding alone takes {floor:.1e}" if floor > best.tol else ""
@@ -226,7 +231,7 @@ def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
     if not best.unmatched and np.isfinite(best.worst):
         slope = np.log(max(half.worst, best.worst) / best.worst) / np.log(2.0) if np.isfinite(half.worst) else 4.0
         factor = (best.worst / best.tol) ** (1 / max(slope, 0.5))
-    return int(count * float(np.clip(1.1 * factor, 1.5, 3.0))) + 1
+    return int(count * np.clip(1.1 * factor, 1.5, 3.0)) + 1
 
 
 def _compressed(columns: Array, stiffness: Array) -> Array:
