@@ -17,6 +17,7 @@ from femsub.qep import solve
 
 SHARE = 0.7  # a band ends below so much of the cut-off: the terms left out of a series in (ω/ω_cut)² then stay below a half
 MARGIN = 1.01  # on each figure: where all modes are at hand it is the error itself, and rounding would take it below that
+REAL = 1e-7  # |Im λ| / |λ| below which λ is real: rounding makes pairs of two equal ones
 DEPENDENT = 1e-13  # share of a static shape's energy below which what the modes leave of it is rounding
 
 
@@ -146,7 +147,7 @@ class Nested:
         T = self.basis(count)
         M, K = self.projected(T)
         found = all_modes(K, M)
-        omega, q = found.frequencies[found.rigid:], np.abs(T[:self.constraint] @ found.shapes[:, found.rigid:])
+        omega, q = found.frequencies[found.rigid:], T[:self.constraint] @ found.shapes[:, found.rigid:]
         return omega, np.einsum("ij,ij->j", q, self.rounding @ q) / (2 * omega)
 
     @cached_property
@@ -210,14 +211,24 @@ class Nested:
         D = T.T @ self.D @ T
         pencil = Pencil(M, (D + D.T) / 2 if self.symmetric else D, K)
         values, X, Y = solve(pencil)
-        keep = np.flatnonzero((values.imag >= 0) & (values != 0))
-        keep = keep[np.argsort(np.abs(values[keep]), kind="stable")]
-        values, X, Y = values[keep], X[:, keep], Y[:, keep]
         slope = np.abs(np.einsum("ij,ij->j", Y.conj(), (pencil.M @ X) * (2 * values) + pencil.D @ X))
-        noise = EPS * np.einsum("ij,ij->j", np.abs(Y), pencil.magnitude(values, X))
+        x, y, size = np.abs(X), np.abs(Y), np.abs(values)
+        noise = EPS * np.einsum("ij,ij->j", y, (np.abs(M) @ x) * size**2 + (np.abs(D) @ x) * size)
+        noise += EPS * _product(K, X, Y)  # the energy, in which large forces of soft motion cancel: of these `rounding` tells
         X, Y = T @ X, T @ Y
-        noise += np.einsum("ij,ij->j", np.abs(Y[:self.constraint]), self.rounding @ np.abs(X[:self.constraint]))
-        return values, np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0), X, Y, slope
+        noise += _product(self.rounding, X[:self.constraint], Y[:self.constraint])
+        bar = np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0)
+        keep = upper(values) & (values != 0)
+        if self.floating:
+            keep &= moving(values, bar)
+        order = np.flatnonzero(keep)[np.argsort(np.abs(values[keep]), kind="stable")]
+        return values[order], bar[order], X[:, order], Y[:, order], slope[order]
+
+    @cached_property
+    def floating(self) -> bool:
+        """Whether there is rigid motion, in C or beside it."""
+        kept = self._first + self.modes
+        return self.rigid > 0 or (self.constraint > 0 and all_modes(self.K[:kept, :kept], self.M[:kept, :kept]).rigid > 0)
 
     @cached_property
     def doubt(self) -> tuple[Array, Array]:
@@ -295,9 +306,20 @@ class Nested:
         return found[to[inside]], error[inside], int(lone.sum() + extra.sum())
 
 
+def upper(values: Array) -> Array:
+    """Which λ have Im λ ≥ 0; of a pair that rounding has made of two equal real ones, both."""
+    return values.imag >= -REAL * np.abs(values)
+
+
+def moving(values: Array, bar: Array) -> Array:
+    """Which λ are not 0 within rounding, their own (`bar`) and that of the eigensolver: rigid motion has some that are."""
+    return np.abs(values) > bar + 10 * EPS * np.abs(values).max(initial=0.0)
+
+
 def within(values: Array, band: tuple[float, float]) -> Array:
     """Which λ have lo ≤ Im λ ≤ hi and |Re λ| ≤ hi."""
-    return (values.imag >= band[0]) & (values.imag <= band[1]) & (np.abs(values.real) <= band[1])
+    low = np.where(np.abs(values.imag) <= REAL * np.abs(values), 0.0, values.imag)
+    return (low >= band[0]) & (values.imag <= band[1]) & (np.abs(values.real) <= band[1])
 
 
 def paired(exact: Array, found: Array) -> tuple[Array, Array]:
@@ -306,6 +328,12 @@ def paired(exact: Array, found: Array) -> tuple[Array, Array]:
 
     distance = np.abs(exact[:, None] - found[None, :]) / np.maximum(np.abs(exact), np.finfo(float).tiny)[:, None]
     return linear_sum_assignment(np.minimum(distance, 2.0))
+
+
+def _product(A: Array, X: Array, Y: Array) -> Array:
+    """sqrt(xᴴAx · yᴴAy) for a positive semidefinite A, column by column."""
+    x, y = (np.einsum("ij,ij->j", part.conj(), A @ part).real for part in (X, Y))
+    return np.sqrt(np.maximum(x, 0.0) * np.maximum(y, 0.0))
 
 
 def _root(A: Array) -> Array:

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from conftest import lattice, membrane
 
 import femsub as fs
+from femsub.estimates import moving, upper
 
 STEEL = {"E": 2.1e11, "rho": 7850.0}
 
@@ -64,9 +65,9 @@ class Problem:
 
 
 def positive(pencil: fs.Pencil) -> np.ndarray:
-    """All λ with Im λ ≥ 0 of a pencil, rigid ones left out, in ascending |λ|."""
+    """All λ with Im λ ≥ 0 of a pencil in ascending |λ|, those left out that are 0 for rigid motion, or 0 by rounding."""
     found = fs.complex_modes(pencil.dense())
-    values = found.eigenvalues[~found.rigid & (found.eigenvalues.imag >= 0)]
+    values = found.eigenvalues[~found.rigid & upper(found.eigenvalues) & moving(found.eigenvalues, found.error_bar)]
     return values[np.argsort(np.abs(values), kind="stable")]
 
 

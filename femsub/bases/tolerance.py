@@ -21,6 +21,7 @@ from femsub.substructure import Substructure
 BEGIN = 10  # modes of the first search
 MOST = 1000  # modes after which growth ends, where the model has more
 DENSE = 3000  # DOF up to which all modes may be taken
+TINY = float(np.finfo(float).tiny)
 FAINT = 1e-16  # share of the squared residuals below which a direction of them is not worth a solve
 
 
@@ -52,8 +53,20 @@ class Parts:
 
     @cached_property
     def rounding(self) -> Array:
-        """What CᵀKC, shape (n_c, n_c), may be off by: two formulas for it differ by that."""
-        return np.abs(self.constraint.T @ (self.sub.K @ self.constraint) - self.condensed)
+        """|E| (n_c, n_c), positive semidefinite, of what CᵀKC may be off by: two formulas for it differ by E.
+
+        Rigid motion is left out, of which the condensed stiffness has been cleaned.
+        """
+        if not len(self.condensed):
+            return self.condensed
+        E = self.constraint.T @ (self.sub.K @ self.constraint) - self.condensed
+        bare = self.sub.K.diagonal()[self.sub.interface]
+        unit = np.sqrt(np.where(bare > 0, bare, 1.0))
+        stiffness, vectors = np.linalg.eigh(self.condensed / np.outer(unit, unit))
+        elastic = vectors[:, stiffness > 1e-14 * stiffness[-1]]
+        values, vectors = np.linalg.eigh(elastic.T @ ((E + E.T) / 2 / np.outer(unit, unit)) @ elastic)
+        root = unit[:, None] * (elastic @ (vectors * np.sqrt(np.abs(values))))
+        return root @ root.T
 
     def lifted(self, shapes: Array) -> Array:
         """Shapes of the rows in all DOF, shape (n, k)."""
@@ -202,7 +215,9 @@ def _smallest(nested: Nested, band: tuple[float, float], tol: float, complete: b
         return best
     while low < best.modes:
         middle = (low + best.modes) // 2
-        other = nested.estimate(middle, band, tol)
+        other = nested.estimate(middle, band, tol, damped=False)  # the cheaper half first
+        if other.met and nested.D is not None:
+            other = nested.estimate(middle, band, tol)
         if other.met:
             best = other
         else:
@@ -239,7 +254,7 @@ def _compressed(columns: Array, stiffness: Array) -> Array:
     unit = np.where(stiffness > 0, stiffness, 1.0)[:, None] ** -0.5
     scaled = unit * columns
     share, vectors = np.linalg.eigh(scaled.T @ scaled)
-    keep = share > FAINT * max(float(share.max(initial=0.0)), np.finfo(float).tiny)
+    keep = share > FAINT * float(share.max(initial=TINY))
     return columns @ (vectors[:, keep] / np.sqrt(share[keep]))
 
 
