@@ -30,7 +30,7 @@ _HOME = {
     "chain": "chains", "chain_frequencies": "chains",
     "beam": "beams", "plate": "plates", "damped": "dampers",
     "normal_modes": "eigen", "NormalModes": "eigen",
-    "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases",
+    "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases", "Estimate": "estimates",
     "complex_modes": "cea", "ComplexModes": "cea",
     "sweep": "stability", "critical_slope": "stability", "CriticalSlope": "stability", "StabilitySweep": "stability",
     "transient": "transients", "Transient": "transients", "State": "contacts",
@@ -70,6 +70,7 @@ if TYPE_CHECKING:
         SingularMatrixError,
         UnstableModelError,
     )
+    from femsub.estimates import Estimate
     from femsub.fields import displacements
     from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
     from femsub.matrixfiles import read_matrix

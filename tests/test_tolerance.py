@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from conftest import lattice
 from gallery import Problem, positive, quick
 
@@ -15,7 +16,8 @@ from femsub import eigen
 from femsub._slepc import Factor
 from femsub.bases.tolerance import Search
 from femsub.eigen import lowest_modes
-from femsub.estimates import SHARE, Nested, paired, within
+from femsub.estimates import SHARE, paired, within
+from femsub.nested import Nested
 from femsub.shift_invert import ShiftInvert
 
 CASES = [(problem, kind) for problem in quick() for kind in problem.kinds]
@@ -191,9 +193,33 @@ def test_interface_empty_or_everything() -> None:
         assert rom.modes == 0 if interface else rom.modes >= 7
 
 
-def test_what_cannot_be_met_is_said() -> None:
+def test_special_components() -> None:
+    sub = fs.chain(150, belt=3, interface=(1, 20))
+    mass = np.where(np.arange(150) % 3 == 0, 0.0, 1.0)
+    massless = fs.Substructure(sp.diags_array(mass, format="csr"), sub.K, sub.D, sub.interface, sub.ports)
+    reduced_already = quietly(sub, fs.CraigBampton(50))
+    belts = [fs.Belt(slope=-0.05), fs.Belt(port="pair", slope=-0.1)]
+    two = fs.Substructure(sub.M, sub.K, sub.D, [0], {"belt": sub.ports["belt"], "pair": np.eye(150)[:, [5, 90]]})
+    for model, contacts in ((massless, belts[0]), (reduced_already, belts[0]), (two, belts)):
+        full, damped = fs.normal_modes(model, band=(0.0, 0.15)).frequencies, model.linearised(contacts)
+        for kind in (fs.CraigBampton, fs.CraigChang):
+            rom = quietly(model, kind(band=(0.0, 0.15), tol=1e-3), contacts=contacts)
+            assert np.abs(fs.normal_modes(rom, band=(0.0, 0.17)).frequencies[:len(full)] / full - 1).max() <= 1e-3
+            exact, found = positive(damped), positive(rom.linearised(contacts))
+            at, to = paired(exact, found)
+            inside = within(exact[at], (0.0, 0.15))
+            assert inside.sum() >= 5 and np.abs(found[to] / exact[at] - 1)[inside].max() <= 1e-3
+    with pytest.raises(fs.InputError, match="is itself reduced, cut off at"):
+        fs.reduce(reduced_already, fs.CraigBampton(band=(0.0, 1.0), tol=1e-3))
+
+
+def test_what_cannot_be_met_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(fs.NotConvergedError, match=r"cannot be reduced to 1e-17.*rounding alone takes"):
         quietly(fs.chain(20, belt=2), fs.CraigBampton(band=(0.0, 0.5), tol=1e-17))
+    monkeypatch.setattr("femsub.bases.tolerance.MOST", 20)
+    monkeypatch.setattr("femsub.bases.tolerance.DENSE", 100)
+    with pytest.raises(fs.NotConvergedError, match=r"with \d\d modes Estimate: .* not met .* put the belt's DOF"):
+        quietly(fs.chain(400, belt=2), fs.CraigBampton(band=(0.0, 0.1), tol=1e-9))
 
 
 def test_a_study_takes_tolerances() -> None:

@@ -10,7 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.bases.basis import COLUMNS, Basis, Extent, energy_error, independent, kept_modes, projected
-from femsub.bases.tolerance import Parts, chosen, unreduced
+from femsub.bases.parts import Parts
+from femsub.bases.tolerance import chosen, unreduced
 from femsub.eigen import confirm
 from femsub.errors import ConditionWarning, InputError
 from femsub.pencil import Array, Matrix, Pencil

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.bases.basis import Basis, Extent, energy_error, independent, kept_modes
-from femsub.bases.tolerance import Parts, chosen
+from femsub.bases.parts import Parts
+from femsub.bases.tolerance import chosen
 from femsub.eigen import confirm
 from femsub.pencil import Array, Pencil
 from femsub.shift_invert import ShiftInvert
@@ -75,4 +76,4 @@ class CraigChang(Extent):
         forces = np.zeros((n, n_b + extra.shape[1]), order="F")
         forces[sub.interface, np.arange(n_b)] = 1.0
         forces[:, n_b:] = extra
-        return Parts(sub, ShiftInvert(sub.K, sub.M), np.arange(n), np.zeros((n, 0)), np.zeros((0, 0)), forces)
+        return Parts(sub, ShiftInvert(sub.K, sub.M), slice(None), np.zeros((n, 0)), np.zeros((0, 0)), forces)

@@ -2,79 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from femsub.bases.basis import Kept, independent, projected
+from femsub.bases.basis import Kept, independent
+from femsub.bases.parts import Parts, Span
 from femsub.eigen import NormalModes, all_modes, elastic_modes, lowest_modes
 from femsub.errors import NotConvergedError
-from femsub.estimates import SHARE, Estimate, Nested, within
-from femsub.memory import check_memory
+from femsub.estimates import SHARE, Estimate, within
+from femsub.memory import check_columns
+from femsub.nested import Nested
 from femsub.pencil import EPS, Array, Matrix, Pencil
 from femsub.qep import solve
-from femsub.shift_invert import ShiftInvert
-from femsub.substructure import Substructure
 
 BEGIN = 10  # modes of the first search
 MOST = 1000  # modes after which growth ends, where the model has more
 DENSE = 3000  # DOF up to which all modes may be taken
 TINY = float(np.finfo(float).tiny)
 FAINT = 1e-16  # share of the squared residuals below which a direction of them is not worth a solve
-
-
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """What a method knows of a component before it has modes: the factor, its constraint modes C and its static loads.
-
-    Attributes
-    ----------
-    handle : ShiftInvert
-        Of K and M within `rows`: the interior (Craig-Bampton), or all.
-    constraint, condensed : ndarray, shapes (n, n_c) and (n_c, n_c)
-        C and CᵀKC; without columns for Craig-Chang.
-    forces : ndarray, shape (n_i, s)
-        F, whose static responses join the basis.
-    """
-
-    sub: Substructure
-    handle: ShiftInvert
-    rows: Array
-    constraint: Array
-    condensed: Array
-    forces: Array
-
-    @cached_property
-    def inertia(self) -> Array:
-        """MC, shape (n, n_c)."""
-        return self.sub.M @ self.constraint
-
-    @cached_property
-    def rounding(self) -> Array:
-        """|E| (n_c, n_c), positive semidefinite, of what CᵀKC may be off by: two formulas for it differ by E.
-
-        Rigid motion is left out, of which the condensed stiffness has been cleaned.
-        """
-        if not len(self.condensed):
-            return self.condensed
-        E = self.constraint.T @ (self.sub.K @ self.constraint) - self.condensed
-        bare = self.sub.K.diagonal()[self.sub.interface]
-        unit = np.sqrt(np.where(bare > 0, bare, 1.0))
-        stiffness, vectors = np.linalg.eigh(self.condensed / np.outer(unit, unit))
-        elastic = vectors[:, stiffness > 1e-14 * stiffness[-1]]
-        values, vectors = np.linalg.eigh(elastic.T @ ((E + E.T) / 2 / np.outer(unit, unit)) @ elastic)
-        root = unit[:, None] * (elastic @ (vectors * np.sqrt(np.abs(values))))
-        return root @ root.T
-
-    def lifted(self, shapes: Array) -> Array:
-        """Shapes of the rows in all DOF, shape (n, k)."""
-        if len(self.rows) == self.sub.size:
-            return shapes
-        full = np.zeros((self.sub.size, shapes.shape[1]), order="F")
-        full[self.rows] = shapes
-        return full
 
 
 class Search:
@@ -104,7 +50,8 @@ class Search:
         """More modes beside those at hand; the static shapes lose their share without a further solve."""
         handle, sub = self.parts.handle, self.parts.sub
         count = min(count, self.most)
-        check_memory(sub.name, sub.K, 2 * self.loads.shape[1] + 4 * count, 2 * count, len(sub.interface))
+        # modes twice, Krylov vectors of the new ones, loads and static shapes with those of the residuals
+        check_columns(sub.name, sub.size, 5 * (count - self.modes) + 4 * count + 4 * self.loads.shape[1])
         self.replace(lowest_modes(handle, count, known=self.found, certify=False))
 
     def replace(self, found: NormalModes) -> None:
@@ -121,40 +68,40 @@ class Search:
 
     def nested(self, band: tuple[float, float]) -> Nested:
         """M, D and K in [C Φ Ξ]; with damping Ξ also takes the residuals of the complex modes in the band."""
-        plain, U = self._space(self.loads, self.rest)
+        plain, span = self._space(self.loads, self.rest)
         if self.pencil is None:
             return plain
-        loads = self._residuals(plain, U, band)
+        loads = self._residuals(plain, span, band)
         if not loads.shape[1]:
             return plain
         rest = self.parts.handle.elastic_solve(loads, self.found.shapes)
         return self._space(np.hstack([self.loads, loads]), np.hstack([self.rest, rest]))[0]
 
-    def _space(self, loads: Array, rest: Array) -> tuple[Nested, Array]:
+    def _space(self, loads: Array, rest: Array) -> tuple[Nested, Span]:
         parts, found, rigid = self.parts, self.found, self.found.rigid
         elastic = found.eigenvalues[rigid:]
         held = found.shapes[:, rigid:].T @ loads
         whole = np.einsum("ij,ij->j", rest, loads) + np.einsum("ij,ij->j", held, held / elastic[:, None])
         static, stiffness, mass, _ = independent(parts.handle, rest, loads, whole, found.shapes)
+        span = Span(parts, found.shapes, static)
         n_c = parts.constraint.shape[1]
-        U = np.hstack([parts.constraint, parts.lifted(np.hstack([found.shapes, static]))])
-        diagonal = np.concatenate([np.zeros(n_c + rigid), elastic, stiffness])
-        M, K = np.diag(np.concatenate([np.zeros(n_c), np.ones(rigid + len(elastic)), mass])), np.diag(diagonal)
-        if n_c:
-            M[:n_c] = parts.inertia.T @ U
-            M[:, :n_c] = M[:n_c].T
-            M[:n_c, :n_c] = (M[:n_c, :n_c] + M[:n_c, :n_c].T) / 2
-            K[:n_c, :n_c] = parts.condensed
-        symmetric = self.pencil is None or self.pencil.symmetric[1]
-        D = None if self.pencil is None else projected(self.pencil.D, U)
-        if D is not None and symmetric:
-            D = (D + D.T) / 2
-        return Nested(M, K, D, n_c, rigid, elastic, U[parts.rows].T @ parts.forces, parts.rounding, symmetric), U
+        M = np.diag(np.concatenate([np.zeros(n_c), np.ones(rigid + len(elastic)), mass]))
+        K = np.diag(np.concatenate([np.zeros(n_c + rigid), elastic, stiffness]))
+        M[:, :n_c] = span.dot(parts.inertia)
+        M[:n_c] = M[:, :n_c].T
+        M[:n_c, :n_c] = (M[:n_c, :n_c] + M[:n_c, :n_c].T) / 2
+        K[:n_c, :n_c] = parts.condensed
+        D, symmetric = None, True
+        if self.pencil is not None:
+            D, symmetric = span.projected(self.pencil.D), self.pencil.symmetric[1]
+            D = (D + D.T) / 2 if symmetric else D
+        inner = [parts.constraint[parts.rows], found.shapes, static]
+        forces = np.concatenate([shapes.T @ parts.forces for shapes in inner])
+        return Nested(M, K, D, n_c, rigid, elastic, forces, parts.rounding, symmetric), span
 
-    def _residuals(self, plain: Nested, U: Array, band: tuple[float, float]) -> Array:
+    def _residuals(self, plain: Nested, span: Span, band: tuple[float, float]) -> Array:
         """λ²MΞx + λDUx and, for an unsymmetric D, the left ones, less MΦ, F and MC, whose K⁻¹ is in U already; (n_i, k)."""
         assert self.pencil is not None
-        rows, rest = self.parts.rows, plain.rest
         values, _, X, Y, _ = plain.damped(plain.modes)
         wanted = (values.imag <= 1.1 * band[1]) & (np.abs(values) <= 2 * band[1])
         sides = [(values[wanted], X[:, wanted], self.pencil.D)]
@@ -165,8 +112,10 @@ class Search:
             x = x / np.sqrt(np.abs(np.einsum("ij,ij->j", x.conj(), plain.M @ x)))
             size = np.abs(value)
             for part in (np.real, np.imag):
-                static = U[:, rest] @ part(x * (value**2 / size))[rest]
-                blocks.append((self.pencil.M @ static + D @ (U @ part(x * (value / size))))[rows])
+                static = np.zeros(x.shape)
+                static[plain.rest] = part(x * (value**2 / size))[plain.rest]
+                residual = self.pencil.M @ span.times(static) + D @ span.times(part(x * (value / size)))
+                blocks.append(residual[self.parts.rows])
         return _compressed(np.hstack(blocks), self.parts.handle.K.diagonal())
 
 
