@@ -143,7 +143,7 @@ class Balance:
         rest = np.linalg.norm(np.einsum("kij,kj->ki", Y, f), axis=1)
         size = float(np.linalg.norm(orbit.v)) or 1.0
         beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # ‖.‖ over all from k on
-        truncation = float(beyond[H]) if H < top else 0.0
+        truncation = float(beyond[H]) if top > H else 0.0
         enough = np.flatnonzero(beyond <= 0.1 * truncation)
         alias = float(np.linalg.norm(np.einsum("kij,kj->ki", Y[:H], half - f[:H]))) / size
         return truncation, alias, int(enough[0]) if len(enough) else top

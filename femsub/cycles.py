@@ -136,8 +136,9 @@ class LimitCycle:
 
     def __repr__(self) -> str:
         verdict = {True: "stable", False: "unstable", None: "stability undecided"}[self.is_stable]
-        return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking {100 * self.sticking:.3g} %, "
-                f"{verdict}; {self.orbit.harmonics} harmonics, residual {self.residual:.0e}, left out {self.truncation:.0e}")
+        return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking "
+                f"{100 * self.sticking:.3g} %, {verdict}; {self.orbit.harmonics} harmonics, residual "
+                f"{self.residual:.0e}, left out {self.truncation:.0e}")
 
 
 def static(model: Substructure, load: Array) -> Array:
@@ -214,7 +215,8 @@ def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: 
 def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) -> tuple[Orbit, int]:
     if isinstance(start, LimitCycle):
         if start.contact.columns != contact.columns:
-            raise InputError(f"the cycle to start from has {start.contact.columns} columns of contact, the model {contact.columns}")
+            raise InputError(f"the cycle to start from has {start.contact.columns} columns of contact, the model has "
+                             f"{contact.columns}")
         return start.orbit, 0
     if start is not None and hasattr(start, "t") and callable(getattr(start, "velocity", None)):
         start = (start.t, np.vstack([np.atleast_2d(start.velocity(belt.port)) for belt in contact.belts]))

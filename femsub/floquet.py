@@ -21,9 +21,10 @@ from femsub.compliance import Fractions
 from femsub.contacts import Sliding
 from femsub.pencil import Array
 
-STEPS = 2048  # of the first of two passes
+STEPS = 1024  # of the first of two passes
 MOST = 32768
-TRUSTED = 1e-4  # |μ - 1| of the trivial multiplier that is aimed at
+TRUSTED = 1e-4  # error of the leading multipliers by the steps at which they are short enough
+LEFT = 0.1  # of the last extrapolation's change is taken for what is still wrong
 FAINT = 0.05  # beyond it nothing is said about stability
 
 
@@ -37,14 +38,14 @@ class Multipliers:
         Without the trivial one.
     trivial : complex
         The one that is 1 in exact arithmetic.
-    change : float
-        Largest change of the leading multipliers by the extrapolation.
+    discretisation : float
+        Estimated error of the leading multipliers by the finite steps: a tenth of what the extrapolation changed.
     steps : int
     """
 
     values: Array
     trivial: complex
-    change: float
+    discretisation: float
     steps: int
 
     @property
@@ -52,10 +53,15 @@ class Multipliers:
         """|μ - 1| of the trivial multiplier."""
         return float(abs(self.trivial - 1))
 
+    @property
+    def doubt(self) -> float:
+        """By how much the others may be off: the larger of `error`, which also knows how good the orbit is, and the steps'."""
+        return max(self.error, self.discretisation)
+
     @cached_property
     def is_stable(self) -> bool | None:
-        """All |μ| < 1; None within the error, see `error`."""
-        doubt = max(self.error, self.change)
+        """All |μ| < 1; None within `doubt`."""
+        doubt = self.doubt
         leading = float(np.abs(self.values).max(initial=0.0))
         if doubt > FAINT or abs(leading - 1) <= doubt:
             return None
@@ -64,7 +70,7 @@ class Multipliers:
     @property
     def unstable(self) -> int:
         """How many multipliers lie outside of the unit circle, by more than the error."""
-        return int(np.count_nonzero(np.abs(self.values) > 1 + max(self.error, self.change)))
+        return int(np.count_nonzero(np.abs(self.values) > 1 + self.doubt))
 
     def __repr__(self) -> str:
         first = self.values[0] if len(self.values) else np.nan
@@ -74,16 +80,15 @@ class Multipliers:
 
 
 def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps: int = STEPS) -> Multipliers:
-    """The multipliers of an orbit of a dense model, with steps halved until the trivial one is 1 to 1e-4."""
+    """The multipliers of an orbit of a dense model, with steps halved until they are right to 1e-4 as far as the steps go."""
     coarse = _monodromy(contact, flexibility, orbit, steps)
     while True:
         fine = _monodromy(contact, flexibility, orbit, 2 * steps)
-        found = _sorted(np.linalg.eigvals(fine + (fine - coarse) / 3))
+        found, plain = _sorted(np.linalg.eigvals(fine + (fine - coarse) / 3)), np.linalg.eigvals(fine)
         at = int(np.argmin(np.abs(found - 1)))
-        others, plain = np.delete(found, at), np.linalg.eigvals(fine)
-        change = max((float(np.abs(plain - value).min()) for value in others[:3]), default=0.0)
-        if (abs(found[at] - 1) <= TRUSTED and change <= 10 * TRUSTED) or 2 * steps >= MOST:
-            return Multipliers(others, complex(found[at]), change, 2 * steps)
+        wrong = LEFT * max(float(np.abs(plain - value).min()) / max(1.0, abs(value)) for value in [*found[:4], found[at]])
+        if wrong <= TRUSTED or 2 * steps >= MOST:
+            return Multipliers(np.delete(found, at), complex(found[at]), wrong, 2 * steps)
         steps, coarse = 2 * steps, fine
 
 

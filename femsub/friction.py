@@ -91,8 +91,8 @@ class StribeckArctan:
         base = float(flat.slope(finite_number("speed", speed)))
         gain = float(one.slope(speed)) - base
         if abs(gain) <= 1e-9 * self.decay or speed == 0:
-            raise InputError(f"the falling part of the law has no slope at a sliding speed of {speed!r}, so that μ' cannot be made "
-                             f"{slope!r} there; choose another speed")
+            raise InputError(f"the falling part of the law has no slope at a sliding speed of {speed!r}, so that μ' cannot be "
+                             f"made {slope!r} there; choose another speed")
         return replace(self, drop=(slope - base) / gain)
 
 

@@ -92,7 +92,8 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
     if model.size > LARGEST:
         raise InputError(f"shooting is for models of up to {LARGEST} DOF, and this has {model.size}: use fs.harmonic_balance")
     if isinstance(start, LimitCycle):
-        start, period = start.state(), start.period if period is None else period
+        period = start.period if period is None else period
+        start = start.state()
     if not isinstance(start, State):
         raise InputTypeError(f"start must be a LimitCycle or a State, not {type(start).__name__}")
     if period is None or finite_number("period", period) <= 0:
@@ -101,7 +102,7 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
     if len(y) != 2 * model.size:
         raise InputError(f"the state has {len(start.displacement)} DOF, the model {model.size}")
     flow = _Flow(contact, rtol)
-    for turn in range(1, rounds + 1):
+    for turn in range(1, rounds + 1):  # noqa: B007 - told in the result
         end, Phi, _ = flow.run(y, period)
         slope = flow.rate(y)
         scale = float(np.linalg.norm(slope)) / (2 * np.pi / period)
@@ -114,8 +115,8 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
         if not 0 < period < np.inf:
             raise NotConvergedError("shooting lost the cycle: the period became negative; start nearer to it")
     else:
-        raise NotConvergedError(f"shooting did not close the orbit in {rounds} steps: the gap is {np.linalg.norm(gap) / scale:.1e} of "
-                                f"the motion, and {CLOSED:g} is asked")
+        raise NotConvergedError(f"shooting did not close the orbit in {rounds} steps: the gap is "
+                                f"{np.linalg.norm(gap) / scale:.1e} of the motion, and {CLOSED:g} is asked")
     values = np.linalg.eigvals(Phi)
     n = model.size
     return ShotCycle(State(y[:n], y[n:]), float(period), values[np.argsort(-np.abs(values))],

@@ -32,14 +32,16 @@ SWEPT = 3.0  # amplitudes up to so many belt speeds are tried
 
 def levels(contact: Sliding) -> list[Sliding]:
     """The contact with laws that get sharper, the last one being its own; one entry where the law has no `eps`."""
-    widths = [getattr(belt.law, "eps", None) if is_dataclass(belt.law) else None for belt in contact.belts]
+    widths = [float(getattr(belt.law, "eps", 0.0)) if is_dataclass(belt.law) else 0.0 for belt in contact.belts]
     speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
     most = max((WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width), default=1.0)
+    most = max(most, 1.0)
     steps = max(0, int(np.ceil(np.log(most) / -np.log(SHARPER))))
     found = []
     for at in range(steps, -1, -1):
         factor = most ** (at / steps) if steps else 1.0
-        belts = tuple(belt if not width or factor == 1 else replace(belt, law=widened(belt.law, width * factor, speed), slope=None)
+        belts = tuple(belt if not width or factor == 1 else
+                      replace(belt, law=widened(belt.law, width * factor, speed), slope=None)
                       for belt, width, speed in zip(contact.belts, widths, speeds, strict=True))
         found.append(replace(contact, belts=belts))
     return found
@@ -52,7 +54,8 @@ def widened(law: Any, eps: float, speed: float) -> Any:
 
 def harmonics_for(contact: Sliding, most: int) -> int:
     """How many harmonics the sharpest transition of a contact calls for, by experience."""
-    ratio = max((abs(belt.speed or 0.0) / belt.law.eps for belt in contact.belts if getattr(belt.law, "eps", 0)), default=10.0)
+    ratio = max((abs(belt.speed or 0.0) / belt.law.eps for belt in contact.belts  # type: ignore[union-attr]
+                 if getattr(belt.law, "eps", 0)), default=10.0)
     return int(np.clip(PER_EPS * ratio, 10, most))
 
 
@@ -86,18 +89,19 @@ def seeds(contact: Sliding, flexibility: Compliance, near: float | None = None) 
         The model is too large for its modes; steady sliding is stable and no frequency was given; no amplitude balances.
     """
     if not isinstance(flexibility, Fractions):
-        raise InputError(f"a model of {contact.model.size} DOF has no list of modes to begin at; give start=, e.g. the cycle of a "
-                         "reduced model (start=cycle) or a signal in time (start=(t, v))")
+        raise InputError(f"a model of {contact.model.size} DOF has no list of modes to begin at; give start=, e.g. the cycle of "
+                         "a reduced model (start=cycle) or a signal in time (start=(t, v))")
     growing = unstable_modes(contact, flexibility)
     if not len(growing) and near is None:
-        raise InputError(f"steady sliding is stable{_because(contact)}: no mode of {contact.model.name!r} grows from which a cycle "
-                         "could begin; make the slope of the friction more negative or its force larger (see "
+        raise InputError(f"steady sliding is stable{_because(contact)}: no mode of {contact.model.name!r} grows from which a "
+                         "cycle could begin; make the slope of the friction more negative or its force larger (see "
                          "fs.critical_slope), or give start= where a cycle is known")
     found = _of_modes(contact, flexibility, growing, near) if contact.columns > 1 else \
         _of_crossings(contact, flexibility, growing, near)
     if not found:
         raise InputError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
-                         + (f" near ω = {near:g}" if near else "") + "; give start=(t, v), a signal in time, or another frequency")
+                         + (f" near ω = {near:g}" if near else "") +
+                         "; give start=(t, v), a signal in time, or another frequency")
     return found
 
 
