@@ -4,7 +4,7 @@
 
 The linear part is constant and is known by its eigenvectors, the periodic part has rank p. Hence a step of Strang's splitting,
 exp(Ah/2) exp(h B g Bᵀ) exp(Ah/2), costs O(m p) for each of the m columns of Φ, and its steps may be as uneven as g is: they
-are short where friction changes from sliding to sticking. Two step sizes give the extrapolated Φ and its error. One multiplier
+are short where friction changes from sliding to sticking. Two and more step sizes give the extrapolated Φ and its error (Romberg). One multiplier
 is 1, that of a shift along the cycle: how far the computed one is from 1 says how far to trust the others.
 """
 
@@ -81,13 +81,21 @@ class Multipliers:
 
 def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps: int = STEPS) -> Multipliers:
     """The multipliers of an orbit of a dense model, with steps halved until they are right to 1e-4 as far as the steps go."""
-    coarse = _monodromy(contact, flexibility, orbit, steps)
+    coarse, before, last = _monodromy(contact, flexibility, orbit, steps), None, np.inf
     while True:
         fine = _monodromy(contact, flexibility, orbit, 2 * steps)
-        found, plain = _sorted(np.linalg.eigvals(fine + (fine - coarse) / 3)), np.linalg.eigvals(fine)
+        rough, best = fine, fine + (fine - coarse) / 3
+        if before is not None:
+            rough, best = best, best + (best - before) / 15
+        before = fine + (fine - coarse) / 3
+        found, plain = _sorted(np.linalg.eigvals(best)), np.linalg.eigvals(rough)
         at = int(np.argmin(np.abs(found - 1)))
         wrong = LEFT * max(float(np.abs(plain - value).min()) / max(1.0, abs(value)) for value in [*found[:4], found[at]])
-        if wrong <= TRUSTED or 2 * steps >= MOST:
+        trivial = float(abs(found[at] - 1))
+        # where shorter steps no longer bring it nearer to 1, the orbit's own error is what is left
+        done = wrong <= TRUSTED and (trivial <= TRUSTED or trivial > 0.5 * last)
+        last = trivial
+        if done or 2 * steps >= MOST:
             return Multipliers(np.delete(found, at), complex(found[at]), wrong, 2 * steps)
         steps, coarse = 2 * steps, fine
 
