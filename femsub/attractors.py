@@ -20,9 +20,10 @@ REACH = 0.015  # relative distance up to which two lines are one
 FINE = 4.0  # the same in steps 2π/T of the shorter record; less than that no window of T can tell
 OVERLAP = 0.8  # the share of the power on common lines from which on two motions are the same state
 LEVEL = 0.1  # and the relative difference of their rms up to which they are
-STEADY_OVERLAP, STEADY_LEVEL = 0.95, 0.01  # the same for two windows of one trajectory that has settled
+STEADY_OVERLAP, STEADY_LEVEL = 0.9, 0.01  # the same for two windows of one trajectory that has settled
 FAINT = 1e-3  # a line below this share of the power is left out
 HARMONIC = 0.99  # the share of the power on multiples of one frequency from which on a motion is periodic
+ALIGNED = 0.3  # by so much of 2π/T a line may miss its multiple: centres of lines are sharper than the lines
 SUBHARMONICS = 4  # that frequency may be the dominant one over 1, 2, … of these
 STILL = 1e-6  # an rms below this share of the belt's speed is no motion
 
@@ -108,7 +109,7 @@ def _is_periodic(lines: Sequence[tuple[float, float]], omega: float, resolution:
     best = 0.0
     for divisor in range(1, SUBHARMONICS + 1):
         order = np.rint(at * divisor / omega)
-        on = (order > 0) & (np.abs(at - order * omega / divisor) <= 2 * resolution)
+        on = (order > 0) & (np.abs(at - order * omega / divisor) <= ALIGNED * resolution)
         best = max(best, float(share[on].sum()))
     return best >= HARMONIC * float(share.sum())
 
@@ -147,7 +148,7 @@ def same_state(one: Motion, other: Motion) -> bool:
 
 
 def settled(before: Motion, now: Motion) -> bool:
-    """Whether two successive windows of a trajectory show one motion: rms within 1 %, 95 % of the power on common lines."""
+    """Whether two successive windows of a trajectory show one motion: rms within 1 %, 90 % of the power on common lines."""
     return _level(before, now) <= STEADY_LEVEL and overlap(before, now) >= STEADY_OVERLAP
 
 

@@ -136,8 +136,8 @@ class SelfExcitation:
 
     def __repr__(self) -> str:
         return (f"SelfExcitation: {len(self.missing)} of {len(self.growing)} growing modes missing, {len(self.spurious)} "
-                f"spurious, growth rates within {100 * self.growth_error:.2g} %, compliance {100 * self.compliance_mean:.2g} % off "
-                f"up to ω = {self.omega.max():.4g}")
+                f"spurious, growth rates within {100 * self.growth_error:.2g} %, compliance {100 * self.compliance_mean:.2g} % "
+                f"off up to ω = {self.omega.max():.4g}")
 
 
 def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substructure], belts: Belt | Sequence[Belt], *,

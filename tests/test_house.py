@@ -23,7 +23,7 @@ LAYERS = {
     "qep": 6, "bases": 6, "dampers": 6,
     "pep": 7, "crossing": 7, "partition": 7,
     "beams": 8, "plates": 8, "solids": 8, "cea": 8, "border": 9, "stability": 10,
-    "studies": 11,
+    "studies": 11, "quality": 12, "attractors": 2,
     "scene": 12, "figures": 13, "figures_modes": 14, "report": 14, "scenes": 15, "cli": 16,
 }
 
