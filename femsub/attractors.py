@@ -57,7 +57,7 @@ class Motion:
 
     def __repr__(self) -> str:
         kind = "nothing moves" if not self.lines else ("periodic" if self.periodic else "not periodic")
-        return f"Motion: {kind}, ω = {self.omega:.4f}, rms {self.rms:.4g}, sticks {100 * self.sticking:.0f} % of the time"
+        return f"Motion: {kind}, ω = {self.omega:.4f}, rms {self.rms:.3g}, sticks {100 * self.sticking:.0f} % of the time"
 
     def flat(self) -> dict[str, Any]:
         """For JSON; `Motion.of` takes it back."""

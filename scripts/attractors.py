@@ -45,8 +45,8 @@ from femsub.scene import Result
 
 SHORT = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC"}
 MEASURED = ("distance", "error_spectrum", "error_frequency", "error_amplitude")
-COLOURS = ("#222222", "#0067a5", "#c44e00", "#7fb4dc", "#e3a56b", "#3f8f4f", "#8c5ba5", "#b5b83e", "#d1789b", "#66c2a5", "#8c6d4f",
-           "#5a6b8c")
+COLOURS = ("#222222", "#0067a5", "#c44e00", "#7fb4dc", "#e3a56b", "#3f8f4f", "#8c5ba5", "#b5b83e", "#d1789b", "#66c2a5",
+           "#8c6d4f", "#5a6b8c")
 Row = dict[str, Any]
 Model = tuple[str, int, tuple[int, ...]]
 
@@ -84,9 +84,12 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
                      **criteria(settings, model)})
     again = [labels[at] for at in groups[full, "again"]]
     self_distance = attractors.total_variation(*(attractors.shares(part, count) for part in (labels[reference], again)))
-    partial = [row for row in rows if row["method"] != "full" and row["size"] < settings.masses]
-    correlations = [{"interface": list(interface)} | line for interface in dict.fromkeys(tuple(row["interface"]) for row in partial)
-                    for line in rank_correlation([row for row in partial if tuple(row["interface"]) == interface], CRITERIA, MEASURED)]
+    partial: dict[tuple[int, ...], list[Row]] = {}
+    for row in rows:
+        if row["method"] != "full" and row["size"] < settings.masses:
+            partial.setdefault(tuple(row["interface"]), []).append(row)
+    correlations = [{"interface": list(interface)} | line for interface, mine in partial.items()
+                    for line in rank_correlation(mine, CRITERIA, MEASURED)]
     early = [line for line in records if line["family"] == "again" and line["settled_at"]]
     return {"states": [_state(motions, labels, label) for label in range(count - 1)], "rows": rows, "chance": limit,
             "again": {"starts": len(again), "shares": attractors.shares(again, count), "distance": self_distance,
@@ -137,8 +140,8 @@ def text(found: dict[str, Any]) -> str:
         ["s", "s", "s", "s", ".0%", "d"])]
     rows = found["rows"]
     parts.append(report.table(
-        ["model", "interface", "DOF", "shares", "distance", "95 % interval", "agrees", "same state", "err ω", "err rms", "growing",
-         "missing", "spurious", "growth dist.", "mean compl."],
+        ["model", "interface", "DOF", "shares", "distance", "95 % interval", "agrees", "same state", "err ω", "err rms",
+         "growing", "missing", "spurious", "growth dist.", "mean compl."],
         [[SHORT[row["method"]], _interface(row["interface"]), row["size"], _told(row["shares"], names), row["distance"],
           f"{row['distance_low']:.2f}-{row['distance_high']:.2f}", "yes" if row["agrees"] else "no", row["same_start_same_state"],
           row["error_frequency"], row["error_amplitude"], row["own_growing"], row["missing"], row["spurious"],
@@ -152,7 +155,8 @@ def text(found: dict[str, Any]) -> str:
         f"{SHORT[row['method']]} {row['size']} {_interface(row['interface'])}: {names[row['impulse']]}, {names[row['rest']]}"
         for row in rows) + f" ({len(named)} different pairs).")
     if found["correlations"]:
-        parts.append("Spearman's rank correlation with what was measured, over the reduced models that are not complete:\n" + report.table(
+        parts.append("Spearman's rank correlation with what was measured, over the reduced models that are not complete")
+        parts.append(report.table(
             ["criterion", "interface", "distance of shares", "spectrum", "frequency", "amplitude"],
             [[line["criterion"], _interface(line["interface"]), *(_number(line[name]) for name in MEASURED)]
              for line in found["correlations"]], ["s", "s", "+.2f", "+.2f", "+.2f", "+.2f"]))
@@ -163,9 +167,9 @@ def text(found: dict[str, Any]) -> str:
 def conclusion(found: dict[str, Any]) -> list[str]:
     """From how many DOF on each method agrees, one line for each interface."""
     lines = []
-    for method, interface in dict.fromkeys((row["method"], tuple(row["interface"])) for row in found["rows"] if row["method"] != "full"):
-        mine = sorted((row for row in found["rows"] if (row["method"], tuple(row["interface"])) == (method, interface)),
-                      key=lambda row: -row["size"])
+    rows = sorted((row for row in found["rows"] if row["method"] != "full"), key=lambda row: -row["size"])
+    for method, interface in dict.fromkeys((row["method"], tuple(row["interface"])) for row in rows):
+        mine = [row for row in rows if (row["method"], tuple(row["interface"])) == (method, interface)]
         least = None
         for row in mine:
             if not row["agrees"]:
@@ -210,8 +214,8 @@ def draw(found: dict[str, Any]) -> Any:
             for place, parts in bars:
                 below = 0.0
                 for share, colour in zip(parts, colours, strict=True):
-                    hatch = "///" if colour == "white" else None
-                    panel.bar(place, 100 * share, bottom=100 * below, color=colour, width=0.8, hatch=hatch, edgecolor="0.4", lw=0.4)
+                    panel.bar(place, 100 * share, bottom=100 * below, color=colour, width=0.8, edgecolor="0.4", lw=0.4,
+                              hatch="///" if colour == "white" else None)
                     below += share
             panel.axvline(sizes[-1] + 0.75, color="0.5", lw=0.8)
             panel.set_title(f"{SHORT[method]}, interface {_interface(interface)}", fontsize=10)
@@ -282,7 +286,8 @@ def main() -> int:
         parser.error(str(error))
     except KeyboardInterrupt:
         report.progress_done()
-        print(f"interrupted; what is done is in {asked.out / 'trajectories.jsonl'}, the same command goes on from there", file=sys.stderr)
+        print(f"interrupted; what is done is in {asked.out / 'trajectories.jsonl'}, the same command goes on from there",
+              file=sys.stderr)
         return 130
     report.progress_done()
     found = evaluate(settings, records)

@@ -157,7 +157,8 @@ def test_a_sequence_solves_the_full_model_once(monkeypatch: pytest.MonkeyPatch) 
 
     asked: list[int] = []
     original = quality.complex_modes
-    monkeypatch.setattr(quality, "complex_modes", lambda model, *args, **kw: asked.append(model.size) or original(model, *args, **kw))
+    monkeypatch.setattr(quality, "complex_modes", lambda model, *rest, **more: asked.append(model.size) or original(
+        model, *rest, **more))
     models = [reduced(fs.CraigBampton, size) for size in (4, 6)]
     both = fs.self_excitation(FULL, models, BELT)
     assert asked == [10, 4, 6]
