@@ -38,6 +38,7 @@ _HOME = {
     "transient": "transients", "Transient": "transients", "State": "contacts",
     "spectrum": "spectra", "spectrogram": "spectra", "growth_rate": "spectra", "sticking": "spectra", "rms": "spectra",
     "study": "studies", "Study": "studies",
+    "self_excitation": "quality", "SelfExcitation": "quality",
     "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
     "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
     "MissingPackageError": "errors", "NotEnoughMemoryError": "errors", "FemsubWarning": "errors", "PortWarning": "errors",
@@ -82,6 +83,7 @@ if TYPE_CHECKING:
     from femsub.modelfiles import write_matrices
     from femsub.pencil import Pencil
     from femsub.plates import plate
+    from femsub.quality import SelfExcitation, self_excitation
     from femsub.shooting import ShotCycle, shoot
     from femsub.solids import solid
     from femsub.spectra import growth_rate, rms, spectrogram, spectrum, sticking

@@ -232,11 +232,11 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     return Study(sub.name, (lo, hi), repeats, full, tuple(rows))
 
 
-def match(reference: Array, values: Array) -> tuple[Array, Array]:
-    """The one-to-one assignment of two spectra with the least sum of |Δλ|: indices into both, never by position."""
+def match(reference: Array, values: Array, penalty: Array | float = 0.0) -> tuple[Array, Array]:
+    """The one-to-one assignment of two spectra with the least sum of |Δλ| + penalty: indices into both, never by position."""
     from scipy.optimize import linear_sum_assignment
 
-    return linear_sum_assignment(np.abs(reference[:, None] - values[None, :]))
+    return linear_sum_assignment(np.abs(reference[:, None] - values[None, :]) + penalty)
 
 
 def spectrum_errors(full: ComplexModes, reduced: ComplexModes) -> tuple[float, float, int]:

@@ -24,7 +24,7 @@ LAYERS = {
     "qep": 6, "bases": 6, "dampers": 6,
     "pep": 7, "crossing": 7, "partition": 7,
     "beams": 8, "plates": 8, "solids": 8, "cea": 8, "border": 9, "stability": 10,
-    "studies": 11,
+    "studies": 11, "quality": 12, "attractors": 2,
     "compliance": 8, "balance": 9, "floquet": 10, "starts": 10, "cycles": 11, "shooting": 12,
     "continuation": 12, "hopf": 13, "specials": 13, "branches": 14,
     "scene": 15, "figures": 16, "figures_modes": 17, "figures_cycles": 17, "report": 17, "scenes": 18, "cli": 19,
