@@ -37,7 +37,7 @@ _HOME = {
     "sweep": "stability", "critical_slope": "stability", "CriticalSlope": "stability", "StabilitySweep": "stability",
     "transient": "transients", "Transient": "transients", "State": "contacts",
     "spectrum": "spectra", "spectrogram": "spectra", "growth_rate": "spectra", "sticking": "spectra", "rms": "spectra",
-    "study": "studies", "Study": "studies",
+    "study": "studies", "Study": "studyresults",
     "self_excitation": "quality", "SelfExcitation": "quality",
     "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
     "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
@@ -88,7 +88,8 @@ if TYPE_CHECKING:
     from femsub.solids import solid
     from femsub.spectra import growth_rate, rms, spectrogram, spectrum, sticking
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
-    from femsub.studies import Study, study
+    from femsub.studies import study
+    from femsub.studyresults import Study
     from femsub.substructure import ReducedSubstructure, Substructure
     from femsub.transients import Transient, transient
 

@@ -17,8 +17,8 @@ from femsub.contacts import project
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.factor import complex_solve, factorise
 from femsub.friction import Belt
+from femsub.matching import match
 from femsub.pencil import Array, finite_number
-from femsub.studies import match
 from femsub.substructure import ReducedSubstructure, Substructure
 
 NEAR = 0.05  # |Δλ| / |λ| up to which a mode of a reduced model can stand for one of the full model

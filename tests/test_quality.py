@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from scipy.stats import spearmanr
 
 import femsub as fs
+from femsub.matching import match
 from femsub.quality import CRITERIA, compliance_error, rank_correlation
-from femsub.studies import match
 
 BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-3))
 FULL = fs.chain(10, belt=2, damping=0.1)

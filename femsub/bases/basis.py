@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from femsub.eigen import NormalModes, lowest_modes
 from femsub.errors import InputError
 from femsub.pencil import EPS, Array, Matrix, whole_number
+from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
 
 COLUMNS = 64  # of V, worked on at a time
@@ -35,6 +36,7 @@ class Basis:
     factorisations: int
 
 
+@phase("projection")
 def projected(A: Matrix, V: Array) -> Array:
     """VᵀAV, shape (r, r), without AV: a block of columns at a time."""
     result = np.zeros((V.shape[1],) * 2)
