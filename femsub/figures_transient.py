@@ -41,6 +41,7 @@ def signals_figure(tracks: Sequence[Any]) -> Any:
         right.set_title(f"its last {PERIODS} periods; dashed: the belt", fontsize=9)
     for axis in axes[-1]:
         axis.set_xlabel("t  [time]")
+        axis.locator_params(axis="x", nbins=4)
     return figure
 
 
@@ -88,12 +89,12 @@ def period_figure(rows: Sequence[Mapping[str, Any]]) -> Any:
     figure = new_figure(7.5, 4.5)
     axis = figure.subplots()
     full = next(row for row in rows if row["model"] == "full")
-    for kind in dict.fromkeys(row["model"] for row in rows if row["model"] != "full"):
+    for side, kind in enumerate(dict.fromkeys(row["model"] for row in rows if row["model"] != "full")):
         points = [row for row in rows if row["model"] == kind]
         axis.plot([row["seconds_per_period"] for row in points], [max(row["amplitude_error"], 1e-8) for row in points],
                   color=COLOURS.get(kind, "black"), marker=MARKERS.get(kind, "o"), ls="", label=LABELS.get(kind, kind))
         for row in points:
-            axis.annotate(str(row["size"]), (row["seconds_per_period"], max(row["amplitude_error"], 1e-8)), (5, 3),
+            axis.annotate(str(row["size"]), (row["seconds_per_period"], max(row["amplitude_error"], 1e-8)), (6, -9 + 13 * side),
                           textcoords="offset points", fontsize=8)
     axis.axvline(full["seconds_per_period"], color="black", ls="--", lw=1, label=f"full, {full['size']} DOF")
     axis.axhline(0.01, color="grey", lw=0.8, ls=":", label="1 %")
