@@ -27,7 +27,8 @@ LAYERS = {
     "matching": 9, "studyresults": 1, "studies": 11, "quality": 12, "attractors": 2,
     "compliance": 8, "balance": 9, "floquet": 10, "starts": 10, "cycles": 11, "shooting": 12,
     "continuation": 12, "hopf": 13, "specials": 13, "branches": 14,
-    "scene": 15, "figures": 16, "figures_modes": 17, "figures_cycles": 17, "figures_transient": 17, "report": 17, "scenes": 18, "cli": 19,
+    "scene": 15, "figures": 16, "figures_modes": 17, "figures_cycles": 17, "figures_transient": 17,
+    "report": 17, "scenes": 18, "cli": 19,
 }
 
 
