@@ -27,6 +27,7 @@ from femsub.factor import Handle, factorise
 from femsub.pencil import Array
 
 RADIUS = 0.9  # amplification of what oscillates infinitely fast
+AT_ONCE = 8  # points of the grid: so many are lost at most by Ctrl-C
 BLOCK = 32  # steps between two decisions on their length
 KEPT = 4  # factorisations kept, the last ones used
 HALVINGS = 40  # of the step at a stretch, before giving up
@@ -51,23 +52,26 @@ class AlphaFlow:
         self.work = self.loss = 0.0
         self.dt = self.largest = step
         self.speed = _speed(contact, start)
+        self.done, self.worst = 0, 0.0  # steps since the last decision on their length, and the largest local error of these
         self.factors: dict[tuple[float, float], tuple[Handle, Array, Array]] = {}
         self.stepper = Stepper(self, start)
+        self.history: list[Array] = []  # the last speeds, at distances of `last`
+        self.last = 0.0
+        self.reached = self._checkpoint()
 
     @property
     def stretch(self) -> float:
-        return 4 * BLOCK * self.largest
+        return AT_ONCE * self.largest
 
     @property
     def state(self) -> State:
-        x, v = self.stepper.get()
-        return State(x.copy(), v.copy())
+        return State(*self.reached[:2])
 
     @property
     def balance(self) -> tuple[float, float, float]:
         """Work of the belts and dissipation since the start, and the energy now."""
-        x, v = self.stepper.get()
-        return self.work, self.loss, float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
+        x, v, work, loss, _ = self.reached
+        return work, loss, float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
 
     def close(self) -> None:
         """Gives factors and PETSc's objects back."""
@@ -79,15 +83,14 @@ class AlphaFlow:
     def advance(self, times: Array) -> tuple[Array, ...]:
         """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n)."""
         shown = [self._seen()]
-        begin, at, done = self._checkpoint(), 0, 0
-        history: list[Array] = [begin[1]]
-        worst, halved, quick = 0.0, 0, 0.0
+        begin, at, done, worst = self._checkpoint(), 0, self.done, self.worst
+        history, last, halved = self.history or [begin[1]], self.last, 0
         while at < len(times) - 1:
             span = times[at + 1] - times[at]
             count = max(1, int(np.ceil(span / self.dt * (1 - 1e-9))))
             step = float(f"{span / count:.9e}")  # equal steps share a factorisation
-            if step != quick:
-                history, quick = history[-1:], step
+            if step != last:  # the third difference needs four speeds at equal distances
+                history, last = history[-1:], step
             failed = False
             for _ in range(count):
                 history = [*history[-3:], self._step(step)]
@@ -112,7 +115,8 @@ class AlphaFlow:
                     self.dt *= 2
                 begin, done, worst, halved = self._checkpoint(), 0, 0.0, 0
                 begin = (*begin[:4], len(shown))
-        self.t = float(times[-1])
+        self.t, self.done, self.worst, self.reached = float(times[-1]), done, worst, self._checkpoint()
+        self.history, self.last = history, last
         return tuple(np.array(part) for part in zip(*shown, strict=True))
 
     def _checkpoint(self) -> tuple[Array, Array, float, float, int]:

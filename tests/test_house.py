@@ -27,7 +27,8 @@ LAYERS = {
     "matching": 9, "studyresults": 1, "studies": 11, "quality": 12, "attractors": 2,
     "compliance": 8, "balance": 9, "floquet": 10, "starts": 10, "cycles": 11, "shooting": 12,
     "continuation": 12, "hopf": 13, "specials": 13, "branches": 14,
-    "scene": 15, "figures": 16, "figures_modes": 17, "figures_cycles": 17, "report": 17, "scenes": 18, "cli": 19,
+    "scene": 15, "figures": 16, "figures_modes": 17, "figures_cycles": 17, "figures_transient": 17,
+    "report": 17, "scenes": 18, "cli": 19,
 }
 
 
@@ -70,7 +71,7 @@ def test_one_importer_of_petsc_and_one_of_matplotlib(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     if path.name != "_slepc.py":
         assert "import petsc4py" not in text and "from petsc4py" not in text and "slepc4py" not in imported(path)
-    if path.name not in ("figures.py", "figures_modes.py", "figures_cycles.py"):
+    if path.name not in ("figures.py", "figures_modes.py", "figures_cycles.py", "figures_transient.py"):
         assert "import matplotlib" not in text and "from matplotlib" not in text
 
 
