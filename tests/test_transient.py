@@ -109,6 +109,9 @@ def test_grids_and_records() -> None:
     late = fs.transient(model, BELT, (0, 10.25), step=0.5, record_from=6.1)
     np.testing.assert_allclose(late.t, np.arange(6.1, 10.25, 0.5))
     assert late.end == 10.25
+    long = fs.transient(one_mass(), BELT, (0, 3000), step=4.0, record_from=100)  # several stretches, some before the record
+    assert len(long.t) == len(long.velocity("belt")) == 726
+    np.testing.assert_allclose(long.t, 100 + 4.0 * np.arange(726))
     assert fs.transient(model, BELT, (0, 1), step=5.0).t.tolist() == [0.0]
     assert "energy balance to" in repr(run) and "\n" not in repr(run)
 
