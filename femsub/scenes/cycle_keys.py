@@ -84,7 +84,7 @@ def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple
     tell = lambda text: progress(f"{scene.name}: {text}")  # noqa: E731 - a word for each step
     parts = {"cycles": _cycles, "branches": _branches}
     rows: list[dict[str, Any]] = []
-    text, drawings = [head], {}
+    text, drawings = [head], dict[str, Callable[[], Any]]()
     for output in scene.outputs:
         found = parts[output](scene, models, band, tell)
         data |= found.data
