@@ -9,6 +9,7 @@ frequencies asked for, and what was solved serves as a basis for frequencies nea
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Protocol
 from weakref import WeakKeyDictionary
 
@@ -16,14 +17,18 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.contacts import Sliding
+from femsub.eigen import lowest_modes
 from femsub.errors import SingularMatrixError
-from femsub.factor import QUADRATIC, complex_solve
+from femsub.factor import QUADRATIC, Handle, complex_solve, factorise
 from femsub.pencil import Array, Pencil, is_symmetric
 from femsub.qep import ModalForm, modal_form, with_energy
+from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
 
 AGREE = 1e-7  # partial fractions and a solve may differ by so much, relatively, where they differ most
-NEARBY = 1e-9  # residual ‖P(s)x - W‖ / ‖W‖ up to which a basis of responses is taken for the model itself
+NEARBY = 1e-7  # relative error of h, as estimated, up to which a basis of responses is taken for the model itself
+MODES, MOMENTS = 40, 3  # with which the basis of a sparse model begins
+AT_ONCE = 8  # frequencies that are solved before the others are looked at again
 CHUNK = 2_000_000  # entries of a temporary array
 
 
@@ -154,28 +159,61 @@ class Fractions:
 class Solved:
     """Y(s) by one solve for each frequency that the responses found so far cannot account for.
 
-    The real and imaginary parts of all responses span V; V q with VᵀP(s)V q = VᵀW stands for the model where its residual
-    ‖P(s)Vq - W‖ / ‖W‖ is below 1e-9. As Newton's method shifts ω a little in each step, most frequencies are solved once.
+    The real and imaginary parts of the responses span V; V q with VᵀP(s)V q = VᵀW stands for the model where the error of h
+    is below 1e-7, as its residual tells. Newton's method shifts ω a little in each step, and neighbouring harmonics share
+    modes: fewer systems are solved than there are harmonics.
     """
 
     def __init__(self, pencil: Pencil, W: Array) -> None:
         self.pencil, self.W, self.evaluations, self.solves = pencil, W, 0, 0
         self.symmetric = all(pencil.symmetric)
         self.V = np.zeros((pencil.size, 0))
-        self._project()
+        if pencil.is_sparse and pencil.size > QUADRATIC:
+            self._grow(self._first())
+        else:
+            self._project()
+
+    def _first(self) -> Array:
+        """The lowest modes, which responses nearby cannot tell apart, and the first moments of h about 0."""
+        handle = ShiftInvert(self.pencil.K, self.pencil.M)
+        modes = lowest_modes(handle, MODES, defer=True)
+        handle.release()
+        moments = [self.static.solve(self.W)]
+        for _ in range(MOMENTS):
+            moments.append(self.static.solve(self.pencil.M @ moments[-1]))
+        return np.hstack([modes.shapes, *moments])
 
     def _project(self) -> None:
         self.images = [part @ self.V for part in (self.pencil.M, self.pencil.D, self.pencil.K)]
-        self.parts = [self.V.T @ image for image in self.images]
-        self.load = self.V.T @ self.W
+        M, D, K = (self.V.T @ image for image in self.images)
+        form = modal_form(Pencil((M + M.T) / 2, D, (K + K.T) / 2)) if len(M) else None
+        found = None if form is None else Spectral(form)
+        self.quick = Fractions(found, self.V.T @ self.W) if found is not None and found.usable else None
 
-    def _galerkin(self, s: complex) -> tuple[Array, float]:
-        M, D, K = self.parts
-        if not len(M):
-            return np.zeros((0, self.W.shape[1]), dtype=complex), np.inf
-        q = la.solve(s * s * M + s * D + K, self.load.astype(complex), check_finite=False)
-        rest = self.images[0] @ (s * s * q) + self.images[1] @ (s * q) + self.images[2] @ q - self.W
-        return q, float(np.linalg.norm(rest) / np.linalg.norm(self.W))
+    def _galerkin(self, s: Array) -> tuple[Array, Array]:
+        """x = V q - K⁻¹r with r = P(s)Vq - W, shape (m, n, p), and |rᵀK⁻¹r| / |h| (m,): infinite where there is no basis yet.
+
+        What the basis leaves out are high modes, on which P is nearly K: hence the correction, and what is left of the error.
+        """
+        n, p = self.W.shape
+        if self.quick is None:
+            return np.zeros((len(s), n, p), dtype=complex), np.full(len(s), np.inf)
+        found, wrong, size = np.empty((len(s), n, p), dtype=complex), np.zeros(len(s)), np.zeros(len(s))
+        for c in range(p):
+            q = self.quick.response(s, np.tile(np.eye(p)[c], (len(s), 1)))
+            gap = self.images[0] @ (q * s**2) + self.images[1] @ (q * s) + self.images[2] @ q - self.W[:, c, None]
+            both = self.static.solve(np.hstack([gap.real, gap.imag]))
+            change = both[:, :len(s)] + 1j * both[:, len(s):]
+            x = self.V @ q - change
+            found[:, :, c] = x.T
+            wrong += np.abs(np.einsum("nm,nm->m", gap, change))
+            size += np.abs(self.W[:, c] @ x)
+        return found, wrong / np.where(size > 0, size, 1.0)
+
+    @cached_property
+    def static(self) -> Handle:
+        """K⁻¹."""
+        return factorise(self.pencil.K, "definite")
 
     def _exact(self, s: complex, transposed: bool = False) -> Array:
         P = self.pencil.at(s)
@@ -190,27 +228,29 @@ class Solved:
 
     def _responses(self, s: Array) -> Array:
         """P(s)⁻¹W, shape (m, n, p)."""
-        found = np.empty((len(s), *self.W.shape), dtype=complex)
-        fresh = []
-        for i, value in enumerate(s):
-            q, rest = self._galerkin(value)
-            if rest <= NEARBY:
-                found[i] = self.V @ q
-            else:
-                found[i] = self._exact(value)
-                fresh.append(found[i])
-        if fresh:
-            self._grow(np.hstack(fresh))
+        found, wrong = self._galerkin(s)
+        exact = np.zeros(len(s), dtype=bool)
+        while (wrong > NEARBY).any():
+            # those in between are often taken care of by their neighbours
+            bad = np.flatnonzero(wrong > NEARBY)
+            chosen = bad[np.unique(np.linspace(0, len(bad) - 1, min(len(bad), AT_ONCE)).astype(int))]
+            new = [self._exact(s[i]) for i in chosen]
+            self._grow(np.hstack(new))
+            exact[chosen] = True
+            again, wrong = self._galerkin(s)
+            found[~exact] = again[~exact]
+            found[chosen] = new
+            wrong[exact] = 0.0
         return found
 
     def _grow(self, new: Array) -> None:
-        new = np.hstack([new.real, new.imag])
+        new = np.hstack([new.real, new.imag]) if np.iscomplexobj(new) else new
         new = new[:, np.linalg.norm(new, axis=0) > 0]
         new = new / np.linalg.norm(new, axis=0)
         for _ in range(2):
             new = new - self.V @ (self.V.T @ new)
         basis, triangle, _ = la.qr(new, mode="economic", pivoting=True, check_finite=False)
-        rank = int(np.count_nonzero(np.abs(triangle.diagonal()) > 1e-13))
+        rank = int(np.count_nonzero(np.abs(triangle.diagonal()) > 1e-11))
         basis = basis[:, :rank] - self.V @ (self.V.T @ basis[:, :rank])
         self.V = np.hstack([self.V, basis])
         self._project()
@@ -230,7 +270,9 @@ class Solved:
 
     def estimate(self, s: Array) -> Array:
         """Y(s) from the responses found so far, without a new solve, shape (m, p, p)."""
-        return np.array([value * self.load.T @ self._galerkin(value)[0] for value in s])
+        if self.quick is None:
+            return self.mobility(s)[0]
+        return self.quick.mobility(s)[0].copy()
 
     def response(self, s: Array, force: Array) -> Array:
         """x (n, m) with P(s_k) x_k = W f_k."""

@@ -189,7 +189,9 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
     if all(belt.force == 0 for belt in contact.belts):
         raise InputError("the normal force is zero: nothing excites the model, and it has no limit cycle; give the belt a force")
     _ = contact.equilibrium  # refuses what floats
-    flexibility = compliance(contact)
+    known = start.contact if isinstance(start, LimitCycle) else None
+    same = known is not None and known.model is model and np.array_equal(known.W, contact.W)
+    flexibility = start.flexibility if same else compliance(contact)  # a sparse model keeps its responses
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
     return refined(contact, flexibility, orbit, harmonics, tolerance, steps)
 
@@ -217,7 +219,7 @@ def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) ->
         if start.contact.columns != contact.columns:
             raise InputError(f"the cycle to start from has {start.contact.columns} columns of contact, the model has "
                              f"{contact.columns}")
-        return start.orbit, 0
+        return _trimmed(start.orbit), 0
     if start is not None and hasattr(start, "t") and callable(getattr(start, "velocity", None)):
         start = (start.t, np.vstack([np.atleast_2d(start.velocity(belt.port)) for belt in contact.belts]))
     if isinstance(start, tuple) and len(start) == 2:
@@ -229,6 +231,13 @@ def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) ->
     if start is not None and not 0 < start < np.inf:
         raise InputError(f"start must be a positive frequency in rad per unit of time, not {start!r}")
     return _sharpened(contact, flexibility, None if start is None else float(start), most)
+
+
+def _trimmed(orbit: Orbit, tail: float = 1e-5) -> Orbit:
+    """Without the harmonics that together are less than `tail` of the orbit."""
+    size = np.linalg.norm(orbit.v, axis=1)
+    beyond = np.sqrt(np.cumsum(size[::-1] ** 2)[::-1])
+    return orbit.with_harmonics(max(5, int(np.count_nonzero(beyond > tail * beyond[0]))))
 
 
 def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None, most: int) -> tuple[Orbit, int]:

@@ -4,8 +4,9 @@
 
 The linear part is constant and is known by its eigenvectors, the periodic part has rank p. Hence a step of Strang's splitting,
 exp(Ah/2) exp(h B g Bᵀ) exp(Ah/2), costs O(m p) for each of the m columns of Φ, and its steps may be as uneven as g is: they
-are short where friction changes from sliding to sticking. Two and more step sizes give the extrapolated Φ and its error (Romberg). One multiplier
-is 1, that of a shift along the cycle: how far the computed one is from 1 says how far to trust the others.
+are short where friction changes from sliding to sticking. Two and more step sizes give the extrapolated Φ and its error
+(Romberg). One multiplier is 1, that of a shift along the cycle: how far the computed one is from 1 says how far to trust the
+others.
 """
 
 from __future__ import annotations

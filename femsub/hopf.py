@@ -13,11 +13,11 @@ from femsub.balance import Orbit
 from femsub.compliance import Compliance, Fractions
 from femsub.contacts import Sliding
 from femsub.continuation import Path, Place
-from femsub.crossing import PortFunction
 from femsub.errors import InputError, InputTypeError
 from femsub.friction import Belt
 from femsub.pencil import Array
 from femsub.stability import critical_slope
+from femsub.starts import crossings
 
 SMALL = 1e-3  # amplitude of the first cycle, of the belt's speed
 TOGETHER = 1e-6  # crossings whose slopes agree to this, relatively, happen at once
@@ -72,8 +72,7 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
 def _nearest(contact: Sliding, flexibility: Compliance, near: float) -> tuple[float, float, Array]:
     if not isinstance(flexibility, Fractions) or contact.columns > 1:
         raise InputError("a crossing by frequency is for one column of contact and up to 2,000 DOF; start from a cycle instead")
-    function = PortFunction(flexibility.found.form, flexibility.w[:, 0], flexibility.found.values, flexibility.residues[:, 0])
-    omega, c = function.crossings(0.0, np.inf)
+    omega, c = crossings(flexibility, 0.0, np.inf)
     if not len(omega):
         raise InputError(f"{contact.model.name!r} has no Hopf point: no pair crosses the imaginary axis at any slope")
     at = int(np.argmin(np.abs(omega - near)))

@@ -104,7 +104,8 @@ def equations(contact: Sliding, start: State) -> Equations:
         L = la.cholesky(M, lower=True)
     except la.LinAlgError:
         L = np.zeros_like(M)
-    if np.diagonal(L).min() ** 2 <= len(M) * EPS * M.diagonal().max():
+    # entry by entry: rotations and displacements in one vector have masses of different units
+    if (np.diagonal(L) ** 2 <= len(M) * EPS * M.diagonal()).any():
         raise InputError(f"M of {model.name!r} is singular (massless DOF): velocities are undetermined there; condense those "
                          "DOF, or reduce the model first")
     Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))

@@ -22,6 +22,8 @@ SCENES = {
     "solid": ("femsub.scenes.solid", "a solid, a brake's disc or your own mesh: the same"),
     "chain-transient": ("femsub.scenes.chain_transient", "the chain in time: full, HCB and CC, spectrograms (Fig. 5)"),
     "solid-transient": ("femsub.scenes.solid_transient", "a disc in time: limit cycle, full against reduced, time per period"),
+    "chain-limit-cycle": ("femsub.scenes.chain_cycles", "the chain's limit cycles, full, HCB and CC: table, branches, stability"),
+    "plate-limit-cycle": ("femsub.scenes.plate_cycles", "the plate's limit cycles over the normal force: full, HCB and CC"),
 }
 METHOD_NAMES = ("craig-bampton", "craig-chang")
 LAW_NAMES = ("stribeck-arctan", "stribeck-arctan-odd")

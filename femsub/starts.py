@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import is_dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from femsub.balance import Orbit, coefficients
-from femsub.compliance import Compliance, Fractions
+from femsub.compliance import Compliance, Fractions, compliance
 from femsub.contacts import Sliding
 from femsub.crossing import PortFunction
 from femsub.errors import InputError, InputTypeError
@@ -119,12 +120,41 @@ def _sweep(contact: Sliding) -> Array:
     return top * np.concatenate([np.geomspace(1e-3, 0.3, 40), np.linspace(0.31, 1.3, 200), np.linspace(1.32, SWEPT, 60)])
 
 
+def port_function(flexibility: Fractions) -> PortFunction:
+    """Im G = 0 at the crossings of a contact of one column, from the decomposition that is there already."""
+    return PortFunction(flexibility.found.form, flexibility.w[:, 0], flexibility.found.values, flexibility.residues[:, 0])
+
+
+def onsets(contact: Sliding, band: tuple[float, float]) -> tuple[Array, Array]:
+    """(ω, c) of the crossings in a band that the belt's slope has passed, F μ' < c < 0, the first one first."""
+    flexibility = compliance(contact)
+    if not isinstance(flexibility, Fractions) or contact.columns > 1:
+        raise InputError("onsets are listed for one column of contact and up to 2,000 DOF")
+    omega, c = crossings(flexibility, band[0], min(band[1], contact.model.cutoff))
+    passed = np.flatnonzero(c > -contact.tangent(np.zeros(1))[0])
+    order = passed[np.argsort(-c[passed], kind="stable")]
+    return omega[order], c[order]
+
+
+def crossings(flexibility: Fractions, lo: float, hi: float) -> tuple[Array, Array]:
+    """(ω, c) of every crossing with lo ≤ ω ≤ hi, ascending in ω: mode by mode, since the search is for the first one only."""
+    function = port_function(flexibility)
+    centres = np.sort(function.poles.imag[(function.poles.imag > lo) & (function.poles.imag < hi)])
+    edges = np.unique([lo, *(centres[1:] + centres[:-1]) / 2, min(hi, 2 * float(np.abs(function.poles).max()))])
+    pairs = [function.crossings(float(a), float(b)) for a, b in pairwise(edges)]
+    omega, c = (np.concatenate([pair[i] for pair in pairs] or [np.zeros(0)]) for i in range(2))
+    order = np.argsort(omega)
+    omega, c = omega[order], c[order]
+    fresh = np.append(True, np.diff(omega) > 1e-9 * omega[1:]) if len(omega) else np.zeros(0, dtype=bool)
+    return omega[fresh], c[fresh]
+
+
 def _of_crossings(contact: Sliding, flexibility: Fractions, growing: Array, near: float | None) -> list[Orbit]:
-    function = PortFunction(flexibility.found.form, flexibility.w[:, 0], flexibility.found.values, flexibility.residues[:, 0])
+    function = port_function(flexibility)
     centre = float(growing[0].imag) if near is None else near
     omega, c = function.crossings(0.75 * centre, 1.3 * centre)
     if near is not None and not len(omega):
-        omega, c = function.crossings(0.0, np.inf)
+        omega, c = crossings(flexibility, 0.0, np.inf)
     amplitudes = _sweep(contact)
     N = gain(contact, np.ones(1), amplitudes)[:, 0]
     found = []

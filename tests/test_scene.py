@@ -110,7 +110,7 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == ["chain", "matrices", "beam", "plate", "solid", "chain-transient",
-                                                   "solid-transient"]
+                                                   "solid-transient", "chain-limit-cycle", "plate-limit-cycle"]
 
 
 @pytest.mark.parametrize(("text", "words"), [
