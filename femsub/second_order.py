@@ -9,8 +9,9 @@ with r the residual at the predictor, s and σ the shifts of the step. S depends
 for each; what is left is p equations for v₁, solved to rounding by Newton's method. PETSc gets this as its nonlinear solver.
 
 Error control: the local error of the velocities, ‖v₁ - 3v₀ + 3v₋₁ - v₋₂‖/12 in the norm of diag M, is at most
-tol (‖v‖ + v_s). A block of 32 steps in which it is not is done again with half the step, and one in which it never exceeds a
-sixteenth is followed by steps of twice the length. v_s is the belts' speed on the motion M⁻¹w that takes least energy for it.
+tol (‖v‖ + v_s). A block of 32 steps in which it is not is done again with half the step (or less), and one in which it never
+exceeds a sixteenth is followed by steps of twice the length. v_s is the belts' speed on the motion M⁻¹w that takes least energy
+for it.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from femsub.pencil import Array
 RADIUS = 0.9  # amplification of what oscillates infinitely fast
 AT_ONCE = 8  # points of the grid: so many are lost at most by Ctrl-C
 BLOCK = 32  # steps between two decisions on their length
-KEPT = 4  # factorisations kept, the last ones used
+KEPT, BYTES = (2, 12), 1e9  # factorisations kept, the last ones used: as many as go into so much memory, within limits
+AT_MOST = 5  # halvings after one look at the error
 HALVINGS = 40  # of the step at a stretch, before giving up
 PREFIX = "femsub_alpha_"
 
@@ -53,6 +55,7 @@ class AlphaFlow:
         self.dt = self.largest = step
         self.speed = _speed(contact, start)
         self.done, self.worst = 0, 0.0  # steps since the last decision on their length, and the largest local error of these
+        self.kept = KEPT[0]
         self.factors: dict[tuple[float, float], tuple[Handle, Array, Array]] = {}
         self.stepper = Stepper(self, start)
         self.history: list[Array] = []  # the last speeds, at distances of `last`
@@ -106,7 +109,9 @@ class AlphaFlow:
                     raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g} and the local error is still "
                                             f"{worst:.1e} at tol = {self.tol:g}; take a larger tol or eps")
                 at -= self._back(begin, shown)
-                self.dt, done, worst, history = step / 2, 0, 0.0, [begin[1]]
+                # the local error falls with the third power of the step: what is far too long is halved more than once
+                halvings = min(max(1, int(np.log2(worst / self.tol) / 3)), AT_MOST)
+                self.dt, done, worst, history = step / 2**halvings, 0, 0.0, [begin[1]]
                 continue
             at += 1
             shown.append(self._seen())
@@ -159,7 +164,7 @@ class AlphaFlow:
         """The factor of S = σM + sD + K, with S⁻¹W and s WᵀS⁻¹W; made when the shifts are new."""
         key = (sigma, s)
         if key not in self.factors:
-            while len(self.factors) >= KEPT:
+            while len(self.factors) >= self.kept:
                 self.factors.pop(next(iter(self.factors)))[0].close()
             S = sigma * self.M + s * self.D + self.K
             self.jacobians += 1
@@ -168,6 +173,8 @@ class AlphaFlow:
             except SingularMatrixError:  # a D that feeds energy
                 self.kind = "general"
                 handle = factorise(S, self.kind)
+            fill = getattr(handle, "fill", np.nan)
+            self.kept = int(np.clip(BYTES / (8 * len(self.weight) * (fill if np.isfinite(fill) else 500)), *KEPT))
             Z = handle.solve(self.contact.W)
             self.factors[key] = handle, Z, s * (self.contact.W.T @ Z)
         self.factors[key] = self.factors.pop(key)  # the last one used stands last
