@@ -19,7 +19,7 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
                        families: Sequence[float], now: float, title: str) -> Any:
     """One column per family of cycles: rms of the speed under the belt above, ω below; stable solid, unstable thin and dashed.
 
-    Open circles are transients from a blow, drawn where their strongest frequency belongs.
+    Open circles are transients, drawn where their strongest frequency belongs.
     """
     shown = [family for family in families if any(item["family"] == family for item in branches)] or list(families[:1])
     figure = new_figure(3.4 * len(shown) + 1.8, 6.2)
@@ -92,5 +92,5 @@ def _handles(colours: Mapping[str, str], kinds: set[str], dots: bool) -> list[An
              Line2D([], [], color="0.4", marker="*", ls="", ms=8, label="Hopf point")]
     made += [Line2D([], [], color="0.4", marker=mark, ls="", ms=5, label=kind) for kind, mark in KINDS.items() if kind in kinds]
     if dots:
-        made.append(Line2D([], [], color="0.4", marker="o", mfc="none", ls="", ms=6, label="transient from a blow"))
+        made.append(Line2D([], [], color="0.4", marker="o", mfc="none", ls="", ms=6, label="transient"))
     return made
