@@ -17,7 +17,7 @@ def scene_file(folder: Path, text: str) -> str:
 
 
 def test_cycles_and_branches_of_the_chain(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = 'scene = "chain-limit-cycle"\nband = [0.6, 0.9]\nfamilies = 1\ndots = 1\nperiods = 300\nharmonics = 120\n'
+    text = 'scene = "chain-limit-cycle"\nband = [0.6, 0.9]\nfamilies = 1\ndots = 1\nperiods = 300\nharmonics = 100\npoints = 60\n'
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv", "bifurcation.png"}
     data = json.loads((tmp_path / "out" / "results.json").read_text())
@@ -38,7 +38,7 @@ def test_cycles_and_branches_of_the_chain(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_full_plate_and_its_reduced_models(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = ('scene = "plate-limit-cycle"\nelements = [8, 6]\nmodes = [8]\noutputs = ["cycles"]\nfigures = false\n')
+    text = ('scene = "plate-limit-cycle"\nelements = [4, 3]\nmodes = [8]\noutputs = ["cycles"]\nfigures = false\n')
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
     rows = {row["model"]: row for row in json.loads((tmp_path / "out" / "results.json").read_text())["cycles"]}
     assert rows["CC"]["omega_error"] < 1e-4 and rows["HCB"]["rms_error"] < 1e-2

@@ -20,7 +20,7 @@ from femsub.pencil import Array
 from femsub.report import table
 from femsub.scene import Result, Scene
 from femsub.spectra import spectrum
-from femsub.starts import onsets
+from femsub.starts import of_signal, onsets
 from femsub.substructure import Substructure
 from femsub.transients import transient
 
@@ -268,6 +268,7 @@ def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float,
           tell: Progress, traced: list[Branch]) -> list[dict[str, Any]]:
     """rms and the strongest frequency of what a blow, or a disturbed cycle, leads to, at a few values of the parameter."""
     dots: list[dict[str, Any]] = []
+    part = 0.75 if scene.dots_from == "blow" else 0.5
     end = scene.periods * 2 * np.pi / families[0]
     for value in np.linspace(limits[0], limits[1], scene.dots + 2)[1:-1]:
         tell(f"transient of {name}, {scene.parameter} = {value:.5g}")
@@ -283,9 +284,12 @@ def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float,
                 continue
             state = near[0].state()
             start = State(state.displacement, 1.05 * state.velocity)
-        done = transient(model, belt, (0.0, end), start=start, record_from=0.75 * end, samples=8192, tol=1e-6)
+        done = transient(model, belt, (0.0, end), start=start, record_from=part * end, samples=8192, tol=1e-6)
         v: Array = done.velocity(belt.port)
         v = v[0] if v.ndim > 1 else v
+        if scene.dots_from == "cycle":
+            dots.append({"model": name, "value": float(value), "rms": float(np.std(v)), "omega": of_signal(done.t, v, 1).omega})
+            continue
         peaks = spectrum(done.t, v)
         dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
                      "omega": float(peaks.peaks[0]) if len(peaks.peaks) else np.nan})
