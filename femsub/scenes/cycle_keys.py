@@ -288,9 +288,19 @@ def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float,
         v: Array = done.velocity(belt.port)
         v = v[0] if v.ndim > 1 else v
         if scene.dots_from == "cycle":
-            dots.append({"model": name, "value": float(value), "rms": float(np.std(v)), "omega": of_signal(done.t, v, 1).omega})
+            dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
+                         "omega": 2 * np.pi / _repeats(done.t, v, 2 * np.pi / of_signal(done.t, v, 1).omega)})
             continue
         peaks = spectrum(done.t, v)
         dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
                      "omega": float(peaks.peaks[0]) if len(peaks.peaks) else np.nan})
     return dots
+
+
+def _repeats(t: Array, v: Array, guess: float) -> float:
+    """The T near a guess (within 3 %) at which v(t + T) is nearest to v(t): few periods are enough for it."""
+    trial = guess * np.linspace(0.97, 1.03, 1201)
+    early = t[t <= t[-1] - trial[-1]]
+    first = np.interp(early, t, v)
+    gap = np.array([np.square(np.interp(early + period, t, v) - first).mean() for period in trial])
+    return float(trial[np.argmin(gap)])
