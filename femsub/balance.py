@@ -130,9 +130,9 @@ class Balance:
         omega = -np.einsum("kij,kj->ki", slope, f)
         return np.hstack([J.reshape(2 * H * p, 2 * H * p), np.concatenate([omega.real.ravel(), omega.imag.ravel()])[:, None]])
 
-    def unresolved(self, orbit: Orbit) -> tuple[float, float, int]:
+    def unresolved(self, orbit: Orbit, target: float = 0.0) -> tuple[float, float, int]:
         """What is left out, relative to v: ‖Y_k f_k‖ over k > H, the aliasing of k ≤ H, and how many harmonics would leave
-        out a tenth as much.
+        out no more than a target, by default a tenth as much.
         """
         H = orbit.harmonics
         count = min(SAMPLES, 4 * self.samples(orbit))
@@ -144,7 +144,7 @@ class Balance:
         size = float(np.linalg.norm(orbit.v)) or 1.0
         beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # ‖.‖ over all from k on
         truncation = float(beyond[H]) if top > H else 0.0
-        enough = np.flatnonzero(beyond <= 0.1 * truncation)
+        enough = np.flatnonzero(beyond <= (target or 0.1 * truncation))
         alias = float(np.linalg.norm(np.einsum("kij,kj->ki", Y[:H], half - f[:H]))) / size
         return truncation, alias, int(enough[0]) if len(enough) else top
 

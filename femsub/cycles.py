@@ -204,10 +204,10 @@ def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: 
     while True:
         orbit, residual, turns = balance.solve(orbit)
         steps += turns
-        truncation, aliasing, enough = balance.unresolved(orbit)
+        truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tolerance)
         if harmonics is not None or truncation <= tolerance or orbit.harmonics >= MOST:
             break
-        orbit = orbit.with_harmonics(min(MOST, max(orbit.harmonics + 5, min(enough, int(1.6 * orbit.harmonics)))))
+        orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
     if max(truncation, aliasing) > ROUGH:
         warnings.warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}); "
                       f"harmonics={enough} would leave out a tenth of that", FemsubWarning, stacklevel=3)

@@ -10,7 +10,7 @@ import numpy as np
 from femsub.figures import new_figure
 
 COLOURS = {"full": "black", "HCB": "#c44e00", "CC": "#0067a5"}
-WIDTHS = {"full": 2.2, "HCB": 1.5, "CC": 1.0}
+WIDTHS = {"full": 3.2, "HCB": 2.0, "CC": 1.0}
 KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch point": "v"}
 UNITS = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [length/time]", "force": "normal force F  [force]"}
 
@@ -19,7 +19,7 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
                        families: Sequence[float], now: float, title: str) -> Any:
     """One column per family of cycles: rms of the speed under the belt above, ω below; stable solid, unstable thin and dashed.
 
-    Open circles are transients from a blow, drawn where their strongest frequency belongs.
+    Open circles are transients, drawn where their strongest frequency belongs.
     """
     shown = [family for family in families if any(item["family"] == family for item in branches)] or list(families[:1])
     figure = new_figure(3.4 * len(shown) + 1.8, 6.2)
@@ -47,7 +47,8 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
             axis.grid(alpha=0.3)
     axes[0, 0].set_ylabel("rms of v at the belt  [length/time]")
     axes[1, 0].set_ylabel("ω  [rad/time]")
-    figure.legend(handles=_handles(colours, kinds, bool(dots)), loc="outside lower center", ncols=6, fontsize=8)
+    figure.legend(handles=_handles(colours, kinds, bool(dots)), loc="outside lower center", fontsize=8,
+                  ncols=min(6, 2 + len(shown)))
     figure.suptitle(f"{title}: limit cycles over the {parameter}", fontsize=11)
     return figure
 
@@ -92,5 +93,5 @@ def _handles(colours: Mapping[str, str], kinds: set[str], dots: bool) -> list[An
              Line2D([], [], color="0.4", marker="*", ls="", ms=8, label="Hopf point")]
     made += [Line2D([], [], color="0.4", marker=mark, ls="", ms=5, label=kind) for kind, mark in KINDS.items() if kind in kinds]
     if dots:
-        made.append(Line2D([], [], color="0.4", marker="o", mfc="none", ls="", ms=6, label="transient from a blow"))
+        made.append(Line2D([], [], color="0.4", marker="o", mfc="none", ls="", ms=6, label="transient"))
     return made

@@ -20,7 +20,7 @@ from femsub.errors import NotConvergedError
 LONGEST, SHORTEST, FIRST = 0.15, 1e-5, 0.01  # scaled steps along a branch
 HALVINGS = 6  # with which a special point is located
 YOUNG = 0.02  # of the belt's speed: below such an amplitude the multiplier of the amplitude is 1 to within its error
-BESIDE = 2e-3  # of the range of the parameter, and ten times that of the amplitude
+BESIDE = 2e-3  # of the range of the parameter: a multiplier so near to a fold is 1 to within its error
 TURN = 0.85  # the least cosine between the tangents of neighbours
 
 
@@ -151,10 +151,9 @@ class Tracer:
     def _told(self, point: SpecialPoint) -> bool:
         """The multiplier +1 of a fold, seen beside the fold itself because both are known to their errors only."""
         near = [other for other in self.traced.special if {other.kind, point.kind} == {"fold", "branch point"}
-                and abs(other.value - point.value) <= BESIDE * self.path.scales[2]
-                and abs(other.rms / point.rms - 1) <= 10 * BESIDE]
-        if near and point.kind == "fold":
-            self.traced.special.remove(near[0])
+                and abs(other.value - point.value) <= BESIDE * self.path.scales[2]]
+        if point.kind == "fold":
+            self.traced.special = [other for other in self.traced.special if other not in near]
             return False
         return bool(near)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from femsub.branches import Branch, branch
-from femsub.contacts import sliding
+from femsub.contacts import State, sliding
 from femsub.continuation import PARAMETERS, with_parameter
 from femsub.cycles import LimitCycle, harmonic_balance
 from femsub.errors import InputError, NotConvergedError, unknown_name
@@ -20,7 +20,7 @@ from femsub.pencil import Array
 from femsub.report import table
 from femsub.scene import Result, Scene
 from femsub.spectra import spectrum
-from femsub.starts import onsets
+from femsub.starts import of_signal, onsets
 from femsub.substructure import Substructure
 from femsub.transients import transient
 
@@ -50,6 +50,9 @@ class CycleKeys(Scene):
         Values of the parameter at which each reduced (or small) model is also integrated in time.
     periods : int
         Of the slowest family, over which it is integrated; the last quarter is shown.
+    dots_from : str
+        'blow': from the sliding equilibrium with a blow that moves the contact at the belt's speed. 'cycle': from the branch's
+        stable cycle nearest to that value, its velocities raised by 5 %; for models whose integration is slow.
     """
 
     parameter: str = "slope"
@@ -59,6 +62,7 @@ class CycleKeys(Scene):
     harmonics: int = 250
     dots: int = 4
     periods: int = 80
+    dots_from: str = "blow"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -66,6 +70,8 @@ class CycleKeys(Scene):
             raise unknown_name("parameter", self.parameter, PARAMETERS)
         if self.slope is not None:
             raise InputError("a limit cycle needs a friction law: leave the key 'slope' out, and give law, eps and speed")
+        if self.dots_from not in ("blow", "cycle"):
+            raise unknown_name("dots_from", self.dots_from, ("blow", "cycle"))
         for key in ("families", "points", "harmonics", "periods"):
             if getattr(self, key) < 1:
                 raise InputError(f"{key} must be at least 1, not {getattr(self, key)}")
@@ -176,7 +182,9 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
                 found.append({"model": name, "family": family, "why": f"its nearest mode begins at ω = {begins:.5g}"})
                 continue
             found.append({"model": name, "family": family, "branch": traced, "seconds": time.perf_counter() - begun})
-    dots = [dot for name, model in models.items() if _small(model) for dot in _dots(scene, name, model, limits, families, tell)]
+    dots = [dot for name, model in models.items() if _small(model)
+            for dot in _dots(scene, name, model, limits, families, tell,
+                             [item["branch"] for item in found if item["model"] == name and "branch" in item])]
     rows = [{"model": item["model"], "family": item["family"], **row} for item in found if "branch" in item
             for row in item["branch"].rows()]
     rows += [{"model": dot["model"], "family": "transient", scene.parameter: dot["value"], "omega": dot["omega"],
@@ -257,9 +265,10 @@ def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: 
 
 
 def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float, float], families: list[float],
-          tell: Progress) -> list[dict[str, Any]]:
-    """rms and the strongest frequency of what a blow leads to, at a few values of the parameter."""
-    dots = []
+          tell: Progress, traced: list[Branch]) -> list[dict[str, Any]]:
+    """rms and the strongest frequency of what a blow, or a disturbed cycle, leads to, at a few values of the parameter."""
+    dots: list[dict[str, Any]] = []
+    part = 0.75 if scene.dots_from == "blow" else 0.5
     end = scene.periods * 2 * np.pi / families[0]
     for value in np.linspace(limits[0], limits[1], scene.dots + 2)[1:-1]:
         tell(f"transient of {name}, {scene.parameter} = {value:.5g}")
@@ -268,12 +277,30 @@ def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float,
         w = contact.W[:, 0]
         # so hard a blow that the contact moves at the belt's speed, which is beyond the threshold of a hard onset
         start = contact.impulse(1.0)
-        size = abs(float(w @ start.velocity))
-        start = contact.impulse(float(scene.speed) / size)
-        done = transient(model, belt, (0.0, end), start=start, record_from=0.75 * end, samples=8192)
+        start = contact.impulse(abs(scene.speed) / abs(float(w @ start.velocity)))
+        if scene.dots_from == "cycle":
+            near = [cycle for one in traced for cycle in one.at(float(value)) if cycle.is_stable]
+            if not near:
+                continue
+            state = near[0].state()
+            start = State(state.displacement, 1.05 * state.velocity)
+        done = transient(model, belt, (0.0, end), start=start, record_from=part * end, samples=8192, tol=1e-6)
         v: Array = done.velocity(belt.port)
         v = v[0] if v.ndim > 1 else v
+        if scene.dots_from == "cycle":
+            dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
+                         "omega": 2 * np.pi / _repeats(done.t, v, 2 * np.pi / of_signal(done.t, v, 1).omega)})
+            continue
         peaks = spectrum(done.t, v)
         dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
                      "omega": float(peaks.peaks[0]) if len(peaks.peaks) else np.nan})
     return dots
+
+
+def _repeats(t: Array, v: Array, guess: float) -> float:
+    """The T near a guess (within 3 %) at which v(t + T) is nearest to v(t): few periods are enough for it."""
+    trial = guess * np.linspace(0.97, 1.03, 1201)
+    early = t[t <= t[-1] - trial[-1]]
+    first = np.interp(early, t, v)
+    gap = np.array([np.square(np.interp(early + period, t, v) - first).mean() for period in trial])
+    return float(trial[np.argmin(gap)])

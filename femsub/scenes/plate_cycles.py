@@ -23,9 +23,13 @@ class PlateCycleScene(CycleKeys, PlateScene):
     """
 
     parameter: str = "force"
-    families: int = 2
+    families: int = 1
     modes: list[int] = field(default_factory=lambda: [20])
     force: float = 60.0
+    points: int = 60
+    dots: int = 2
+    periods: int = 8
+    dots_from: str = "cycle"
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("cycles", "branches")
 
