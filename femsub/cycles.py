@@ -22,7 +22,6 @@ from femsub.substructure import Substructure
 
 MOST = 1500  # harmonics beyond which none are added unasked
 ROUGH = 1e-2  # truncation or aliasing above which a cycle is warned of
-STUCK = 0.02  # of the belt's speed: below such a sliding speed the contact counts as sticking
 SCARCE = 2e8  # size³ from which a Newton step takes a second
 
 
@@ -90,12 +89,8 @@ class LimitCycle:
 
     @cached_property
     def sticking(self) -> float:
-        """Share of the period in which the contact moves with the belt to 2 % of its speed (any column)."""
-        stuck = np.zeros(self._wave.shape[1], dtype=bool)
-        for row, at in enumerate(self.contact.owner):
-            speed = self.contact.belts[at].speed or 0.0
-            stuck |= np.abs(speed - self._wave[row]) <= STUCK * abs(speed)
-        return float(stuck.mean())
+        """Share of the period in which a column sticks, see `Sliding.sticks`."""
+        return float(self.contact.sticks(self._wave).any(axis=0).mean())
 
     def velocity(self, t: Any) -> Array:
         """v(t) = Wᵀq̇, shape of t for one column, (p, *t.shape) for several."""

@@ -127,6 +127,15 @@ def test_harmonic_balance_shooting_and_integration_agree(name: str, speed: float
     assert np.sqrt(np.mean(v[:-1] ** 2)) == pytest.approx(found.rms, rel=1e-3)
 
 
+def test_a_cycle_and_a_transient_on_it_tell_the_same() -> None:
+    found = cycle("CC")
+    run = fs.transient(model("CC"), BELT, (0.0, 20 * found.period), start=found.state(), samples=20_000)
+    seen = fs.spectrum(run.t, run.velocity("belt"))
+    assert seen.peaks[0] == pytest.approx(found.omega, rel=1e-3)
+    assert fs.rms(run.t[:-1], run.velocity("belt")[:-1]) == pytest.approx(found.rms, rel=1e-3)
+    assert fs.sticking(run) == pytest.approx(found.sticking, abs=2e-3) and 0.05 < found.sticking < 0.4
+
+
 @pytest.mark.parametrize("name", ["full", "HCB", "CC"])
 def test_unstable_cycles_of_the_paper_s_chain_are_known_as_such(name: str) -> None:
     found = cycle(name, start=0.44)
