@@ -200,6 +200,20 @@ def compliance_error(full: Substructure, reduced: Substructure, belts: Belt | Se
     return np.linalg.norm(other - h, axis=(1, 2)) / np.linalg.norm(h, axis=(1, 2))
 
 
+def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Belt | Sequence[Belt],
+               measured: Sequence[Mapping[str, Any]], **options: Any) -> list[dict[str, Any]]:
+    """One flat dict per reduced model: method, size, the criteria, the verdict, and what was measured of that model.
+
+    `measured` holds for each model its errors by name, such as those of frequency and amplitude of a transient or a limit
+    cycle, or the distance of shares; `options` are those of `self_excitation`. `rank_correlation` takes the rows.
+    """
+    if len(measured) != len(reduced):
+        raise InputError(f"measured must be as many as there are reduced models, {len(reduced)}, not {len(measured)}")
+    found = self_excitation(full, tuple(reduced), belts, **options)
+    return [{"method": getattr(model, "method", model.name), "size": model.size, **one.flat(), "verdict": one.verdict, **errors}
+            for model, one, errors in zip(reduced, found, measured, strict=True)]  # type: ignore[arg-type]
+
+
 def rank_correlation(rows: Sequence[Mapping[str, Any]], criteria: Sequence[str], measured: Sequence[str]) -> list[dict[str, Any]]:
     """Spearman's ρ between each criterion and each measured error over rows of a table; NaN where one of them is constant.
 

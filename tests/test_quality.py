@@ -12,7 +12,7 @@ from scipy.stats import spearmanr
 
 import femsub as fs
 from femsub.matching import match
-from femsub.quality import CRITERIA, compliance_error, rank_correlation
+from femsub.quality import CRITERIA, compliance_error, rank_correlation, table_rows
 
 BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-3))
 FULL = fs.chain(10, belt=2, damping=0.1)
@@ -80,13 +80,18 @@ def test_static_compliance_is_off_by_the_square_of_the_port_error(method: Any) -
     assert found.compliance_static == pytest.approx(rom.port_error["belt"] ** 2, rel=1e-9)
 
 
-def test_loss_is_what_the_basis_cannot_do() -> None:
-    full = fs.Substructure(np.eye(3), np.diag([1.0, 4.0, 9.0]), ports={"belt": [1.0, 1.0, 0.0]})
-    found = fs.self_excitation(full, with_basis(full, np.eye(3)[:, :1]), fs.Belt(slope=-0.1), omega=[0.5])
-    modes = fs.complex_modes(full, fs.Belt(slope=-0.1))
+def test_loss_and_mac_are_taken_in_energy() -> None:
+    M = np.diag([2.0, 1.0, 5.0])
+    full = fs.Substructure(M, M @ np.diag([1.0, 1.1, 9.0]), ports={"belt": [1.0, 1.0, 0.0]})
+    belt, V = fs.Belt(slope=-0.2), np.array([[1.0], [0.3], [0.0]])
+    found = fs.self_excitation(full, with_basis(full, V), belt, omega=[0.5])
+    modes = fs.complex_modes(full, belt)
     keep = modes.eigenvalues.imag > 0
     shapes = modes.shapes[:, keep][:, np.argsort(modes.eigenvalues[keep].imag)][:, :2]
-    assert found.loss == pytest.approx(1 - np.abs(shapes[0]) ** 2, abs=1e-12)
+    energy = np.einsum("ij,ij->j", shapes.conj(), M @ shapes).real
+    cosine = np.abs(V[:, 0] @ M @ shapes) ** 2 / ((V[:, 0] @ M @ V[:, 0]) * energy)  # with one column they are one thing
+    assert found.loss == pytest.approx(1 - cosine, abs=1e-12)
+    assert np.nanmax(found.mac) == pytest.approx(cosine.max(), abs=1e-12) and 0.01 < cosine.min()
 
 
 def test_shapes_decide_where_frequencies_are_close() -> None:
@@ -114,7 +119,7 @@ def test_a_mode_that_decays_is_missing_and_one_that_grows_instead_spurious() -> 
 def test_compliance_of_one_mass() -> None:
     one = fs.Substructure([[1.0]], [[1.0]], [[0.1]], ports={"belt": [1.0]})
     softer = fs.Substructure([[1.0]], [[0.5]], [[0.1]], ports={"belt": [1.0]})
-    omega = np.array([0.0, 0.7, 3.0])
+    omega = np.array([0.0, 0.7, 1.0])
     h, other = (1 / (k - omega**2 + 0.1j * omega) for k in (1.0, 0.5))
     assert compliance_error(one, softer, fs.Belt(slope=-0.2), omega) == pytest.approx(np.abs(other - h) / np.abs(h))
     found = fs.self_excitation(one, softer, fs.Belt(slope=-0.2), omega=omega)
@@ -193,6 +198,17 @@ def test_rank_correlation_is_spearmans() -> None:
     assert found[0]["criterion"] == "a" and found[0]["b"] == pytest.approx(1.0)
     assert found[0]["c"] == pytest.approx(spearmanr([row["a"] for row in rows[:-1]], [row["c"] for row in rows[:-1]]).statistic)
     assert np.isnan(found[1]["b"])
+
+
+def test_rows_of_a_table_hold_criteria_beside_what_was_measured() -> None:
+    models = [reduced(fs.CraigBampton, 8), reduced(fs.CraigChang, 8)]
+    rows = table_rows(FULL, models, BELT, [{"error_amplitude": 0.07}, {"error_amplitude": 0.36}])
+    assert [row["size"] for row in rows] == [8, 8] and rows[0]["method"].startswith("Craig-Bampton")
+    assert [(row["missing"], row["spurious"], row["error_amplitude"]) for row in rows] == [(2, 0, 0.07), (3, 1, 0.36)]
+    found = rank_correlation(rows, ["growth_distance", "compliance_mean"], ["error_amplitude"])
+    assert [line["error_amplitude"] for line in found] == pytest.approx([1.0, -1.0])
+    with pytest.raises(fs.InputError, match="measured must be as many"):
+        table_rows(FULL, models, BELT, [{}])
 
 
 def test_match_with_a_penalty() -> None:
