@@ -153,20 +153,19 @@ def settled(before: Motion, now: Motion) -> bool:
 
 
 def states(motions: Sequence[Motion]) -> list[int]:
-    """The state of each motion: the first earlier leader that is the same state, or itself as a new leader.
+    """The state of each motion: that of the leader it overlaps most with among those that are the same state as it.
 
-    Leaders do not move, so that no chain of small steps can put two different motions under one label; whoever comes first
-    leads, hence the full model's motions should.
+    A motion that is the same state as no earlier leader leads itself. Leaders do not move, so that no chain of small steps can
+    put two different motions under one label; whoever comes first leads, hence the full model's motions should.
     """
     leaders: list[int] = []
+    for at, each in enumerate(motions):
+        if not any(same_state(motions[leader], each) for leader in leaders):
+            leaders.append(at)
     labels = []
     for at, each in enumerate(motions):
-        fit = [label for label, leader in enumerate(leaders) if same_state(motions[leader], each)]
-        # Of several the nearest one: which leader came first is chance.
-        label = max(fit, key=lambda label: overlap(motions[leaders[label]], each)) if fit else len(leaders)
-        if not fit:
-            leaders.append(at)
-        labels.append(label)
+        fit = [label for label, leader in enumerate(leaders) if leader == at or same_state(motions[leader], each)]
+        labels.append(leaders.index(at) if at in leaders else max(fit, key=lambda label: overlap(motions[leaders[label]], each)))
     return labels
 
 

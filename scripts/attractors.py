@@ -45,9 +45,8 @@ from femsub.scene import Result
 
 SHORT = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC"}
 MEASURED = ("distance", "error_spectrum", "error_frequency", "error_amplitude")
-# of states; HCB and CC keep their own for lines
-STATES = ("#222222", "#8c5ba5", "#3f8f4f", "#e0b040", "#d1789b", "#66c2a5", "#8c6d4f", "#b5b83e", "#9aa7b8", "#5a6b8c",
-          "#c9a5d8", "#a8d5a0")
+# Hue of a state by its strongest line, shade by its place among those of that hue.
+HUES = ((0.3, "Greys"), (0.6, "Oranges"), (0.9, "Blues"), (1.2, "Greens"), (np.inf, "RdPu"))
 Row = dict[str, Any]
 Model = tuple[str, int, tuple[int, ...]]
 
@@ -89,14 +88,21 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
     for row in rows:
         if row["method"] != "full" and row["size"] < settings.masses:
             partial.setdefault(tuple(row["interface"]), []).append(row)
-    correlations = [{"interface": list(interface)} | line for interface, mine in partial.items()
-                    for line in rank_correlation(mine, CRITERIA, MEASURED)]
+    correlations = [{"interface": list(interface)} | line | {"told_apart": _told_apart(mine, line["criterion"])}
+                    for interface, mine in partial.items() for line in rank_correlation(mine, CRITERIA, MEASURED)]
     early = [line for line in records if line["family"] == "again" and line["settled_at"]]
     return {"states": [_state(motions, labels, label) for label in range(count - 1)], "rows": rows, "chance": limit,
             "again": {"starts": len(again), "shares": attractors.shares(again, count), "distance": self_distance,
                       "settled_at_most": max((line["settled_at"] for line in early), default=None)},
             "correlations": correlations, "unsettled": int(np.sum(labels == count - 1)),
             "seconds": float(sum(line["seconds"] for line in records))}
+
+
+def _told_apart(rows: Sequence[Row], criterion: str) -> float:
+    """How often a model that does not agree has the larger value of a criterion than one that does: 0.5 is chance, 1 always."""
+    good, bad = (np.array([row[criterion] for row in rows if row["agrees"] == agrees]) for agrees in (True, False))
+    pairs = np.sign(bad[:, None] - good[None, :])
+    return float((pairs.mean() + 1) / 2) if pairs.size else np.nan
 
 
 def _errors(mine: Sequence[Motion], reference: Sequence[Motion]) -> Row:
@@ -149,11 +155,12 @@ def text(found: dict[str, Any]) -> str:
         f"{SHORT[row['method']]} {row['size']} {_interface(row['interface'])}: {names[row['impulse']]}, {names[row['rest']]}"
         for row in rows) + f" ({len(named)} different pairs).")
     if found["correlations"]:
-        parts.append("Spearman's rank correlation with what was measured, over the reduced models that are not complete")
+        parts.append("Reduced models that are not complete: how often a criterion is larger for one that does not agree than for "
+                     "one that does, and Spearman's rank correlation with what was measured")
         parts.append(report.table(
-            ["criterion", "interface", "distance of shares", "spectrum", "frequency", "amplitude"],
-            [[line["criterion"], _interface(line["interface"]), *(_number(line[name]) for name in MEASURED)]
-             for line in found["correlations"]], ["s", "s", "+.2f", "+.2f", "+.2f", "+.2f"]))
+            ["criterion", "interface", "tells apart", "distance of shares", "spectrum", "frequency", "amplitude"],
+            [[line["criterion"], _interface(line["interface"]), *(_number(line[name]) for name in ("told_apart", *MEASURED))]
+             for line in found["correlations"]], ["s", "s", ".0%", "+.2f", "+.2f", "+.2f", "+.2f"]))
     parts.append("\n".join(conclusion(found)))
     return "\n\n".join(parts)
 
@@ -199,7 +206,8 @@ def draw(found: dict[str, Any]) -> Any:
     figure = new_figure(2.2 + 4.6 * len(interfaces), 8.6)
     panels = figure.subplots(3, len(interfaces), sharex=True, squeeze=False, height_ratios=[3] * len(methods) + [2.4])
     places = [*sizes, sizes[-1] + 1.5, sizes[-1] + 2.5]
-    colours = [STATES[at % len(STATES)] for at in range(len(states))] + ["white"]
+    colours = [*_colours([state["omega"] for state in states]), "white"]
+    names = [state["state"] for state in states] + [""]
     for column, interface in zip(panels.T, interfaces, strict=True):
         for panel, method in zip(column, methods, strict=False):
             mine = {row["size"]: row["shares"] for row in rows if (row["method"], tuple(row["interface"])) == (method, interface)}
@@ -207,9 +215,12 @@ def draw(found: dict[str, Any]) -> Any:
             bars += [(places[-2], full["shares"]), (places[-1], found["again"]["shares"])]
             for place, parts in bars:
                 below = 0.0
-                for share, colour in zip(parts, colours, strict=True):
+                for share, colour, name in zip(parts, colours, names, strict=True):
                     panel.bar(place, 100 * share, bottom=100 * below, color=colour, width=0.8, edgecolor="0.4", lw=0.4,
                               hatch="///" if colour == "white" else None)
+                    if share >= 0.08 and name:
+                        panel.text(place, 100 * (below + share / 2), name, ha="center", va="center", fontsize=8,
+                                   bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75})
                     below += share
             panel.axvline(sizes[-1] + 0.75, color="0.5", lw=0.8)
             panel.set_title(f"{SHORT[method]}, interface {_interface(interface)}", fontsize=10)
@@ -224,8 +235,8 @@ def draw(found: dict[str, Any]) -> Any:
             middle, low, high = (np.array([row[key] for row in mine]) for key in ("distance", "distance_low", "distance_high"))
             last.errorbar(at, middle, [np.maximum(middle - low, 0), np.maximum(high - middle, 0)], color=colour, marker="o", ms=4,
                           capsize=2, lw=1.3, label=f"{SHORT[method]}: distance of shares")
-            last.plot(at, [row["growth_distance"] for row in mine], color=colour, marker="x", ms=5, lw=1, ls=":",
-                      label=f"{SHORT[method]}: growth distance (linear)")
+            last.plot(at, [row["missing_share"] for row in mine], color=colour, marker="x", ms=5, lw=1, ls=":",
+                      label=f"{SHORT[method]}: missing share of growing modes")
         last.plot(places[-1], found["again"]["distance"], "ks", ms=5)
         last.set(ylim=(-0.04, 1.06), xlabel="DOF of the reduced model  [-]")
         last.set_xticks(places, [*(str(size) for size in sizes), "full", "full,\nother\nstarts"])
@@ -237,16 +248,24 @@ def draw(found: dict[str, Any]) -> Any:
     from_axis = panels[0, 0]
     keys = [from_axis.bar([0], [0], color=colour, edgecolor="0.4", lw=0.4, hatch="///" if colour == "white" else None)
             for colour in colours]
-    names = [f"{state['state']}: {'periodic' if state['periodic'] else 'not periodic'}, "
-             + " + ".join(f"{at:.3f}" for at, share in state["lines"][:3] if share > 0.08) + f", rms {state['rms_least']:.2f}"
-             + (f"-{state['rms_most']:.2f}" if f"{state['rms_most']:.2f}" != f"{state['rms_least']:.2f}" else "")
-             for state in states] + ["not settled"]
+    told = [f"{state['state']}: {'periodic' if state['periodic'] else 'not periodic'}, "
+            + " + ".join(f"{at:.3f}" for at, share in state["lines"][:3] if share > 0.08) + f", rms {state['rms_least']:.2f}"
+            + (f"-{state['rms_most']:.2f}" if f"{state['rms_most']:.2f}" != f"{state['rms_least']:.2f}" else "")
+            for state in states] + ["not settled"]
     used = [at for at in range(len(colours)) if at < len(states) or found["unsettled"]]
     first, second = panels[-1, 0].get_legend_handles_labels()
-    figure.legend([keys[at] for at in used] + first, [names[at] for at in used] + second, loc="outside lower center",
+    figure.legend([keys[at] for at in used] + first, [told[at] for at in used] + second, loc="outside lower center",
                   ncols=1 + len(interfaces), fontsize=8, title="state: lines under the belt [rad/time], rms of the speed there")
     from_axis.set_xlim(sizes[0] - 0.7, places[-1] + 0.7)
     return figure
+
+
+def _colours(omega: Sequence[float]) -> list[Any]:
+    from matplotlib import colormaps
+
+    families = [next(hue for limit, hue in HUES if each < limit) for each in omega]
+    shades = {hue: iter(np.linspace(0.9, 0.25, families.count(hue))) for hue in set(families)}
+    return [colormaps[hue](next(shades[hue])) for hue in families]
 
 
 def main() -> int:

@@ -106,8 +106,14 @@ def test_four_fifths_of_the_power_make_a_state() -> None:
 def test_no_chain_of_small_steps_makes_one_state() -> None:
     found = states([seen(cycle(0.7 * 1.012**k)) for k in range(4)])
     assert found == [0, 0, 1, 1]
-    nearer = states([seen(cycle(0.7)), seen(cycle(0.7 * 1.025)), seen(cycle(0.7 * 1.014))])
-    assert nearer[:2] == [0, 1]
+
+
+def test_the_nearest_leader_counts_even_if_it_comes_later() -> None:
+    def only(*lines: tuple[float, float]) -> Motion:
+        return Motion(1.0, 1.0, 0.0, False, lines, 1e-9)
+
+    found = states([only((1.0, 0.75), (2.0, 0.25)), only((1.0, 0.95), (2.0, 0.05)), only((1.0, 1.0))])
+    assert found == [0, 1, 1]  # the middle one could go to the first as well: 0.8 on common lines
 
 
 def test_distance_of_shares_and_what_chance_does() -> None:
