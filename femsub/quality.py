@@ -17,7 +17,7 @@ from femsub.contacts import project
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.factor import complex_solve, factorise
 from femsub.friction import Belt
-from femsub.matching import match
+from femsub.matching import SWAP, likeness, match
 from femsub.pencil import Array, finite_number
 from femsub.substructure import ReducedSubstructure, Substructure
 
@@ -26,7 +26,7 @@ ALIKE = 0.9  # and the MAC of the two shapes from which on it does
 DENSE_POINTS, SPARSE_POINTS = 400, 40  # frequencies at which compliances are compared; each is a solve
 SMALL = 150  # up to so many DOF it is DENSE_POINTS
 FAIR = 0.1  # an error of growth rates or compliance up to which the verdict has nothing to say against a model
-MANY = 0.3  # with so large a share missing no reduced model of the chain had a motion of the full one (scripts/attractors.py)
+MANY = 0.3  # with a larger share missing no start of a reduced chain ended where the full one's do (scripts/attractors.py)
 CRITERIA = ("missing_share", "spurious_share", "growth_error", "frequency_error", "growth_distance", "projection_loss",
             "compliance_static", "compliance_max", "compliance_mean")
 
@@ -41,9 +41,9 @@ class SelfExcitation:
         λ of the full model with Re λ > 0 and Im λ ≥ 0, by ascending Im λ.
     counterpart : ndarray of complex, shape (k,)
         λ of the reduced model that stands for it, growing or not: within 5 % of |λ|, and with a MAC of at least 0.9 where
-        the reduced model has a basis V; NaN where there is none.
+        shapes can be compared; NaN where there is none.
     mac : ndarray, shape (k,)
-        |xᴴM V y|² / (xᴴMx yᴴM_r y) with the mode assigned, fit or not; NaN where none is, or without a basis.
+        See `matching.likeness`, with the mode assigned, fit or not; NaN where none is, or neither a basis V nor the same DOF.
     loss : ndarray, shape (k,)
         The share of xᴴMx that the basis cannot do; NaN without a basis.
     spurious : ndarray of complex
@@ -247,23 +247,19 @@ Spectrum = tuple[Array, Array, Array]
 def _compare(full: Substructure, model: Substructure, ours: Spectrum, theirs: Spectrum, limits: tuple[float, float] | None,
              h: Array, other: Array, grid: Array) -> SelfExcitation:
     (values, x, grows), (others, y, increase) = ours, theirs
-    likeness, loss = np.full((len(values), len(others)), np.nan), np.full(len(values), np.nan)
+    alike, loss = likeness(full, model, x, y), np.full(len(values), np.nan)
     if isinstance(model, ReducedSubstructure):
-        Mx = full.M @ x
-        energy = np.einsum("ij,ij->j", x.conj(), Mx).real
-        size = np.einsum("ij,ij->j", y.conj(), model.M @ y).real
-        likeness = np.abs(Mx.conj().T @ (model.V @ y)) ** 2 / np.outer(energy, size)
         q = project(model, full.M, np.hstack([x.real, x.imag]))
         kept = np.einsum("ij,ij->j", q, model.M @ q).reshape(2, -1).sum(axis=0)
-        loss = np.clip(1 - kept / energy, 0.0, 1.0)
-    # Where frequencies lie close, shapes decide; a shape that has nothing in common weighs as much as NEAR.
-    penalty = NEAR * np.abs(values)[:, None] * np.nan_to_num(1 - likeness)
+        loss = np.clip(1 - kept / np.einsum("ij,ij->j", x.conj(), full.M @ x).real, 0.0, 1.0)
+    # Where frequencies lie close, shapes decide.
+    penalty = SWAP * np.abs(values)[:, None] * np.nan_to_num(1 - alike)
     at, to = match(values, others, penalty)
     fit = np.abs(others[to] - values[at]) <= NEAR * np.abs(values[at])
-    fit &= ~(likeness[at, to] < ALIKE)
+    fit &= ~(alike[at, to] < ALIKE)
     counterpart, mac = np.full(len(values), complex(np.nan, np.nan)), np.full(len(values), np.nan)
     counterpart[at[fit]] = others[to[fit]]
-    mac[at] = likeness[at, to]
+    mac[at] = alike[at, to]
     # A growing mode that stands for a decaying one is as spurious as one that stands for none.
     extra = increase.copy()
     extra[to[fit & grows[at]]] = False

@@ -9,6 +9,9 @@ an impulse and a start from rest, which are only listed. Each trajectory is foll
 motion; what has not settled by then is a class of its own. Motions of all models are told apart by `femsub.attractors`:
 both periodic or both not, rms within 10 %, 80 % of the power on lines within 1.5 %.
 
+From where the full model has ended in each of its states, every reduced model starts once more: the states in which it
+stays are those it `holds`, whatever the chance of reaching them.
+
 A reduced model agrees where the total variation between its shares and the full model's is no larger than what two sets of
 as many starts of the full model would differ by chance (95 %); the full model has a second set of starts to show it. A model
 with all modes must agree. Beside it stand the criteria of `fs.self_excitation`, from linear data alone, with their rank
@@ -25,6 +28,7 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy comes: such small matrices gain nothing from threads
 
 import argparse
+import signal
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -53,9 +57,10 @@ Model = tuple[str, int, tuple[int, ...]]
 
 def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
     """States over all models, shares of each, distances from the full model, criteria and their rank correlation."""
-    order = {"random": 0, "again": 1, "impulse": 2, "rest": 3}
-    records = sorted(records, key=lambda line: (line["method"] != "full", -line["size"], line["interface"], line["method"],
-                                                order[line["family"]], line["number"]))
+    order = {"random": 0, "again": 1, "impulse": 2, "rest": 3, "carried": 4}
+    # The full model's motions lead, then those of large models; what carried starts end in comes last.
+    records = sorted(records, key=lambda line: (line["family"] == "carried", line["method"] != "full", -line["size"],
+                                                line["interface"], line["method"], order[line["family"]], line["number"]))
     motions = [Motion.of(line["motion"]) for line in records]
     steady = [at for at, line in enumerate(records) if line["settled"]]
     labels = np.full(len(records), -1)
@@ -70,6 +75,7 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
     starts = len(reference)
     own = [*labels[reference], *labels[groups[full, "again"]]]
     limit = attractors.chance(own, count, starts)
+    numbers = {records[at]["number"]: labels[at] for at in reference}
     rows = []
     for model in dict.fromkeys(model for model, _ in groups):
         mine = groups[model, "random"]
@@ -80,6 +86,8 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
                     "same_start_same_state": float(np.mean(labels[mine] == labels[reference])),
                     **_errors([motions[at] for at in mine], [motions[at] for at in reference]),
                     "impulse": int(labels[groups[model, "impulse"][0]]), "rest": int(labels[groups[model, "rest"][0]])}
+        stayed = {int(labels[at]) for at in groups.get((model, "carried"), ()) if labels[at] == numbers[records[at]["number"]]}
+        measured["holds"] = sorted(stayed if model[0] != "full" else set(labels[reference].tolist()) - {count - 1})
         exact, found = runs.full_model(settings, model[2]), runs.model(settings, *model)
         rows += [row | {"method": model[0]} for row in table_rows(exact, [found], settings.contact(), [measured])]
     again = [labels[at] for at in groups[full, "again"]]
@@ -96,6 +104,13 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
                       "settled_at_most": max((line["settled_at"] for line in early), default=None)},
             "correlations": correlations, "unsettled": int(np.sum(labels == count - 1)),
             "seconds": float(sum(line["seconds"] for line in records))}
+
+
+def first_of_each(records: Sequence[Row]) -> list[int]:
+    """The number of the first random start of the full model that ended in each of its states."""
+    mine = [line for line in records if line["method"] == "full" and line["family"] == "random" and line["settled"]]
+    labels = attractors.states([Motion.of(line["motion"]) for line in mine])
+    return [mine[labels.index(label)]["number"] for label in dict.fromkeys(labels)]
 
 
 def _told_apart(rows: Sequence[Row], criterion: str) -> float:
@@ -140,13 +155,14 @@ def text(found: dict[str, Any]) -> str:
         ["s", "s", "s", "s", ".0%", "d"])]
     rows = found["rows"]
     parts.append(report.table(
-        ["model", "interface", "DOF", "shares", "distance", "95 % interval", "agrees", "same state", "err ω", "err rms",
+        ["model", "interface", "DOF", "shares", "distance", "95 % interval", "agrees", "holds", "same state", "err ω", "err rms",
          "growing", "missing", "spurious", "growth dist.", "mean compl."],
         [[SHORT[row["method"]], _interface(row["interface"]), row["size"], _told(row["shares"], names), row["distance"],
-          f"{row['distance_low']:.2f}-{row['distance_high']:.2f}", "yes" if row["agrees"] else "no", row["same_start_same_state"],
+          f"{row['distance_low']:.2f}-{row['distance_high']:.2f}", "yes" if row["agrees"] else "no",
+          "".join(names[at] for at in row["holds"]) or "none", row["same_start_same_state"],
           row["error_frequency"], row["error_amplitude"], row["growing"] - row["missing"] + row["spurious"], row["missing"],
           row["spurious"], row["growth_distance"], row["compliance_mean"]] for row in rows],
-        ["s", "s", "d", "s", ".2f", "s", "s", ".0%", ".1e", ".1e", "d", "d", "d", ".2f", ".3f"]))
+        ["s", "s", "d", "s", ".2f", "s", "s", "s", ".0%", ".1e", ".1e", "d", "d", "d", ".2f", ".3f"]))
     again = found["again"]
     parts.append(f"The full model against itself with {again['starts']} other starts, each followed to the end: distance "
                  f"{again['distance']:.3f}; by chance at most {found['chance']:.3f} (95 %). Not settled: {found['unsettled']}.")
@@ -206,14 +222,17 @@ def draw(found: dict[str, Any]) -> Any:
     figure = new_figure(2.2 + 4.6 * len(interfaces), 8.6)
     panels = figure.subplots(3, len(interfaces), sharex=True, squeeze=False, height_ratios=[3] * len(methods) + [2.4])
     places = [*sizes, sizes[-1] + 1.5, sizes[-1] + 2.5]
-    colours = [*_colours([state["omega"] for state in states]), "white"]
+    seen = np.any([*(row["shares"] for row in rows), found["again"]["shares"]], axis=0)  # the others were only passed on the way
+    colours = [*_colours([state["omega"] if there else np.nan for state, there in zip(states, seen, strict=False)]), "white"]
     names = [state["state"] for state in states] + [""]
     for column, interface in zip(panels.T, interfaces, strict=True):
         for panel, method in zip(column, methods, strict=False):
-            mine = {row["size"]: row["shares"] for row in rows if (row["method"], tuple(row["interface"])) == (method, interface)}
-            bars = [(size, mine[size]) for size in sizes if size in mine]
-            bars += [(places[-2], full["shares"]), (places[-1], found["again"]["shares"])]
-            for place, parts in bars:
+            mine = {row["size"]: row for row in rows if (row["method"], tuple(row["interface"])) == (method, interface)}
+            bars = [(size, mine[size]["shares"], mine[size]["holds"]) for size in sizes if size in mine]
+            bars += [(places[-2], full["shares"], full["holds"]), (places[-1], found["again"]["shares"], None)]
+            for place, parts, holds in bars:
+                if holds is not None:
+                    panel.text(place, 102, "".join(names[at] for at in holds) or "–", ha="center", va="bottom", fontsize=8)
                 below = 0.0
                 for share, colour, name in zip(parts, colours, names, strict=True):
                     panel.bar(place, 100 * share, bottom=100 * below, color=colour, width=0.8, edgecolor="0.4", lw=0.4,
@@ -223,8 +242,9 @@ def draw(found: dict[str, Any]) -> Any:
                                    bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75})
                     below += share
             panel.axvline(sizes[-1] + 0.75, color="0.5", lw=0.8)
-            panel.set_title(f"{SHORT[method]}, interface {_interface(interface)}", fontsize=10)
-            panel.set_ylim(0, 100)
+            panel.set_title(f"{SHORT[method]}, interface {_interface(interface)}; above the bars: states of the full model that "
+                            "it holds", fontsize=9)
+            panel.set(ylim=(0, 114), yticks=range(0, 101, 20))
         last = column[-1]
         last.axhspan(0, found["chance"], color="0.85", label="within chance (95 %)")
         for method, shift in zip(methods, (-0.08, 0.08), strict=False):
@@ -252,7 +272,7 @@ def draw(found: dict[str, Any]) -> Any:
             + " + ".join(f"{at:.3f}" for at, share in state["lines"][:3] if share > 0.08) + f", rms {state['rms_least']:.2f}"
             + (f"-{state['rms_most']:.2f}" if f"{state['rms_most']:.2f}" != f"{state['rms_least']:.2f}" else "")
             for state in states] + ["not settled"]
-    used = [at for at in range(len(colours)) if at < len(states) or found["unsettled"]]
+    used = np.flatnonzero(seen)
     first, second = panels[-1, 0].get_legend_handles_labels()
     figure.legend([keys[at] for at in used] + first, [told[at] for at in used] + second, loc="outside lower center",
                   ncols=1 + len(interfaces), fontsize=8, title="state: lines under the belt [rad/time], rms of the speed there")
@@ -260,12 +280,16 @@ def draw(found: dict[str, Any]) -> Any:
     return figure
 
 
+def _by_name(parts: Sequence[float], names: Sequence[str]) -> dict[str, float]:
+    return {name: float(share) for share, name in zip(parts, names, strict=True) if share > 0}
+
+
 def _colours(omega: Sequence[float]) -> list[Any]:
     from matplotlib import colormaps
 
-    families = [next(hue for limit, hue in HUES if each < limit) for each in omega]
+    families = [next((hue for limit, hue in HUES if each < limit), "Greys_r") for each in omega]
     shades = {hue: iter(np.linspace(0.9, 0.25, families.count(hue))) for hue in set(families)}
-    return [colormaps[hue](next(shades[hue])) for hue in families]
+    return [colormaps[hue](next(shades[hue])) for hue in families]  # NaN, that is not drawn, lies in no family
 
 
 def main() -> int:
@@ -291,11 +315,14 @@ def main() -> int:
         parser.error("--starts must be at least 2, --workers at least 1, and 200 <= --window <= --earliest <= --latest")
     if any(not 2 <= size <= default.masses for size in asked.sizes):
         parser.error(f"--sizes must be between 2 and {default.masses}")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the processes that compute stay behind
     settings = runs.Settings(seed=asked.seed, window=asked.window, earliest=asked.earliest, latest=asked.latest)
     try:
         report.check_folder(str(asked.out))  # to know it now and not at the end
         wanted = runs.tasks(settings, sorted(set(asked.sizes)), interfaces, asked.starts)
-        records = runs.run(asked.out / "trajectories.jsonl", settings, wanted, asked.workers, report.progress)
+        file = asked.out / "trajectories.jsonl"
+        records = runs.run(file, settings, wanted, asked.workers, report.progress)
+        records += runs.run(file, settings, runs.carried(wanted, first_of_each(records)), asked.workers, report.progress)
     except fs.InputError as error:
         parser.error(str(error))
     except KeyboardInterrupt:
@@ -305,8 +332,12 @@ def main() -> int:
         return 130
     report.progress_done()
     found = evaluate(settings, records)
-    data = {"settings": runs.asdict(settings), "starts": asked.starts, "machine": report.machine(), **found}
-    flat = [{key: value for key, value in row.items() if key not in ("shares", "verdict")} for row in found["rows"]]
+    names = [state["state"] for state in found["states"]] + ["not settled"]
+    plain = found | {"rows": [row | {"shares": _by_name(row["shares"], names), "holds": [names[at] for at in row["holds"]],
+                                     "impulse": names[row["impulse"]], "rest": names[row["rest"]]} for row in found["rows"]],
+                     "again": found["again"] | {"shares": _by_name(found["again"]["shares"], names)}}
+    data = {"settings": runs.asdict(settings), "starts": asked.starts, "machine": report.machine(), **plain}
+    flat = [{key: value for key, value in row.items() if key not in ("shares", "holds", "verdict")} for row in found["rows"]]
     result = Result(data, flat, text(found), {"attractors": lambda: draw(found)})
     print(result.text)
     report.write(result, asked.out, figures=True, name="attractors")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from femsub.attractors import motion, settled
+from femsub.attractors import Motion, motion, settled
 from femsub.bases import METHODS
 from femsub.contacts import State, project, sliding
 
@@ -52,7 +52,8 @@ class Task:
     """One start of one model: 'full', 'craig-bampton' or 'craig-chang' with so many DOF and an interface (masses from 1).
 
     `family` is 'random' (the starts that are compared), 'again' (as many others, for the full model), 'impulse' (1e-3 on the
-    belt's mass) or 'rest' (no displacement, no velocity).
+    belt's mass), 'rest' (no displacement, no velocity) or 'carried' (from where the full model's random start of that number has
+    ended: does the reduced model stay there?).
     """
 
     method: str
@@ -75,6 +76,12 @@ def tasks(settings: Settings, sizes: Iterable[int], interfaces: Iterable[tuple[i
     families = [("random", number) for number in range(starts)] + [("impulse", 0), ("rest", 0)]
     found = [Task(*model, *family) for model in models for family in families]
     return found + [Task(*models[0], "again", number) for number in range(starts)]
+
+
+def carried(wanted: Iterable[Task], numbers: Iterable[int]) -> list[Task]:
+    """For each reduced model among the tasks, those from the ends of the full model's random starts of these numbers."""
+    models = dict.fromkeys((task.method, task.size, task.interface) for task in wanted if task.method != "full")
+    return [Task(*model, "carried", number) for model in models for number in numbers]
 
 
 @lru_cache(maxsize=4)
@@ -117,7 +124,10 @@ def start(settings: Settings, task: Task) -> State:
         return contact.impulse(1e-3)
     if task.family == "rest":
         return State(np.zeros(found.size), np.zeros(found.size))
-    u, v = random_start(settings, task.family, task.number)
+    if task.family == "carried":
+        u, v = _ended(settings, task.number)
+    else:
+        u, v = random_start(settings, task.family, task.number)
     if isinstance(found, fs.ReducedSubstructure):
         M = full_model(settings, task.interface).M
         u, v = project(found, M, u), project(found, M, v)
@@ -129,9 +139,20 @@ def follow(settings: Settings, task: Task) -> Record:
 
     Those of the family 'again' go on until `latest`: they show whether others were left too early.
     """
-    began, belt = time.perf_counter(), settings.contact()
-    found, state = model(settings, task.method, task.size, task.interface), start(settings, task)
-    t, windows, first = 0.0, [], 0.0
+    began, found = time.perf_counter(), model(settings, task.method, task.size, task.interface)
+    windows, first, end, _ = _settle(settings, found, start(settings, task), task.family == "again")
+    steady = len(windows) > 1 and settled(*windows[-2:])
+    return asdict(task) | {"settled": steady, "end": end, "settled_at": first, "seconds": time.perf_counter() - began,
+                           "motion": windows[-1].flat()}
+
+
+Settled = tuple[list[Motion], float | None, float, State]
+
+
+def _settle(settings: Settings, found: fs.Substructure, state: State, to_the_end: bool) -> Settled:
+    """The motions of all windows, when it first had settled, the time reached and the state there."""
+    belt, t, first = settings.contact(), 0.0, None
+    windows: list[Motion] = []
     while not windows or t < settings.latest * (1 - 1e-9):
         run = fs.transient(found, belt, (t, t + settings.window), start=state, step=settings.step, tol=settings.tol)
         if not run.complete:
@@ -139,12 +160,18 @@ def follow(settings: Settings, task: Task) -> Record:
         state, t = run.final, run.end
         windows.append(motion(run.velocity("belt")[:-1], settings.step, settings.speed, STICKS * settings.eps))
         if len(windows) > 1 and t >= settings.earliest * (1 - 1e-9) and settled(*windows[-2:]):
-            first = first or t
-            if task.family != "again":
+            first = t if first is None else first
+            if not to_the_end:
                 break
-    steady = len(windows) > 1 and settled(*windows[-2:])
-    return asdict(task) | {"settled": steady, "end": t, "settled_at": first or None, "seconds": time.perf_counter() - began,
-                           "motion": windows[-1].flat()}
+    return windows, first, t, state
+
+
+@lru_cache(maxsize=16)
+def _ended(settings: Settings, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where the full model's random start has ended, beside the sliding equilibrium."""
+    full, task = full_model(settings, (1,)), Task("full", settings.masses, (1,), "random", number)
+    state = _settle(settings, full, start(settings, task), False)[3]
+    return state.displacement - sliding(full, settings.contact()).equilibrium, state.velocity
 
 
 def read(path: Path, settings: Settings) -> dict[tuple[Any, ...], Record]:

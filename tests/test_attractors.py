@@ -28,6 +28,7 @@ from femsub.attractors import (
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
+import attractors  # noqa: E402
 import attractors_runs as runs  # noqa: E402
 
 STEP = 0.25
@@ -169,6 +170,19 @@ def test_starts_are_the_same_for_all_models_and_differ_from_each_other() -> None
     assert not np.allclose(v, runs.random_start(QUICK, "again", 3)[1])
 
 
+def test_what_the_full_model_ends_in_is_carried_over() -> None:
+    short = replace(QUICK, window=100.0, earliest=200.0, latest=200.0)
+    wanted = runs.tasks(short, [4, 10], [(1,), (1, 2)], 2)
+    assert len(wanted) == 9 * 4 + 2 and len(runs.carried(wanted, [1])) == 8
+    begin = runs.start(short, runs.Task("full", 10, (1,), "random", 1))
+    run = fs.transient(runs.full_model(short, (1,)), short.contact(), (0, 200), start=begin, tol=1e-8)
+    whole = runs.Task("craig-chang", 10, (1, 2), "carried", 1)
+    begun = runs.start(short, whole)
+    rom = runs.model(short, *whole.key[:3])
+    assert rom.expand(begun.displacement) == pytest.approx(run.final.displacement, abs=1e-4)
+    assert rom.expand(begun.velocity) == pytest.approx(run.final.velocity, abs=1e-4)
+
+
 def test_an_interrupted_run_goes_on(tmp_path: Path, small: list[runs.Task], monkeypatch: pytest.MonkeyPatch) -> None:
     quick = replace(QUICK, window=100.0, earliest=200.0, latest=200.0)
     whole = runs.run(tmp_path / "whole.jsonl", quick, small, 1, lambda _: None)
@@ -197,24 +211,28 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, small: list[runs.Task], monk
         runs.run(path, replace(quick, seed=2), small, 1, told.append)
 
 
-def test_script(tmp_path: Path) -> None:
+def test_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     command = [sys.executable, str(ROOT / "scripts" / "attractors.py"), "--starts", "2", "--sizes", "4", "10",
-               "--interfaces", "1", "--window", "250", "--earliest", "500", "--latest", "500", "--out", str(tmp_path)]
-    for _ in range(2):  # the second time it has everything
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0 and not done.stderr, done.stdout + done.stderr
+               "--interfaces", "1", "--window", "200", "--earliest", "400", "--latest", "400", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and not done.stderr, done.stdout + done.stderr
     names = {"attractors.csv", "attractors.json", "attractors.png", "trajectories.jsonl"}
     assert {path.name for path in tmp_path.iterdir()} == names
     found = json.loads((tmp_path / "attractors.json").read_text())
     rows = {(row["method"], row["size"]): row for row in found["rows"]}
     assert list(rows) == [("full", 10), ("craig-bampton", 10), ("craig-chang", 10), ("craig-bampton", 4), ("craig-chang", 4)]
     for row in rows.values():
-        assert sum(row["shares"]) == pytest.approx(1) and len(row["shares"]) == len(found["states"]) + 1
+        assert sum(row["shares"].values()) == pytest.approx(1)
+        assert {*row["shares"], row["impulse"], row["rest"]} <= {state["state"] for state in found["states"]} | {"not settled"}
     for method in ("craig-bampton", "craig-chang"):  # a complete basis is the full model
         assert rows[method, 10]["distance"] == 0 and rows[method, 10]["growth_distance"] < 1e-9
-        assert rows[method, 4]["missing"] == 5
+        assert rows[method, 4]["missing"] == 5 and rows[method, 10]["holds"] == rows["full", 10]["holds"]
     assert {line["criterion"] for line in found["correlations"]} > {"growth_distance", "missing_share"}
-    bad = subprocess.run([*command, "--sizes", "11"], capture_output=True, text=True, check=False)
-    assert bad.returncode == 2 and "between 2 and 10" in bad.stderr
-    other = subprocess.run([*command, "--seed", "9"], capture_output=True, text=True, check=False)
-    assert other.returncode == 2 and "results of other settings" in other.stderr
+    for extra, what in ((["--sizes", "11"], "between 2 and 10"), (["--seed", "9"], "results of other settings")):
+        monkeypatch.setattr(sys, "argv", [*command[1:], *extra])
+        with pytest.raises(SystemExit, match="2"):
+            attractors.main()
+        assert what in capsys.readouterr().err
+    monkeypatch.setattr(runs, "follow", lambda *_: pytest.fail("it has everything"))
+    monkeypatch.setattr(sys, "argv", command[1:])
+    assert attractors.main() == 0 and capsys.readouterr().out == done.stdout

@@ -101,7 +101,7 @@ def test_shapes_decide_where_frequencies_are_close() -> None:
     found = fs.self_excitation(full, swapped, fs.Belt(slope=-0.1))
     assert found.counterpart.imag == pytest.approx([1.021, 1.001], abs=1e-3)
     assert found.mac.min() > 0.95 and not len(found.missing) and not len(found.spurious)
-    bare = fs.Substructure(np.eye(2), np.diag([1.021, 1.001]) ** 2, ports={"belt": [0.1, 0.2]})
+    bare = fs.Substructure(np.eye(3), np.diag([1.021, 1.001, 9.0]) ** 2, ports={"belt": [0.1, 0.2, 0.0]})
     found = fs.self_excitation(full, bare, fs.Belt(slope=-0.1))  # without a basis there are frequencies only
     assert found.counterpart.imag == pytest.approx([1.001, 1.021], abs=1e-3)
     assert np.isnan(found.mac).all() and np.isnan(found.loss).all() and np.isnan(found.projection_loss)
