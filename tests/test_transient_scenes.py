@@ -37,6 +37,12 @@ def test_the_chain_in_time_writes_and_draws(tmp_path: Path, capsys: pytest.Captu
     assert data["models"][2]["peaks"][0] == pytest.approx(0.7227, rel=5e-3)
     assert all(row["energy_residual"] < 1e-6 for row in data["models"])
     assert all(row["error"] < 0.01 for row in data["growth"]) and len(data["growth"]) == 3
+    quality = data["quality"]
+    assert [(row["model"], row["size"], row["missing"]) for row in quality] == [("craig-bampton", 5, 4), ("craig-chang", 5, 4)]
+    rms, peak = ([row[key] for row in data["models"]] for key in ("rms", "peaks"))
+    for at, row in enumerate(quality, start=1):
+        assert row["error_amplitude"] == pytest.approx(abs(rms[at] / rms[0] - 1))
+        assert row["error_frequency"] == pytest.approx(abs(peak[at][0] / peak[0][0] - 1))
     assert {path.name for path in out.iterdir()} == {"results.json", "results.csv", "signals.png", "spectrum.png",
                                                      "spectrogram.png"}
     assert "highest" not in capsys.readouterr().err

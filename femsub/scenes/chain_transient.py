@@ -10,7 +10,7 @@ from femsub.errors import InputError
 from femsub.report import machine
 from femsub.scene import Result, Scene
 from femsub.scenes.chain import SHORT, ChainScene
-from femsub.scenes.in_time import Track, gathered, growth, law_belt, signals, spectra, spectrograms, told, track
+from femsub.scenes.in_time import Track, gathered, growth, law_belt, quality, signals, spectra, spectrograms, told, track
 from femsub.transients import transient
 
 
@@ -53,7 +53,7 @@ class ChainTransientScene(Scene):
     length: float = 400.0
     tol: float = 1e-9
 
-    OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "signals", "spectrum", "spectrogram")
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "quality", "signals", "spectrum", "spectrogram")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,7 +97,7 @@ def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
         complete = False
     parts: dict[str, Callable[[], Result]] = {
         "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt, SHORT),
-        "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
+        "quality": lambda: quality(tracks, belt, SHORT), "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
         "spectrogram": lambda: spectrograms(tracks, scene.length)}
     data: dict[str, Any] = {
         "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,

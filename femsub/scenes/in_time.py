@@ -12,7 +12,9 @@ from femsub.cea import complex_modes
 from femsub.contacts import sliding
 from femsub.errors import InputError
 from femsub.friction import LAWS, Belt
+from femsub.matching import relative_error
 from femsub.pencil import Array
+from femsub.quality import table_rows
 from femsub.report import table
 from femsub.scene import Result, Scene
 from femsub.spectra import Spectrum, growth_rate, rms, spectrogram, spectrum, sticking
@@ -172,6 +174,28 @@ def spectrograms(tracks: Sequence[Track], length: float) -> Result:
         return spectrogram_figure(made, highest(tracks))
 
     return Result({"spectrogram": {"length": length, "strongest": rows}}, rows, "", {"spectrogram": draw} if made else {})
+
+
+def quality(tracks: Sequence[Track], belt: Belt, short: dict[str, str]) -> Result:
+    """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
+
+    One trajectory of each: where motions coexist it may have ended in another of them, see scripts/attractors.py.
+    """
+    known = [item for item in tracks if item.spectrum is not None and len(item.spectrum.peaks)]
+    if not known or known[0].kind != "full":
+        return Result({"quality": []}, [], "", {})
+    exact, reduced = known[0], known[1:]
+    measured = [{"model": item.kind, "error_frequency": relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
+                 "error_amplitude": relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
+    rows = table_rows(exact.model, [item.model for item in reduced], belt, measured)
+    keys = ("missing_share", "spurious_share", "growth_error", "projection_loss", "compliance_mean", "error_frequency",
+            "error_amplitude")
+    said = table(["model", "DOF", "missing", "spurious", "err Re λ", "loss", "compliance", "err ω in time", "err rms"],
+                 [[short.get(row["model"], row["model"]), row["size"], *(row[key] for key in keys)] for row in rows],
+                 ["s", "d", ".0%", ".0%", ".1%", ".1%", ".1%", ".1%", ".1%"])
+    verdicts = [f"{short.get(row['model'], row['model'])}: {row['verdict']}" for row in rows]
+    head = "Quality of the reduced models under self-excitation, from linear data, beside this run's errors"
+    return Result({"quality": rows}, rows, "\n".join([head, said, *verdicts]), {})
 
 
 def gathered(data: dict[str, Any], text: list[str], found: Sequence[tuple[str, Result]], complete: bool) -> Result:
