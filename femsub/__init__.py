@@ -32,10 +32,13 @@ _HOME = {
     "normal_modes": "eigen", "NormalModes": "eigen",
     "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases", "Estimate": "estimates",
     "complex_modes": "cea", "ComplexModes": "cea",
+    "harmonic_balance": "cycles", "LimitCycle": "cycles", "branch": "branches", "Branch": "branches",
+    "shoot": "shooting", "ShotCycle": "shooting",
     "sweep": "stability", "critical_slope": "stability", "CriticalSlope": "stability", "StabilitySweep": "stability",
     "transient": "transients", "Transient": "transients", "State": "contacts",
     "spectrum": "spectra", "spectrogram": "spectra", "growth_rate": "spectra", "sticking": "spectra", "rms": "spectra",
-    "study": "studies", "Study": "studies",
+    "study": "studies", "Study": "studyresults",
+    "self_excitation": "quality", "SelfExcitation": "quality",
     "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
     "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
     "MissingPackageError": "errors", "NotEnoughMemoryError": "errors", "FemsubWarning": "errors", "PortWarning": "errors",
@@ -49,10 +52,12 @@ if TYPE_CHECKING:
     from femsub.bases import CraigBampton, CraigChang, reduce
     from femsub.beams import beam
     from femsub.blocks import annulus, block, rectangle
+    from femsub.branches import Branch, branch
     from femsub.cea import ComplexModes, complex_modes
     from femsub.chains import chain, chain_frequencies
     from femsub.components import read_component
     from femsub.contacts import State
+    from femsub.cycles import LimitCycle, harmonic_balance
     from femsub.dampers import damped
     from femsub.dofs import DofMap
     from femsub.eigen import NormalModes, normal_modes
@@ -79,10 +84,13 @@ if TYPE_CHECKING:
     from femsub.modelfiles import write_matrices
     from femsub.pencil import Pencil
     from femsub.plates import plate
+    from femsub.quality import SelfExcitation, self_excitation
+    from femsub.shooting import ShotCycle, shoot
     from femsub.solids import solid
     from femsub.spectra import growth_rate, rms, spectrogram, spectrum, sticking
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
-    from femsub.studies import Study, study
+    from femsub.studies import study
+    from femsub.studyresults import Study
     from femsub.substructure import ReducedSubstructure, Substructure
     from femsub.transients import Transient, transient
 

@@ -12,6 +12,8 @@ from dataclasses import replace
 from femsub.errors import FemsubError, FemsubWarning, InputError
 from femsub.scene import SCENES, load
 
+INTERRUPTED = 130  # the exit status of what Ctrl-C ends
+
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
@@ -30,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     if options.command == "scenes":
         for name, (_, line) in SCENES.items():
-            print(f"{name:<10} {line}")
+            print(f"{name:<16} {line}")
         return 0
     try:
         return _run(options)
@@ -44,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except KeyboardInterrupt:
-        return _fail("interrupted; nothing was written", 130)
+        return _fail("interrupted; nothing was written", INTERRUPTED)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -70,6 +72,8 @@ def _run(options: argparse.Namespace) -> int:
     print(result.text)
     if folder is not None:
         print(f"\nwritten to {folder}: {', '.join(str(path.relative_to(folder)) for path in written)}")
+    if not result.data.get("complete", True):
+        return _fail("interrupted; the results are what there was by then, marked as incomplete", INTERRUPTED)
     return 0
 
 

@@ -23,6 +23,8 @@ from femsub.pencil import Array, Matrix, finite_number
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import ReducedSubstructure, Substructure
 
+STICKING = 3.0  # times ε: sliding slower counts as sticking; the arctan law has reached 80 % of its plateau there
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class State:
@@ -77,6 +79,12 @@ class Sliding:
     def tangent(self, v: Array) -> Array:
         """df/dv = -F μ'(v0 - v), shape (p,) or (p, m): its diagonal, since each column is a contact of its own."""
         return -self._each("slope", v)
+
+    def sticks(self, v: Array) -> Array:
+        """Where |v0 - v| ≤ 3 ε (0 for a law without an ε); bool, (p,) or (p, m) as v."""
+        limits = np.array([STICKING * getattr(self.belts[at].law, "eps", 0.0) for at in self.owner])
+        speeds = np.array([self.belts[at].speed for at in self.owner], dtype=float)
+        return (np.abs(np.asarray(v).T - speeds) <= limits).T
 
     @cached_property
     def equilibrium(self) -> Array:

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, factorise
 from femsub.pencil import Array, Difference, Matrix, whole_number
+from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
@@ -168,6 +169,7 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
                            f"K - ω²M counts {counted}; ask for a few modes more or fewer, to leave the cluster")
 
 
+@phase("certificate")
 def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     """Makes the count that was deferred; the handle may have been released.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from femsub.errors import MissingPackageError
-from femsub.studies import Study
+from femsub.studyresults import Study
 
 COLOURS = {"full": "black", "craig-bampton": "#c44e00", "craig-chang": "#0067a5",
            "CraigBampton": "#c44e00", "CraigChang": "#0067a5"}
@@ -164,7 +164,8 @@ def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
     figure.legend(*axes[1, -1].get_legend_handles_labels(), fontsize=9, loc="outside lower center", ncols=3)
     found = studies[0][1]
     figure.suptitle(f"{found.name}, band {found.band[0]:g} to {found.band[1]:.4g} rad/time\n"
-                    f"numbers are DOF; medians of {found.repeats} runs, bars from least to most", fontsize=10)
+                    f"numbers are DOF; medians of {found.repeats} runs, bars from least to most; circled: no other is both as "
+                    "quick (both phases) and as right in Re λ", fontsize=9)
     return figure
 
 
@@ -189,6 +190,9 @@ def _error_line(axis: Any, rows: Sequence[Any], kind: str, phase: str, method: s
     axis.errorbar(seconds[keep], shown[keep], xerr=spread[:, keep], color=COLOURS[method], marker=MARKERS[method], ms=5, lw=0.6,
                   elinewidth=0.6, ls="none", label=LABELS[method])
     order = np.flatnonzero(keep)
+    front = np.array([row.pareto for row in rows]) & keep
+    if kind == "error_growth" and front.any():
+        axis.plot(seconds[front], shown[front], "o", ms=10, mfc="none", mec="black", mew=0.7)
     axis.plot(seconds[order], shown[order], color=COLOURS[method], lw=0.5, alpha=0.6)
     for at in {order[0], order[-1]} if len(order) else ():  # the smallest and the largest model; all would overlap
         below = method == "CraigChang"

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -77,6 +77,23 @@ class StribeckArctan:
             return c * eps / (eps * eps + v * v) - math.copysign(fall, v)
 
         return value, slope
+
+    def with_slope(self, slope: float, speed: float) -> Self:
+        """The same law with d chosen so that μ'(speed) = slope; ε, c and r stay. μ' is linear in d.
+
+        Raises
+        ------
+        InputError
+            d has no say in μ' at this speed, as at 0.
+        """
+        finite_number("slope", slope)
+        flat, one = replace(self, drop=0.0), replace(self, drop=1.0)
+        base = float(flat.slope(finite_number("speed", speed)))
+        gain = float(one.slope(speed)) - base
+        if abs(gain) <= 1e-9 * self.decay or speed == 0:
+            raise InputError(f"the falling part of the law has no slope at a sliding speed of {speed!r}, so that μ' cannot be "
+                             f"made {slope!r} there; choose another speed")
+        return replace(self, drop=(slope - base) / gain)
 
 
 @dataclass(frozen=True)

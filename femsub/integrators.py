@@ -7,6 +7,20 @@ column a right-hand side is then one product of a matrix with a vector and a few
 n = 10. Two more unknowns carry the belts' work ∫ fᵀWᵀq̇ dt and the dissipation ∫ q̇ᵀDq̇ dt along, with the same error
 control.
 
+Why LSODA (C code, one call for a stretch of the grid) is the default: `scripts/integrators.py`, 50 time units of stick-slip,
+seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; interpolated):
+
+    model (DOF)            LSODA   DOP853  Radau   BDF     TSALPHA2 at an error of 2e-3
+    chain, full (10)       0.01    0.05    0.3     1       5
+    chain, HCB (5)         0.01    0.03    0.13    0.4     1
+    chain, full (100)      0.03    0.06    -       1.5     1.2
+    chain, HCB (20)        0.005   0.02    0.1     0.3     1
+    chain, HCB (100)       0.02    0.03    -       0.6     0.8
+    chain, full (1000)     -       -       -       -       1.8
+
+It changes to BDF by itself where the friction layer is stiff (ε → 1e-6), which DOP853 cannot. Sparse models with consistent
+masses have no sparse first-order form: see `second_order`.
+
 Error control: |local error of y_i| ≤ tol (|y_i| + s_i) in the largest norm. s = v/‖w‖_M⁻¹ for velocities, v the largest
 of the belts' speeds and of the speeds under them at the start; s/ω for displacements, ω² = wᵀM⁻¹KM⁻¹w / wᵀM⁻¹w; s² for
 work and dissipation.
@@ -90,7 +104,8 @@ def equations(contact: Sliding, start: State) -> Equations:
         L = la.cholesky(M, lower=True)
     except la.LinAlgError:
         L = np.zeros_like(M)
-    if np.diagonal(L).min() ** 2 <= len(M) * EPS * M.diagonal().max():
+    # entry by entry: rotations and displacements in one vector have masses of different units
+    if (np.diagonal(L) ** 2 <= len(M) * EPS * M.diagonal()).any():
         raise InputError(f"M of {model.name!r} is singular (massless DOF): velocities are undetermined there; condense those "
                          "DOF, or reduce the model first")
     Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))

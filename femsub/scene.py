@@ -20,6 +20,10 @@ SCENES = {
     "beam": ("femsub.scenes.beam", "a steel beam on a belt: modes, critical slope, eigenvalues, error against run time"),
     "plate": ("femsub.scenes.plate", "a thin plate, made or from a mesh file: the same, with pictures and VTU files of shapes"),
     "solid": ("femsub.scenes.solid", "a solid, a brake's disc or your own mesh: the same"),
+    "chain-transient": ("femsub.scenes.chain_transient", "the chain in time: full, HCB and CC, spectrograms (Fig. 5)"),
+    "solid-transient": ("femsub.scenes.solid_transient", "a disc in time: limit cycle, full against reduced, time per period"),
+    "chain-limit-cycle": ("femsub.scenes.chain_cycles", "the chain's limit cycles, full, HCB and CC: table, branches, stability"),
+    "plate-limit-cycle": ("femsub.scenes.plate_cycles", "the plate's limit cycles over the normal force: full, HCB and CC"),
 }
 METHOD_NAMES = ("craig-bampton", "craig-chang")
 LAW_NAMES = ("stribeck-arctan", "stribeck-arctan-odd")

@@ -9,8 +9,9 @@ with r the residual at the predictor, s and σ the shifts of the step. S depends
 for each; what is left is p equations for v₁, solved to rounding by Newton's method. PETSc gets this as its nonlinear solver.
 
 Error control: the local error of the velocities, ‖v₁ - 3v₀ + 3v₋₁ - v₋₂‖/12 in the norm of diag M, is at most
-tol (‖v‖ + v_s). A block of 32 steps in which it is not is done again with half the step, and one in which it never exceeds a
-sixteenth is followed by steps of twice the length. v_s is the belts' speed on the motion M⁻¹w that takes least energy for it.
+tol (‖v‖ + v_s). A block of 32 steps in which it is not is done again with half the step (or less), and one in which it never
+exceeds a sixteenth is followed by steps of twice the length. v_s is the belts' speed on the motion M⁻¹w that takes least energy
+for it.
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ from femsub.factor import Handle, factorise
 from femsub.pencil import Array
 
 RADIUS = 0.9  # amplification of what oscillates infinitely fast
+AT_ONCE = 8  # points of the grid: so many are lost at most by Ctrl-C
 BLOCK = 32  # steps between two decisions on their length
-KEPT = 4  # factorisations kept, the last ones used
+KEPT, BYTES = (2, 12), 1e9  # factorisations kept, the last ones used: as many as go into so much memory, within limits
+AT_MOST = 5  # halvings after one look at the error
 HALVINGS = 40  # of the step at a stretch, before giving up
 PREFIX = "femsub_alpha_"
 
@@ -51,23 +54,27 @@ class AlphaFlow:
         self.work = self.loss = 0.0
         self.dt = self.largest = step
         self.speed = _speed(contact, start)
+        self.done, self.worst = 0, 0.0  # steps since the last decision on their length, and the largest local error of these
+        self.kept = KEPT[0]
         self.factors: dict[tuple[float, float], tuple[Handle, Array, Array]] = {}
         self.stepper = Stepper(self, start)
+        self.history: list[Array] = []  # the last speeds, at distances of `last`
+        self.last = 0.0
+        self.reached = self._checkpoint()
 
     @property
     def stretch(self) -> float:
-        return 4 * BLOCK * self.largest
+        return AT_ONCE * self.largest
 
     @property
     def state(self) -> State:
-        x, v = self.stepper.get()
-        return State(x.copy(), v.copy())
+        return State(*self.reached[:2])
 
     @property
     def balance(self) -> tuple[float, float, float]:
         """Work of the belts and dissipation since the start, and the energy now."""
-        x, v = self.stepper.get()
-        return self.work, self.loss, float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
+        x, v, work, loss, _ = self.reached
+        return work, loss, float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
 
     def close(self) -> None:
         """Gives factors and PETSc's objects back."""
@@ -79,15 +86,14 @@ class AlphaFlow:
     def advance(self, times: Array) -> tuple[Array, ...]:
         """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n)."""
         shown = [self._seen()]
-        begin, at, done = self._checkpoint(), 0, 0
-        history: list[Array] = [begin[1]]
-        worst, halved, quick = 0.0, 0, 0.0
+        begin, at, done, worst = self._checkpoint(), 0, self.done, self.worst
+        history, last, halved = self.history or [begin[1]], self.last, 0
         while at < len(times) - 1:
             span = times[at + 1] - times[at]
             count = max(1, int(np.ceil(span / self.dt * (1 - 1e-9))))
             step = float(f"{span / count:.9e}")  # equal steps share a factorisation
-            if step != quick:
-                history, quick = history[-1:], step
+            if step != last:  # the third difference needs four speeds at equal distances
+                history, last = history[-1:], step
             failed = False
             for _ in range(count):
                 history = [*history[-3:], self._step(step)]
@@ -103,7 +109,9 @@ class AlphaFlow:
                     raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g} and the local error is still "
                                             f"{worst:.1e} at tol = {self.tol:g}; take a larger tol or eps")
                 at -= self._back(begin, shown)
-                self.dt, done, worst, history = step / 2, 0, 0.0, [begin[1]]
+                # the local error falls with the third power of the step: what is far too long is halved more than once
+                halvings = min(max(1, int(np.log2(worst / self.tol) / 3)), AT_MOST)
+                self.dt, done, worst, history = step / 2**halvings, 0, 0.0, [begin[1]]
                 continue
             at += 1
             shown.append(self._seen())
@@ -112,7 +120,8 @@ class AlphaFlow:
                     self.dt *= 2
                 begin, done, worst, halved = self._checkpoint(), 0, 0.0, 0
                 begin = (*begin[:4], len(shown))
-        self.t = float(times[-1])
+        self.t, self.done, self.worst, self.reached = float(times[-1]), done, worst, self._checkpoint()
+        self.history, self.last = history, last
         return tuple(np.array(part) for part in zip(*shown, strict=True))
 
     def _checkpoint(self) -> tuple[Array, Array, float, float, int]:
@@ -155,7 +164,7 @@ class AlphaFlow:
         """The factor of S = σM + sD + K, with S⁻¹W and s WᵀS⁻¹W; made when the shifts are new."""
         key = (sigma, s)
         if key not in self.factors:
-            while len(self.factors) >= KEPT:
+            while len(self.factors) >= self.kept:
                 self.factors.pop(next(iter(self.factors)))[0].close()
             S = sigma * self.M + s * self.D + self.K
             self.jacobians += 1
@@ -164,6 +173,8 @@ class AlphaFlow:
             except SingularMatrixError:  # a D that feeds energy
                 self.kind = "general"
                 handle = factorise(S, self.kind)
+            fill = getattr(handle, "fill", np.nan)
+            self.kept = int(np.clip(BYTES / (8 * len(self.weight) * (fill if np.isfinite(fill) else 500)), *KEPT))
             Z = handle.solve(self.contact.W)
             self.factors[key] = handle, Z, s * (self.contact.W.T @ Z)
         self.factors[key] = self.factors.pop(key)  # the last one used stands last

@@ -13,6 +13,7 @@ from femsub.errors import SingularMatrixError
 from femsub.factor import Handle, factorise
 from femsub.graph import smooth_shape
 from femsub.pencil import EPS, Array, Difference, Matrix
+from femsub.phases import phase
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units
 GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
@@ -40,6 +41,7 @@ class ShiftInvert:
         if not self.floating:
             self._factorise(0.0)  # held after all, by little
 
+    @phase("factorisation")
     def _factorise(self, sigma: float) -> None:
         if hasattr(self, "factor"):
             self.factor.close()  # two large ones would not fit

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from femsub.contacts import STICKING
 from femsub.errors import InputError
 from femsub.pencil import Array, finite_number, whole_number
 from femsub.transients import Transient
@@ -146,11 +147,8 @@ def rms(t: Array, signal: Array, between: tuple[float, float] | None = None) -> 
 
 
 def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | None = None, *,
-             multiple: float = 3.0, below: float | None = None) -> float:
-    """The share of the time in which |v0 - wᵀq̇| < multiple · ε, or < `below` for a law without an ε.
-
-    At 3 ε the arctan law has reached 80 % of its plateau.
-    """
+             multiple: float = STICKING, below: float | None = None) -> float:
+    """The share of the time in which |v0 - wᵀq̇| < multiple · ε, or < `below` for a law without an ε."""
     relative = run.relative_velocity(port)
     eps = next(getattr(belt.law, "eps", np.nan) for belt in run.contact.belts if belt.port == port)
     limit = below if below is not None else finite_number("multiple", multiple) * eps

@@ -5,150 +5,32 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.bases import CraigBampton, CraigChang, reduce
-from femsub.cea import ComplexModes, complex_modes, inside
-from femsub.eigen import check_band
+from femsub.cea import ComplexModes, complex_modes
+from femsub.eigen import NormalModes, all_modes, check_band, normal_modes
 from femsub.errors import FemsubError, InputError, InputTypeError, PortWarning
-from femsub.factor import QUADRATIC
+from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
+from femsub.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors
 from femsub.pencil import Array, whole_number
+from femsub.phases import timed
 from femsub.stability import critical_slope
-from femsub.substructure import Substructure
+from femsub.studyresults import PHASES, Row, Study, Timing, with_front
+from femsub.substructure import ReducedSubstructure, Substructure
 
 Progress = Callable[[str], None]
 SHORT_RUNS = 3  # so often a reduced model is solved in each turn
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Seconds over repeated runs."""
-
-    median: float
-    least: float
-    most: float
-
-    @classmethod
-    def of(cls, seconds: Sequence[float]) -> Timing:
-        return cls(float(np.median(seconds)), float(np.min(seconds)), float(np.max(seconds)))
-
-
-@dataclass(frozen=True)
-class Row:
-    """One model of a study; errors are relative to the full model and over the band.
-
-    Attributes
-    ----------
-    method, modes, size : str, int, int
-        'full' has size n.
-    error_eigenvalue : float
-        max |λ_reduced - λ_full| / |λ_full| over matched pairs.
-    error_growth : float
-        max |Re λ_reduced - Re λ_full| / |Re λ_full|, the same pairs.
-    error_slope : float
-        |c_reduced - c_full| / |c_full| of the critical slope.
-    missing : int
-        Eigenvalues of the full model in the band whose counterpart is more than half of |λ| away; they have no part in
-        the errors.
-    slope : float
-        The critical slope.
-    growth : float
-        The largest Re λ in the band.
-    reduction, solution : Timing
-        Seconds to reduce, and to compute the complex modes in the band.
-    port_error : float
-        Static error at the port in the energy norm.
-    cutoff : float
-        Above this frequency the reduced model's modes decide nothing (inf for a complete one and for the full model).
-    extra : int
-        Eigenvalues in the band and below the cut-off that have no counterpart in the full model.
-    """
-
-    method: str
-    modes: int
-    size: int
-    error_eigenvalue: float
-    error_growth: float
-    error_slope: float
-    missing: int
-    slope: float
-    growth: float
-    reduction: Timing
-    solution: Timing
-    port_error: float
-    cutoff: float = np.inf
-    extra: int = 0
-
-    def flat(self) -> dict[str, Any]:
-        """Plain columns, for CSV and JSON."""
-        flat: dict[str, Any] = {}
-        for key, value in asdict(self).items():
-            if isinstance(value, dict):
-                flat |= {f"{key}_{name}_s": number for name, number in value.items()}
-            else:
-                flat[key] = value
-        return flat
-
-
-@dataclass(frozen=True, repr=False)
-class Study:
-    """The full model's row and one for each reduced model."""
-
-    name: str
-    band: tuple[float, float]
-    repeats: int
-    full: Row
-    rows: tuple[Row, ...]
-
-    def __repr__(self) -> str:
-        best = min(self.rows, key=lambda row: row.error_eigenvalue, default=None)
-        told = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.method} with {best.size} DOF"
-        return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{told}"
-
-    def recommended(self, tolerance: float = 1e-3) -> Row | None:
-        """The smallest reduced model that may stand in for the full one, or None.
-
-        That is error_growth ≤ tolerance, nothing missing, nothing in the band that the full model has not, and the whole
-        band below its cut-off (above it, modes decide nothing). Of these the fewest DOF: they are solved soonest, and
-        that does not hang on the noise of the clock. Among equals the shortest reduction.
-        """
-        if not isinstance(tolerance, (int, float)) or not 0 < tolerance < np.inf:
-            raise InputError(f"tolerance must be a positive number, such as 1e-3, not {tolerance!r}")
-        fit = [row for row in self.rows if row.error_growth <= tolerance and row.missing == row.extra == 0
-               and row.cutoff >= self.band[1]]
-        return min(fit, key=lambda row: (row.size, row.reduction.median), default=None)
-
-    def recommendation(self, tolerance: float = 1e-3) -> str:
-        """`recommended` in words."""
-        row = self.recommended(tolerance)
-        where = f"{100 * tolerance:.3g} % of the growth rates from {self.band[0]:.4g} to {self.band[1]:.4g} rad/time"
-        if row is None:
-            whole = [row for row in self.rows if row.missing == row.extra == 0 and row.error_growth > tolerance]
-            near = min(whole, key=lambda row: row.error_growth, default=None)
-            nearest = "" if near is None else (f"; {near.method} with {near.modes} modes ({near.size} DOF) comes nearest with "
-                                               f"{100 * near.error_growth:.2g} %")
-            return f"for {where} none of these models will do{nearest}: keep more modes, or lower the band"
-        faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
-        return (f"for {where} take {row.method} with {row.modes} modes ({row.size} DOF): {_seconds(row.reduction.median)} to "
-                f"reduce, {_seconds(row.solution.median)} to solve, {float(f'{faster:.2g}'):g} times faster than the full model")
-
-    def __str__(self) -> str:
-        head = f"{'method':<16}{'DOF':>7}{'err λ':>10}{'err Re λ':>10}{'err slope':>10}{'missing':>9}{'reduce':>11}{'solve':>11}"
-        lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time, medians of {self.repeats}", head]
-        for row in (self.full, *self.rows):
-            errors = "".join(f"{value:>10.1e}" for value in (row.error_eigenvalue, row.error_growth, row.error_slope))
-            lines.append(f"{row.method:<16}{row.size:>7}{errors}{row.missing:>9}"
-                         f"{_seconds(row.reduction.median):>11}{_seconds(row.solution.median):>11}")
-        return "\n".join(lines)
-
-
 def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band: tuple[float, float], *,
           belt: Belt | None = None, port: str = "belt", ports: bool = False, repeats: int = 5,
-          slopes: Sequence[float] | None = None, progress: Progress | None = None) -> Study:
+          slopes: Sequence[float] | None = None, assembly: float = np.nan, progress: Progress | None = None) -> Study:
     """Reduces `sub` by each method and compares complex modes and critical slope with the full model.
 
     Parameters
@@ -170,6 +52,8 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
         that a slow spell hits all of them.
     slopes : sequence of float, optional
         The critical slopes of the full model and of each reduced one, where they are known already.
+    assembly : float
+        Seconds that it took to build `sub`, for the record.
     progress : callable, optional
         Told in a few words what is being done.
 
@@ -194,77 +78,89 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     if sub.ports:  # without any there is no critical slope, and that is all
         sub.port(place)
     tell = progress or (lambda _: None)
-    reducing: list[list[float]] = [[] for _ in methods]
+    costs = _measured(sub, methods, belt, (lo, hi), ports, repeats, tell)
+    models, spectra = [sub, *costs.models], costs.spectra
+    if slopes is None:
+        tell(f"{sub.name}: critical slopes")
+        slopes = [_slope(model, place, force, (lo, hi)) for model in models]
+    elif len(slopes) != len(models):
+        raise InputError(f"slopes must be {len(models)}, of the full model and of each method, not {len(slopes)}")
+    tell(f"{sub.name}: undamped frequencies")
+    own = _frequencies(sub, (lo, hi))
+    rows = []
+    for i, model in enumerate(models):
+        found = spectrum_errors(spectra[0], spectra[i], (sub, model))
+        taken = costs.phases[i]
+        rows.append(Row(
+            type(methods[i - 1]).__name__ if i else "full", model.modes if isinstance(model, ReducedSubstructure) else 0,
+            model.size, found.eigenvalue, found.growth, relative_error(slopes[i], slopes[0]), found.missing, slopes[i],
+            _growth(spectra[i], hi),
+            Timing.of([sum(one.values()) for one in taken]), Timing.of(costs.solving[i]),
+            model.port_error.get(place, 0.0) if isinstance(model, ReducedSubstructure) else 0.0, model.cutoff,
+            extra_eigenvalues(spectra[0], spectra[i], (lo, hi)),
+            frequency_error(own, all_frequencies(model)) if i else 0.0, found.mac,
+            {name: Timing.of([one.get(name, 0.0) for one in taken]) for name in PHASES} if i else {}, _megabytes(model)))
+    return Study(sub.name, (lo, hi), repeats, rows[0], with_front(rows[1:]), assembly)
+
+
+@dataclass(frozen=True, eq=False)
+class _Costs:
+    """Reduced models, all spectra (the full model's first), and the seconds of each run."""
+
+    models: list[ReducedSubstructure]
+    spectra: list[ComplexModes]
+    phases: list[list[dict[str, float]]]
+    solving: list[list[float]]
+
+
+def _measured(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], belt: Belt | None, band: tuple[float, float],
+              ports: bool, repeats: int, tell: Progress) -> _Costs:
     solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
+    phases: list[list[dict[str, float]]] = [[{}], *([] for _ in methods)]
     models: list[Any] = [None] * len(methods)
     spectra: list[Any] = [None] * (len(methods) + 1)
-    tell(f"{sub.name}: complex modes of the full model")
     if sub.size <= QUADRATIC:
-        spectra[0] = complex_modes(sub, belt, band=(lo, hi))
+        tell(f"{sub.name}: complex modes of the full model")
+        spectra[0] = complex_modes(sub, belt, band=band)
     for turn in range(repeats):
         for i, method in enumerate(methods):
             tell(f"{sub.name}: run {turn + 1} of {repeats}, {type(method).__name__} with {method}")
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), timed() as spent:
                 warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
-                models[i], seconds = _timed(reduce, sub, method, ports=ports,
-                                            contacts=belt if method.band is not None else None)
-            reducing[i].append(seconds)
+                models[i], seconds = _clocked(reduce, sub, method, ports=ports,
+                                              contacts=belt if method.band is not None else None)
+            phases[i + 1].append(spent | {"basis": seconds - sum(spent.values())})
         tell(f"{sub.name}: run {turn + 1} of {repeats}, full model")
-        found, seconds = _timed(complex_modes, sub, belt, band=(lo, hi), certify=False)
+        found, seconds = _clocked(complex_modes, sub, belt, band=band, certify=False)
         spectra[0] = found if spectra[0] is None else spectra[0]
         solving[0].append(seconds)
         for i, model in enumerate(models, start=1):  # a reduced model is dense: all of it costs what the band would
             for _ in range(SHORT_RUNS):  # threads of BLAS that wake up, or wait for a core, cost as much as the work
-                spectra[i], seconds = _timed(complex_modes, model, belt)
+                spectra[i], seconds = _clocked(complex_modes, model, belt)
                 solving[i].append(seconds)
-    if slopes is None:
-        tell(f"{sub.name}: critical slopes")
-        slopes = [_slope(model, place, force, (lo, hi)) for model in (sub, *models)]
-    elif len(slopes) != len(methods) + 1:
-        raise InputError(f"slopes must be {len(methods) + 1}, of the full model and of each method, not {len(slopes)}")
-    none = Timing(0.0, 0.0, 0.0)
-    full = Row("full", 0, sub.size, 0.0, 0.0, 0.0, 0, slopes[0], _growth(spectra[0], hi), none, Timing.of(solving[0]), 0.0)
-    rows = []
-    for method, model, modes, slope, reduction, solution in zip(
-            methods, models, spectra[1:], slopes[1:], reducing, solving[1:], strict=True):
-        value, growth, missing = spectrum_errors(spectra[0], modes)
-        rows.append(Row(type(method).__name__, model.modes, model.size, value, growth, relative_error(slope, slopes[0]), missing,
-                        slope, _growth(modes, hi), Timing.of(reduction), Timing.of(solution), model.port_error.get(place, 0.0),
-                        model.cutoff, _extra(spectra[0], modes, (lo, hi))))
-    return Study(sub.name, (lo, hi), repeats, full, tuple(rows))
+    return _Costs(models, spectra, phases, solving)
 
 
-def match(reference: Array, values: Array) -> tuple[Array, Array]:
-    """The one-to-one assignment of two spectra with the least sum of |Δλ|: indices into both, never by position."""
-    from scipy.optimize import linear_sum_assignment
-
-    return linear_sum_assignment(np.abs(reference[:, None] - values[None, :]))
-
-
-def spectrum_errors(full: ComplexModes, reduced: ComplexModes) -> tuple[float, float, int]:
-    """Largest relative error of λ and of Re λ over matched eigenvalues, and how many have no counterpart."""
-    reference, values = (modes.eigenvalues[~modes.rigid & (modes.eigenvalues.imag >= 0)] for modes in (full, reduced))
-    if len(reference) == 0:
-        return 0.0, 0.0, 0
-    at, to = match(reference, values)
-    error = np.abs(values[to] - reference[at]) / np.abs(reference[at])
-    near = error <= 0.5
-    missing = len(reference) - int(near.sum())
-    if not near.any():
-        return np.nan, np.nan, missing
-    real = np.abs(reference[at].real)
-    growth = np.abs(values[to].real - reference[at].real)
-    growth = np.divide(growth, real, out=np.zeros_like(real), where=real > 0)
-    return float(error[near].max()), float(growth[near].max()), missing
+def _frequencies(sub: Substructure, band: tuple[float, float]) -> Array:
+    """The undamped elastic frequencies of the full model in the band."""
+    found = all_frequencies(sub) if sub.size <= SMALL else elastic(normal_modes(sub, band=band))
+    return found[(found >= band[0]) & (found <= band[1])]
 
 
-def _extra(full: ComplexModes, reduced: ComplexModes, band: tuple[float, float]) -> int:
-    """Eigenvalues of a reduced model in the band, below its cut-off, that match none of the full model."""
-    shown = ~reduced.rigid & (reduced.eigenvalues.imag >= 0)
-    reference, values = full.eigenvalues[~full.rigid & (full.eigenvalues.imag >= 0)], reduced.eigenvalues[shown]
-    counted = ~reduced.above_cutoff[shown] & inside(values, (-band[1], band[1], *band))
-    counted[match(reference, values)[1]] = False
-    return int(counted.sum())
+def all_frequencies(model: Substructure) -> Array:
+    """Every undamped elastic frequency of a small model."""
+    return elastic(all_modes(model.K, model.M))
+
+
+def elastic(modes: NormalModes) -> Array:
+    """The frequencies that do not belong to rigid motion."""
+    return modes.frequencies[modes.rigid:]
+
+
+def _megabytes(model: Substructure) -> float:
+    parts = [model.M, model.D, model.K, *([model.V] if isinstance(model, ReducedSubstructure) else [])]
+    return sum(part.data.nbytes + part.indices.nbytes + part.indptr.nbytes if sp.issparse(part) else part.nbytes
+               for part in parts) / 1e6
 
 
 def _growth(modes: ComplexModes, hi: float) -> float:
@@ -281,20 +177,7 @@ def _slope(model: Substructure, port: str, force: float, band: tuple[float, floa
         return np.nan
 
 
-def relative_error(value: float, reference: float) -> float:
-    """|value - reference| / |reference|; 0 where both are equal, infinite ones too."""
-    if value == reference:
-        return 0.0
-    return float(abs(value - reference) / abs(reference)) if reference else np.nan
-
-
-def _timed(call: Callable[..., Any], *arguments: Any, **options: Any) -> tuple[Any, float]:
+def _clocked(call: Callable[..., Any], *arguments: Any, **options: Any) -> tuple[Any, float]:
     start = time.perf_counter()
     result = call(*arguments, **options)
     return result, time.perf_counter() - start
-
-
-def _seconds(value: float) -> str:
-    if value == 0:
-        return "-"
-    return f"{value * 1e3:.3g} ms" if value < 1 else f"{value:.3g} s"

@@ -288,7 +288,7 @@ def full_cea(counts: tuple[int, ...], slopes: np.ndarray, band: tuple[float, flo
 
 def reductions(counts: tuple[int, ...], kept: tuple[int, ...], slopes: np.ndarray, spectra: list[fs.ComplexModes]) -> Row:
     """HCB and CC with more and more modes against the full spectra; the smallest within GROWTH, ready for the sweep."""
-    from femsub.studies import spectrum_errors
+    from femsub.matching import spectrum_errors
 
     sub, tried, models = pad(counts), [], {}
     for method in (fs.CraigBampton, fs.CraigChang):
@@ -298,7 +298,7 @@ def reductions(counts: tuple[int, ...], kept: tuple[int, ...], slopes: np.ndarra
             seconds = time.perf_counter() - start
             errors = [spectrum_errors(full, fs.complex_modes(rom, fs.Belt(slope=float(slope))))
                       for slope, full in zip(slopes, spectra, strict=True)]
-            growth = max(np.inf if missing or np.isnan(error) else error for _, error, missing in errors)
+            growth = max(np.inf if found.missing or np.isnan(found.growth) else found.growth for found in errors)
             tried.append({"method": method.__name__, "modes": modes, "size": rom.size, "growth_error": growth,
                           "reduction_seconds": seconds})
             if growth <= GROWTH:

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub.studies import match
+from femsub.matching import match
 
 BELT = fs.Belt(slope=-0.2677)
 

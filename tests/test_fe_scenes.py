@@ -14,9 +14,10 @@ import pytest
 import femsub as fs
 from femsub.cli import main
 from femsub.fields import displacements
+from femsub.matching import extra_eigenvalues
 from femsub.scene import load
 from femsub.scenes.component import Work
-from femsub.studies import Row, Study, Timing, _extra
+from femsub.studyresults import Row, Study, Timing
 
 SMALL = {
     "beam": 'scene = "beam"\nelements = 40\nmodes = [8, 12]\nrepeats = 1\n',
@@ -177,9 +178,9 @@ def test_what_rules_a_model_out() -> None:
 def test_eigenvalues_that_only_the_reduced_model_has_are_counted() -> None:
     sub = fs.chain(10, belt=2)
     full, other = fs.complex_modes(sub, band=(0.0, 0.5)), fs.complex_modes(fs.chain(10, belt=2, springs=0.3))
-    assert _extra(full, fs.complex_modes(sub), (0.0, 0.5)) == 0
+    assert extra_eigenvalues(full, fs.complex_modes(sub), (0.0, 0.5)) == 0
     inside = int(np.sum((other.eigenvalues.imag >= 0) & (other.eigenvalues.imag <= 0.5)))
-    assert _extra(full, other, (0.0, 0.5)) == inside - len(full) > 0
+    assert extra_eigenvalues(full, other, (0.0, 0.5)) == inside - len(full) > 0
 
 
 def test_the_band_is_chosen_by_rule(tmp_path: Path) -> None:

@@ -62,3 +62,28 @@ def test_bench(tmp_path: Path) -> None:
     agreements = [check for check in report["checks"] if not check["timed"]]
     assert len(agreements) == 8 and all(check["met"] for check in agreements)
     assert all(check["met"] is None for check in report["checks"] if check["timed"])  # such sizes say nothing of times
+
+
+def report(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(ROOT / "scripts" / "report.py"), "--quick", "--work", str(folder / "work"),
+               "--page", str(folder / "docs" / "page.md"), *args]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    first = report(tmp_path, "--steps", "chain")
+    assert first.returncode == 0, first.stdout + first.stderr
+    page = (tmp_path / "docs" / "page.md").read_text()
+    assert "scripts/tiny-chain.toml" in page and "* CraigChang" in page and "Not run yet: bench" in page
+    assert (tmp_path / "docs" / "page" / "chain-error-time.png").exists() and "(page/chain-error-time.png)" in page
+    # what was run and stopped half-way has no done.json: it is begun anew, and what had ended is left alone
+    kept = (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns
+    half = tmp_path / "work" / "bench"
+    half.mkdir()
+    (half / "printed.txt").write_text("half a table")
+    second = report(tmp_path)
+    assert second.returncode == 0, second.stdout + second.stderr
+    assert "chain: done before" in second.stdout and "bench: done\n" in second.stdout
+    assert (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns == kept
+    page = (tmp_path / "docs" / "page.md").read_text()
+    assert "Not run yet" not in page and "SLEPc, CHOLMOD" in page and "half a table" not in page

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.studies import match, spectrum_errors
+from femsub.matching import match, spectrum_errors
+from femsub.studyresults import Row, Timing, with_front
 
 
 def test_spectra_are_matched_as_sets(rng: np.random.Generator) -> None:
@@ -34,8 +35,8 @@ def test_a_mode_that_the_reduced_model_lacks_is_counted() -> None:
     with pytest.warns(fs.PortWarning):
         rom = fs.reduce(sub, fs.CraigBampton(1))
     full = fs.complex_modes(sub, band=(0.0, 0.75))
-    assert spectrum_errors(full, fs.complex_modes(rom))[2] == 1
-    assert spectrum_errors(full, fs.complex_modes(sub)) == (0.0, 0.0, 0)
+    assert spectrum_errors(full, fs.complex_modes(rom)).missing == 1
+    assert spectrum_errors(full, fs.complex_modes(sub))[:3] == (0.0, 0.0, 0)
 
 
 def test_refusals() -> None:
@@ -52,3 +53,49 @@ def test_refusals() -> None:
 def test_the_slope_of_a_study_is_per_unit_of_the_belt_s_force() -> None:
     found = fs.study(fs.chain(10, belt=2), [fs.CraigChang(9)], band=(0.0, 0.75), belt=fs.Belt(force=2.0, slope=-0.1), repeats=1)
     assert 2 * found.full.slope == pytest.approx(-0.025567, abs=1e-6)
+
+
+def test_each_row_tells_where_its_seconds_went_and_what_it_holds() -> None:
+    found = fs.study(fs.chain(400, belt=2), [fs.CraigBampton(6), fs.CraigChang(6)], band=(0.0, 0.02), repeats=3, assembly=0.25)
+    for row in found.rows:
+        assert list(row.phases) == ["factorisation", "basis", "certificate", "projection"]
+        assert sum(one.median for one in row.phases.values()) == pytest.approx(row.reduction.median, rel=0.5)
+        assert all(one.median > 0 for one in row.phases.values())
+        assert row.memory == pytest.approx((3 * row.size**2 + 400 * row.size) * 8e-6)
+        assert {"factorisation_s", "basis_s", "projection_s", "memory", "mac", "pareto"} <= row.flat().keys()
+    assert found.full.phases == {} and "assembled in 250 ms" in str(found)
+
+
+def test_frequencies_and_shapes_are_compared_in_the_band() -> None:
+    sub = fs.chain(10, belt=2)
+    found = fs.study(sub, [fs.CraigBampton(3), fs.CraigBampton(9), fs.CraigChang(3)], (0.0, 0.75), repeats=1)
+    crude, whole, free = found.rows
+    exact = fs.normal_modes(sub, band=(0.0, 0.75)).frequencies
+    with pytest.warns(fs.PortWarning):
+        rom = fs.reduce(sub, fs.CraigBampton(3))
+    assert crude.error_frequency == pytest.approx((fs.normal_modes(rom, count=3).frequencies / exact - 1).max(), rel=1e-9)
+    assert whole.error_frequency < 1e-12 and free.error_frequency < 1e-12 < crude.error_frequency
+    assert 1e-4 < 1 - crude.mac < 0.1 and abs(1 - whole.mac) < 1e-12
+
+
+def test_shapes_decide_where_frequencies_do_not_and_clusters_are_subspaces() -> None:
+    def oscillators(*stiffness: float) -> fs.Substructure:
+        return fs.Substructure(np.eye(len(stiffness)), np.diag(stiffness), 0.01 * np.eye(len(stiffness)))
+
+    full, other = oscillators(1.0, 1.1, 9.0), oscillators(1.2, 1.06, 9.0)  # by distance alone the first two would swap
+    modes = [fs.complex_modes(model) for model in (full, other)]
+    assert spectrum_errors(*modes).eigenvalue < 0.05
+    by_shape = spectrum_errors(*modes, (full, other))
+    assert by_shape.eigenvalue == pytest.approx(np.sqrt(1.2) - 1, rel=1e-2) and by_shape.mac == pytest.approx(1.0)
+    # a repeated pair, turned in its plane: each shape alone looks wrong, the plane is right
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    stiffness = np.diag([1.0, 1.00001])
+    pair = [fs.Substructure(np.eye(2), K, 0.01 * np.eye(2)) for K in (stiffness, turn @ stiffness @ turn.T)]
+    assert spectrum_errors(*(fs.complex_modes(model) for model in pair), tuple(pair)).mac == pytest.approx(1.0)
+
+
+def test_the_front_leaves_out_what_is_beaten_in_both() -> None:
+    time = [Timing(seconds, seconds, seconds) for seconds in (1.0, 2.0, 3.0)]
+    rows = [Row("CraigChang", 4, 5, 0.0, error, 0.0, missing, 0.0, 0.0, time[turn], time[0], 0.0)
+            for turn, error, missing in ((0, 1e-2, 0), (1, 1e-3, 0), (2, 1e-2, 0), (2, 1e-4, 1), (2, 1e-3, 0))]
+    assert [row.pareto for row in with_front(rows)] == [True, True, False, False, False]

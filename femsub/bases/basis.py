@@ -12,6 +12,7 @@ from femsub.eigen import NormalModes, check_band, lowest_modes
 from femsub.errors import InputError
 from femsub.estimates import Estimate
 from femsub.pencil import EPS, Array, Matrix, finite_number, whole_number
+from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
 
 COLUMNS = 64  # of V, worked on at a time
@@ -37,6 +38,7 @@ class Basis:
     estimate: Estimate | None = None
 
 
+@phase("projection")
 def projected(A: Matrix, V: Array) -> Array:
     """VᵀAV, shape (r, r), without AV: a block of columns at a time."""
     result = np.zeros((V.shape[1],) * 2)

@@ -15,10 +15,11 @@ from femsub.chains import chain
 from femsub.eigen import check_band
 from femsub.errors import InputError, PortWarning
 from femsub.friction import LAWS, Belt
+from femsub.matching import relative_error
 from femsub.report import machine, table
 from femsub.scene import Result, Scene
 from femsub.stability import critical_slope, sweep
-from femsub.studies import relative_error, study
+from femsub.studies import study
 from femsub.substructure import ReducedSubstructure, Substructure
 
 Progress = Callable[[str], None]

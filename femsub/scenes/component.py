@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -79,7 +80,9 @@ class Work:
     def __init__(self, scene: ComponentScene, progress: Progress) -> None:
         self.scene, self.tell = scene, lambda text: progress(f"{scene.name}: {text}")
         self.tell("building the component")
+        start = time.perf_counter()
         self.sub, self.mesh = scene.component()
+        self.assembly = time.perf_counter() - start
         self.belt = Belt(force=scene.force, slope=scene.friction_slope())
         self.slopes: list[float] | None = None  # critical ones, once an output has found them
         self.methods = [METHODS[name](modes) for name in scene.methods for modes in scene.modes]

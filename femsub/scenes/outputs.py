@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from femsub.cea import ComplexModes, complex_modes
+from femsub.matching import relative_error
 from femsub.pencil import Array
 from femsub.report import machine, table
 from femsub.scene import Result
 from femsub.scenes.component import SHORT, ComponentScene, Progress, Work
 from femsub.scenes.joined import joined_interface
 from femsub.stability import critical_slope
-from femsub.studies import relative_error, study
+from femsub.studies import study
 from femsub.substructure import ReducedSubstructure, Substructure
 
 DRAWN = 6  # of the normal modes
@@ -211,7 +212,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
 def _error_time(work: Work) -> Result:
     scene = work.scene
     found = study(work.sub, work.methods, work.band[0], belt=work.belt, ports=scene.ports, repeats=scene.repeats,
-                  slopes=work.slopes, progress=work.tell)
+                  slopes=work.slopes, assembly=work.assembly, progress=work.tell)
     rows = [row.flat() for row in (found.full, *found.rows)]
     best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
     data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,

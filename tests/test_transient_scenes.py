@@ -1,0 +1,102 @@
+"""Scenes in time: what they compute, write and draw, and what Ctrl-C leaves of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from femsub.cli import main
+from femsub.errors import InputError
+from femsub.scene import load
+
+CHAIN = 'scene = "chain-transient"\ntime = [0, 1500]\nwindow = [1000, 1500]\n'
+DISC = ('scene = "solid-transient"\nmodes = [8, 20]\nmethods = ["CC"]\nperiods = 150\ncompared = 4\n'
+        'full_tol = 1e-4\n')
+
+
+def scene_file(folder: Path, text: str) -> str:
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_the_chain_in_time_writes_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main(["run", scene_file(tmp_path, CHAIN), "--out", str(out)]) == 0
+    data = json.loads((out / "results.json").read_text())
+    assert data["complete"] is True and [row["model"] for row in data["models"]] == ["full", "craig-bampton", "craig-chang"]
+    assert data["models"][1]["peaks"][0] == pytest.approx(0.7245, rel=5e-3)
+    assert data["models"][2]["peaks"][0] == pytest.approx(0.7227, rel=5e-3)
+    assert all(row["energy_residual"] < 1e-6 for row in data["models"])
+    assert all(row["error"] < 0.01 for row in data["growth"]) and len(data["growth"]) == 3
+    quality = data["quality"]
+    assert [(row["model"], row["size"], row["missing"]) for row in quality] == [("craig-bampton", 5, 4), ("craig-chang", 5, 4)]
+    rms, peak = ([row[key] for row in data["models"]] for key in ("rms", "peaks"))
+    for at, row in enumerate(quality, start=1):
+        assert row["error_amplitude"] == pytest.approx(abs(rms[at] / rms[0] - 1))
+        assert row["error_frequency"] == pytest.approx(abs(peak[at][0] / peak[0][0] - 1))
+    assert {path.name for path in out.iterdir()} == {"results.json", "results.csv", "signals.png", "spectrum.png",
+                                                     "spectrogram.png"}
+    assert "highest" not in capsys.readouterr().err
+
+
+def test_only_what_is_named_is_computed(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["spectrum"]\nmethods = ["CC"]\n'
+    code = ("import sys; from femsub.cli import main; main(sys.argv[1:]); "
+            "print([name for name in ('skfem', 'matplotlib', 'petsc4py') if name in sys.modules])")
+    done = subprocess.run([sys.executable, "-c", code, "run", scene_file(tmp_path, text), "--out", str(out), "--no-figures"],
+                          capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    data = json.loads((out / "results.json").read_text())
+    assert "growth" not in data and "spectrogram" not in data and len(data["models"]) == 2
+
+
+def test_a_disc_in_time_compares_full_and_reduced_from_one_state(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["run", scene_file(tmp_path, DISC), "--out", str(out)]) == 0
+    rows = json.loads((out / "results.json").read_text())["error-time"]
+    assert [row["model"] for row in rows] == ["full", "CraigChang", "CraigChang"]
+    assert rows[0]["method"] == "alpha" and rows[2]["method"] == "lsoda"
+    assert rows[2]["amplitude_error"] < 0.02 and rows[2]["speedup"] > 5
+    assert (out / "error-time.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (CHAIN + "slope = -0.2", "needs the friction law"), ('scene = "chain-transient"\ntime = [5, 1]', "time must be"),
+    ('scene = "chain-transient"\ntime = [0, 100]', "reaches beyond"),
+    (CHAIN + "step = 0.1\nsizes = [3]", "unknown scene key 'sizes'"),
+    (DISC.replace("150", "2"), "periods must be at least 4"),
+])
+def test_bad_scenes_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        load(scene_file(tmp_path, text))
+
+
+def test_where_nothing_grows_the_scene_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene_file(tmp_path, DISC + "force = 1.0")]) == 2
+    assert "nothing grows" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_what_there_is_marked_as_incomplete(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    scene = scene_file(tmp_path, 'scene = "chain-transient"\ntime = [0, 1e6]\nwindow = [5e5, 1e6]\nstep = 1.0\nlength = 500\n')
+    running = subprocess.Popen([sys.executable, "-m", "femsub.cli", "run", scene, "--out", str(out), "--no-figures"],
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               env=os.environ | {"PYTHONUNBUFFERED": "1"})
+    time.sleep(5.0)
+    running.send_signal(signal.SIGINT)
+    said, errors = running.communicate(timeout=60)
+    assert running.returncode == 130 and "marked as incomplete" in errors
+    data = json.loads((out / "results.json").read_text())
+    assert data["complete"] is False and data["models"][0]["complete"] is False
+    assert 0 < data["models"][0]["end"] < 1e6 and data["models"][0]["rms"] is None
+    assert "incomplete" in said and np.isfinite(data["models"][0]["energy_residual"])
