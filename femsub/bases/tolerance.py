@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -66,16 +67,28 @@ class Search:
         guess = len(omega) * (limit / omega[-1]) ** min(max(power, 0.5), 3.0)
         return int(np.clip(1.1 * guess + 4, 1.5 * len(omega) + 1, 4 * len(omega) + 4))
 
-    def nested(self, band: tuple[float, float]) -> Nested:
-        """M, D and K in [C Φ Ξ]; with damping Ξ also takes the residuals of the complex modes in the band."""
-        plain, span = self._space(self.loads, self.rest)
-        if self.pencil is None:
-            return plain
+    def undamped(self) -> tuple[Nested, Span]:
+        """M and K in U = [C Φ Ξ], and U."""
+        return self._space(self.loads, self.rest)
+
+    def damped(self, plain: Nested, span: Span, band: tuple[float, float]) -> Nested:
+        """M, D and K with what the residuals of the complex modes in the band ask for in Ξ, too."""
+        plain = self._with_damping(plain, span)
         loads = self._residuals(plain, span, band)
         if not loads.shape[1]:
             return plain
         rest = self.parts.handle.elastic_solve(loads, self.found.shapes)
-        return self._space(np.hstack([self.loads, loads]), np.hstack([self.rest, rest]))[0]
+        return self._with_damping(*self._space(np.hstack([self.loads, loads]), np.hstack([self.rest, rest])))
+
+    def nested(self, band: tuple[float, float]) -> Nested:
+        """All of it."""
+        plain, span = self.undamped()
+        return plain if self.pencil is None else self.damped(plain, span, band)
+
+    def _with_damping(self, plain: Nested, span: Span) -> Nested:
+        assert self.pencil is not None
+        D, symmetric = span.projected(self.pencil.D), self.pencil.symmetric[1]
+        return replace(plain, D=(D + D.T) / 2 if symmetric else D, symmetric=symmetric)
 
     def _space(self, loads: Array, rest: Array) -> tuple[Nested, Span]:
         parts, found, rigid = self.parts, self.found, self.found.rigid
@@ -91,13 +104,9 @@ class Search:
         M[:n_c] = M[:, :n_c].T
         M[:n_c, :n_c] = (M[:n_c, :n_c] + M[:n_c, :n_c].T) / 2
         K[:n_c, :n_c] = parts.condensed
-        D, symmetric = None, True
-        if self.pencil is not None:
-            D, symmetric = span.projected(self.pencil.D), self.pencil.symmetric[1]
-            D = (D + D.T) / 2 if symmetric else D
         inner = [parts.constraint[parts.rows], found.shapes, static]
         forces = np.concatenate([shapes.T @ parts.forces for shapes in inner])
-        return Nested(M, K, D, n_c, rigid, elastic, forces, parts.rounding, symmetric), span
+        return Nested(M, K, None, n_c, rigid, elastic, forces, parts.rounding), span
 
     def _residuals(self, plain: Nested, span: Span, band: tuple[float, float]) -> Array:
         """λ²MΞx + λDUx and, for an unsymmetric D, the left ones, less MΦ, F and MC, whose K⁻¹ is in U already; (n_i, k)."""
@@ -138,8 +147,11 @@ def chosen(parts: Parts, band: Any, tol: Any, pencil: Pencil | None) -> tuple[Ke
         if not search.complete and SHARE * search.top <= hi:
             search.grow(search.needed(hi / SHARE))
             continue
-        nested = search.nested(band)
+        nested, span = search.undamped()
         best = _smallest(nested, band, tol, search.complete)
+        if best.met and pencil is not None:
+            nested = search.damped(nested, span, band)
+            best = _smallest(nested, band, tol, search.complete, best.modes)
         if not best.met:
             search.grow(_further(nested, best, search, parts.sub.name))
             continue
@@ -154,19 +166,17 @@ def chosen(parts: Parts, band: Any, tol: Any, pencil: Pencil | None) -> tuple[Ke
         search.replace(lowest_modes(parts.handle, search.modes, known=found, certify=False))
 
 
-def _smallest(nested: Nested, band: tuple[float, float], tol: float, complete: bool) -> Estimate:
-    """The estimate of the smallest basis that meets `tol`, by bisection, or of the largest where none does."""
+def _smallest(nested: Nested, band: tuple[float, float], tol: float, complete: bool, least: int = 0) -> Estimate:
+    """The estimate of the smallest basis from `least` modes on that meets `tol`, by bisection, or of the largest."""
     most = nested.modes if complete else nested.modes - 1
     cutoffs = np.array([nested.cutoff(count) for count in range(most + 1)])
     low = int(np.searchsorted(SHARE * cutoffs, band[1], side="right"))  # the fewest with the band below 0.7 of the cut-off
-    best = nested.estimate(most, band, tol)
+    low, best = max(low, least), nested.estimate(most, band, tol)
     if not best.met:
         return best
     while low < best.modes:
         middle = (low + best.modes) // 2
-        other = nested.estimate(middle, band, tol, damped=False)  # the cheaper half first
-        if other.met and nested.D is not None:
-            other = nested.estimate(middle, band, tol)
+        other = nested.estimate(middle, band, tol)
         if other.met:
             best = other
         else:
