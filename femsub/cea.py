@@ -56,6 +56,7 @@ class ComplexModes:
     above_cutoff: Array
     searched: tuple[float, float, float, float] | None = None
     certified: bool = False
+    counted: tuple[float, int] | None = None
 
     @property
     def stable(self) -> tuple[bool | None, ...]:
@@ -164,15 +165,15 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         from femsub.qep import solve
 
         values, X, Y = solve(pencil.dense())
-        certified = True
+        certified, proof = True, None
     else:
         from femsub.pep import solve_band, solve_count
 
         if box is None:
-            values, X, Y = solve_count(pencil, count or 0)
-            certified = False
+            values, X, Y, proof = solve_count(pencil, count or 0, bool(certify))
+            certified = proof is not None
         else:
-            values, X, Y, certified = solve_band(pencil, box, pencil.size <= QUADRATIC if certify is None else certify)
+            values, X, Y, certified, proof = solve_band(pencil, box, certify)
     if box is not None:
         keep = inside(values, box)
         order = np.flatnonzero(keep)[np.argsort(values[keep].imag, kind="stable")]
@@ -186,7 +187,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
                       f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",
                       FemsubWarning, stacklevel=2)
     beyond = result.frequencies > cutoff * (1 + 1e-9)
-    return replace(result, above_cutoff=beyond, searched=box, certified=certified)
+    counted = None if proof is None else (proof.radius, proof.number)
+    return replace(result, above_cutoff=beyond, searched=box, certified=certified, counted=counted)
 
 
 def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexModes:
