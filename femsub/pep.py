@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from femsub import condensed, qep
+from femsub import condensed, qep, splitting
 from femsub._slepc import Factor, quadratic_modes
 from femsub.counting import missed_eigenvalues
 from femsub.eigen import NormalModes, lowest_modes, modes_below
@@ -130,7 +130,7 @@ class Shifted:
 def solve_count(pencil: Pencil, count: int, certify: bool) -> tuple[Array, Array, Array, Proof]:
     """λ, X, Y of at least `count` eigenvalues nearest to 0, conjugates included, and the proof that none is nearer."""
     problem = Shifted(pencil)
-    parts = condensed.split(pencil) if certify else None
+    parts = splitting.split(pencil) if certify else None
     # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for. A count needs a gap
     # behind the last, and hence the next.
     ask = count + (0 if problem.shift == 0 else 12) + (0 if parts is None else 2)
@@ -163,7 +163,7 @@ def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> tuple[Array, A
     problem = Shifted(pencil)
     a, b, lo, hi = box
     radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
-    parts = None if certify is False else condensed.split(pencil)
+    parts = None if certify is False else splitting.split(pencil)
     at = None if parts is None else _edge(parts, radius)
     winding = at is None and (pencil.size <= QUADRATIC if certify is None else certify)
     reference = _reference(pencil, radius, winding) if at is None else None
@@ -194,7 +194,7 @@ def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> tuple[Array, A
     return values, X, problem.left(values, X, ask), proof is not None or (winding and reference is not None), proof
 
 
-def _edge(parts: condensed.Split, radius: float) -> condensed.Edge | None:
+def _edge(parts: splitting.Split, radius: float) -> condensed.Edge | None:
     """The undamped count at a radius, or up to 0.1 % beyond it where a mode is just there; None where K0 - R²M cannot be
     factorised.
     """
@@ -206,7 +206,7 @@ def _edge(parts: condensed.Split, radius: float) -> condensed.Edge | None:
     return None
 
 
-def _confirmed(problem: Shifted, parts: condensed.Split, at: condensed.Edge | None, values: Array, X: Array) -> Proof:
+def _confirmed(problem: Shifted, parts: splitting.Split, at: condensed.Edge | None, values: Array, X: Array) -> Proof:
     """The number of eigenvalues in the disc, if it can be proved."""
     if at is None:
         return None
@@ -227,7 +227,7 @@ def _number(values: Array, radius: float) -> int:
 def _fetch(ask: int, missed: int, fetched: int, proof: condensed.Count) -> tuple[int, int]:
     """How many to ask for next where some are missing, and how often that was done."""
     if missed < 0 or fetched == 2:
-        raise MissedModesError(f"{proof.number} eigenvalues lie in |λ| < {proof.radius:.6g}, by an independent count, but "
+        raise MissedModesError(f"an independent count says that {proof.number} eigenvalues lie in |λ| < {proof.radius:.6g}, but "
                                f"{proof.number - missed} were found; ask for more or fewer, or for another band")
     return ask + 2 * missed + 10, fetched + 1
 

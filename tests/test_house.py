@@ -21,7 +21,7 @@ LAYERS = {
     "integrators": 6, "second_order": 6, "transients": 7, "spectra": 8,
     "meshfiles": 5, "modelfiles": 5, "components": 6,
     "eigen": 5,
-    "qep": 6, "bases": 6, "dampers": 6, "condensed": 4,
+    "qep": 6, "bases": 6, "dampers": 6, "splitting": 2, "condensed": 4,
     "pep": 7, "crossing": 7, "partition": 7,
     "beams": 8, "plates": 8, "solids": 8, "cea": 8, "border": 9, "stability": 10,
     "matching": 9, "studyresults": 1, "studies": 11, "quality": 12, "attractors": 2,
