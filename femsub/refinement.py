@@ -127,20 +127,20 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
     left = None
     for step in range(steps + 1):
         small, xs, ys = qep.solve(space.pencil)
-        at, twin = _matched(values, q, small, xs, still)
+        at, taken = _matched(values, q, small, xs, still)
+        twin = np.where(taken >= 0, taken, twin)
         moving = np.flatnonzero(~still)
         values, q = np.where(still, 0.0, small[at]), np.where(still, q, xs[:, at])
-        X = space.V @ q
-        left = None if all(pencil.symmetric) else space.V @ ys[:, at]
+        left = None if all(pencil.symmetric) else ys[:, at]
         error = np.zeros(len(rows))
-        error[moving], corrections = space.corrections(values[moving], X[:, moving])
+        error[moving], z, forces = space.corrections(values[moving], q[:, moving])
         if left is not None:
-            other, more = space.corrections(values[moving].conj(), left[:, moving], True)
+            other, *more = space.corrections(values[moving].conj(), left[:, moving], True)
             error[moving] = np.maximum(error[moving], other)
-            corrections = np.hstack([corrections, more])
+            z, forces = np.hstack([z, more[0]]), np.hstack([forces, more[1]])
         if error.max(initial=0.0) <= tol:
             break
-        if step == steps or not space.append(corrections, 0.1 * tol):
+        if step == steps or not space.append(z, forces, 0.1 * tol):
             worst = int(error.argmax())
             raise NotConvergedError(
                 f"the mode that began at λ = {modes.eigenvalues[rows[worst]]:.6g} is at {values[worst]:.6g} after {step} steps "
@@ -150,8 +150,10 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
         q, start = (np.vstack([part, np.zeros((grown, len(rows)))]) for part in (q, start))
     share = np.abs(np.einsum("ij,ij->j", start.conj(), q)) ** 2 / np.maximum(
         np.einsum("ij,ij->j", abs(start), abs(start)) * np.einsum("ij,ij->j", abs(q), abs(q)), 1e-300)
+    X = space.V @ q
     X = X / np.linalg.norm(X, axis=0)
-    Y = X.conj() if left is None else left / np.linalg.norm(left, axis=0)
+    Y = X.conj() if left is None else space.V @ left
+    Y = Y / np.linalg.norm(Y, axis=0)
     return _result(full, pencil, modes, chosen, (values, X, Y, share, twin, down), rows, mirrored,
                    (step, handle.factorisations, space.solves))
 
@@ -165,7 +167,7 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
     values, X, Y = np.where(flip, values.conj(), values), np.where(flip, X.conj(), X), np.where(flip, Y.conj(), Y)
     result = certificates(pencil, values, X, Y)
     result = replace(result, above_cutoff=result.frequencies > full.cutoff * (1 + 1e-9))
-    lost = share[at] < LOST
+    lost = (share[at] < LOST) | (twin[at] >= 0)
     lost[modes.rigid[chosen]] = False
     merged = tuple((int(rows[twin[i]]), int(rows[i])) for i in range(len(rows)) if twin[i] >= 0)
     moved = np.where(lost, np.nan, np.abs(values - modes.eigenvalues[chosen]))
@@ -198,20 +200,23 @@ class _Space:
     def coordinates(self, X: Array) -> Array:
         return self.V.T @ self._A(X)
 
-    def append(self, new: Array, least: float = 0.0) -> bool:
-        """Takes in what of the columns is longer (in A) than `least`; False if that is nothing."""
-        new = new - self.V @ self.coordinates(new)
-        for turn in range(3):
-            if turn == 0 and not least:
-                new = new / np.sqrt(np.maximum(np.einsum("ij,ij->j", new, self._A(new)), 1e-300))
-            gram = new.T @ self._A(new)
-            sizes, vectors = np.linalg.eigh((gram + gram.T) / 2)
-            keep = sizes > max(1e-13 * sizes[-1] if len(sizes) else 0.0, least**2 if turn == 0 else 0.0)
-            if not keep.any():
-                return False
-            new = new @ (vectors[:, keep] / np.sqrt(sizes[keep]))
-            new = new - self.V @ self.coordinates(new)
-        old = self.V.shape[1]
+    def append(self, new: Array, forces: Array | None = None, least: float = 0.0) -> bool:
+        """Takes in what of the columns is longer (in A) than `least`, and new; `forces` are A times the columns if known.
+
+        Corrections A⁻¹r are A-orthogonal to V already, since Vᵀr = 0 (Galerkin): only rounding is left to remove.
+        """
+        forces = self._A(new) if forces is None else forces
+        length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, forces), 0.0))
+        keep = length > least
+        if not keep.any():
+            return False
+        new, forces = new[:, keep] / length[keep], forces[:, keep] / length[keep]
+        new, old = _rotated(new, new.T @ forces, 1e-13), self.V.shape[1]
+        for _ in range(2):
+            forces = self._A(new)
+            share = self.V.T @ forces
+            gram = new.T @ forces - share.T @ share
+            new = _rotated(new - self.V @ share, gram, 1e-8)
         Mnew, Dnew = self.full.M @ new, self.full.D @ new
         Dleft = Dnew if self.full.symmetric[1] else self.full.D.T @ new
         self.V = np.hstack([self.V, new])
@@ -222,17 +227,32 @@ class _Space:
         self.D = np.block([[self.D, D[:old]], [(self.V[:, :old].T @ Dleft).T, damping]])
         return True
 
-    def corrections(self, values: Array, X: Array, left: bool = False) -> tuple[Array, Array]:
-        """sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) per column, and A⁻¹r, real and imaginary parts, for x of unit energy."""
+    def corrections(self, values: Array, q: Array, left: bool = False) -> tuple[Array, Array, Array]:
+        """sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) per column of x = Vq, and A⁻¹r and r for x of unit energy, real and imaginary parts."""
+        # Turned in phase to be as real as can be: half of the corrections then hardly matter, and are left out.
+        q = q * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", q, q))) / np.linalg.norm(q, axis=0)
+        k = q.shape[1]
+        parts = self.V @ np.hstack([q.real, q.imag])
         D = self.full.D.T if left else self.full.D
-        energy = np.sqrt(np.einsum("ij,ij->j", X.conj(), self._A(X)).real)
-        X = X / energy
-        r = (self.full.M @ X) * values**2 + (D @ X) * values + self.full.K @ X
-        k = X.shape[1]
-        z = self.handle.factor.solve(np.hstack([r.real, r.imag]))
+        Mx, Dx, Kx = (_complex(part @ parts) for part in (self.full.M, D, self.full.K))
+        r = Mx * values**2 + Dx * values + Kx
+        forces = np.hstack([r.real, r.imag])
+        z = self.handle.factor.solve(forces)
         self.solves += 2 * k
-        square = np.einsum("ij,ij->j", z[:, :k], r.real) + np.einsum("ij,ij->j", z[:, k:], r.imag)
-        return np.sqrt(np.maximum(square, 0.0)), z
+        square = np.einsum("ij,ij->j", z, forces)
+        return np.sqrt(np.maximum(square[:k] + square[k:], 0.0)), z, forces
+
+
+def _complex(parts: Array) -> Array:
+    k = parts.shape[1] // 2
+    return parts[:, :k] + 1j * parts[:, k:]
+
+
+def _rotated(x: Array, gram: Array, least: float) -> Array:
+    """x made A-orthonormal by xᵀAx = gram, without directions below sqrt(least)."""
+    sizes, vectors = np.linalg.eigh((gram + gram.T) / 2)
+    keep = sizes > least * sizes[-1]
+    return x @ (vectors[:, keep] / np.sqrt(sizes[keep]))
 
 
 def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> tuple[Array, Array]:
@@ -243,6 +263,7 @@ def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> 
     shapes = np.abs(unit.conj().T @ (xs / np.maximum(np.linalg.norm(xs, axis=0), 1e-300))) ** 2
     distance = np.abs(values[:, None] - small) / np.maximum(np.abs(values[:, None]), 1e-300)
     cost = 1 - shapes + np.minimum(distance, 1.0)
+    cost[:, small.imag < 0] = 3.0  # the conjugates, whose shapes are hardly different
     cost[still] = 0.0
     rows, at = linear_sum_assignment(cost)
     twin = np.full(len(values), -1)
@@ -287,11 +308,11 @@ def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> Array:
         chosen = np.array([whole_number("which", row) for row in which], dtype=int)
         bad = chosen[(chosen < 0) | (chosen >= len(modes))]
         if len(bad) or len(np.unique(chosen)) < len(chosen):
-            raise InputError(f"which must list rows of the {len(modes)} modes, each once, but has {bad[0] if len(bad) else chosen}")
+            raise InputError(f"which must list rows of the {len(modes)} modes, each once, but is {list(map(int, chosen))}")
     if not len(chosen):
         raise InputError("there is no mode to refine: none lies below the reduction's cut-off; name rows by which=")
     error = rom.linearised(contacts).backward_error(modes.eigenvalues[chosen], modes.shapes[:, chosen])
     if error.max() > BELONGS:
-        raise InputError(f"the modes are not those of {rom.name!r} with these contacts: their backward error is {error.max():.1e}; "
-                         "give the same contacts as to complex_modes")
+        raise InputError(f"the modes are not those of {rom.name!r} with these contacts: their backward error is "
+                         f"{error.max():.1e}; give the same contacts as to complex_modes")
     return chosen

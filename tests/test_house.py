@@ -23,7 +23,7 @@ LAYERS = {
     "eigen": 5,
     "qep": 6, "bases": 6, "dampers": 6, "splitting": 2, "condensed": 4,
     "pep": 7, "crossing": 7, "partition": 7,
-    "beams": 8, "plates": 8, "solids": 8, "cea": 8, "border": 9, "stability": 10,
+    "beams": 8, "plates": 8, "solids": 8, "cea": 8, "border": 9, "refinement": 9, "stability": 10,
     "matching": 9, "studyresults": 1, "studies": 11, "quality": 12, "attractors": 2,
     "compliance": 8, "balance": 9, "floquet": 10, "starts": 10, "cycles": 11, "shooting": 12,
     "continuation": 12, "hopf": 13, "specials": 13, "branches": 14,
