@@ -19,14 +19,14 @@ from femsub.splitting import Split
 
 SAFE = 0.5  # the margin that is asked on the contour; 1 would do
 ROUNDS = 12  # of enrichment, until the margin is safe
-KRYLOV = 4  # static and inertial responses to the contacts in the first basis
+KRYLOV = 2  # responses to each contact in the first basis, about 0 and about R: static and one inertial
 SURE = 100.0  # factor between an estimate of the nearest undamped mode and what is relied on
 Solve = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """What A = K0 - R²M tells: the number of modes below R, the responses Y = A⁻¹[W, MA⁻¹W, …] (n, 4q) to the contacts, and
+    """What A = K0 - R²M tells: the number of modes below R, the responses Y = A⁻¹[W, MA⁻¹W, …] (n, 2q) to the contacts, and
     how near R the next mode may be.
     """
 
@@ -49,7 +49,7 @@ def edge(parts: Split, radius: float) -> Edge:
     if not q:
         handle.close()
         return Edge(radius, below, parts.W, 1.0)
-    probes = np.random.default_rng(13).standard_normal((parts.M.shape[0], 3))
+    probes = np.random.default_rng(13).standard_normal((parts.M.shape[0], 2))
     forces, near, blocks = np.hstack([parts.W, parts.M @ probes]), 1.0, []
     for step in range(KRYLOV):
         x = handle.solve(forces)

@@ -15,6 +15,7 @@ from femsub.shift_invert import ShiftInvert
 
 MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
 TOLERANCES = (1e-14, 1e-12)  # tried in turn; TOAR's own estimate is optimistic, at 1e-12 by five digits where K is singular
+KEPT = 200_000  # up to so many DOF a second factor may stay in memory for a count
 Box = tuple[float, float, float, float]
 Proof = condensed.Count | None
 
@@ -26,6 +27,7 @@ class Shifted:
         self.pencil = pencil
         self.shift = 0.0
         self.rigid: Array = np.zeros((pencil.size, 0))
+        self.handle: ShiftInvert | None = None  # of a floating model: K - σM, positive definite
         symmetric = pencil.symmetric[0] and pencil.symmetric[2]
         try:
             self.factor = self._factor(0.0, symmetric)
@@ -61,6 +63,8 @@ class Shifted:
         if symmetric:
             handle = ShiftInvert(self.pencil.K, self.pencil.M)
             self.rigid = handle.rigid
+            if self.pencil.size <= KEPT:
+                self.handle = handle
             return 0.5 * float(lowest_modes(handle, 1).frequencies[-1])
         stiffness, mass = np.abs(self.pencil.K.diagonal()), self.pencil.M.diagonal()
         loaded = (stiffness > 0) & (mass > 0)
@@ -210,12 +214,19 @@ def _confirmed(problem: Shifted, parts: splitting.Split, at: condensed.Edge | No
     """The number of eigenvalues in the disc, if it can be proved."""
     if at is None:
         return None
-    plain = problem.shift == 0 and problem.factor.kind == "definite" and problem.pencil.symmetric[2]
+    inside = X[:, np.abs(values) <= at.radius]
+    if problem.pencil.symmetric[2]:  # K0 is K, and one of the factors at hand may do
+        found = None
+        if problem.shift == 0 and problem.factor.kind == "definite":
+            found = condensed.count(parts, at, problem.factor.solve, 0.0, inside)
+        elif problem.handle is not None and problem.handle.factor.kind == "definite":
+            found = condensed.count(parts, at, problem.handle.factor.solve, -problem.handle.sigma, inside)
+        if found is not None and found.proved:
+            return found
     try:
-        solve, mu = (problem.factor.solve, 0.0) if plain else condensed.definite(parts, at.radius)
+        found = condensed.count(parts, at, *condensed.definite(parts, at.radius), inside)
     except SingularMatrixError:
         return None
-    found = condensed.count(parts, at, solve, mu, X[:, np.abs(values) <= at.radius])
     return found if found is not None and found.proved else None
 
 

@@ -212,11 +212,10 @@ class _Space:
             return False
         new, forces = new[:, keep] / length[keep], forces[:, keep] / length[keep]
         new, old = _rotated(new, new.T @ forces, 1e-13), self.V.shape[1]
-        for _ in range(2):
+        for _ in range(2 if old else 1):  # once is not enough: what V lacks in orthogonality would grow from step to step
             forces = self._A(new)
             share = self.V.T @ forces
-            gram = new.T @ forces - share.T @ share
-            new = _rotated(new - self.V @ share, gram, 1e-8)
+            new = _rotated(new - self.V @ share, new.T @ forces - share.T @ share, 1e-8)
         Mnew, Dnew = self.full.M @ new, self.full.D @ new
         Dleft = Dnew if self.full.symmetric[1] else self.full.D.T @ new
         self.V = np.hstack([self.V, new])
