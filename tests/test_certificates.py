@@ -14,7 +14,7 @@ import femsub as fs
 from femsub import condensed, pep, qep, splitting
 from femsub._slepc import Factor
 from femsub.factor import factorise
-from femsub.studies import match
+from femsub.matching import match
 
 BELT = fs.Belt(slope=-0.2677)
 
@@ -85,6 +85,33 @@ def test_an_unproved_count_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     omega = fs.normal_modes(sub, count=60).frequencies
     found = counted(pencil, 0.5 * (omega[50] + omega[51]))
     assert found is not None and not found.proved and found.margin > 1
+
+
+@pytest.mark.parametrize(("mu", "rayleigh"), [(0.0, (0.0, 0.0)), (0.01, (0.02, 0.03))])
+def test_the_bound_of_what_the_basis_lacks_holds_and_is_no_luxury(mu: float, rayleigh: tuple[float, float]) -> None:
+    """|H - H_V| ≤ κ ρ ρᵀ against H from dense solves, with a basis that lacks almost all."""
+    sub = lattice(8, 7, held=True, seed=2)
+    pencil = contact(sub, 2, 1.0, 0.0, rayleigh)
+    omega = fs.normal_modes(sub, count=20).frequencies
+    R = 1.0001 * omega[7]
+    parts, mu = splitting.split(pencil), mu * R**2
+    K, M, W = parts.K0.toarray(), parts.M.toarray(), parts.W
+    basis = condensed._Basis(parts, factorise(sp.csr_array(K + mu * M), "definite").solve, mu)
+    basis.start(basis.solve(W))
+    basis.add(basis.static)
+    small = basis.small(condensed.edge(parts, R).near)
+    small.zeros(R)
+    s = small.contour(R)
+    amplitude, _ = small._amplitudes(s)
+    weights, kappa = small.weights(s), small._kappa(s)
+    rho = np.sqrt(np.einsum("sip,ij,sjp->sp", weights.conj(), small.gram, weights).real)
+    ratios = []
+    for at, z in enumerate(s):
+        H = W.T @ np.linalg.solve((1 + parts.beta * z) * (K + parts.squared(np.array([z]))[0] * M), W)
+        lacking = np.abs(H - small.W.T @ (amplitude[at][:, None] * small.W))
+        ratios.append(lacking / (kappa[at] * np.outer(rho[at], rho[at])))
+    assert np.max(ratios) < 1 + 1e-9 and np.max(ratios) > 0.1
+    assert np.max([ratio * kappa[at] * abs(1 + parts.beta * s[at]) for at, ratio in enumerate(ratios)]) > 1.5, "κ = 1 would do"
 
 
 def test_splitting_finds_proportional_damping_dashpots_and_friction() -> None:
