@@ -95,8 +95,8 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
 
     with the residuals ρ_i = ‖W e_i - P0 V q_i‖ in the norm of (K0 + μM)⁻¹ and κ = sup |(ω² + μ)/(1 + βs)(ω² + ζ)| over all
     ω² ≥ -μ, whether they are known or not; all of it evaluated at some hundred points, dense near poles and zeros of f_V and
-    near iR, where κ comes from an estimate of the nearest mode. An X with a mode missing makes V worse, never the count wrong. The basis grows
-    by residuals where the largest margin is above 0.5.
+    near iR, where κ comes from an estimate of the nearest mode. An X with a mode missing makes V worse, never the count
+    wrong. The basis grows by residuals where the largest margin is above 0.5.
 
     Parameters
     ----------

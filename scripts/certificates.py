@@ -3,8 +3,8 @@
 
     python scripts/certificates.py [--models NAME ...] [--repeats N] [--out DIR]
 
-Each row is one call of `complex_modes` with its count asked for. Seconds are those of the processor (the process has one thread of
-BLAS), medians over the repeats; what took longer than a minute is measured once. With --out, certificates.csv and .json.
+Each row is one call of `complex_modes` with its count asked for. Seconds are those of the processor (the process has one thread
+of BLAS), medians over the repeats; what took longer than a minute is measured once. With --out, certificates.csv and .json.
 
 solution  all but the certificates. By band, K - R²M is factorised to know how many eigenvalues to ask for: that is part of it.
 errors    residuals, backward errors, condition numbers, error bars (`cea.certificates`)
@@ -18,12 +18,8 @@ refine    `fs.refine` of the modes of a reduced model (Craig-Bampton, 20 modes) 
 
 from __future__ import annotations
 
-import os
-
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ[_name] = "1"
-
 import argparse
+import os
 import statistics
 import sys
 import time
@@ -33,6 +29,8 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout will do
 import scaling_models as models
 
