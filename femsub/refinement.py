@@ -124,19 +124,21 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
     space.append(rom.V)
     q = space.coordinates(X)
     start, twin, share = q, np.full(len(rows), -1), np.ones(len(rows))
-    left = None
+    error = np.where(still, 0.0, np.inf)
     for step in range(steps + 1):
         small, xs, ys = qep.solve(space.pencil)
         at, taken = _matched(values, q, small, xs, still)
         twin = np.where(taken >= 0, taken, twin)
-        moving = np.flatnonzero(~still)
         values, q = np.where(still, 0.0, small[at]), np.where(still, q, xs[:, at])
         left = None if all(pencil.symmetric) else ys[:, at]
-        error = np.zeros(len(rows))
-        error[moving], z, forces = space.corrections(values[moving], q[:, moving])
+        # Those once below tol stay there: the space only grows.
+        active = np.flatnonzero(error > tol)
+        if not len(active):
+            break
+        error[active], z, forces = space.corrections(values[active], q[:, active])
         if left is not None:
-            other, *more = space.corrections(values[moving].conj(), left[:, moving], True)
-            error[moving] = np.maximum(error[moving], other)
+            other, *more = space.corrections(values[active].conj(), left[:, active], True)
+            error[active] = np.maximum(error[active], other)
             z, forces = np.hstack([z, more[0]]), np.hstack([forces, more[1]])
         if error.max(initial=0.0) <= tol:
             break

@@ -45,6 +45,7 @@ Row = dict[str, Any]
 MODELS = {
     "chain 10": ("chain", 10, "all"), "beam 2,000": ("beam", 2_000, "count"), "plate 3,000": ("plate", 3_000, "count"),
     "solid 3,000": ("solid", 3_000, "count"), "chain 100,000": ("chain", 100_000, "count"),
+    "chain 100,000, band": ("chain", 100_000, "band"),
     "plate 100,000": ("plate", 100_000, "count"), "plate 100,000, band": ("plate", 100_000, "band"),
     "solid 100,000": ("solid", 100_000, "count"), "solid 100,000, band": ("solid", 100_000, "band")}
 

@@ -265,6 +265,8 @@ def test_refinement_keeps_rows_conjugates_and_rigid_modes() -> None:
     assert (np.sign(out.modes.eigenvalues.imag) == np.sign(small.eigenvalues.imag)).all()
     pencil = sub.linearised(belt)
     assert pencil.backward_error(out.modes.eigenvalues, out.modes.shapes).max() < 1e-9
+    rest = fs.refine(sub, small, rom, belt, which=np.flatnonzero(small.rigid))
+    assert rest.solves == 0 and small.rigid.any() and not rest.moved.any() and rest.modes.rigid.all()
     two = fs.refine(sub, small, rom, belt, which=[5, 2])
     assert np.array_equal(two.which, [5, 2]) and np.allclose(two.modes.eigenvalues, out.modes.eigenvalues[[5, 2]], rtol=1e-9)
 
