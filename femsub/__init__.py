@@ -84,8 +84,8 @@ if TYPE_CHECKING:
     from femsub.pencil import Pencil
     from femsub.plates import plate
     from femsub.quality import SelfExcitation, self_excitation
-    from femsub.shooting import ShotCycle, shoot
     from femsub.refinement import Refined, refine
+    from femsub.shooting import ShotCycle, shoot
     from femsub.solids import solid
     from femsub.spectra import growth_rate, rms, spectrogram, spectrum, sticking
     from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
