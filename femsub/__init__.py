@@ -30,7 +30,7 @@ _HOME = {
     "chain": "chains", "chain_frequencies": "chains",
     "beam": "beams", "plate": "plates", "damped": "dampers",
     "normal_modes": "eigen", "NormalModes": "eigen",
-    "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases",
+    "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases", "Estimate": "estimates",
     "complex_modes": "cea", "ComplexModes": "cea", "refine": "refinement", "Refined": "refinement",
     "harmonic_balance": "cycles", "LimitCycle": "cycles", "branch": "branches", "Branch": "branches",
     "shoot": "shooting", "ShotCycle": "shooting",
@@ -75,6 +75,7 @@ if TYPE_CHECKING:
         SingularMatrixError,
         UnstableModelError,
     )
+    from femsub.estimates import Estimate
     from femsub.fields import displacements
     from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
     from femsub.matrixfiles import read_matrix

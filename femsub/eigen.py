@@ -70,11 +70,13 @@ class NormalModes:
                 f"{self.counted[1]} counted below {self.counted[0]:.5g}")
 
 
-def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False) -> NormalModes:
+def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: NormalModes | None = None,
+                 certify: bool = True) -> NormalModes:
     """The rigid-body modes and the `count` lowest elastic ones, certified.
 
     With `defer`, the count of a large model is left to `confirm`, since it takes a second factorisation, and the memory
-    of the first may have to be given back before.
+    of the first may have to be given back before. Modes that are `known` are not sought again: only what lies beside
+    them. Without `certify` nothing is counted yet.
     """
     n, rigid = handle.K.shape[0], handle.rigid.shape[1]
     finite = int(np.count_nonzero(handle.M.diagonal())) if _is_diagonal(handle.M) else n
@@ -83,7 +85,12 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False) -> Normal
                          + (f" (and {rigid} rigid-body modes)" if rigid else ""))
     if n <= SMALL or not sp.issparse(handle.K) or (count > 0.3 * n and n <= DENSE):
         return _dense(handle, count)
-    return _sparse(handle, count, finite, defer)
+    return _sparse(handle, count, finite, defer, known, certify)
+
+
+def elastic_modes(handle: ShiftInvert) -> int:
+    """How many elastic modes there are: one for each DOF with mass, less the rigid-body modes."""
+    return int(np.count_nonzero(handle.M.diagonal())) - handle.rigid.shape[1]
 
 
 def all_modes(K: Matrix, M: Matrix) -> NormalModes:
@@ -119,21 +126,30 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     return _result(handle, values[keep], shapes, (np.inf, len(values)))
 
 
-def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool) -> NormalModes:
+def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: NormalModes | None, certify: bool) -> NormalModes:
     from femsub._slepc import Factor, symmetric_modes
     from femsub.lanczos import block_lanczos
 
     assert isinstance(handle.factor, Factor)
     rigid = handle.rigid.shape[1]
-    ask = min(count + 2, finite - rigid)
-    if ask == 0:
-        return _result(handle, np.zeros(0), np.zeros((handle.K.shape[0], 0)), (0.0, 0))
-    heavy = handle.factor.fill > HEAVY and finite > 20 * ask
-    if heavy:
-        values, shapes = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=BLOCK_TOLERANCE, known=handle.rigid)
-    else:
-        values, shapes = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE,
-                                         known=handle.rigid)
+    values, shapes = np.zeros(0), np.zeros((handle.K.shape[0], 0))
+    if known is not None:
+        values, shapes = known.eigenvalues[rigid:], known.shapes[:, rigid:]
+    # two more than asked tell where a cluster ends
+    ask = min(count + 2 if certify and known is None else count, finite - rigid) - len(values)
+    heavy = handle.factor.fill > HEAVY and finite > 20 * max(count, 1)
+    if ask > 0:
+        beside = np.hstack([handle.rigid, shapes])
+        if heavy:
+            more = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=BLOCK_TOLERANCE, known=beside)
+        else:
+            more = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE, known=beside)
+        values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]])
+    if len(values) == 0:
+        return _result(handle, values, shapes, (0.0, 0))
+    if not certify:
+        order = np.argsort(values, kind="stable")[:count]
+        return _result(handle, values[order], shapes[:, order], (0.0, 0), False)
     for attempt in range(4):
         order = np.argsort(values, kind="stable")
         values, shapes = values[order], shapes[:, order]

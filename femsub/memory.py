@@ -52,6 +52,21 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int)
                                    f"available; {advice}, or a larger machine")
 
 
+def check_columns(name: str, size: int, columns: int) -> None:
+    """Compares what more columns of `size` DOF take with what is available, the factor being there already.
+
+    Raises
+    ------
+    NotEnoughMemoryError
+        They take more: with both figures.
+    """
+    free = available() if size >= LARGE else None
+    need = 8.0 * size * columns
+    if free is not None and need > free:
+        raise NotEnoughMemoryError(f"more modes of {name!r} need about {need / 1e9:.0f} GB, and {free / 1e9:.0f} GB are "
+                                   "available; lower the band or allow a larger error, or take a larger machine")
+
+
 def reduction_bytes(K: Matrix, columns: int, modes: int) -> dict[str, float]:
     """Bytes on top of the component itself: for its factor or the one of the count, copies of the matrices, and columns."""
     n = K.shape[0]

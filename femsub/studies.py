@@ -37,7 +37,8 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     ----------
     sub : Substructure
     methods : sequence of CraigBampton or CraigChang
-        One entry per reduced model; list the same method with several numbers of modes to see convergence.
+        One entry per reduced model; list the same method with several numbers of modes to see convergence. With a band
+        and a tolerance, the row shows how many modes were chosen (under the belt, if there is one).
     band : (lo, hi)
         Where the errors count, in radians per unit of time.
     belt : Belt, optional
@@ -90,10 +91,10 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     for i, model in enumerate(models):
         found = spectrum_errors(spectra[0], spectra[i], (sub, model))
         taken = costs.phases[i]
-        method = methods[i - 1] if i else None
         rows.append(Row(
-            type(method).__name__ if method else "full", method.modes if method else 0, model.size, found.eigenvalue,
-            found.growth, relative_error(slopes[i], slopes[0]), found.missing, slopes[i], _growth(spectra[i], hi),
+            type(methods[i - 1]).__name__ if i else "full", model.modes if isinstance(model, ReducedSubstructure) else 0,
+            model.size, found.eigenvalue, found.growth, relative_error(slopes[i], slopes[0]), found.missing, slopes[i],
+            _growth(spectra[i], hi),
             Timing.of([sum(one.values()) for one in taken]), Timing.of(costs.solving[i]),
             model.port_error.get(place, 0.0) if isinstance(model, ReducedSubstructure) else 0.0, model.cutoff,
             extra_eigenvalues(spectra[0], spectra[i], (lo, hi)),
@@ -123,10 +124,11 @@ def _measured(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], b
         spectra[0] = complex_modes(sub, belt, band=band)
     for turn in range(repeats):
         for i, method in enumerate(methods):
-            tell(f"{sub.name}: run {turn + 1} of {repeats}, {type(method).__name__} with {method.modes} modes")
+            tell(f"{sub.name}: run {turn + 1} of {repeats}, {type(method).__name__} with {method}")
             with warnings.catch_warnings(), timed() as spent:
                 warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
-                models[i], seconds = _clocked(reduce, sub, method, ports=ports)
+                models[i], seconds = _clocked(reduce, sub, method, ports=ports,
+                                              contacts=belt if method.band is not None else None)
             phases[i + 1].append(spent | {"basis": seconds - sum(spent.values())})
         tell(f"{sub.name}: run {turn + 1} of {repeats}, full model")
         found, seconds = _clocked(complex_modes, sub, belt, band=band, certify=False)

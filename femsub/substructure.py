@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,6 +15,9 @@ from femsub.dofs import DofMap
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.friction import Belt
 from femsub.pencil import Array, Matrix, Pencil
+
+if TYPE_CHECKING:
+    from femsub.estimates import Estimate
 
 SYMMETRY = 1e-9  # the largest |A - Aᵀ| taken for rounding, relative to the largest |A|
 
@@ -103,6 +106,8 @@ class Substructure:
     def linearised(self, contacts: Belt | Sequence[Belt] | None = None) -> Pencil:
         """The pencil with D + Σ F μ' w wᵀ over the belts given."""
         pencil = self.pencil
+        if contacts is not None and not isinstance(contacts, (Belt, Sequence)):
+            raise InputTypeError(f"a contact must be a Belt, not {type(contacts).__name__}")
         for belt in [contacts] if isinstance(contacts, Belt) else contacts or []:
             if not isinstance(belt, Belt):
                 raise InputTypeError(f"a contact must be a Belt, not {type(belt).__name__}")
@@ -151,6 +156,8 @@ class ReducedSubstructure(Substructure):
         That of the rows of V.
     full_interface : ndarray of int
         The interface as rows of V.
+    estimate : Estimate, optional
+        How far its modes in the band are off, where a tolerance was asked.
     """
 
     V: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -161,11 +168,12 @@ class ReducedSubstructure(Substructure):
     factorisations: int = 0
     full_dofs: DofMap | None = None
     full_interface: Array = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    estimate: Estimate | None = None
 
     def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
                  kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, dropped: int = 0,
                  port_error: Mapping[str, float] | None = None, factorisations: int = 0,
-                 full_dofs: DofMap | None = None) -> None:
+                 full_dofs: DofMap | None = None, estimate: Estimate | None = None) -> None:
         # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
         rows = V[full_interface]
         places = [int(np.argmax(row == 1.0)) for row in rows if np.count_nonzero(row) == 1 and 1.0 in row]
@@ -173,7 +181,8 @@ class ReducedSubstructure(Substructure):
         super().__init__(M, K, D, places if physical else (), ports, name)
         values = {"V": V, "kinds": tuple(kinds), "cutoff": float(cutoff), "method": method, "dropped": dropped,
                   "port_error": MappingProxyType(dict(port_error or {})), "factorisations": factorisations,
-                  "interface_rows": rows, "full_dofs": full_dofs, "full_interface": np.asarray(full_interface, dtype=np.intp)}
+                  "interface_rows": rows, "full_dofs": full_dofs, "full_interface": np.asarray(full_interface, dtype=np.intp),
+                  "estimate": estimate}
         for key, value in values.items():
             object.__setattr__(self, key, value)
         V.flags.writeable = False
@@ -181,6 +190,11 @@ class ReducedSubstructure(Substructure):
     def __repr__(self) -> str:
         limit = "complete" if np.isinf(self.cutoff) else f"cut-off {self.cutoff:.4g} rad/time"
         return f"ReducedSubstructure {self.name!r}: {self.size} of {self.V.shape[0]} DOF by {self.method}, {limit}"
+
+    @property
+    def modes(self) -> int:
+        """The number of elastic modes in the basis."""
+        return sum(kind in ("fixed-interface", "free") for kind in self.kinds)
 
     def expand(self, q: Array) -> Array:
         """u = V q, shape (r,) or (r, k) to (n,) or (n, k)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from femsub.bases.basis import Basis, projected
 from femsub.bases.craig_bampton import CraigBampton
 from femsub.bases.craig_chang import CraigChang
 from femsub.errors import InputError, InputTypeError, PortWarning
+from femsub.estimates import SHARE, Estimate
+from femsub.friction import Belt
 from femsub.memory import check_memory
 from femsub.pencil import Array
 from femsub.substructure import ReducedSubstructure, Substructure
@@ -18,21 +21,29 @@ from femsub.substructure import ReducedSubstructure, Substructure
 METHODS: dict[str, type[CraigBampton] | type[CraigChang]] = {"craig-bampton": CraigBampton, "craig-chang": CraigChang}
 PORT_LIMIT = 0.01  # a port's static response may be wrong by so much in the energy norm before `reduce` warns
 
-__all__ = ["METHODS", "Basis", "CraigBampton", "CraigChang", "reduce"]
+__all__ = ["METHODS", "Basis", "CraigBampton", "CraigChang", "Estimate", "reduce"]
 
 
 def reduce(sub: Substructure, method: CraigBampton | CraigChang,
-           ports: bool | Sequence[str] = False) -> ReducedSubstructure:
+           ports: bool | Sequence[str] = False, contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure:
     """VᵀMV, VᵀDV, VᵀKV, Vᵀw with V (n, r) from the method: a small substructure that stands in for `sub`.
+
+    With a number of modes, `CraigBampton(modes=20)`, that many are kept. With a band and a tolerance,
+    `CraigBampton(band=(0, hi), tol=1e-3)`, as few as will do: every frequency ω of the undamped model in the band, and
+    every complex eigenvalue λ with Im λ and |Re λ| up to hi if the model is damped or has `contacts`, is estimated to be
+    within the relative error `tol` of the full model's, and hi is below 0.7 of the cut-off. The estimate takes no
+    solution of the full model; its figures are in ``.estimate`` (see `Nested.bounds` and `Nested.doubt`).
 
     Parameters
     ----------
     sub : Substructure
         Full, or itself reduced.
     method : CraigBampton or CraigChang
-        With its number of modes.
+        With its number of modes, or with a band and a tolerance.
     ports : bool or sequence of str
         True (or names) adds the static response to those ports' columns to the basis.
+    contacts : Belt or sequence of Belt, optional
+        With a tolerance: the belts under which the complex eigenvalues are wanted; without, the model's own D counts.
 
     Warns
     -----
@@ -42,7 +53,10 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     Raises
     ------
     InputError, InputTypeError
-        An unknown method or port; more modes than there are; an interface that does not hold the component (HCB).
+        An unknown method or port; more modes than there are; an interface that does not hold the component (HCB);
+        contacts without a tolerance.
+    NotConvergedError
+        No basis meets the tolerance; the message holds the figures of the largest.
     NotEnoughMemoryError
         The memory it needs is not there.
     """
@@ -61,8 +75,18 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
         sub.port(name)
     extra = np.hstack([columns[name] for name in names]) if names else np.zeros((sub.size, 0))
     static = len(sub.interface) + 2 * sum(w.shape[1] for w in columns.values())
-    check_memory(sub.name, sub.K, static, method.modes, len(sub.interface))
-    basis = method.basis(sub, extra, columns)
+    if contacts is not None and method.band is None:
+        raise InputError("contacts are for a tolerance, e.g. CraigBampton(band=(0, 2e3), tol=1e-3); a basis with a given "
+                         "number of modes does not depend on them")
+    damped = None
+    if method.band is not None:
+        pencil = sub.linearised(contacts)
+        if method.band[1] >= SHARE * sub.cutoff:
+            raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is itself reduced, cut off "
+                             f"at {sub.cutoff:.5g}: end below {SHARE:g} of that, or reduce the full component")
+        damped = pencil if pencil.norms[1] > 0 else None
+    check_memory(sub.name, sub.K, static, method.modes or 0, len(sub.interface))
+    basis = method.basis(sub, extra, columns, damped)
     for name, error in basis.port_error.items():
         if error > PORT_LIMIT:
             warnings.warn(
@@ -70,11 +94,13 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
                 f"{basis.method}; put its DOF into the interface, or call reduce(..., ports=True)",
                 PortWarning, stacklevel=2)
     V = basis.V
-    cutoff = np.inf if V.shape[1] == sub.size else basis.cutoff
+    cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
+    estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     return ReducedSubstructure(
         basis.M, basis.K, projected(sub.D, V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
-        kinds=basis.kinds, full_interface=sub.interface, cutoff=min(cutoff, sub.cutoff), method=basis.method,
-        dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs)
+        kinds=basis.kinds, full_interface=sub.interface, cutoff=cutoff, method=basis.method,
+        dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
+        estimate=estimate)
 
 
 def _columns(w: Array) -> Array:

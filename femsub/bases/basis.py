@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.eigen import NormalModes, lowest_modes
+from femsub.eigen import NormalModes, check_band, lowest_modes
 from femsub.errors import InputError
-from femsub.pencil import EPS, Array, Matrix, whole_number
+from femsub.estimates import Estimate
+from femsub.pencil import EPS, Array, Matrix, finite_number, whole_number
 from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
 
@@ -34,6 +35,7 @@ class Basis:
     dropped: int
     port_error: Mapping[str, float]
     factorisations: int
+    estimate: Estimate | None = None
 
 
 @phase("projection")
@@ -47,25 +49,69 @@ def projected(A: Matrix, V: Array) -> Array:
     return result
 
 
-def check_modes(modes: object) -> None:
-    """`modes` is a whole number, not negative."""
-    if whole_number("modes", modes) < 0:
-        raise InputError(f"modes must not be negative, but is {modes}")
+@dataclass(frozen=True)
+class Extent:
+    """How far a basis goes: `modes` of them, or as many as a band and a tolerance need."""
+
+    modes: int | None = None
+    band: tuple[float, float] | None = None
+    tol: float | None = None
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        if (self.modes is None) == (self.band is None and self.tol is None):
+            found = "nothing is given" if self.modes is None else f"modes={self.modes!r} and a band or tolerance are both given"
+            raise InputError(f"{name} takes modes=20, or band=(lo, hi) with tol=1e-3, but {found}")
+        if self.modes is not None:
+            if whole_number("modes", self.modes) < 0:
+                raise InputError(f"modes must not be negative, but is {self.modes}")
+            return
+        if self.band is None or self.tol is None:
+            lacking = "band=(lo, hi), in rad per unit of time," if self.band is None else "tol=1e-3, the relative error allowed,"
+            raise InputError(f"{name}: {lacking} is missing; band and tol go together")
+        object.__setattr__(self, "band", check_band(self.band))
+        if not 0 < finite_number("tol", self.tol) < 1:
+            raise InputError(f"tol is a relative error between 0 and 1, not {self.tol!r}")
+
+    def __str__(self) -> str:
+        """The extent in words."""
+        if self.modes is not None:
+            return f"{self.modes} modes"
+        return f"tol {self.tol:g} up to {self.band[1]:.5g} rad/time"  # type: ignore[index]
 
 
-def kept_modes(handle: ShiftInvert, count: int) -> tuple[NormalModes, Array, Array, float]:
-    """The modes with one more, if there is one: (all, kept values, kept shapes with the rigid ones, cut-off).
-
-    The count of a large model is still to be confirmed.
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """The modes of a basis: all that were found, of which `elastic` are kept, with the rigid ones; those left out begin at
+    `cutoff`.
     """
+
+    found: NormalModes
+    elastic: int
+    cutoff: float
+
+    @property
+    def rigid(self) -> int:
+        return self.found.rigid
+
+    @property
+    def values(self) -> Array:
+        """ω² of the modes kept, shape (rigid + elastic,)."""
+        return self.found.eigenvalues[:self.rigid + self.elastic]
+
+    @property
+    def shapes(self) -> Array:
+        """Φ of the modes kept, shape (n, rigid + elastic)."""
+        return self.found.shapes[:, :self.rigid + self.elastic]
+
+
+def kept_modes(handle: ShiftInvert, count: int) -> Kept:
+    """The modes, with one more for the cut-off, if there is one; the count of a large model is still to be confirmed."""
     try:
         found = lowest_modes(handle, count + 1, defer=True)
-        cutoff = float(found.frequencies[-1])
+        return Kept(found, count, float(found.frequencies[-1]))
     except InputError:
-        found = lowest_modes(handle, count, defer=True)
-        cutoff = np.inf
-    keep = found.rigid + count
-    return found, found.eigenvalues[:keep], found.shapes[:, :keep], cutoff
+        return Kept(lowest_modes(handle, count, defer=True), count, np.inf)
 
 
 def independent(handle: ShiftInvert, shapes: Array, forces: Array, static: Array,

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.bases.basis import COLUMNS, Basis, check_modes, energy_error, independent, kept_modes, projected
+from femsub.bases.basis import COLUMNS, Basis, Extent, energy_error, independent, kept_modes, projected
+from femsub.bases.parts import Parts
+from femsub.bases.tolerance import chosen, unreduced
 from femsub.eigen import confirm
 from femsub.errors import ConditionWarning, InputError
-from femsub.pencil import Array, Matrix
+from femsub.pencil import Array, Matrix, Pencil
 from femsub.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio
 from femsub.substructure import Substructure
 
@@ -22,7 +24,7 @@ SOFT = 1e-4  # condensed stiffness, relative to that of the interface with all e
 
 
 @dataclass(frozen=True)
-class CraigBampton:
+class CraigBampton(Extent):
     """V = [[I, 0], [Ψ, Φ]], Ψ = -K_ii⁻¹ K_ib (n_i, n_b), (K_ii - ω²M_ii) φ = 0, Φᵀ M_ii Φ = I (n_i, m).
 
     Shown in the order (interface, interior); the rows of V follow the component's own numbering. The first n_b
@@ -33,57 +35,71 @@ class CraigBampton:
     ----------
     modes : int
         Number m of fixed-interface modes.
+    band : (lo, hi), with tol : float
+        Instead of `modes`: the fewest with which every mode from lo to hi, in radians per unit of time, is estimated to
+        be within the relative error `tol`, and hi is below 0.7 of the cut-off; see `reduce`.
 
     References
     ----------
     R. R. Craig, M. C. C. Bampton, AIAA J. 6 (1968) 1313; W. C. Hurty, AIAA J. 3 (1965) 678; the paper, eqs. (9)-(15).
     """
 
-    modes: int
-
-    def __post_init__(self) -> None:
-        check_modes(self.modes)
-
-    def basis(self, sub: Substructure, extra: Array, ports: Mapping[str, Array]) -> Basis:
+    def basis(self, sub: Substructure, extra: Array, ports: Mapping[str, Array], damped: Pencil | None = None) -> Basis:
         b, i = sub.interface, sub.interior
-        method = f"Craig-Bampton with {self.modes} fixed-interface modes"
         if len(i) == 0:
             if self.modes:
                 raise InputError(f"{self.modes} fixed-interface modes were asked for, but every DOF is interface: there are 0")
+            estimate = None if self.band is None else unreduced(sub.K, sub.M, self.band, self.tol, damped)
             return Basis(np.eye(sub.size)[:, b], _block(sub.M, b, b), _block(sub.K, b, b), ("constraint",) * len(b),
-                         np.inf, method, extra.shape[1], dict.fromkeys(ports, 0.0), 0)
-        Kii, Mii = (_part(part, i, i) for part in (sub.K, sub.M))
-        handle = ShiftInvert(Kii, Mii)
+                         np.inf, _title(0), extra.shape[1], dict.fromkeys(ports, 0.0), 0, estimate)
+        parts = self.parts(sub, extra)
+        handle, n_b, condensed, estimate = parts.handle, len(b), parts.condensed, None
+        if self.modes is not None:
+            modes = kept_modes(handle, self.modes)
+        else:
+            modes, estimate = chosen(parts, self.band, self.tol, damped)
+        r = n_b + modes.shapes.shape[1]
+        V = np.zeros((sub.size, r + extra.shape[1]), order="F")
+        V[:, :n_b] = parts.constraint
+        del parts  # of a large interface, the second set would cost as much as all that follows
+        V[i, n_b:r] = modes.shapes
+        static, probes = np.split(_solved(handle, [extra[i], *(w[i] for w in ports.values())]), [extra.shape[1]], axis=1)
+        rest = handle.elastic_solve(extra[i], modes.shapes)
+        handle.release()
+        confirm(handle, modes.found)
+
+        whole = np.einsum("ij,ij->j", static, extra[i])
+        residual, stiffness, inertia, dropped = independent(handle, rest, extra[i], whole, modes.shapes)
+        V = V[:, :r + len(stiffness)]
+        V[i, r:] = residual
+        # ΨᵀK_iiΦ = 0 and ΦᵀK_iiΦ = Ω²; the condensed stiffness needs no second product with K_ii.
+        diagonal = np.concatenate([modes.values, stiffness])
+        K = np.zeros((V.shape[1],) * 2)
+        K[:n_b, :n_b] = condensed
+        K[n_b:, n_b:] = np.diag(diagonal)
+        M = projected(sub.M, V)
+        M = (M + M.T) / 2
+        M[n_b:, n_b:] = np.diag(np.concatenate([np.ones(len(modes.values)), inertia]))
+        kinds = ("constraint",) * n_b + ("rigid",) * modes.rigid + ("fixed-interface",) * modes.elastic
+        errors = _port_errors(ports, i, probes, V, K[:n_b, :n_b], diagonal)
+        return Basis(V, M, K, kinds + ("static port",) * len(stiffness), modes.cutoff, _title(modes.elastic), dropped, errors,
+                     handle.factorisations, estimate)
+
+    def parts(self, sub: Substructure, extra: Array) -> Parts:
+        """The factor of the interior, and the constraint modes with their stiffness."""
+        b, i = sub.interface, sub.interior
+        handle = ShiftInvert(_part(sub.K, i, i), _part(sub.M, i, i))
         if handle.floating and len(b):
             raise InputError(
                 f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
                 "modes remain, and constraint modes do not exist; add interface DOF, or use CraigChang")
-        found, values, fixed, cutoff = kept_modes(handle, self.modes)
-        n_b, r = len(b), len(b) + fixed.shape[1]
-        V = np.zeros((sub.size, r + extra.shape[1]), order="F")
-        V[b, np.arange(n_b)] = 1.0
-        V[i, n_b:r] = fixed
-        condensed = _constraint_modes(handle, sub, V)
-        static, probes = np.split(_solved(handle, [extra[i], *(w[i] for w in ports.values())]), [extra.shape[1]], axis=1)
-        rest = handle.elastic_solve(extra[i], fixed)
-        handle.release()
-        confirm(handle, found)
+        C = np.zeros((sub.size, len(b)), order="F")
+        C[b, np.arange(len(b))] = 1.0
+        return Parts(sub, handle, i, C, _condensed(sub, _constraint_modes(handle, sub, C), C), extra[i])
 
-        whole = np.einsum("ij,ij->j", static, extra[i])
-        residual, stiffness, inertia, dropped = independent(handle, rest, extra[i], whole, fixed)
-        V = V[:, :r + len(stiffness)]
-        V[i, r:] = residual
-        # ΨᵀK_iiΦ = 0 and ΦᵀK_iiΦ = Ω²; the condensed stiffness needs no second product with K_ii.
-        K = np.zeros((V.shape[1],) * 2)
-        K[:n_b, :n_b] = _condensed(sub, condensed, V[:, :n_b])
-        K[n_b:, n_b:] = np.diag(np.concatenate([values, stiffness]))
-        M = projected(sub.M, V)
-        M = (M + M.T) / 2
-        M[n_b:, n_b:] = np.diag(np.concatenate([np.ones(len(values)), inertia]))
-        kinds = ("constraint",) * len(b) + ("rigid",) * found.rigid + ("fixed-interface",) * self.modes
-        errors = _port_errors(ports, i, probes, V, K[:n_b, :n_b], np.concatenate([values, stiffness]))
-        return Basis(V, M, K, kinds + ("static port",) * len(stiffness), cutoff, method, dropped, errors,
-                     handle.factorisations)
+
+def _title(modes: int) -> str:
+    return f"Craig-Bampton with {modes} fixed-interface modes"
 
 
 def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
@@ -115,7 +131,7 @@ def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
         if lost > DIGITS:
             warnings.warn(f"the condensed stiffness of {sub.name!r} has lost its digits: two formulas differ by {lost:.1e}, "
                           "since the stiffness of its elements is so much larger; take fewer elements, or larger ones",
-                          ConditionWarning, stacklevel=4)
+                          ConditionWarning, stacklevel=5)
         return condensed
     values[rigid] = 0.0
     vectors = vectors / unit[:, None]

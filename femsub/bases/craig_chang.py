@@ -7,15 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femsub.bases.basis import Basis, check_modes, energy_error, independent, kept_modes
+from femsub.bases.basis import Basis, Extent, energy_error, independent, kept_modes
+from femsub.bases.parts import Parts
+from femsub.bases.tolerance import chosen
 from femsub.eigen import confirm
-from femsub.pencil import Array
+from femsub.pencil import Array, Pencil
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
 
 
 @dataclass(frozen=True)
-class CraigChang:
+class CraigChang(Extent):
     """V = [Φ_r Φ_f Ψ], (K - ω²M)φ = 0 with the interface free, Ψ = (I - ΦΦᵀM) K⁺ (I - MΦΦᵀ) F, Φ = [Φ_r Φ_f].
 
     F holds a unit force at each interface DOF, and with `ports=True` the ports' columns. For a component that is
@@ -27,6 +29,10 @@ class CraigChang:
     ----------
     modes : int
         Number of elastic free modes; the rigid-body modes of a floating component come on top.
+    band : (lo, hi), with tol : float
+        Instead of `modes`: the fewest with which every mode from lo to hi, in radians per unit of time, is estimated to
+        be within the relative error `tol`, and hi is below 0.7 of the cut-off; see `reduce`. Undamped frequencies below
+        the cut-off are the component's own with any number of modes; `tol` decides where there is damping.
 
     References
     ----------
@@ -34,29 +40,25 @@ class CraigChang:
     Craig, A. J. Kurdila, Fundamentals of Structural Dynamics (2006), ch. 17; the paper, eqs. (16)-(24).
     """
 
-    modes: int
-
-    def __post_init__(self) -> None:
-        check_modes(self.modes)
-
-    def basis(self, sub: Substructure, extra: Array, ports: Mapping[str, Array]) -> Basis:
-        handle = ShiftInvert(sub.K, sub.M)
-        found, values, modes, cutoff = kept_modes(handle, self.modes)
-        n_b, s = len(sub.interface), len(sub.interface) + extra.shape[1]
-        loads = np.zeros((sub.size, s + sum(w.shape[1] for w in ports.values())), order="F")
-        loads[sub.interface, np.arange(n_b)] = 1.0
-        loads[:, n_b:] = np.hstack([extra, *ports.values()])
-        forces = loads[:, :s]
-        rest = handle.elastic_solve(loads, modes)
+    def basis(self, sub: Substructure, extra: Array, ports: Mapping[str, Array], damped: Pencil | None = None) -> Basis:
+        parts = self.parts(sub, extra)
+        handle, forces, estimate = parts.handle, parts.forces, None
+        s = forces.shape[1]
+        if self.modes is not None:
+            modes = kept_modes(handle, self.modes)
+        else:
+            modes, estimate = chosen(parts, self.band, self.tol, damped)
+        loads = np.hstack([forces, *ports.values()])
+        rest = handle.elastic_solve(loads, modes.shapes)
         handle.release()
-        confirm(handle, found)
-        elastic = values[found.rigid:]
-        held = modes[:, found.rigid:].T @ loads
+        confirm(handle, modes.found)
+        elastic = modes.values[modes.rigid:]
+        held = modes.shapes[:, modes.rigid:].T @ loads
         missing = np.einsum("ij,ij->j", rest, loads)
         whole = missing + np.einsum("ij,ij->j", held, held / elastic[:, None])
 
-        residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, whole[:s], modes)
-        kinds = ("rigid",) * found.rigid + ("free",) * self.modes + ("residual attachment",) * len(stiffness)
+        residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, whole[:s], modes.shapes)
+        kinds = ("rigid",) * modes.rigid + ("free",) * modes.elastic + ("residual attachment",) * len(stiffness)
         errors, at = {}, s
         for name, w in ports.items():
             columns = slice(at, at + w.shape[1])
@@ -64,6 +66,14 @@ class CraigChang:
             left = residual.T @ w
             errors[name] = energy_error(missing[columns] - np.einsum("ij,ij->j", left, left / stiffness[:, None]),
                                         whole[columns])
-        return Basis(np.hstack([modes, residual]), np.diag(np.concatenate([np.ones(len(values)), inertia])),
-                     np.diag(np.concatenate([values, stiffness])), kinds, cutoff,
-                     f"Craig-Chang with {self.modes} free modes", dropped, errors, handle.factorisations)
+        return Basis(np.hstack([modes.shapes, residual]), np.diag(np.concatenate([np.ones(len(modes.values)), inertia])),
+                     np.diag(np.concatenate([modes.values, stiffness])), kinds, modes.cutoff,
+                     f"Craig-Chang with {modes.elastic} free modes", dropped, errors, handle.factorisations, estimate)
+
+    def parts(self, sub: Substructure, extra: Array) -> Parts:
+        """The factor of the whole, and unit forces at the interface."""
+        n, n_b = sub.size, len(sub.interface)
+        forces = np.zeros((n, n_b + extra.shape[1]), order="F")
+        forces[sub.interface, np.arange(n_b)] = 1.0
+        forces[:, n_b:] = extra
+        return Parts(sub, ShiftInvert(sub.K, sub.M), slice(None), np.zeros((n, 0)), np.zeros((0, 0)), forces)

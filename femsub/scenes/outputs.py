@@ -98,7 +98,7 @@ def _vtu(work: Work, shapes: Mapping[str, Array]) -> bytes:
 def _critical(work: Work) -> Result:
     band, _ = work.band
     models: list[tuple[str, int, Substructure]] = [("full", 0, work.sub)]
-    models += [(type(method).__name__, method.modes, rom) for method, rom in work.reduced]
+    models += [(type(method).__name__, rom.modes, rom) for method, rom in work.reduced]
     rows: list[dict[str, Any]] = []
     for name, modes, model in models:
         work.tell(f"critical slope, {name} with {model.size} DOF")
@@ -124,7 +124,7 @@ def _eigenvalues(work: Work) -> Result:
     exact = complex_modes(work.sub, work.belt, band=band)
     at = _least_stable(exact)
     models: list[tuple[str, int, Substructure, ComplexModes]] = [("full", 0, work.sub, exact)]
-    models += [(type(method).__name__, method.modes, rom, complex_modes(rom, work.belt, band=band))
+    models += [(type(method).__name__, rom.modes, rom, complex_modes(rom, work.belt, band=band))
                for method, rom in work.reduced]
     spectra: list[dict[str, Any]] = []
     for name, modes, model, found in models:

@@ -72,7 +72,7 @@ SCENE = SolidTransientScene
 def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     work, belt = Work(scene, progress), law_belt(scene)
-    models = [(type(method).__name__, method.modes, rom) for method, rom in work.reduced]
+    models = [(type(method).__name__, rom.modes, rom) for method, rom in work.reduced]
     kind, _, reference = max(reversed(models), key=lambda item: (item[0] == models[-1][0], item[2].size))
     value, _ = most_unstable(reference, belt)
     rate, omega, period = value.real, value.imag, 2 * np.pi / value.imag

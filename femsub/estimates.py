@@ -1,0 +1,93 @@
+"""What a reduction to a tolerance tells of itself, and how eigenvalues are taken for one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from femsub.pencil import EPS, Array
+
+SHARE = 0.7  # a band ends below so much of the cut-off: the terms left out of a series in (ω/ω_cut)² then stay below a half
+REAL = 1e-7  # |Im λ| / |λ| below which λ is real: rounding makes pairs of two equal ones
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate:
+    """What was asked of a reduced model, and how far each of its modes in the band is estimated to be off.
+
+    Attributes
+    ----------
+    band : (lo, hi)
+        In radians per unit of time.
+    tol : float
+        The largest relative error allowed.
+    modes : int
+        Elastic modes kept for it.
+    cutoff : float
+        The band ends below 0.7 of this frequency (inf for a complete basis).
+    frequencies, frequency_error : ndarray, shape (k,)
+        ω of the undamped reduced model, and the estimate of (ω - ω_exact) / ω_exact; rigid-body modes are exact.
+    eigenvalues, eigenvalue_error : ndarray, shape (l,)
+        λ with Im λ ≥ 0 of the damped reduced model, and the estimate of |λ - λ_exact| / |λ_exact|; empty without damping.
+    unmatched : int
+        Complex eigenvalues in the band that only the reduced or only the richer model has.
+    searched : int
+        Elastic modes that were computed to decide.
+    """
+
+    band: tuple[float, float]
+    tol: float
+    modes: int
+    cutoff: float
+    frequencies: Array
+    frequency_error: Array
+    eigenvalues: Array
+    eigenvalue_error: Array
+    unmatched: int = 0
+    searched: int = 0
+
+    @property
+    def worst(self) -> float:
+        """The largest of all figures; infinite where an eigenvalue has no counterpart."""
+        if self.unmatched:
+            return np.inf
+        return float(max(self.frequency_error.max(initial=0.0), self.eigenvalue_error.max(initial=0.0)))
+
+    @property
+    def met(self) -> bool:
+        """Whether all figures are within `tol` and the band ends below 0.7 of the cut-off."""
+        return self.worst <= self.tol and self.band[1] < SHARE * self.cutoff
+
+    def __repr__(self) -> str:
+        told = f"{len(self.frequencies)} ω within {self.frequency_error.max(initial=0.0):.1e}"
+        if len(self.eigenvalues) or self.unmatched:
+            told += f", {len(self.eigenvalues)} λ within {self.eigenvalue_error.max(initial=0.0):.1e}"
+        if self.unmatched:
+            told += f", {self.unmatched} λ without a counterpart"
+        return (f"Estimate: {told}, {self.tol:g} asked from {self.band[0]:.5g} to {self.band[1]:.5g} rad/time: "
+                f"{'met' if self.met else 'not met'} with {self.modes} modes (cut-off {self.cutoff:.4g})")
+
+
+def upper(values: Array) -> Array:
+    """Which λ have Im λ ≥ 0; of a pair that rounding has made of two equal real ones, both."""
+    return values.imag >= -REAL * np.abs(values)
+
+
+def moving(values: Array, bar: Array) -> Array:
+    """Which λ are not 0 within rounding, their own (`bar`) and that of the eigensolver: rigid motion has some that are."""
+    return np.abs(values) > bar + 10 * EPS * np.abs(values).max(initial=0.0)
+
+
+def within(values: Array, band: tuple[float, float]) -> Array:
+    """Which λ have lo ≤ Im λ ≤ hi and |Re λ| ≤ hi."""
+    low = np.where(np.abs(values.imag) <= REAL * np.abs(values), 0.0, values.imag)
+    return (low >= band[0]) & (values.imag <= band[1]) & (np.abs(values.real) <= band[1])
+
+
+def paired(exact: Array, found: Array) -> tuple[Array, Array]:
+    """The one-to-one assignment with the least sum of relative distances."""
+    from scipy.optimize import linear_sum_assignment
+
+    distance = np.abs(exact[:, None] - found[None, :]) / np.maximum(np.abs(exact), np.finfo(float).tiny)[:, None]
+    return linear_sum_assignment(np.minimum(distance, 2.0))

@@ -1,0 +1,281 @@
+"""Modes to a tolerance: bounds that hold, estimates near the true error, no more modes and factorisations than needed."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import lattice
+from gallery import GALLERY, Problem, positive, quick
+
+import femsub as fs
+from femsub import eigen
+from femsub._slepc import Factor
+from femsub.bases.tolerance import Search
+from femsub.eigen import lowest_modes
+from femsub.estimates import SHARE, paired, within
+from femsub.nested import Nested
+from femsub.shift_invert import ShiftInvert
+
+CASES = [(problem, kind) for problem in quick() for kind in problem.kinds]
+NAMES = [f"{problem.name}-{kind.__name__}" for problem, kind in CASES]
+
+
+def reduced(problem: Problem, kind: type, tol: float) -> fs.ReducedSubstructure:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        return fs.reduce(problem.sub, kind(band=problem.band, tol=tol), ports=problem.ports, contacts=problem.belt)
+
+
+def errors(problem: Problem, omega: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """True relative errors of ω and of λ over all that the full model has in the band."""
+    full = problem.eigenvalues
+    at, to = paired(full, values)
+    wrong = np.full(len(full), np.inf)
+    wrong[at] = np.abs(values[to] - full[at]) / np.abs(full[at])
+    return np.abs(omega[:len(problem.omega)] / problem.omega - 1), wrong[within(full, problem.band)]
+
+
+def nested(problem: Problem, kind: type, known: int) -> Nested:
+    sub = problem.sub
+    extra = sub.ports["belt"][:, None] if problem.ports else np.zeros((sub.size, 0))
+    return Search(kind(0).parts(sub, extra), sub.linearised(problem.belt), known).nested(problem.band)
+
+
+@pytest.mark.parametrize("tol", [1e-2, 1e-3, 1e-4, 1e-6])
+@pytest.mark.parametrize(("problem", "kind"), CASES, ids=NAMES)
+def test_what_was_asked_is_what_the_full_model_confirms(problem: Problem, kind: type, tol: float) -> None:
+    rom = reduced(problem, kind, tol)
+    modes = fs.normal_modes(rom, band=(0.0, 1.2 * problem.band[1]))
+    omega, values = errors(problem, modes.frequencies[modes.rigid:], positive(rom.linearised(problem.belt)))
+    assert len(omega) == len(problem.omega) and max(omega.max(), values.max()) <= tol
+    estimate = rom.estimate
+    assert estimate.met and estimate.worst <= tol and problem.band[1] < SHARE * rom.cutoff
+    assert estimate.cutoff == rom.cutoff and estimate.modes == rom.modes
+    assert len(estimate.frequencies) == len(problem.omega) and len(estimate.eigenvalues) >= len(values)
+    assert estimate.worst >= 0.99 * max(omega.max(), values.max()) - 1e-10
+
+
+def effectivity(problem: Problem, model: Nested, count: int) -> np.ndarray:
+    """Estimate over true error of the worst ω and the worst λ in the band, where these are not rounding."""
+    found = model.estimate(count, problem.band, 1e-3)
+    values, full = model.damped(count)[0], problem.eigenvalues
+    at, to = paired(full, values)
+    near = np.isin(found.eigenvalues, values[to[within(full[at], problem.band)]])
+    true = errors(problem, model.undamped(count)[0], values)
+    return np.array([guess.max() / error.max() for guess, error in
+                     zip((found.frequency_error, found.eigenvalue_error[near]), true, strict=True) if error.max() > 1e-10])
+
+
+def fair(share: np.ndarray) -> bool:
+    return bool(((share >= 0.99) & (share <= 10)).all())
+
+
+@pytest.mark.parametrize(("problem", "kind"), CASES, ids=NAMES)
+def test_the_estimate_is_near_the_error_with_one_mode_more_known(problem: Problem, kind: type) -> None:
+    model = fixed(problem) if kind is fs.CraigBampton else problem.sub
+    modes = fs.normal_modes(model, count=problem.sub.size // 2)
+    least = int(np.searchsorted(SHARE * modes.frequencies[modes.rigid:], problem.band[1], side="right"))
+    for count in (least, least + 3):
+        share = effectivity(problem, nested(problem, kind, count + 1), count)
+        assert fair(share), share
+
+
+def fixed(problem: Problem) -> fs.Substructure:
+    i = problem.sub.interior
+    return fs.Substructure(problem.sub.M[i][:, i], problem.sub.K[i][:, i])
+
+
+def test_a_broken_estimate_is_found_out() -> None:
+    problem = quick()[0]
+    for kind in problem.kinds:  # with what is left out of the basis cut off, its errors are too small
+        model = nested(problem, kind, 7)
+        blind = model.M.copy()
+        blind[:model.constraint, model.rest] = blind[model.rest, :model.constraint] = 0.0
+        D = model.D.copy()
+        D[model.rest], D[:, model.rest] = 0.0, 0.0
+        assert fair(effectivity(problem, model, 6))
+        assert not fair(effectivity(problem, replace(model, M=blind, D=D), 6))
+
+
+def test_bounds_hold_on_both_sides() -> None:
+    sub = fs.chain(200, interface=(1, 90, 200))
+    exact = fs.chain_frequencies(200)
+    for count in (12, 20, 40):
+        model = Search(fs.CraigBampton(0).parts(sub, np.zeros((200, 0))), None, count).nested((0.0, 0.1))
+        below = exact[exact < 0.95 * model.cutoff(count)]
+        low, high = model.bounds[:len(below)], model.undamped(count)[0][:len(below)]
+        assert (low <= below * (1 + 1e-12)).all() and (high >= below * (1 - 1e-12)).all()
+        near = below < SHARE * model.cutoff(count)
+        assert (((high - low) / (high - below))[near] < 1.3).all()  # and the lower one is the nearer
+
+
+def test_bounds_of_a_floating_component_are_as_near() -> None:
+    problem = next(problem for problem in quick() if problem.name == "chain 60, floating")
+    model = Search(fs.CraigBampton(0).parts(problem.sub, np.zeros((60, 0))), None, 10).nested(problem.band)
+    low, high = (omega[:len(problem.omega)] for omega in (model.bounds, model.undamped(9)[0]))
+    assert (low <= problem.omega).all() and (high >= problem.omega).all()
+    assert ((high - low) / (high - problem.omega) < 1.1).all()
+
+
+@pytest.mark.parametrize("name", ["chain 50, ports", "chain 60, unsymmetric D", "beam", "lattice, held"])
+def test_the_reference_is_as_near_as_is_said(name: str) -> None:
+    """It has no solution of the full model to lean on: what it leaves out must come from the residuals alone."""
+    problem = next(problem for problem in quick() if problem.name == name)
+    exact = problem.eigenvalues[within(problem.eigenvalues, problem.band)]
+    for kind in problem.kinds:
+        model = nested(problem, kind, {"beam": 7, "lattice, held": 21}.get(name, 13))
+        found, said = model.reference[0], np.full(len(model.reference[0]), np.nan)
+        at, to = paired(found, model.doubt[0])
+        said[at] = model.doubt[1][to]
+        at, to = paired(exact, found)
+        wrong, said = np.abs(found[to] - exact[at]), said[to]
+        seen = wrong > 1e-10 * np.abs(exact)
+        assert (said >= wrong)[seen].all() and seen.any()
+        assert (said <= 100 * wrong).any()
+
+
+def test_rigid_motion_leaves_no_modes_at_zero() -> None:
+    problem = next(problem for problem in GALLERY if problem.name == "block, floating")
+    for kind in problem.kinds:
+        model = nested(problem, kind, 30)
+        found = model.estimate(20, problem.band, 1e-3)
+        assert found.met and np.abs(found.eigenvalues).min() > 1.0
+        # 5 of 6 are braked by αM alone, the other by the belt, too
+        assert np.sort(found.eigenvalues.real[np.abs(found.eigenvalues) < 21]) == pytest.approx([-20] * 5 + [-4.83403], rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", [fs.CraigBampton, fs.CraigChang])
+def test_one_factorisation_and_one_count(kind: type, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    original = Factor.__init__
+
+    def counted(self: Factor, A: object, kind: str) -> None:
+        made.append(kind)
+        original(self, A, kind)
+
+    monkeypatch.setattr(Factor, "__init__", counted)
+    chain = fs.chain(3000, belt=2, interface=(1, 900))
+    for sub, hi in ((lattice(14, 11), 0.6), (lattice(14, 11, held=True), 0.6), (chain, 0.05)):
+        made.clear()
+        rom = fs.reduce(sub, kind(band=(0.0, hi), tol=1e-3 if kind is fs.CraigBampton else 1e-5), ports=True)
+        assert made == ["definite", "symmetric"] and rom.factorisations == 1
+    assert rom.estimate.searched > 30  # it has grown beyond the first search
+
+
+def test_modes_are_added_to_and_not_sought_again() -> None:
+    sub = fs.chain(3000)
+    handle = ShiftInvert(sub.K, sub.M)
+    first = lowest_modes(handle, 10, certify=False)
+    before = handle.factor.columns
+    more = lowest_modes(handle, 14, known=first, certify=False)
+    assert np.array_equal(more.shapes[:, :10], first.shapes) and not more.confirmed
+    assert handle.factor.columns - before <= 20  # the deflation, and the step of inverse iteration, in one block
+    assert np.allclose(more.frequencies, fs.chain_frequencies(3000, 14), rtol=1e-12)
+
+
+def test_a_mode_that_the_search_has_missed_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = eigen.lowest_modes
+
+    def forgetful(handle: ShiftInvert, count: int, **options: bool) -> fs.NormalModes:
+        found = original(handle, count + 1, **options)
+        return replace(found, eigenvalues=np.delete(found.eigenvalues, 3), shapes=np.delete(found.shapes, 3, axis=1),
+                       residual=np.delete(found.residual, 3))
+
+    calls: list[bool] = []
+
+    def first_time(handle: ShiftInvert, count: int, **options: bool) -> fs.NormalModes:
+        calls.append("known" in options)
+        return (forgetful if len(calls) == 1 else original)(handle, count, **options)
+
+    monkeypatch.setattr("femsub.bases.tolerance.lowest_modes", first_time)
+    rom = fs.reduce(fs.chain(500, belt=2, damping=0.0), fs.CraigChang(band=(0.0, 0.02), tol=1e-3), ports=True)
+    assert np.allclose(rom.estimate.frequencies, fs.chain_frequencies(500, len(rom.estimate.frequencies)), rtol=1e-11)
+    assert len(calls) >= 3 and calls == [False] + [True] * (len(calls) - 1)
+
+
+def test_a_long_chain_against_its_closed_form() -> None:
+    for kind in (fs.CraigBampton, fs.CraigChang):
+        rom = fs.reduce(fs.chain(8000, belt=2, interface=(1, 3500)), kind(band=(0.0, 5e-3), tol=1e-4), ports=True)
+        found = fs.normal_modes(rom, band=(0.0, 5e-3)).frequencies
+        assert np.abs(found / fs.chain_frequencies(8000, len(found)) - 1).max() <= 1e-4
+        assert "met with" in repr(rom.estimate) and "\n" not in repr(rom.estimate)
+
+
+def test_a_tighter_tolerance_or_a_belt_never_takes_fewer_modes() -> None:
+    sub = fs.chain(60, belt=30)
+    counts = [quietly(sub, fs.CraigChang(band=(0.0, 0.3), tol=tol), contacts=fs.Belt(slope=-1.0)).modes
+              for tol in (1e-2, 1e-4, 1e-6)]
+    assert counts == sorted(counts) and counts[0] < counts[-1]
+    assert quietly(sub.with_damping(None), fs.CraigChang(band=(0.0, 0.3), tol=1e-6)).modes < counts[-1]
+
+
+def quietly(sub: fs.Substructure, method: object, **options: object) -> fs.ReducedSubstructure:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        return fs.reduce(sub, method, **options)
+
+
+def test_interface_empty_or_everything() -> None:
+    plain = fs.chain(30)
+    for interface in ([], list(range(30))):
+        sub = fs.Substructure(plain.M, plain.K, plain.D, interface)
+        rom = fs.reduce(sub, fs.CraigBampton(band=(0.0, 0.5), tol=1e-3))
+        assert rom.estimate.met and len(rom.estimate.frequencies) == np.count_nonzero(fs.chain_frequencies(30) < 0.5)
+        assert rom.modes == 0 if interface else rom.modes >= 7
+
+
+def test_special_components() -> None:
+    sub = fs.chain(150, belt=3, interface=(1, 20))
+    mass = np.where(np.arange(150) % 3 == 0, 0.0, 1.0)
+    massless = fs.Substructure(sp.diags_array(mass, format="csr"), sub.K, sub.D, sub.interface, sub.ports)
+    reduced_already = quietly(sub, fs.CraigBampton(50))
+    belts = [fs.Belt(slope=-0.05), fs.Belt(port="pair", slope=-0.1)]
+    two = fs.Substructure(sub.M, sub.K, sub.D, [0], {"belt": sub.ports["belt"], "pair": np.eye(150)[:, [5, 90]]})
+    for model, contacts in ((massless, belts[0]), (reduced_already, belts[0]), (two, belts)):
+        full, damped = fs.normal_modes(model, band=(0.0, 0.15)).frequencies, model.linearised(contacts)
+        for kind in (fs.CraigBampton, fs.CraigChang):
+            rom = quietly(model, kind(band=(0.0, 0.15), tol=1e-3), contacts=contacts)
+            assert np.abs(fs.normal_modes(rom, band=(0.0, 0.17)).frequencies[:len(full)] / full - 1).max() <= 1e-3
+            exact, found = positive(damped), positive(rom.linearised(contacts))
+            at, to = paired(exact, found)
+            inside = within(exact[at], (0.0, 0.15))
+            assert inside.sum() >= 5 and np.abs(found[to] / exact[at] - 1)[inside].max() <= 1e-3
+    with pytest.raises(fs.InputError, match="is itself reduced, cut off at"):
+        fs.reduce(reduced_already, fs.CraigBampton(band=(0.0, 1.0), tol=1e-3))
+
+
+def test_what_cannot_be_met_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(fs.NotConvergedError, match=r"cannot be reduced to 1e-17.*with \d{1,2} modes.*rounding alone takes"):
+        quietly(fs.chain(3000, belt=2), fs.CraigBampton(band=(0.0, 0.005), tol=1e-17))
+    monkeypatch.setattr("femsub.bases.tolerance.MOST", 20)
+    monkeypatch.setattr("femsub.bases.tolerance.DENSE", 100)
+    with pytest.raises(fs.NotConvergedError, match=r"with \d\d modes Estimate: .* not met .* put the belt's DOF"):
+        quietly(fs.chain(400, belt=2), fs.CraigBampton(band=(0.0, 0.1), tol=1e-9))
+
+
+def test_a_study_takes_tolerances() -> None:
+    methods = [fs.CraigBampton(band=(0.0, 0.5), tol=1e-2), fs.CraigChang(band=(0.0, 0.5), tol=1e-4)]
+    found = fs.study(fs.chain(40, belt=2), methods, band=(0.0, 0.5), belt=fs.Belt(slope=-0.1), repeats=1)
+    assert [row.error_eigenvalue <= method.tol for row, method in zip(found.rows, methods, strict=True)] == [True, True]
+    assert all(row.modes >= 9 for row in found.rows)
+
+
+@pytest.mark.parametrize("kind", [fs.CraigBampton, fs.CraigChang])
+def test_refusals(kind: type) -> None:
+    for wrong, told in (({}, "nothing is given"), ({"modes": 3, "band": (0, 1), "tol": 1e-3}, "are both given"),
+                        ({"modes": 3, "tol": 1e-3}, "are both given"), ({"band": (0, 1)}, "tol=1e-3.* is missing"),
+                        ({"tol": 1e-3}, "band=.* is missing"), ({"band": (1, 0), "tol": 1e-3}, "band must satisfy"),
+                        ({"band": (0, 1), "tol": 0.0}, "between 0 and 1"), ({"band": (0, 1), "tol": np.nan}, "finite")):
+        with pytest.raises(fs.InputError, match=told):
+            kind(**wrong)
+    with pytest.raises(fs.InputTypeError, match="tol must be a number"):
+        kind(band=(0, 1), tol="fine")
+    with pytest.raises(fs.InputError, match="contacts are for a tolerance"):
+        fs.reduce(fs.chain(10), kind(3), contacts=fs.Belt(slope=-0.1))
+    with pytest.raises(fs.InputTypeError, match="must be a Belt"):
+        fs.reduce(fs.chain(10), kind(band=(0, 1), tol=1e-3), contacts=-0.1)
+    assert fs.reduce(fs.chain(10, interface=(1,)), fs.CraigChang(3)).estimate is None
