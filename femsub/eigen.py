@@ -6,15 +6,16 @@ modes are wanted. Their number is confirmed by the inertia of K - ω²M, and wha
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import warnings
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, factorise
-from femsub.pencil import Array, Difference, Matrix, whole_number
+from femsub.pencil import EPS, Array, Difference, Matrix, whole_number
 from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
 
@@ -25,6 +26,9 @@ TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
 BLOCK_TOLERANCE = 1e-9  # asked of block Lanczos, which ends with a step of inverse iteration
 HEAVY = 100  # nonzeros of the factor per row from which blocks of solves pay
+LOST = 0.1  # of ω² that rounding in K may take before it is warned of
+ORTHOGONAL = 1e-12  # deviation of ΦᵀMΦ from I from which modes are orthogonalised once more
+ROWS = 20_000  # of Φ, worked on at a time
 DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
 
 
@@ -47,6 +51,9 @@ class NormalModes:
         Whether that count was made yet, or is what was found, see `confirm`.
     factorisations : int
         Made for the modes (the one for the count comes on top).
+    rounding : ndarray, shape (k,)
+        eps |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: how far ω² moves, relatively, if each entry of K and M moves by one rounding
+        (0 for rigid-body modes).
     """
 
     eigenvalues: Array
@@ -56,6 +63,7 @@ class NormalModes:
     counted: tuple[float, int]
     factorisations: int = 1
     confirmed: bool = True
+    rounding: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def frequencies(self) -> Array:
@@ -101,7 +109,8 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     rigid = handle.rigid.shape[1]
     if rigid:
         held = M @ handle.rigid
-        K = K + 0.25 * min(handle.lowest, float(np.trace(K))) * (held @ held.T)
+        lowest = handle.lowest if np.isfinite(handle.lowest) else float(np.trace(K) / np.trace(M))
+        K = K + 0.25 * lowest * (held @ held.T)
     massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
     lift = np.zeros((0, len(massive)))
     if len(bare):
@@ -146,6 +155,10 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool) -> Normal
             return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted))
         if missed < 0 or attempt == 3:
             break
+        if missed > 0.3 * finite:  # a cluster for LAPACK, in which Krylov-Schur would run out of vectors
+            if handle.K.shape[0] > DENSE:
+                break
+            return _dense(handle, count)
         extra = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, missed, tol=TOLERANCE, seed=17 + attempt,
                                 known=np.hstack([handle.rigid, shapes]))
         values, shapes = np.append(values, extra[0]), np.hstack([shapes, extra[1]])
@@ -175,11 +188,17 @@ def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
 def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], confirmed: bool = True) -> NormalModes:
     values = np.concatenate([np.zeros(handle.rigid.shape[1]), values])
     shapes = np.hstack([handle.rigid, shapes])
-    residual = relative_residual(handle.K, handle.M, values, shapes)
-    if residual.max(initial=0.0) > ACCEPTED:
+    _orthonormalise(shapes, handle.M)
+    residual, rounding = _certificates(handle.K, handle.M, values, shapes)
+    if not residual.max(initial=0.0) <= ACCEPTED:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, and "
                                 f"{ACCEPTED:g} is the most that is accepted; check the scaling of K and M")
-    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed)
+    if rounding.max(initial=0.0) > LOST:
+        warnings.warn(f"rounding in the entries of K may move ω² of mode {int(rounding.argmax()) + 1} by {rounding.max():.0e} "
+                      "of itself: the forces that cancel in it are so much larger than those that are left; let stiffness "
+                      "differ less within the part, take fewer or larger elements, or support it less softly",
+                      ConditionWarning, stacklevel=5)
+    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed, rounding)
 
 
 def _is_diagonal(M: Matrix) -> bool:
@@ -213,8 +232,8 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     lo, hi = check_band(band)
     modes = modes_below(model.K, model.M, hi)
     inside = modes.frequencies >= lo
-    return NormalModes(modes.eigenvalues[inside], modes.shapes[:, inside], int(inside[:modes.rigid].sum()),
-                       modes.residual[inside], modes.counted, modes.factorisations)
+    return replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
+                   rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside])
 
 
 def modes_below(K: Matrix, M: Matrix, limit: float) -> NormalModes:
@@ -225,7 +244,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float) -> NormalModes:
     if len(modes.eigenvalues) and modes.frequencies[-1] > limit * (1 + 1e-7):
         raise MissedModesError(f"{below} modes were counted below ω = {limit:.6g}, but the last of as many that were found "
                                f"is at {modes.frequencies[-1]:.6g}: a mode was missed, or lies on the edge of the band")
-    return NormalModes(modes.eigenvalues, modes.shapes, modes.rigid, modes.residual, (limit, below), modes.factorisations)
+    return replace(modes, counted=(limit, below))
 
 
 def _inertia(K: Matrix, M: Matrix, limit: float) -> int:
@@ -251,9 +270,17 @@ def check_band(band: object) -> tuple[float, float]:
 
 def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Array:
     """‖Kφ - λMφ‖ / ‖(|K| + |λ||M|)|φ|‖ column by column, shape (k,)."""
+    return _certificates(K, M, values, shapes)[0]
+
+
+def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[Array, Array]:
+    """The relative residuals and `NormalModes.rounding`, (k,) each."""
     residual = np.linalg.norm(K @ shapes - (M @ shapes) * values, axis=0)
-    scale = np.linalg.norm(abs(K) @ abs(shapes) + (abs(M) @ abs(shapes)) * abs(values), axis=0)
-    return np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0)
+    size = abs(shapes)
+    doubt = abs(K) @ size + (abs(M) @ size) * abs(values)
+    scale, weight = np.linalg.norm(doubt, axis=0), EPS * np.einsum("ij,ij->j", size, doubt)
+    return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
+            np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
 
 
 def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
@@ -279,15 +306,31 @@ def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
     else:
         low = int(np.count_nonzero(theta > np.sqrt(theta[0] / values[-1])))
     values[:low], upper[:, :low] = 1 / theta[:low], x[:, :low] / np.sqrt(theta[:low])
-    return values, _orthonormal(upper, M)
+    _orthonormalise(upper, M)
+    return values, upper
 
 
-def _orthonormal(shapes: Array, M: Matrix) -> Array:
-    """One step towards ΦᵀMΦ = I that changes each mode by those below it only: the least bit of a high mode would cost a
-    low one much energy.
+def _orthonormalise(shapes: Array, M: Matrix) -> None:
+    """Steps towards ΦᵀMΦ = I, in place, that change each mode by those below it only: the least bit of a high mode would
+    cost a low one much energy. A solve blows up what rounding leaves of the lowest modes in the others by ω²/ω₁².
+
+    Raises
+    ------
+    NotConvergedError
+        One of the modes is listed twice.
     """
-    gram = shapes.T @ (M @ shapes)
-    return shapes - shapes @ (np.triu(gram, 1) + np.diag((gram.diagonal() - 1) / 2))
+    for _ in range(4):
+        gram = shapes.T @ (M @ shapes)
+        change = np.triu(gram, 1) + np.diag((gram.diagonal() - 1) / 2)
+        off = np.abs(change).max(initial=0.0)
+        if off < ORTHOGONAL:
+            break
+        if not off < 0.5:
+            i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
+            raise NotConvergedError(f"modes {i + 1} and {j + 1} are not independent, φᵀMφ = {gram[i, j]:.3g}: the eigensolver "
+                                    "lost a mode; check the scaling of K and M")
+        for start in range(0, len(shapes), ROWS):
+            shapes[start:start + ROWS] -= shapes[start:start + ROWS] @ change
 
 
 def _limit(values: Array, count: int) -> tuple[float, int]:

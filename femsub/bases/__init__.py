@@ -63,6 +63,9 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     static = len(sub.interface) + 2 * sum(w.shape[1] for w in columns.values())
     check_memory(sub.name, sub.K, static, method.modes, len(sub.interface))
     basis = method.basis(sub, extra, columns)
+    if not basis.V.shape[1]:
+        raise InputError(f"no basis for {sub.name!r}: modes=0 and no interface leave nothing to move; ask for modes, or name "
+                         "interface DOF")
     for name, error in basis.port_error.items():
         if error > PORT_LIMIT:
             warnings.warn(
