@@ -44,9 +44,9 @@ class ShiftInvert:
                 self._factorise(0.0)  # held after all, by little
             except SingularMatrixError as error:
                 raise SingularMatrixError(
-                    "K is singular to working precision, but no motion stands out as rigid: a soft piece moves at hardly more "
-                    "cost than rounding in a stiff one; hold each piece, or give pieces of so different stiffness or mass "
-                    f"as parts of their own ({error})") from None
+                    "K is singular to working precision, but no motion stands out as rigid. Elements too thin or too fine for "
+                    "so slender a part, or a soft piece that moves at hardly more cost than rounding in a stiff one: take "
+                    f"larger elements, hold each piece, or make pieces so different parts of their own ({error})") from None
 
     @phase("factorisation")
     def _factorise(self, sigma: float) -> None:
