@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.dense_modes import dense_modes, negative_eigenvalues, orthonormalise
 from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, factorise
 from femsub.pencil import EPS, Array, Difference, Matrix, whole_number
@@ -27,8 +28,6 @@ ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
 BLOCK_TOLERANCE = 1e-9  # asked of block Lanczos, which ends with a step of inverse iteration
 HEAVY = 100  # nonzeros of the factor per row from which blocks of solves pay
 LOST = 0.1  # of ω² that rounding in K may take before it is warned of
-ORTHOGONAL = 1e-12  # deviation of ΦᵀMΦ from I from which modes are orthogonalised once more
-ROWS = 20_000  # of Φ, worked on at a time
 DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
 
 
@@ -116,10 +115,14 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     if len(bare):
         lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
         K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
-    values, moving = dense_modes((K + K.T) / 2, M)
+    K = (K + K.T) / 2
+    values, moving = dense_modes(K, M)
     count = len(values) - rigid if count is None else count
     if len(values) < rigid + count:
         raise InputError(f"{count} elastic modes were asked for, but there are {len(values) - rigid}")
+    if len(values):
+        limit, below = _limit(values, rigid + count)
+        _check_count(negative_eigenvalues(K - limit * M), below, limit)
     keep = slice(rigid, rigid + count)
     shapes = np.zeros((handle.K.shape[0], count))
     shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
@@ -162,8 +165,7 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool) -> Normal
         extra = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, missed, tol=TOLERANCE, seed=17 + attempt,
                                 known=np.hstack([handle.rigid, shapes]))
         values, shapes = np.append(values, extra[0]), np.hstack([shapes, extra[1]])
-    raise MissedModesError(f"{below + rigid} modes were found below ω = {np.sqrt(limit):.6g}, but the inertia of "
-                           f"K - ω²M counts {counted}; ask for a few modes more or fewer, to leave the cluster")
+    raise _missed(counted, below + rigid, limit)
 
 
 @phase("certificate")
@@ -179,16 +181,24 @@ def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
         return modes
     limit, expected = modes.counted
     counted = factorise(Difference(handle.K, handle.M, limit**2), "symmetric").negative_pivots
-    if counted != expected:
-        raise MissedModesError(f"{expected} modes were found below ω = {limit:.6g}, but the inertia of K - ω²M counts {counted}; "
-                               "ask for a few modes more or fewer, to leave the cluster")
+    _check_count(counted, expected, limit**2)
     return replace(modes, confirmed=True)
+
+
+def _check_count(counted: int, found: int, limit: float) -> None:
+    if counted != found:
+        raise _missed(counted, found, limit)
+
+
+def _missed(counted: int, found: int, limit: float) -> MissedModesError:
+    return MissedModesError(f"{found} modes were found below ω = {np.sqrt(limit):.6g}, but the inertia of K - ω²M counts "
+                            f"{counted}; ask for a few modes more or fewer, to leave the cluster")
 
 
 def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], confirmed: bool = True) -> NormalModes:
     values = np.concatenate([np.zeros(handle.rigid.shape[1]), values])
     shapes = np.hstack([handle.rigid, shapes])
-    _orthonormalise(shapes, handle.M)
+    orthonormalise(shapes, handle.M)
     residual, rounding = _certificates(handle.K, handle.M, values, shapes)
     if not residual.max(initial=0.0) <= ACCEPTED:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, and "
@@ -281,56 +291,6 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[A
     scale, weight = np.linalg.norm(doubt, axis=0), EPS * np.einsum("ij,ij->j", size, doubt)
     return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
-
-
-def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
-    """All finite λ (k,) and φ (n, k) of dense Kφ = λMφ, K definite, ΦᵀMΦ = I.
-
-    The lower half (on a logarithmic scale) comes from Mφ = θKφ, the upper from Kφ = λMφ, since each loses digits towards
-    its far end.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        K is not positive definite.
-    """
-    import scipy.linalg as la
-
-    theta, x = la.eigh(M, K, check_finite=False)
-    theta, x = theta[::-1], x[:, ::-1]
-    low = int(np.count_nonzero(theta > 1e-15 * theta[0]))
-    try:
-        values, upper = la.eigh(K, M, check_finite=False)
-    except la.LinAlgError:  # M is only semidefinite
-        values, upper = np.zeros(low), np.zeros((len(K), low))
-    else:
-        low = int(np.count_nonzero(theta > np.sqrt(theta[0] / values[-1])))
-    values[:low], upper[:, :low] = 1 / theta[:low], x[:, :low] / np.sqrt(theta[:low])
-    _orthonormalise(upper, M)
-    return values, upper
-
-
-def _orthonormalise(shapes: Array, M: Matrix) -> None:
-    """Steps towards ΦᵀMΦ = I, in place, that change each mode by those below it only: the least bit of a high mode would
-    cost a low one much energy. A solve blows up what rounding leaves of the lowest modes in the others by ω²/ω₁².
-
-    Raises
-    ------
-    NotConvergedError
-        One of the modes is listed twice.
-    """
-    for _ in range(4):
-        gram = shapes.T @ (M @ shapes)
-        change = np.triu(gram, 1) + np.diag((gram.diagonal() - 1) / 2)
-        off = np.abs(change).max(initial=0.0)
-        if off < ORTHOGONAL:
-            break
-        if not off < 0.5:
-            i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
-            raise NotConvergedError(f"modes {i + 1} and {j + 1} are not independent, φᵀMφ = {gram[i, j]:.3g}: the eigensolver "
-                                    "lost a mode; check the scaling of K and M")
-        for start in range(0, len(shapes), ROWS):
-            shapes[start:start + ROWS] -= shapes[start:start + ROWS] @ change
 
 
 def _limit(values: Array, count: int) -> tuple[float, int]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
-from femsub.eigen import dense_modes
+from femsub.dense_modes import dense_modes
 from femsub.errors import InputError
 from femsub.pencil import EPS, Array, Pencil, is_symmetric
 from femsub.shift_invert import ENERGY, RIGID
