@@ -121,7 +121,8 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     if len(values) < rigid + count:
         raise InputError(f"{count} elastic modes were asked for, but there are {len(values) - rigid}")
     if len(values):
-        limit, below = _limit(values, rigid + count)
+        # above all of them far above: the uppermost is the first to lose digits where M is nearly singular
+        limit, below = _limit(values, rigid + count) if rigid + count < len(values) else (2 * float(values[-1]), len(values))
         _check_count(negative_eigenvalues(K - limit * M), below, limit)
     keep = slice(rigid, rigid + count)
     shapes = np.zeros((handle.K.shape[0], count))

@@ -133,9 +133,9 @@ class _Layout:
         edges = np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)
         fineness = (np.ptp(self.plane, axis=0).max() / edges.min()) ** 4
         if fineness > FINEST:
-            warnings.warn(f"{name!r} has cells with a side of {edges.min():.1e}: its stiffness is conditioned as the fourth power "
-                          f"of its length over that, and rounding may take {EPS * fineness:.0e} of the lowest frequencies; take "
-                          "larger cells", ConditionWarning, stacklevel=3)
+            warnings.warn(f"{name!r} has cells with a side of {edges.min():.1e}: its stiffness is conditioned as the fourth "
+                          f"power of its length over that, and rounding may take {EPS * fineness:.0e} of the lowest "
+                          "frequencies; take larger cells", ConditionWarning, stacklevel=3)
 
     def gathered(self, nu: float) -> tuple[Matrix, Matrix]:
         """K and M for unit bending stiffness and unit mass per area."""

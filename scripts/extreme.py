@@ -105,7 +105,8 @@ def run(names: list[str], limit: float) -> list[Row]:
 def text(rows: list[Row]) -> str:
     """The table, the reasons of refusals and of wrong rows, and where the bounds come from."""
     heads = ["case", "group", "verdict", "computed", "error", "bound", "backward", "‖ΦᵀMΦ-I‖", "cond", "missed", "s"]
-    keys = ["case", "group", "verdict", "computed", "error", "bound", "backward", "orthogonality", "condition", "missed", "seconds"]
+    keys = ["case", "group", "verdict", "computed", "error", "bound", "backward", "orthogonality", "condition", "missed",
+            "seconds"]
     forms = ["", "", "", "", ".1e", ".1e", ".0e", ".0e", ".1e", "d", ".2f"]
     parts = [report.table(heads, [[row[key] for key in keys] for row in rows], forms)]
     for verdict in ("refused", "wrong"):
@@ -122,11 +123,13 @@ def draw(rows: list[Row]) -> Any:
     from femsub.figures import new_figure
 
     groups = list(dict.fromkeys(row["group"] for row in rows))
-    colours = ["#0067a5", "#c44e00", "#2e8b57", "#8e44ad", "#b08900", "#555555", "#c2185b", "#008b8b", "#7a4b1e", "#88aa00"]
+    colours = ["#0067a5", "#c44e00", "#2e8b57", "#8e44ad", "#b08900", "#555555", "#c2185b", "#008b8b", "#7a4b1e",
+               "#88aa00", "black"]
     figure = new_figure(11, 5.4)
     cloud, bars = figure.subplots(1, 2, width_ratios=[3, 2])
     for group, colour in zip(groups, colours * 9, strict=False):
-        points = [(row["bound"], max(row["error"], 1e-18)) for row in rows if row["group"] == group and row["verdict"] == "right"]
+        points = [(row["bound"], max(row["error"], 1e-18)) for row in rows
+                  if row["group"] == group and row["verdict"] == "right"]
         if points:
             cloud.plot(*zip(*points, strict=True), "o", color=colour, ms=5, alpha=0.75, label=group)
     cloud.plot([1e-17, 1], [1e-17, 1], color="#b00000", lw=1)
@@ -153,7 +156,8 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="only what takes a second or two")
     parser.add_argument("--list", action="store_true", help="show the names, and run nothing")
     parser.add_argument("--limit", type=float, default=300.0, metavar="SECONDS", help="for one case (default 300)")
-    parser.add_argument("--out", type=Path, default=Path("out/extreme"), metavar="DIR", help="output folder (default out/extreme)")
+    parser.add_argument("--out", type=Path, default=Path("out/extreme"), metavar="DIR",
+                        help="output folder (default out/extreme)")
     asked = parser.parse_args()
     names = [name for name, case in CASES.items() if (case.quick or not asked.quick) and (
         asked.cases is None or any(part in name or part == case.group for part in asked.cases))]

@@ -123,8 +123,8 @@ def modes(build: Callable[[], fs.Substructure], count: int, rigid: int = 0, chec
         sturm = Sturm(sub.K, sub.M)
         some = slice(0, checked or count)
         errors = sturm.errors(values[some], found.rigid + 1) if count else np.zeros(0)
-        missed = sturm.count(float(values[-1]) * (1 - 1e-9)) - int(np.count_nonzero(found.eigenvalues < values[-1] * (1 - 1e-9))) \
-            if count else 0
+        last = float(values[-1]) * (1 - 1e-9) if count else 0.0
+        missed = sturm.count(last) - int(np.count_nonzero(found.eigenvalues < last)) if count else 0
         values = values[some]
     bounds, why = np.zeros(0), "no elastic mode was asked for"
     if len(values):
@@ -164,8 +164,9 @@ def soft_rigid(n: int, spring: float) -> Found:
         low, high = (middle, high) if sturm.count(middle) < 1 else (low, middle)
     gram = found.shapes.T @ (sub.M @ found.shapes) - np.eye(6)
     error = abs(float(high) - float(found.eigenvalues[0])) / scale
-    return Found("5 modes, 1 rigid", error, 4e-15, error / 4e-15, "ω² of a rigid-body mode, over |φ|ᵀ|K||φ|: ENERGY", float(found.residual.max()), float(np.abs(gram).max()),
-                 float(np.linalg.cond(gram + np.eye(6))), sturm.count(float(found.eigenvalues[-1]) * 0.999) - 5)
+    return Found("5 modes, 1 rigid", error, 4e-15, error / 4e-15, "ω² of a rigid-body mode, over |φ|ᵀ|K||φ|: ENERGY",
+                 float(found.residual.max()), float(np.abs(gram).max()), float(np.linalg.cond(gram + np.eye(6))),
+                 sturm.count(float(found.eigenvalues[-1]) * 0.999) - 5)
 
 
 def basis(build: Callable[[], fs.Substructure], method: Any, rigid: int = 0, ports: bool = False, whole: bool = False) -> Found:

@@ -127,7 +127,8 @@ def border(M: Any, D: Any, K: Any, w: Array, omega: float) -> tuple[Any, float]:
     def G(at: Any) -> Any:
         return 1j * at * (column.T * response(at))[0]
 
-    before, root = mp.mpf(omega), mp.mpf(omega) * (1 + mp.mpf(10) ** -22)  # a resonance may be no wider than the spacing of doubles
+    # a resonance may be no wider than the spacing of doubles
+    before, root = mp.mpf(omega), mp.mpf(omega) * (1 + mp.mpf(10) ** -22)
     there, here = G(before).imag, G(root).imag
     for _ in range(60):
         if here == there or abs(root - before) < mp.mpf(10) ** -45 * root:
@@ -172,7 +173,8 @@ def energy_conditions(M: Any, D: Any, K: Any) -> tuple[Array, Array]:
     with np.errstate(divide="ignore", invalid="ignore"):
         sensitivity = 1 / np.abs(np.einsum("ij,ij->j", left.conj(), right))
         x, y, size = np.abs(shapes @ right[n:]), np.abs(shapes @ left[n:]), np.abs(found)
-        slope = np.einsum("ij,ij->j", (shapes @ left[n:]).conj(), (M @ (shapes @ right[n:])) * 2 * found + D @ (shapes @ right[n:]))
+        momentum = (M @ (shapes @ right[n:])) * 2 * found + D @ (shapes @ right[n:])
+        slope = np.einsum("ij,ij->j", (shapes @ left[n:]).conj(), momentum)
         entries = np.einsum("ij,ij->j", y, (abs(M) @ x) * size**2 + (abs(D) @ x) * size + abs(K) @ x) / np.abs(slope)
     return found, 10 * len(A) * EPS * np.linalg.norm(A, 2) * sensitivity + 8 * EPS * np.nan_to_num(entries, nan=0.0)
 

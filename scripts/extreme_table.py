@@ -88,28 +88,34 @@ for ratio in (1e12, 1e-12):
 group = "massless"
 for n in (20, 300):
     case(group, f"every other mass 0, n = {n}", modes,
-         lambda n=n: fs.Substructure(sp.diags_array(1 - alternating(n, 0.0) * 0 - np.arange(n) % 2), fs.chain(n).K), 5, checked=3)
+         lambda n=n: fs.Substructure(sp.diags_array(1.0 - np.arange(n) % 2), fs.chain(n).K), 5, checked=3)
 case(group, "M of half rank, no zero on its diagonal", modes, lambda: fs.Substructure(
     sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 10)
-case(group, "more modes than masses", modes, lambda: fs.Substructure(sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 11,
+case(group, "more modes than masses", modes,
+     lambda: fs.Substructure(sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 11,
      expect="11 elastic modes were asked for, but there are 10")
-case(group, "HCB, massless interface", basis, lambda: fs.Substructure(np.diag(1.0 - np.arange(12) % 2), fs.chain(12).K, interface=[1]),
+case(group, "HCB, massless interface", basis,
+     lambda: fs.Substructure(np.diag(1.0 - np.arange(12) % 2), fs.chain(12).K, interface=[1]),
      HCB(3))
-case(group, "CC, massless interface", basis, lambda: fs.Substructure(np.diag(1.0 - np.arange(12) % 2), fs.chain(12).K, interface=[1]),
+case(group, "CC, massless interface", basis,
+     lambda: fs.Substructure(np.diag(1.0 - np.arange(12) % 2), fs.chain(12).K, interface=[1]),
      CC(3))
 case(group, "CEA, a massless DOF without damping", cea, lambda: fs.Pencil(np.diag(one(6, 2, 0.0)), 0.1 * np.diag(one(6, 2, 0.0)),
      fs.chain(6).K), regular=False)
-case(group, "CEA, a massless DOF on a dashpot", cea, lambda: fs.Pencil(np.diag(one(6, 2, 0.0)), np.diag(one(6, 2, 0.0) == 0) * 1e6,
+case(group, "CEA, a massless DOF on a dashpot", cea,
+     lambda: fs.Pencil(np.diag(one(6, 2, 0.0)), np.diag(one(6, 2, 0.0) == 0) * 1e6,
      fs.chain(6).K), regular=False)
 case(group, "slope, a massless DOF", slope, lambda: fs.Substructure(np.diag(one(6, 1, 0.0)), fs.chain(6).K, fs.chain(6).D, [0],
      fs.chain(6, belt=3).ports), expect="M is singular or nearly so")
-case(group, "neither mass nor stiffness", modes, lambda: fs.Substructure(sp.diags_array(one(8, 7, 0.0)), held(fs.chain(8).K, 7)), 3,
+case(group, "neither mass nor stiffness", modes,
+     lambda: fs.Substructure(sp.diags_array(one(8, 7, 0.0)), held(fs.chain(8).K, 7)), 3,
      expect="a DOF has neither mass nor stiffness")
 
 group = "rigid"
 for count in (1, 2, 5, 12):
     case(group, f"{count} floating chains", modes, lambda c=count: pieces(*[fs.chain(6, fixed=False)] * c), 4, rigid=count)
-case(group, "4 floating lattices, 12 rigid modes", modes, lambda: pieces(*[lattice(3, 4, seed) for seed in range(4)]), 4, rigid=12,
+case(group, "4 floating lattices, 12 rigid modes", modes,
+     lambda: pieces(*[lattice(3, 4, seed) for seed in range(4)]), 4, rigid=12,
      checked=3)
 case(group, "mechanism with 12 free shears", modes, lambda: lattice(4, 8, diagonals=False), 3, rigid=12)
 case(group, "a mass without springs", modes, lambda: fs.Substructure(sp.eye_array(8), held(fs.chain(8).K, 4)), 3, rigid=1)
@@ -119,13 +125,15 @@ case(group, "two floating pieces, 1e6 in stiffness", modes,
 case(group, "two floating pieces, 1e12 in stiffness", modes,
      lambda: pieces(fs.chain(60, fixed=False), fs.chain(50, fixed=False, springs=1e12)), 5, rigid=2,
      expect="make pieces so different parts of their own")
-case(group, "no stiffness at all", modes, lambda: fs.Substructure(np.eye(8), np.zeros((8, 8))), 0, expect="no stiffness on any DOF")
+case(group, "no stiffness at all", modes,
+     lambda: fs.Substructure(np.eye(8), np.zeros((8, 8))), 0, expect="no stiffness on any DOF")
 case(group, "a negative spring", modes, lambda: fs.Substructure(np.eye(8), fs.chain(8).K.toarray() - 0.5 * np.eye(8)), 2,
      expect="negative eigenvalue")
 
 group = "interface"
 case(group, "HCB, empty", basis, lambda: fs.Substructure(fs.chain(12).M, fs.chain(12).K), HCB(3))
-case(group, "HCB, empty and floating", basis, lambda: fs.Substructure(fs.chain(12).M, fs.chain(12, fixed=False).K), HCB(3), rigid=1)
+case(group, "HCB, empty and floating", basis,
+     lambda: fs.Substructure(fs.chain(12).M, fs.chain(12, fixed=False).K), HCB(3), rigid=1)
 case(group, "HCB, all DOF", basis, chain(12, interface=range(1, 13)), HCB(0), whole=True)
 case(group, "HCB, all DOF, and modes", basis, chain(12, interface=range(1, 13)), HCB(3), expect="every DOF is interface")
 case(group, "HCB, not restraining", basis, lambda: fs.Substructure(lattice(3, 4).M, lattice(3, 4).K, interface=[0, 1]), HCB(3),
@@ -135,7 +143,8 @@ case(group, "HCB, on one of two pieces", basis, lambda: pieces(fs.chain(8), fs.c
      expect="the interface does not hold")
 case(group, "CC, empty", basis, lambda: fs.Substructure(fs.chain(12).M, fs.chain(12).K), CC(3))
 case(group, "CC, all DOF", basis, chain(12, interface=range(1, 13)), CC(3), whole=True)
-case(group, "CC, not restraining", basis, lambda: fs.Substructure(lattice(3, 4).M, lattice(3, 4).K, interface=[0, 1]), CC(3), rigid=3)
+case(group, "CC, not restraining", basis,
+     lambda: fs.Substructure(lattice(3, 4).M, lattice(3, 4).K, interface=[0, 1]), CC(3), rigid=3)
 
 group = "modes 0, 1, all"
 case(group, "no modes", modes, chain(300), 0)
@@ -153,9 +162,10 @@ for method in (HCB, CC):
 group = "repeated"
 case(group, "ring of 24, all modes", modes, lambda: ring(24), 23, rigid=1)
 case(group, "ring of 240, a pair cut", modes, lambda: ring(240), 8, rigid=1, checked=8)
-case(group, "square plate", modes, lambda: fs.plate(fs.rectangle((1.0, 1.0), (4, 4)), **STEEL, thickness=0.01,
-     supports={edge: "simply supported" for edge in ("left", "right", "front", "back")}), 8)
-case(group, "annulus, floating", modes, lambda: fs.solid(fs.annulus(0.1, 0.2, 0.02, (1, 8, 1), "hexahedron"), fs.Material(**STEEL)), 8,
+case(group, "square plate", modes, lambda: fs.plate(fs.rectangle((1.0, 1.0), (3, 3)), **STEEL, thickness=0.01,
+     supports=dict.fromkeys(("left", "right", "front", "back"), "simply supported")), 8, checked=6)
+case(group, "annulus, floating", modes,
+     lambda: fs.solid(fs.annulus(0.1, 0.2, 0.02, (1, 8, 1), "hexahedron"), fs.Material(**STEEL)), 8,
      rigid=6, checked=4, quick=False)
 case(group, "twins coupled by 1e-8", modes, lambda: coupled_twins(60, 1e-8), 9, checked=6)
 case(group, "twins coupled by 1e-14", modes, lambda: coupled_twins(60, 1e-14), 9, checked=6)
@@ -174,7 +184,8 @@ case(group, "CEA, K = 0", cea, lambda: fs.Pencil(np.eye(3), np.diag([1.0, 2.0, 3
 for alpha, beta in ((0.0, 0.0), (0.01, 1e-3), (-0.01, 0.0), (10.0, 0.0), (1e-9, 0.0)):
     case(group, f"PEP, D = {alpha:g} M + {beta:g} K", cea, lambda a=alpha, b=beta: proportional(300, a, b), closed=True, count=12)
 case(group, "PEP, undamped, band", cea, lambda: proportional(300, 0.0, 0.0), closed=True, band=(0.0, 0.1), quick=False)
-case(group, "PEP, D = 1e4 K", cea, lambda: proportional(300, 0.0, 1e4), closed=True, count=12, expect="of 12 complex modes converged",
+case(group, "PEP, D = 1e4 K", cea,
+     lambda: proportional(300, 0.0, 1e4), closed=True, count=12, expect="of 12 complex modes converged",
      quick=False)
 case(group, "PEP, gyroscopic", cea, lambda: paired(150, 1.0, 0.0), closed=True, count=12)
 case(group, "PEP, circulatory", cea, lambda: paired(150, 0.0, 1e-3), closed=True, count=12)
@@ -198,14 +209,14 @@ case(group, "PEP, every mode of 150 a defective pair", cea, lambda: paired(150, 
 
 group = "slender"
 BAR = {"E": 2.1e11, "I": 1e-16 / 12, "rho": 7850.0, "A": 1e-8}
-case(group, "beam of 1 : 1e-4, 100 elements", modes, lambda: fs.beam(1.0, 100, **BAR, supports={"left": "clamped"}), 6)
+case(group, "beam of 1 : 1e-4, 100 elements", modes, lambda: fs.beam(1.0, 100, **BAR, supports={"left": "clamped"}), 6, checked=4)
 case(group, "beam of 2,000 elements", modes, lambda: fs.beam(1.0, 2000, **BAR, supports={"left": "pinned", "right": "pinned"}), 6,
      checked=2, quick=False)
 case(group, "beam of 6,000 elements", modes, lambda: fs.beam(1.0, 6000, **BAR, supports={"left": "clamped"}), 6, checked=1,
      expect="rounding may take", quick=False)
-case(group, "plate cells of 1 : 1e4", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-4), (3, 3)), **STEEL, thickness=1e-6,
+case(group, "plate cells of 1 : 1e4", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-4), (2, 2)), **STEEL, thickness=1e-6,
      supports={"left": "clamped"}), 5, checked=4, expect="rounding may take")
-case(group, "plate cells of 1 : 100", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-2), (3, 3)), **STEEL, thickness=1e-4,
+case(group, "plate cells of 1 : 100", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-2), (2, 2)), **STEEL, thickness=1e-4,
      supports={"left": "clamped"}), 5, checked=4)
 case(group, "brick of 1 : 1e-3, 20 nodes", modes, thin("hexahedron20", 1e-3), 3, checked=2, quick=False)
 case(group, "bricks of 1 : 1e-4, 20 nodes", modes, thin("hexahedron20", 1e-4, 8), 3, quick=False,
