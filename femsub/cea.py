@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from femsub.eigen import check_band
-from femsub.errors import FemsubWarning, InputError, InputTypeError
+from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModesError
 from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
 from femsub.pencil import EPS, Array, Pencil, whole_number
@@ -175,6 +175,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         from femsub.qep import solve
 
         values, X, Y = solve(pencil.dense())
+        _check_complete(pencil, values)
         certified, proof = True, None
     else:
         from femsub.pep import solve_band, solve_count
@@ -251,6 +252,18 @@ def _rectangle(band: Any, re: Any) -> tuple[float, float, float, float]:
     if not (np.isfinite(a) and np.isfinite(b) and a < b):
         raise InputError(f"re must satisfy a < b, both finite, but is ({a!r}, {b!r})")
     return a, b, lo, hi
+
+
+def _check_complete(pencil: Pencil, values: Array) -> None:
+    """2n eigenvalues; fewer only if M is singular, so that some are infinite."""
+    if len(values) == 2 * pencil.size:
+        return
+    M = pencil.M.toarray() if pencil.is_sparse else pencil.M
+    size = np.sqrt(np.abs(M.diagonal()))
+    if (size > 0).all() and len(values) < 2 * pencil.size and np.linalg.cond(M / np.outer(size, size)) > 1e12:
+        return
+    if (size > 0).all() or len(values) > 2 * pencil.size:
+        raise MissedModesError(f"{len(values)} eigenvalues were found, but M is regular, so that there are {2 * pencil.size}")
 
 
 def _check_count(count: Any, size: int) -> int:

@@ -253,3 +253,12 @@ def test_refusals() -> None:
         fs.complex_modes(sub, fs.Belt("bolt", slope=-0.1), count=2)
     with pytest.raises(TypeError, match="Substructure or a Pencil"):
         fs.complex_modes(np.eye(3))
+
+
+def test_a_low_eigenvalue_of_a_stiff_model_is_not_taken_for_rigid_motion() -> None:
+    sub = fs.chain(6, springs=np.where(np.arange(6) % 2, 1e12, 1.0))
+    modes = fs.complex_modes(sub)
+    assert not modes.rigid.any()
+    pairs = fs.complex_modes(fs.chain(3, masses=[2.0, 2.0, 2.0])).frequencies  # each stiff spring joins two masses
+    assert np.allclose(np.sort(modes.frequencies)[:6], np.sort(pairs), atol=3 * modes.error_bar.max())
+    assert np.abs(np.sort(modes.frequencies)[:6] / np.sort(pairs) - 1).max() < 0.1
