@@ -135,11 +135,11 @@ def test_a_lost_eigenvalue_of_a_dense_pencil_is_noticed(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
-def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_winding_number(place: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place: int, monkeypatch: pytest.MonkeyPatch) -> None:
     sub = membrane(16).with_damping(0.01 * membrane(16).K)
     assert fs.complex_modes(sub, band=(0.0, 0.5)).certified
     after(monkeypatch, pep, "quadratic_modes", without(place))
-    with pytest.raises(fs.MissedModesError, match="winding number of det P says that 2 eigenvalues"):
+    with pytest.raises(fs.MissedModesError, match=r"independent count says that 16 eigenvalues .* but 14 were found"):
         fs.complex_modes(sub, band=(0.0, 0.5))
 
 
