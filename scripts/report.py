@@ -71,7 +71,7 @@ STEPS = (
            "--defaults", "--repeats", "1", quick=("--quick", "--repeats", "1", "--parts", "bases")),
     script("bench", "Bases of a bulky solid", "Quadratic hexahedra, where factors are dense.", "--parts", "bases", "--component",
            "bulk", "--defaults", "--repeats", "1", step="bench-bulk"),
-    script("scaling", "Size", "Seconds, memory and error from 10 DOF on.", "--largest", "100000", "--repeats", "3",
+    script("scaling", "Size", "Seconds, memory and error from 10 DOF on.", "--largest", "100000", "--cores", "2", "--repeats", "1",
            figures=("scaling.png",)),
     script("extreme", "Stiff and extreme cases", "Each right within the bound that is stated for it, or refused with the reason.",
            figures=("extreme.png",)),
@@ -88,9 +88,8 @@ class Stopped(Exception):
 
 
 def run(step: Step, folder: Path, quick: bool) -> None:
-    """Runs a step and notes that it ended well; what it left before is taken away first."""
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    """Runs a step and notes that it ended well. What it left when it was stopped stays: some scripts go on from there."""
+    folder.mkdir(parents=True, exist_ok=True)
     command = [part.format(out=folder, tiny=SCRIPTS / "tiny-chain.toml") for part in (step.quick if quick else step.command)]
     report.progress(f"{step.name}: {shlex.join(command)}")
     start = time.perf_counter()
@@ -187,6 +186,8 @@ def main() -> int:
         if (folder / "done.json").exists() and not asked.fresh:
             print(f"{step.name}: done before")
             continue
+        if asked.fresh:
+            shutil.rmtree(folder, ignore_errors=True)
         try:
             run(step, folder, asked.quick)
         except Stopped as error:
