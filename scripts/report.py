@@ -55,10 +55,9 @@ def scene(name: str, title: str, says: str, *figures: str, quick: str = "") -> S
 
 
 def script(name: str, title: str, says: str, *options: str, figures: tuple[str, ...] = (), quick: tuple[str, ...] = (),
-           step: str = "") -> Step:
-    run = (sys.executable, str(SCRIPTS / f"{name}.py"))
-    small = (*run, *quick, "--out", "{out}") if quick else ()
-    return Step(step or name, title, says, (*run, *options, "--out", "{out}"), small, figures)
+           step: str = "", writes: bool = True) -> Step:
+    run, out = (sys.executable, str(SCRIPTS / f"{name}.py")), ("--out", "{out}") if writes else ()
+    return Step(step or name, title, says, (*run, *options, *out), (*run, *quick, *out) if quick else (), figures)
 
 
 STEPS = (
@@ -78,7 +77,9 @@ STEPS = (
     script("effectivity", "Modes chosen to a tolerance", "The estimate against the true error over a gallery.",
            figures=("effectivity.png",)),
     script("certificates", "What certificates cost", "Seconds of the proof over seconds of the solution."),
-    script("integrators", "Integrators", "Error against run time of integrators, at n = 10, 100 and 1000."),
+    script("integrators", "Integrators", "Error against run time of integrators, at n = 10, 100 and 1000.", writes=False),
+    script("cycle_cost", "Cost of a limit cycle", "Harmonic balance of finite-element ROMs against that of the chain.",
+           "--repeats", "3", writes=False),
     script("attractors", "Attractors", "Where seeded starts end, full and reduced.", figures=("attractors.png",)),
 )
 
