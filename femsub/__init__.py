@@ -31,7 +31,7 @@ _HOME = {
     "beam": "beams", "plate": "plates", "damped": "dampers",
     "normal_modes": "eigen", "NormalModes": "eigen",
     "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases", "Estimate": "estimates",
-    "complex_modes": "cea", "ComplexModes": "cea",
+    "complex_modes": "cea", "ComplexModes": "cea", "refine": "refinement", "Refined": "refinement",
     "harmonic_balance": "cycles", "LimitCycle": "cycles", "branch": "branches", "Branch": "branches",
     "shoot": "shooting", "ShotCycle": "shooting",
     "sweep": "stability", "critical_slope": "stability", "CriticalSlope": "stability", "StabilitySweep": "stability",
@@ -85,6 +85,7 @@ if TYPE_CHECKING:
     from femsub.pencil import Pencil
     from femsub.plates import plate
     from femsub.quality import SelfExcitation, self_excitation
+    from femsub.refinement import Refined, refine
     from femsub.shooting import ShotCycle, shoot
     from femsub.solids import solid
     from femsub.spectra import growth_rate, rms, spectrogram, spectrum, sticking

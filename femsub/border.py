@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg as la
 
 from femsub.bases.basis import independent
 from femsub.cea import complex_modes
@@ -13,8 +14,8 @@ from femsub.eigen import lowest_modes
 from femsub.errors import NotConvergedError, UnstableModelError
 from femsub.factor import complex_solve, factorise
 from femsub.friction import contact_damping
-from femsub.pencil import Array, Difference, Pencil, is_symmetric
-from femsub.qep import definite_form, eigenvalues, with_energy
+from femsub.pencil import EPS, Array, Difference, Pencil, is_symmetric
+from femsub.qep import definite_form, eigenvalues
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
 
@@ -48,20 +49,34 @@ class Model:
         self.W = form.shapes.T @ W
         self.contact = self.W @ self.W.T
         self.symmetric = is_symmetric(pencil.D)
+        # Power is taken dashpot by dashpot: in modal coordinates, ΦᵀDΦ, a heavy one drowns the little power of all others.
+        # LDLᵀ and not eigenvectors, whose rounding is that of the largest entry everywhere.
+        lower, blocks, _ = la.ldl((pencil.D + pencil.D.T) / 2, check_finite=False)
+        power, turn = np.linalg.eigh(blocks)
+        self.power, self.strokes = power[power != 0], (lower @ turn[:, power != 0]).T @ form.shapes
         self.size = float(np.linalg.norm(form.state(), 2)) if len(form.omega) <= 300 else float(form.omega.max())
 
     def spectrum(self, c: float, band: Band, real: bool = False) -> tuple[Array, Array]:
         """λ with Im λ > 0 (with real=True: ≥ 0) in the band at contact coefficient c, (k,), and modal shapes q (n, k).
 
-        For symmetric matrices Re λ is taken from its energy, see `with_energy`.
+        For symmetric matrices Re λ is taken from its energy, see `qep.with_energy`.
         """
         C = self.form.C + c * self.contact
         values, right = np.linalg.eig(self.form.state(C))
         keep = ((values.imag >= 0) if real else (values.imag > 0)) & (values.imag >= band[0]) & (values.imag <= band[1])
         values, q = values[keep], right[len(self.form.omega) - self.form.rigid:, keep]
         if self.form.H is None and (self.form.sign[self.form.rigid:] > 0).all() and self.symmetric:
-            values = with_energy(values, q, C)
+            gain = -(self.lost(q) + c * self.fed(q)) / np.maximum(np.linalg.norm(q, axis=0) ** 2, 1e-300) / 2
+            values = np.where(values.imag != 0, gain + 1j * values.imag, values)
         return values, q
+
+    def lost(self, q: Array) -> Array:
+        """q̄ᵀCq, the power that D takes, without cancellation."""
+        return self.power @ np.abs(self.strokes @ q) ** 2
+
+    def fed(self, q: Array) -> Array:
+        """q̄ᵀWWᵀq, what the contact feeds in per -c."""
+        return (np.abs(self.W.T @ q) ** 2).sum(axis=0)
 
     def felt(self, q: Array) -> Array:
         """Which shapes move the contact, by more than rounding."""
@@ -71,6 +86,17 @@ class Model:
         """max Re λ over what moves the contact. Real λ count: an overdamped mode may be first to be seen unstable."""
         values, q = self.spectrum(c, band, real=True)
         return float(values.real[self.felt(q) & (np.abs(values) > 1e-12 * self.size)].max(initial=-np.inf))
+
+    def undamped(self, values: Array, q: Array) -> Array:
+        """Which modes lose no power to D: a dashpot at a node of the mode, or the power of two cancelling.
+
+        A slope so small that it could not turn a damping ratio of 1e-13, of the size of rounding, counts as none, too.
+        """
+        dust = (np.abs(self.strokes) @ np.abs(q)) ** 2
+        lost, either = np.abs(self.lost(q)), np.abs(self.power) @ np.abs(self.strokes @ q) ** 2
+        size = np.linalg.norm(q, axis=0) ** 2
+        small = lost * np.trace(self.contact) <= 2e-13 * np.abs(values.imag) * size * self.fed(q)
+        return (lost <= 1e-28 * (np.abs(self.power) @ dust)) | (lost <= 1e-13 * either) | small
 
     @property
     def noise(self) -> float:
@@ -93,12 +119,7 @@ def _at_rest(model: Model, band: Band) -> Border | None:
     """The cases that are decided at c = 0: unstable there, or an undamped mode that feels the contact."""
     form = model.form
     values, q = model.spectrum(0.0, band)
-    size = np.linalg.norm(q, axis=0)
-    energy = np.abs(np.einsum("ij,ij->j", q.conj(), form.C @ q))
-    # A dashpot at a node of the mode, or the power of two cancelling.
-    undamped = (energy <= 1e-24 * np.linalg.norm(form.C) * size**2) | (
-        energy <= 1e-13 * np.einsum("ij,ij->j", np.abs(q), np.abs(form.C) @ np.abs(q)))
-    undamped &= np.abs(values.real) <= 1e3 * model.noise
+    undamped = model.undamped(values, q) & (np.abs(values.real) <= 1e3 * model.noise)
     growing = [values[(values.real > (0.0 if model.symmetric else model.noise)) & ~undamped]]
     if band[0] == 0:
         every = eigenvalues(form)
@@ -121,16 +142,33 @@ def _rooted(model: Model, band: Band) -> Border:
     at = 0
     while at < len(c):
         group = np.flatnonzero(np.abs(c - c[at]) <= TOGETHER * abs(c[at]))
+        doubt = function.rounding(float(omega[at]))
+        if doubt > MARGIN:
+            raise NotConvergedError(f"rounding may move the border c = {c[at]:.3g} at ω = {omega[at]:.6g} by {doubt:.0e} of "
+                                    "itself: some damping is so much heavier than what counts; hold DOF with such dashpots, "
+                                    "or leave them out")
         growth = _verify(model, float(c[at]), float(omega[at]), band)
         if growth[1] > 0:
-            if growth[0] > 0 and model.growth(c[at] * (1 - MARGIN), band) > 1e2 * model.noise:
+            already = model.growth(c[at] * (1 - MARGIN), band)
+            if already > 1e2 * model.noise:
                 raise NotConvergedError(f"at c = {c[at]:.9g} (ω = {omega[at]:.6g}) the model is unstable already: "
-                                        f"Re λ = {growth[0]:.3g} just before; use method='bracketing'")
+                                        f"Re λ = {already:.3g} just before; use method='bracketing'")
             first = group[np.argmin(omega[group])]
             shape = model.form.shapes @ function.exact(float(omega[first]))[2]
             return Border(float(c[at]), np.sort(omega[group]), shape / np.linalg.norm(shape), growth)
         at = int(group[-1]) + 1
+    _check_damping(model, band)
     return Border(-np.inf, np.zeros(0), np.zeros(model.pencil.size, dtype=complex))
+
+
+def _check_damping(model: Model, band: Band) -> None:
+    """Where a heavy dashpot has drowned the damping of a mode that feels the contact, nothing can be said of its border."""
+    values, q = model.spectrum(0.0, band)
+    lost, noise = model.lost(q), EPS * np.einsum("ij,ij->j", np.abs(q), np.abs(model.form.C) @ np.abs(q))
+    drowned = np.flatnonzero(model.felt(q) & (noise > MARGIN * np.abs(lost)) & ~model.undamped(values, q))
+    if model.symmetric and len(drowned):
+        raise NotConvergedError(f"the damping of the mode at ω = {values[drowned[0]].imag:.6g} is lost in the rounding of a "
+                                "dashpot that is so much heavier: hold the DOF of that dashpot, or leave it out")
 
 
 def _verify(model: Model, c: float, omega: float, band: Band) -> tuple[float, float]:
@@ -181,8 +219,6 @@ def _bracketed(model: Model, band: Band) -> Border:
 
 def _foretold(model: Model, c: float, band: Band) -> float:
     """The nearest c below at which, by first order, a pair in the band crosses; -inf if none is on its way."""
-    import scipy.linalg as la
-
     n, r = len(model.form.omega), model.form.rigid
     values, left, right = la.eig(model.form.state(model.form.C + c * model.contact), left=True, right=True)
     keep = (values.imag > 0) & (values.imag >= band[0]) & (values.imag <= band[1])

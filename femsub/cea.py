@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from femsub.eigen import check_band
-from femsub.errors import FemsubWarning, InputError, InputTypeError
+from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModesError
 from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
 from femsub.pencil import EPS, Array, Pencil, whole_number
@@ -37,6 +37,10 @@ class ComplexModes:
         condition number, y from the left vectors (Tisseur 2000, Th. 5), taken entry by entry, which is free of the
         units of each DOF. Next to another eigenvalue, with which rounding may make it coalesce, the gap is added;
         infinite where the eigenvalue is defective.
+    condition : ndarray, shape (k,)
+        κ = (|λ|²‖M‖ + |λ|‖D‖ + ‖K‖) ‖x‖‖y‖ / (|λ| |yᴴP'(λ)x|): a relative perturbation ε of the matrices moves λ by up to
+        κ ε |λ| (Tisseur 2000, Th. 5). In the units of the model as it stands, unlike `error_bar`; infinite at 0 and where
+        the eigenvalue is defective.
     rigid : ndarray of bool, shape (k,)
         Eigenvalues at 0 from rigid-body modes: neither unstable nor Hopf points.
     above_cutoff : ndarray of bool, shape (k,)
@@ -45,7 +49,10 @@ class ComplexModes:
         The rectangle that was searched, when a band was asked.
     certified : bool
         Whether an independent argument says that none is missing: all eigenvalues were computed, or the winding
-        number of det P around the rectangle agrees with their number.
+        number of det P around the rectangle, or the count in a disc (see `counted`), agrees with their number.
+    counted : (radius, number) or None
+        An independent count, see `condensed.count`: so many eigenvalues lie in |λ| < radius, conjugates included, and all
+        have been found. The disc holds the rectangle searched, and its unstable part.
     """
 
     eigenvalues: Array
@@ -56,6 +63,8 @@ class ComplexModes:
     above_cutoff: Array
     searched: tuple[float, float, float, float] | None = None
     certified: bool = False
+    counted: tuple[float, int] | None = None
+    condition: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def stable(self) -> tuple[bool | None, ...]:
@@ -129,8 +138,10 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     certify : bool, optional
-        Count the eigenvalues in the band independently, by the winding number of det P (some fifty complex
-        factorisations). By default up to 2,000 DOF. LAPACK's results are complete without.
+        Count the eigenvalues independently. By default in a band. Where D is proportional except for at most 40 columns
+        (belts, dashpots), in the disc around 0 that holds the band or the `count` eigenvalues: one factorisation of
+        K - R²M, which a band needs anyway, and some solves (`condensed`). Else, for a band, by the winding number of
+        det P, some fifty complex factorisations, by default up to 2,000 DOF. LAPACK's results are complete without.
 
     Raises
     ------
@@ -164,15 +175,16 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         from femsub.qep import solve
 
         values, X, Y = solve(pencil.dense())
-        certified = True
+        _check_complete(pencil, values)
+        certified, proof = True, None
     else:
         from femsub.pep import solve_band, solve_count
 
         if box is None:
-            values, X, Y = solve_count(pencil, count or 0)
-            certified = False
+            values, X, Y, proof = solve_count(pencil, count or 0, bool(certify))
+            certified = proof is not None
         else:
-            values, X, Y, certified = solve_band(pencil, box, pencil.size <= QUADRATIC if certify is None else certify)
+            values, X, Y, certified, proof = solve_band(pencil, box, certify)
     if box is not None:
         keep = inside(values, box)
         order = np.flatnonzero(keep)[np.argsort(values[keep].imag, kind="stable")]
@@ -186,7 +198,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
                       f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",
                       FemsubWarning, stacklevel=2)
     beyond = result.frequencies > cutoff * (1 + 1e-9)
-    return replace(result, above_cutoff=beyond, searched=box, certified=certified)
+    counted = None if proof is None else (proof.radius, proof.number)
+    return replace(result, above_cutoff=beyond, searched=box, certified=certified, counted=counted)
 
 
 def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexModes:
@@ -197,12 +210,14 @@ def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexMo
     slope = (pencil.M @ X) * (2 * values) + pencil.D @ X  # P'(λ)x
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
     spread = np.einsum("ij,ij->j", np.abs(Y), doubt)
+    length = np.linalg.norm(Y, axis=0)
     for group in _clusters(values):
         # In a group of equal eigenvalues any combination of vectors is as good: take the dual left ones.
         gram = Y[:, group].conj().T @ slope[:, group]
         if np.linalg.cond(gram) < 1 / np.sqrt(EPS):
             dual = Y[:, group] @ np.linalg.inv(gram).conj().T
             spread[group] = np.einsum("ij,ij->j", np.abs(dual), doubt[:, group])
+            length[group] = np.linalg.norm(dual, axis=0)
             sensitivity[group] = 1.0
         else:
             sensitivity[group] = 0.0
@@ -213,7 +228,11 @@ def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexMo
     rigid = values == 0
     bar[rigid] = 0.0
     none = np.zeros(len(values), dtype=bool)
-    return ComplexModes(values, X, pencil.backward_error(values, X, residual), bar, rigid, none)
+    size = np.abs(values)
+    scale = size**2 * pencil.norms[0] + size * pencil.norms[1] + pencil.norms[2]
+    with np.errstate(divide="ignore"):
+        condition = np.where(sensitivity * size > 0, scale * np.linalg.norm(X, axis=0) * length / (sensitivity * size), np.inf)
+    return ComplexModes(values, X, pencil.backward_error(values, X, residual), bar, rigid, none, condition=condition)
 
 
 def inside(values: Array, box: tuple[float, float, float, float]) -> Array:
@@ -233,6 +252,18 @@ def _rectangle(band: Any, re: Any) -> tuple[float, float, float, float]:
     if not (np.isfinite(a) and np.isfinite(b) and a < b):
         raise InputError(f"re must satisfy a < b, both finite, but is ({a!r}, {b!r})")
     return a, b, lo, hi
+
+
+def _check_complete(pencil: Pencil, values: Array) -> None:
+    """2n eigenvalues; fewer only if M is singular, so that some are infinite."""
+    if len(values) == 2 * pencil.size:
+        return
+    M = pencil.M.toarray() if pencil.is_sparse else pencil.M
+    size = np.sqrt(np.abs(M.diagonal()))
+    if (size > 0).all() and len(values) < 2 * pencil.size and np.linalg.cond(M / np.outer(size, size)) > 1e12:
+        return
+    if (size > 0).all() or len(values) > 2 * pencil.size:
+        raise MissedModesError(f"{len(values)} eigenvalues were found, but M is regular, so that there are {2 * pencil.size}")
 
 
 def _check_count(count: Any, size: int) -> int:

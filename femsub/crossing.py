@@ -45,11 +45,32 @@ class PortFunction:
         result = np.empty(len(omega), dtype=complex)
         for start in range(0, len(omega), 512):
             part = omega[start:start + 512]
-            result[start:start + 512] = (self.residues / (1j * part[:, None] - self.poles)).sum(axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):  # a point may fall onto an undamped pole
+                result[start:start + 512] = (self.residues / (1j * part[:, None] - self.poles)).sum(axis=1)
         return result
 
     def exact(self, omega: float) -> tuple[complex, complex, Array]:
         """G(ω), dG/dω and the modal shape q with P(iω)q = w."""
+        s = 1j * omega
+        P = self._pencil(omega)
+        factor = la.lu_factor(P, check_finite=False)
+        q = la.lu_solve(factor, self.w, check_finite=False)
+        y = la.lu_solve(factor, self.w, trans=1, check_finite=False)
+        h = self.w @ q
+        slope = h - s * (y @ (2 * s * q + self.form.C @ q))
+        return s * h, 1j * slope, q
+
+    def rounding(self, omega: float) -> float:
+        """How far c = -1/G(ω) moves, relatively, if each entry of C does by one rounding: EPS ω |y|ᵀ|C||q| / |h|.
+
+        Those of the stiffness move ω, and c by less.
+        """
+        factor = la.lu_factor(self._pencil(omega), check_finite=False)
+        q, y = (la.lu_solve(factor, self.w, trans=trans, check_finite=False) for trans in (0, 1))
+        return float(EPS * omega * np.abs(y) @ (np.abs(self.form.C) @ np.abs(q)) / np.abs(self.w @ q))
+
+    def _pencil(self, omega: float) -> Array:
+        """P(iω) in modal coordinates."""
         form, s = self.form, 1j * omega
         stiffness = np.diag(form.sign * form.omega**2 * (np.arange(len(form.omega)) >= form.rigid)) \
             if form.H is None else form.H.astype(complex)
@@ -58,20 +79,14 @@ class PortFunction:
         if form.H is None:
             gap = (form.omega - omega) * (form.omega + omega)
             np.fill_diagonal(P, np.where((form.sign > 0) & (np.arange(len(gap)) >= form.rigid), gap, P.diagonal()))
-        P = P + s * form.C
-        factor = la.lu_factor(P, check_finite=False)
-        q = la.lu_solve(factor, self.w, check_finite=False)
-        y = la.lu_solve(factor, self.w, trans=1, check_finite=False)
-        h = self.w @ q
-        slope = h - s * (y @ (2 * s * q + form.C @ q))
-        return s * h, 1j * slope, q
+        return P + s * form.C
 
     def grid(self, lo: float, hi: float) -> Array:
         """Frequencies between which Im G changes sign at most once, as far as the poles tell."""
         poles = self.poles[self.poles.imag >= 0]
         centre = np.append(poles.imag, np.abs(poles[poles.imag == 0].real))
         width = np.append(np.abs(poles.real), np.abs(poles[poles.imag == 0].real))
-        top = float(np.abs(self.poles).max(initial=1.0))
+        top = float(np.abs(self.poles).max(initial=0.0)) or 1.0
         width = np.maximum(width, 1e-14 * np.maximum(centre, 1e-6 * top))
         steps = 4.0 ** np.arange(-1, 28)
         offsets = np.concatenate([-steps[::-1], [0.0], steps])

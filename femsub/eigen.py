@@ -6,15 +6,17 @@ modes are wanted. Their number is confirmed by the inertia of K - ω²M, and wha
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import warnings
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.dense_modes import dense_modes, negative_eigenvalues, orthonormalise
+from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, factorise
-from femsub.pencil import Array, Difference, Matrix, whole_number
+from femsub.pencil import EPS, Array, Difference, Matrix, whole_number
 from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
 
@@ -25,6 +27,7 @@ TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
 BLOCK_TOLERANCE = 1e-9  # asked of block Lanczos, which ends with a step of inverse iteration
 HEAVY = 100  # nonzeros of the factor per row from which blocks of solves pay
+LOST = 0.1  # of ω² that rounding in K may take before it is warned of
 DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
 
 
@@ -47,6 +50,9 @@ class NormalModes:
         Whether that count was made yet, or is what was found, see `confirm`.
     factorisations : int
         Made for the modes (the one for the count comes on top).
+    rounding : ndarray, shape (k,)
+        eps |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: how far ω² moves, relatively, if each entry of K and M moves by one rounding
+        (0 for rigid-body modes).
     """
 
     eigenvalues: Array
@@ -56,6 +62,7 @@ class NormalModes:
     counted: tuple[float, int]
     factorisations: int = 1
     confirmed: bool = True
+    rounding: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def frequencies(self) -> Array:
@@ -108,16 +115,22 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     rigid = handle.rigid.shape[1]
     if rigid:
         held = M @ handle.rigid
-        K = K + 0.25 * min(handle.lowest, float(np.trace(K))) * (held @ held.T)
+        lowest = handle.lowest if np.isfinite(handle.lowest) else float(np.trace(K) / np.trace(M))
+        K = K + 0.25 * lowest * (held @ held.T)
     massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
     lift = np.zeros((0, len(massive)))
     if len(bare):
         lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
         K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
-    values, moving = dense_modes((K + K.T) / 2, M)
+    K = (K + K.T) / 2
+    values, moving = dense_modes(K, M)
     count = len(values) - rigid if count is None else count
     if len(values) < rigid + count:
         raise InputError(f"{count} elastic modes were asked for, but there are {len(values) - rigid}")
+    if len(values):
+        # above all of them far above: the uppermost is the first to lose digits where M is nearly singular
+        limit, below = _limit(values, rigid + count) if rigid + count < len(values) else (2 * float(values[-1]), len(values))
+        _check_count(negative_eigenvalues(K - limit * M), below, limit)
     keep = slice(rigid, rigid + count)
     shapes = np.zeros((handle.K.shape[0], count))
     shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
@@ -162,11 +175,14 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
             return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted))
         if missed < 0 or attempt == 3:
             break
+        if missed > 0.3 * finite:  # a cluster for LAPACK, in which Krylov-Schur would run out of vectors
+            if handle.K.shape[0] > DENSE:
+                break
+            return _dense(handle, count)
         extra = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, missed, tol=TOLERANCE, seed=17 + attempt,
                                 known=np.hstack([handle.rigid, shapes]))
         values, shapes = np.append(values, extra[0]), np.hstack([shapes, extra[1]])
-    raise MissedModesError(f"{below + rigid} modes were found below ω = {np.sqrt(limit):.6g}, but the inertia of "
-                           f"K - ω²M counts {counted}; ask for a few modes more or fewer, to leave the cluster")
+    raise _missed(counted, below + rigid, limit)
 
 
 @phase("certificate")
@@ -182,20 +198,34 @@ def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
         return modes
     limit, expected = modes.counted
     counted = factorise(Difference(handle.K, handle.M, limit**2), "symmetric").negative_pivots
-    if counted != expected:
-        raise MissedModesError(f"{expected} modes were found below ω = {limit:.6g}, but the inertia of K - ω²M counts {counted}; "
-                               "ask for a few modes more or fewer, to leave the cluster")
+    _check_count(counted, expected, limit**2)
     return replace(modes, confirmed=True)
+
+
+def _check_count(counted: int, found: int, limit: float) -> None:
+    if counted != found:
+        raise _missed(counted, found, limit)
+
+
+def _missed(counted: int, found: int, limit: float) -> MissedModesError:
+    return MissedModesError(f"{found} modes were found below ω = {np.sqrt(limit):.6g}, but the inertia of K - ω²M counts "
+                            f"{counted}; ask for a few modes more or fewer, to leave the cluster")
 
 
 def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], confirmed: bool = True) -> NormalModes:
     values = np.concatenate([np.zeros(handle.rigid.shape[1]), values])
     shapes = np.hstack([handle.rigid, shapes])
-    residual = relative_residual(handle.K, handle.M, values, shapes)
-    if residual.max(initial=0.0) > ACCEPTED:
+    orthonormalise(shapes, handle.M)
+    residual, rounding = _certificates(handle.K, handle.M, values, shapes)
+    if not residual.max(initial=0.0) <= ACCEPTED:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, and "
                                 f"{ACCEPTED:g} is the most that is accepted; check the scaling of K and M")
-    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed)
+    if rounding.max(initial=0.0) > LOST:
+        warnings.warn(f"rounding in the entries of K may move ω² of mode {int(rounding.argmax()) + 1} by {rounding.max():.0e} "
+                      "of itself: the forces that cancel in it are so much larger than those that are left; let stiffness "
+                      "differ less within the part, take fewer or larger elements, or support it less softly",
+                      ConditionWarning, stacklevel=5)
+    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed, rounding)
 
 
 def _is_diagonal(M: Matrix) -> bool:
@@ -229,8 +259,8 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     lo, hi = check_band(band)
     modes = modes_below(model.K, model.M, hi)
     inside = modes.frequencies >= lo
-    return NormalModes(modes.eigenvalues[inside], modes.shapes[:, inside], int(inside[:modes.rigid].sum()),
-                       modes.residual[inside], modes.counted, modes.factorisations)
+    return replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
+                   rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside])
 
 
 def modes_below(K: Matrix, M: Matrix, limit: float) -> NormalModes:
@@ -241,7 +271,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float) -> NormalModes:
     if len(modes.eigenvalues) and modes.frequencies[-1] > limit * (1 + 1e-7):
         raise MissedModesError(f"{below} modes were counted below ω = {limit:.6g}, but the last of as many that were found "
                                f"is at {modes.frequencies[-1]:.6g}: a mode was missed, or lies on the edge of the band")
-    return NormalModes(modes.eigenvalues, modes.shapes, modes.rigid, modes.residual, (limit, below), modes.factorisations)
+    return replace(modes, counted=(limit, below))
 
 
 def _inertia(K: Matrix, M: Matrix, limit: float) -> int:
@@ -267,43 +297,17 @@ def check_band(band: object) -> tuple[float, float]:
 
 def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Array:
     """‖Kφ - λMφ‖ / ‖(|K| + |λ||M|)|φ|‖ column by column, shape (k,)."""
+    return _certificates(K, M, values, shapes)[0]
+
+
+def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[Array, Array]:
+    """The relative residuals and `NormalModes.rounding`, (k,) each."""
     residual = np.linalg.norm(K @ shapes - (M @ shapes) * values, axis=0)
-    scale = np.linalg.norm(abs(K) @ abs(shapes) + (abs(M) @ abs(shapes)) * abs(values), axis=0)
-    return np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0)
-
-
-def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
-    """All finite λ (k,) and φ (n, k) of dense Kφ = λMφ, K definite, ΦᵀMΦ = I.
-
-    The lower half (on a logarithmic scale) comes from Mφ = θKφ, the upper from Kφ = λMφ, since each loses digits towards
-    its far end.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        K is not positive definite.
-    """
-    import scipy.linalg as la
-
-    theta, x = la.eigh(M, K, check_finite=False)
-    theta, x = theta[::-1], x[:, ::-1]
-    low = int(np.count_nonzero(theta > 1e-15 * theta[0]))
-    try:
-        values, upper = la.eigh(K, M, check_finite=False)
-    except la.LinAlgError:  # M is only semidefinite
-        values, upper = np.zeros(low), np.zeros((len(K), low))
-    else:
-        low = int(np.count_nonzero(theta > np.sqrt(theta[0] / values[-1])))
-    values[:low], upper[:, :low] = 1 / theta[:low], x[:, :low] / np.sqrt(theta[:low])
-    return values, _orthonormal(upper, M)
-
-
-def _orthonormal(shapes: Array, M: Matrix) -> Array:
-    """One step towards ΦᵀMΦ = I that changes each mode by those below it only: the least bit of a high mode would cost a
-    low one much energy.
-    """
-    gram = shapes.T @ (M @ shapes)
-    return shapes - shapes @ (np.triu(gram, 1) + np.diag((gram.diagonal() - 1) / 2))
+    size = abs(shapes)
+    doubt = abs(K) @ size + (abs(M) @ size) * abs(values)
+    scale, weight = np.linalg.norm(doubt, axis=0), EPS * np.einsum("ij,ij->j", size, doubt)
+    return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
+            np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
 
 
 def _limit(values: Array, count: int) -> tuple[float, int]:

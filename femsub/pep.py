@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from femsub import qep
+from femsub import condensed, qep, splitting
 from femsub._slepc import Factor, quadratic_modes
 from femsub.counting import missed_eigenvalues
 from femsub.eigen import NormalModes, lowest_modes, modes_below
@@ -15,7 +15,9 @@ from femsub.shift_invert import ShiftInvert
 
 MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
 TOLERANCES = (1e-14, 1e-12)  # tried in turn; TOAR's own estimate is optimistic, at 1e-12 by five digits where K is singular
+KEPT = 200_000  # up to so many DOF a second factor may stay in memory for a count
 Box = tuple[float, float, float, float]
+Proof = condensed.Count | None
 
 
 class Shifted:
@@ -25,6 +27,7 @@ class Shifted:
         self.pencil = pencil
         self.shift = 0.0
         self.rigid: Array = np.zeros((pencil.size, 0))
+        self.handle: ShiftInvert | None = None  # of a floating model: K - σM, positive definite
         symmetric = pencil.symmetric[0] and pencil.symmetric[2]
         try:
             self.factor = self._factor(0.0, symmetric)
@@ -60,6 +63,8 @@ class Shifted:
         if symmetric:
             handle = ShiftInvert(self.pencil.K, self.pencil.M)
             self.rigid = handle.rigid
+            if self.pencil.size <= KEPT:
+                self.handle = handle
             return 0.5 * float(lowest_modes(handle, 1).frequencies[-1])
         stiffness, mass = np.abs(self.pencil.K.diagonal()), self.pencil.M.diagonal()
         loaded = (stiffness > 0) & (mass > 0)
@@ -126,53 +131,126 @@ class Shifted:
         return Y
 
 
-def solve_count(pencil: Pencil, count: int) -> tuple[Array, Array, Array]:
-    """λ, X, Y of at least `count` eigenvalues nearest to 0, conjugates included."""
+def solve_count(pencil: Pencil, count: int, certify: bool) -> tuple[Array, Array, Array, Proof]:
+    """λ, X, Y of at least `count` eigenvalues nearest to 0, conjugates included, and the proof that none is nearer."""
     problem = Shifted(pencil)
-    # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for.
-    ask = count if problem.shift == 0 else count + 12
+    parts = splitting.split(pencil) if certify else None
+    # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for. A count needs a gap
+    # behind the last, and hence the next.
+    ask = count + (0 if problem.shift == 0 else 12) + (0 if parts is None else 2)
+    fetched = 0
     while True:
         values, X = problem.nearest(ask)
         reach = np.abs(values - problem.shift).max() - problem.shift
         total = len(values) + np.count_nonzero(values.imag)
         sure = np.abs(values) <= reach * (1 + 1e-9)
-        if np.count_nonzero(sure) + np.count_nonzero(values[sure].imag) >= count or total >= 2 * pencil.size:
+        if np.count_nonzero(sure) + np.count_nonzero(values[sure].imag) < count and total < 2 * pencil.size:
+            ask = min(2 * ask, 2 * pencil.size)
+            continue
+        near, Xn = values[sure], X[:, sure]
+        order = np.argsort(np.abs(near), kind="stable")
+        listed = np.cumsum(1 + (near[order].imag != 0))
+        order = order[:int(np.searchsorted(listed, count)) + 1]
+        if parts is None:
+            proof = None
             break
-        ask = min(2 * ask, 2 * pencil.size)
-    values, X = values[sure], X[:, sure]
-    order = np.argsort(np.abs(values), kind="stable")
-    listed = np.cumsum(1 + (values[order].imag != 0))
-    order = order[:int(np.searchsorted(listed, count)) + 1]
-    values, X = values[order], X[:, order]
-    return _with_conjugates(values, X, problem.left(values, X, ask))
+        proof = _confirmed(problem, parts, _edge(parts, _gap_behind(np.abs(near), len(order))), values, X)
+        if proof is None or (missed := proof.number - _number(values, proof.radius)) == 0:
+            break
+        ask, fetched = _fetch(ask, missed, fetched, proof)
+    values, X = near[order], Xn[:, order]
+    return *_with_conjugates(values, X, problem.left(values, X, ask)), proof
 
 
-def solve_band(pencil: Pencil, box: Box, certify: bool) -> tuple[Array, Array, Array, bool]:
-    """λ, X, Y of all eigenvalues in a rectangle with Im λ ≥ 0, and whether the winding number confirmed the number."""
+def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> tuple[Array, Array, Array, bool, Proof]:
+    """λ, X, Y of all eigenvalues in a rectangle with Im λ ≥ 0; whether their number was confirmed, and by a disc around it."""
     problem = Shifted(pencil)
     a, b, lo, hi = box
     radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
-    reference = _reference(pencil, radius, certify)
-    ask = 2 * (10 if reference is None else reference[1].counted[1]) + 12
-    most = min(pencil.size, MOST)
+    parts = None if certify is False else splitting.split(pencil)
+    at = None if parts is None else _edge(parts, radius)
+    winding = at is None and (pencil.size <= QUADRATIC if certify is None else certify)
+    reference = _reference(pencil, radius, winding) if at is None else None
+    ask = 2 * (at.below if at else reference[1].counted[1] if reference else 10) + 12
+    most, fetched, proof = min(pencil.size, MOST), 0, None
     while True:
         if ask > most:
             if pencil.size <= QUADRATIC:  # more than half of all: those of LAPACK are complete
-                return (*qep.solve(pencil.dense()), True)
+                return (*qep.solve(pencil.dense()), True, None)
             raise InputError(
                 f"the disc around 0 that holds the band has about {ask} eigenvalues, and with a real shift all of them would "
                 f"have to be found ({MOST} at most); lower the band, narrow re=(a, b), or reduce the model")
         values, X = problem.nearest(ask)
-        if np.abs(values - problem.shift).max() >= radius or len(values) + np.count_nonzero(values.imag) >= 2 * pencil.size:
+        if np.abs(values - problem.shift).max() < radius and len(values) + np.count_nonzero(values.imag) < 2 * pencil.size:
+            ask = min(2 * ask, most) if ask < most else most + 1
+            continue
+        proof = None if parts is None or at is None else _confirmed(problem, parts, at, values, X)
+        if proof is None or (missed := proof.number - _number(values, proof.radius)) == 0:
             break
-        ask = min(2 * ask, most) if ask < most else most + 1
-    certified = certify and reference is not None
-    if certify and reference is not None:
+        ask, fetched = _fetch(ask, missed, fetched, proof)
+    if proof is None and not winding and (pencil.size <= QUADRATIC if certify is None else certify):
+        winding, reference = True, _reference(pencil, radius, True)
+    if winding and reference is not None:
         disc = values[np.abs(values) <= radius]
         _certify(pencil, _clear_of(values, box), disc, reference[0], reference[1].frequencies)
     keep = (values.real >= a) & (values.real <= b) & (values.imag >= lo) & (values.imag <= hi)
     values, X = values[keep], X[:, keep]
-    return values, X, problem.left(values, X, ask), certified
+    return values, X, problem.left(values, X, ask), proof is not None or (winding and reference is not None), proof
+
+
+def _edge(parts: splitting.Split, radius: float) -> condensed.Edge | None:
+    """The undamped count at a radius, or up to 0.1 % beyond it where a mode is just there; None where K0 - R²M cannot be
+    factorised.
+    """
+    for beyond in (0.0, 1e-5, 1e-3):
+        try:
+            return condensed.edge(parts, radius * (1 + beyond))
+        except SingularMatrixError:
+            continue
+    return None
+
+
+def _confirmed(problem: Shifted, parts: splitting.Split, at: condensed.Edge | None, values: Array, X: Array) -> Proof:
+    """The number of eigenvalues in the disc, if it can be proved."""
+    if at is None:
+        return None
+    inside = X[:, np.abs(values) <= at.radius]
+    if problem.pencil.symmetric[2]:  # K0 is K, and one of the factors at hand may do
+        found = None
+        if problem.shift == 0 and problem.factor.kind == "definite":
+            found = condensed.count(parts, at, problem.factor.solve, 0.0, inside)
+        elif problem.handle is not None and problem.handle.factor.kind == "definite":
+            found = condensed.count(parts, at, problem.handle.factor.solve, -problem.handle.sigma, inside)
+        if found is not None and found.proved:
+            return found
+    try:
+        found = condensed.count(parts, at, *condensed.definite(parts, at.radius), inside)
+    except SingularMatrixError:
+        return None
+    return found if found is not None and found.proved else None
+
+
+def _number(values: Array, radius: float) -> int:
+    inside = values[np.abs(values) < radius]
+    return len(inside) + int(np.count_nonzero(inside.imag))
+
+
+def _fetch(ask: int, missed: int, fetched: int, proof: condensed.Count) -> tuple[int, int]:
+    """How many to ask for next where some are missing, and how often that was done."""
+    if missed < 0 or fetched == 2:
+        raise MissedModesError(f"an independent count says that {proof.number} eigenvalues lie in |λ| < {proof.radius:.6g}, but "
+                               f"{proof.number - missed} were found; ask for more or fewer, or for another band")
+    return ask + 2 * missed + 10, fetched + 1
+
+
+def _gap_behind(size: Array, count: int) -> float:
+    """A radius with at least the `count` nearest inside: in the widest gap among those that follow, or just behind all."""
+    tail = np.sort(size)[count - 1:]
+    if len(tail) == 1 or tail[-1] == 0:
+        return float(tail[-1] * (1 + 1e-6))
+    ratios = tail[1:] / np.maximum(tail[:-1], 1e-3 * tail[-1])
+    at = int(np.argmax(ratios))
+    return float(np.sqrt(max(tail[at], 1e-3 * tail[-1]) * tail[at + 1]))
 
 
 def _reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Matrix, NormalModes] | None:

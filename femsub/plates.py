@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,13 +13,14 @@ from femsub.assembly import Material
 from femsub.bending import CORNERS, OPPOSITE, bfs_matrices, morley_matrices
 from femsub.dofs import DofMap
 from femsub.elements import skfem
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import ConditionWarning, InputError, InputTypeError, unknown_name
 from femsub.meshes import Mesh
 from femsub.partition import component, gathered
-from femsub.pencil import Array, Matrix, finite_number
+from femsub.pencil import EPS, Array, Matrix, finite_number
 from femsub.substructure import Substructure
 
 SUPPORTS = ("free", "simply supported", "clamped")
+FINEST = 1e14  # (length / shortest side)⁴ from which `plate` warns
 SKEW = 1e-6  # so much of its side may a corner lie off the rectangle
 
 
@@ -55,6 +57,11 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     rayleigh : (alpha, beta), optional
         D = αM + βK; every other damping by `damped`.
 
+    Warns
+    -----
+    ConditionWarning
+        A cell is so narrow that rounding shows in the lowest frequencies.
+
     Raises
     ------
     InputError, InputTypeError
@@ -80,6 +87,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
             raise InputTypeError(f"{key} must map names, e.g. {{'edge': ...}}, not {type(named).__name__}")
     if isinstance(interface, str):
         raise InputTypeError(f"interface must be a sequence of set names, e.g. ({interface!r},), not {interface!r}")
+    layout.check_fineness(name)
     K, M = layout.gathered(steel.nu)
     held = [layout.held(mesh.nodes(where), kind) for where, kind in (supports or {}).items()]
     return component(
@@ -118,6 +126,16 @@ class _Layout:
     @property
     def size(self) -> int:
         return len(self.plane) + self.grid.facets.shape[1] if self.triangles else 4 * len(self.plane)
+
+    def check_fineness(self, name: str) -> None:
+        """Warns where the stiffness of the smallest cells drowns that of the whole plate."""
+        ends = self.plane[self.mesh.cells]
+        edges = np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)
+        fineness = (np.ptp(self.plane, axis=0).max() / edges.min()) ** 4
+        if fineness > FINEST:
+            warnings.warn(f"{name!r} has cells with a side of {edges.min():.1e}: its stiffness is conditioned as the fourth "
+                          f"power of its length over that, and rounding may take {EPS * fineness:.0e} of the lowest "
+                          "frequencies; take larger cells", ConditionWarning, stacklevel=3)
 
     def gathered(self, nu: float) -> tuple[Matrix, Matrix]:
         """K and M for unit bending stiffness and unit mass per area."""

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
-from femsub.eigen import dense_modes
+from femsub.dense_modes import dense_modes
 from femsub.errors import InputError
 from femsub.pencil import EPS, Array, Pencil, is_symmetric
-from femsub.shift_invert import RIGID
+from femsub.shift_invert import ENERGY, RIGID
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,11 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
     low = np.flatnonzero(np.abs(values) <= 1e-8 * top)
     if len(low):
         cleaned = _cleaned(K, M, shapes[:, low], top)
-        scale = np.linalg.norm(abs(K) @ abs(cleaned), axis=0)
-        rigid[low] = np.linalg.norm(K @ cleaned, axis=0) <= 10 * RIGID * np.where(scale > 0, scale, 1.0)
+        scale, size = abs(K) @ abs(cleaned), np.abs(cleaned)
+        force = np.linalg.norm(scale, axis=0)
+        rigid[low] = np.linalg.norm(K @ cleaned, axis=0) <= 10 * RIGID * np.where(force > 0, force, 1.0)
+        # and no mode of a soft mount, see `costs_nothing`
+        rigid[low] &= np.einsum("ij,ij->j", cleaned, K @ cleaned) <= ENERGY * np.einsum("ij,ij->j", size, scale)
         if rigid.any():
             found = cleaned[:, rigid[low]]
             shapes[:, rigid] = found @ np.linalg.inv(np.linalg.cholesky(found.T @ M @ found)).T

@@ -15,7 +15,8 @@ from femsub.graph import smooth_shape
 from femsub.pencil import EPS, Array, Difference, Matrix
 from femsub.phases import phase
 
-RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units
+RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units,
+ENERGY = 4e-15  # unless φᵀKφ is more than this share of |φ|ᵀ|K||φ|: forces of a soft mount add up, those of rounding do not
 GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
 LARGE = 10_000  # DOF from which the first shift is worth a look at the graph
 COLUMNS = 64  # right-hand sides of an elastic solve held at a time, with four temporaries each
@@ -39,7 +40,13 @@ class ShiftInvert:
                     return
         self._float()
         if not self.floating:
-            self._factorise(0.0)  # held after all, by little
+            try:
+                self._factorise(0.0)  # held after all, by little
+            except SingularMatrixError as error:
+                raise SingularMatrixError(
+                    "K is singular to working precision, but no motion stands out as rigid. Elements too thin or too fine for "
+                    "so slender a part, or a soft piece that moves at hardly more cost than rounding in a stiff one: take "
+                    f"larger elements, hold each piece, or make pieces so different parts of their own ({error})") from None
 
     @phase("factorisation")
     def _factorise(self, sigma: float) -> None:
@@ -56,7 +63,7 @@ class ShiftInvert:
         x = np.random.default_rng(2).standard_normal((self.K.shape[0], 2))
         for _ in range(3):
             x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
-        return bool((rounding_ratio(self.K, x) < RIGID).any())
+        return bool(costs_nothing(self.K, x).any())
 
     def _float(self) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
@@ -115,7 +122,7 @@ class ShiftInvert:
             order = np.argsort(np.abs(values), kind="stable")
             values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
             cleaned = self._without_dust(cleaned)
-            elastic = rounding_ratio(self.K, cleaned) >= RIGID
+            elastic = ~costs_nothing(self.K, cleaned)
             count = int(np.argmax(elastic)) if elastic.any() else len(values)
             while 0 < count < len(values) and abs(values[count - 1]) > GAP * abs(values[count]):
                 count -= 1
@@ -201,13 +208,20 @@ def annihilates_a_translation(K: Matrix) -> bool:
     """Whether a uniform motion of every s-th DOF costs no energy: a cheap sign of a floating component."""
     n = K.shape[0]
     probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 4, 6) if n % stride == 0]
-    return bool((rounding_ratio(K, np.stack(probes, axis=1)) < RIGID).any())
+    return bool(costs_nothing(K, np.stack(probes, axis=1)).any())
 
 
 def _units(K: Matrix) -> Array:
     """1/sqrt(k_ii), shape (n,): forces, moments and whatever else, times these, are alike in size and in units."""
     diagonal = K.diagonal()
     return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
+
+
+def costs_nothing(K: Matrix, x: Array) -> Array:
+    """Which columns K annihilates but for rounding, shape (k,): rigid-body motion, and no mode of a soft mount."""
+    size = np.abs(x)
+    energy, scale = np.einsum("ij,ij->j", x, K @ x), np.einsum("ij,ij->j", size, abs(K) @ size)
+    return (rounding_ratio(K, x) < RIGID) & (energy <= ENERGY * scale)
 
 
 def rounding_ratio(K: Matrix, x: Array) -> Array:

@@ -28,6 +28,9 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
 
     K and M are exact where the cells are affine; see `stiffness_and_mass`. The DOF of supports are left out.
 
+    Bricks of 8 nodes lock in bending: of a part of thickness t with elements of length a, ω comes out about sqrt(1 + a²/2t²)
+    times too high (88 times for a/t = 125), however many layers there are. Those of 20 and 27 nodes do not.
+
     Parameters
     ----------
     mesh : Mesh

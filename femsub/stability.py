@@ -53,7 +53,8 @@ class CriticalSlope:
     Attributes
     ----------
     slope : float
-        c / force; 0.0 for an undamped mode that feels the belt, -inf where stability is never lost.
+        c / force; 0.0 for an undamped mode that feels the belt (or one whose damping ratio is rounding: a slope that
+        turned no more than 1e-13 of it), -inf where stability is never lost.
     omega : float
         Frequency of the (lowest) pair on the axis, NaN for -inf.
     shape : ndarray of complex, shape (n,) or (r,)
@@ -170,7 +171,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     InputError
         An unknown port or method, a force that is not positive, a missing band.
     NotConvergedError
-        A crossing found as a root could not be verified on the pencil.
+        A crossing found as a root could not be verified on the pencil, or rounding may move it by more than 1e-3.
     """
     _check_model("critical_slope", model, force)
     if method not in ("auto", "scalar", "bracketing"):

@@ -55,10 +55,9 @@ def scene(name: str, title: str, says: str, *figures: str, quick: str = "") -> S
 
 
 def script(name: str, title: str, says: str, *options: str, figures: tuple[str, ...] = (), quick: tuple[str, ...] = (),
-           step: str = "") -> Step:
-    run = (sys.executable, str(SCRIPTS / f"{name}.py"))
-    small = (*run, *quick, "--out", "{out}") if quick else ()
-    return Step(step or name, title, says, (*run, *options, "--out", "{out}"), small, figures)
+           step: str = "", writes: bool = True) -> Step:
+    run, out = (sys.executable, str(SCRIPTS / f"{name}.py")), ("--out", "{out}") if writes else ()
+    return Step(step or name, title, says, (*run, *options, *out), (*run, *quick, *out) if quick else (), figures)
 
 
 STEPS = (
@@ -71,14 +70,16 @@ STEPS = (
            "--defaults", "--repeats", "1", quick=("--quick", "--repeats", "1", "--parts", "bases")),
     script("bench", "Bases of a bulky solid", "Quadratic hexahedra, where factors are dense.", "--parts", "bases", "--component",
            "bulk", "--defaults", "--repeats", "1", step="bench-bulk"),
-    script("scaling", "Size", "Seconds, memory and error from 10 DOF on.", "--largest", "100000", "--repeats", "3",
+    script("scaling", "Size", "Seconds, memory and error from 10 DOF on.", "--largest", "100000", "--cores", "2", "--repeats", "1",
            figures=("scaling.png",)),
     script("extreme", "Stiff and extreme cases", "Each right within the bound that is stated for it, or refused with the reason.",
            figures=("extreme.png",)),
     script("effectivity", "Modes chosen to a tolerance", "The estimate against the true error over a gallery.",
            figures=("effectivity.png",)),
     script("certificates", "What certificates cost", "Seconds of the proof over seconds of the solution."),
-    script("integrators", "Integrators", "Error against run time of integrators, at n = 10, 100 and 1000."),
+    script("integrators", "Integrators", "Error against run time of integrators, at n = 10, 100 and 1000.", writes=False),
+    script("cycle_cost", "Cost of a limit cycle", "Harmonic balance of finite-element ROMs against that of the chain.",
+           "--repeats", "3", writes=False),
     script("attractors", "Attractors", "Where seeded starts end, full and reduced.", figures=("attractors.png",)),
 )
 
@@ -88,9 +89,8 @@ class Stopped(Exception):
 
 
 def run(step: Step, folder: Path, quick: bool) -> None:
-    """Runs a step and notes that it ended well; what it left before is taken away first."""
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    """Runs a step and notes that it ended well. What it left when it was stopped stays: some scripts go on from there."""
+    folder.mkdir(parents=True, exist_ok=True)
     command = [part.format(out=folder, tiny=SCRIPTS / "tiny-chain.toml") for part in (step.quick if quick else step.command)]
     report.progress(f"{step.name}: {shlex.join(command)}")
     start = time.perf_counter()
@@ -187,6 +187,8 @@ def main() -> int:
         if (folder / "done.json").exists() and not asked.fresh:
             print(f"{step.name}: done before")
             continue
+        if asked.fresh:
+            shutil.rmtree(folder, ignore_errors=True)
         try:
             run(step, folder, asked.quick)
         except Stopped as error:

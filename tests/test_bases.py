@@ -194,6 +194,9 @@ def test_refusals() -> None:
     for wrong in (-1, 2.5):
         with pytest.raises((ValueError, TypeError), match="modes must"):
             fs.CraigBampton(wrong)
+    for method in METHODS:
+        with pytest.raises(ValueError, match="modes=0 and no interface leave nothing to move"):
+            fs.reduce(fs.Substructure(fs.chain(5).M, fs.chain(5).K), method(0))
     rom = quiet(fs.chain(10), fs.CraigBampton(2))
     with pytest.raises(ValueError, match="q must have 3 rows"):
         rom.expand(np.ones(4))

@@ -152,3 +152,41 @@ def test_modes_of_a_reduced_model_have_residuals_too() -> None:
     modes = fs.normal_modes(rom, count=42)
     assert modes.residual.max() < 1e-12
     assert np.abs(modes.shapes.T @ (rom.M @ modes.shapes) - np.eye(42)).max() < 1e-9
+
+
+@pytest.mark.parametrize(("n", "spring"), [(12, 1e-12), (12, 1e-10), (300, 1e-9)])
+def test_a_soft_mount_is_not_taken_for_rigid_motion(n: int, spring: float) -> None:
+    modes = fs.normal_modes(fs.chain(n, springs=np.append(spring, np.ones(n - 1))), count=3)
+    assert modes.rigid == 0
+    assert modes.eigenvalues[0] == pytest.approx(spring / n, rel=10 * modes.rounding[0] + n * spring)
+    assert modes.eigenvalues[1] == pytest.approx(fs.normal_modes(fs.chain(n, fixed=False), count=1).eigenvalues[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("mass", [1e6, 1e12])
+def test_modes_beside_one_of_a_heavy_mass_stay_orthogonal(mass: float) -> None:
+    sub = fs.chain(200, masses=np.where(np.arange(200) == 100, mass, 1.0))
+    modes = fs.normal_modes(sub, count=55)  # the last solve blows up what is left of the first mode in others by 1e7 and more
+    assert modes.residual.max() < 1e-13
+    assert np.abs(modes.shapes.T @ (sub.M @ modes.shapes) - np.eye(55)).max() < 1e-12
+
+
+def test_a_cluster_larger_than_krylov_schur_can_hold_goes_to_lapack() -> None:
+    assert np.array_equal(fs.normal_modes(fs.Substructure(sp.eye_array(300), sp.eye_array(300)), count=5).eigenvalues, np.ones(5))
+
+
+@pytest.mark.parametrize(("mass", "stiffness"), [(1e-30, 1e30), (1e30, 1e-30)])
+def test_floating_dense_models_in_far_units(mass: float, stiffness: float) -> None:
+    plain = lattice(4, 5)
+    modes = fs.normal_modes(fs.Substructure(mass * plain.M, stiffness * plain.K), count=5)
+    exact = fs.normal_modes(plain, count=5).eigenvalues * (stiffness / mass)
+    assert modes.rigid == 3 and np.allclose(modes.eigenvalues[3:], exact[3:], rtol=1e-12)
+
+
+def test_digits_that_rounding_takes_are_told() -> None:
+    stiff = fs.chain(200, springs=np.where(np.arange(200) % 2, 1e-12, 1.0))
+    with pytest.warns(fs.ConditionWarning, match=r"may move ω² of mode 1 by 4e\+00"):
+        modes = fs.normal_modes(stiff, count=3)
+    assert modes.rounding[0] > 1 and fs.normal_modes(fs.chain(200), count=3).rounding.max() < 1e-10
+    with pytest.raises(fs.SingularMatrixError, match="no motion stands out as rigid"):
+        fs.normal_modes(fs.Substructure(*(sp.block_diag([getattr(fs.chain(60, fixed=False, springs=k), key) for k in (1.0, 1e12)])
+                                          for key in "MK")), count=3)

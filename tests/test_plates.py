@@ -201,3 +201,9 @@ SOLID = fs.Mesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]], "tetra")
 def test_plate_refuses(arguments: dict, words: str) -> None:
     with pytest.raises((ValueError, TypeError), match=words):
         fs.plate(**{"mesh": rectangle(3, 2, "quad"), **SI, **arguments})
+
+
+def test_cells_too_narrow_for_the_plate_are_told() -> None:
+    mesh = fs.rectangle((1.0, 2e-4), (2, 2))
+    with pytest.warns(fs.ConditionWarning, match="cells with a side of 1.0e-04"):
+        fs.plate(mesh, E=2.1e11, nu=0.3, rho=7850.0, thickness=1e-6)

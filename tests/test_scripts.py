@@ -87,3 +87,14 @@ def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns == kept
     page = (tmp_path / "docs" / "page.md").read_text()
     assert "Not run yet" not in page and "SLEPc, CHOLMOD" in page and "half a table" not in page
+
+
+def test_certificates_cost_less_than_what_they_certify(tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / "scripts" / "certificates.py"), "--models", "chain 10", "solid 3,000", "--repeats", "1",
+               "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"certificates.csv", "certificates.json"}
+    rows = {row["model"]: row for row in json.loads((tmp_path / "certificates.json").read_text())["rows"]}
+    assert all(row["certified"] and 0 < row["ratio"] < 1 for row in rows.values())
+    assert rows["chain 10"]["inertia"] == 0 < rows["solid 3,000"]["inertia"]

@@ -172,3 +172,13 @@ def test_more_bad_input() -> None:
     turned = fs.Mesh(mesh.points, mesh.cells[:, [4, 5, 6, 7, 0, 1, 2, 3]], "hexahedron")
     with pytest.raises(InputError, match=r"8 cells are inverted or have no volume, one of them at \(0.25, 0.25, 0.25\)"):
         fs.solid(turned, STEEL["SI"][0])
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_bricks_of_8_nodes_lock_as_the_docstring_says_and_those_of_20_do_not(layers: int) -> None:
+    thickness, count = 1e-2, 8
+    euler = 3.5160152685 * np.sqrt(2.1e11 / 7850.0 / 12) * thickness
+    for kind, factor in (("hexahedron", np.sqrt(1 + 0.5 / (count * thickness) ** 2)), ("hexahedron20", 1.0)):
+        mesh = fs.block((1.0, thickness, thickness), (count, 1, layers), kind)
+        sub = fs.solid(mesh, fs.Material(2.1e11, 0.0, 7850.0), supports={"left": "clamped"})
+        assert fs.normal_modes(sub, count=1).frequencies[0] == pytest.approx(factor * euler, rel=0.01)

@@ -196,3 +196,36 @@ def test_refusals() -> None:
     with pytest.raises(ValueError, match="M is singular"):
         fs.critical_slope(fs.Substructure(np.diag([1.0, 0.0]), np.eye(2), ports={"belt": [1.0, 0]}))
     assert sp.issparse(sub.K)
+
+
+@pytest.mark.parametrize("slower", [1e9, 1e12])
+def test_units_of_time_change_no_digit(slower: float) -> None:
+    sub = fs.chain(6, belt=2)
+    other = fs.Substructure(slower * sub.M, sub.K / slower, sub.D, [0], sub.ports)
+    assert float(fs.critical_slope(other)) == pytest.approx(float(fs.critical_slope(sub)), rel=1e-13)
+
+
+@pytest.mark.parametrize(("belt", "slope"), [(2, -0.025), (4, -0.00769946320925)])
+def test_heavy_masses_do_not_hide_the_damping_of_light_ones(belt: int, slope: float) -> None:
+    sub = fs.chain(6, belt=belt, masses=np.where(np.arange(6) % 2, 1e12, 1.0))
+    assert float(fs.critical_slope(sub)) == pytest.approx(slope, rel=1e-8)
+
+
+def test_a_heavy_dashpot_leaves_the_slope_or_takes_its_digits() -> None:
+    held = -0.271533  # times 1/d: the dashpot holds m1, and what is left of its power falls with 1/d
+    for damping in (1e2, 1e3, 1e4):
+        assert float(fs.critical_slope(fs.chain(6, belt=2, damping=damping))) * damping == pytest.approx(held, rel=1e-3)
+    with pytest.raises(fs.NotConvergedError, match="rounding may move the border"):
+        fs.critical_slope(fs.chain(6, belt=2, damping=1e7))
+    with pytest.raises(fs.NotConvergedError, match="lost in the rounding of a dashpot"):
+        fs.critical_slope(fs.chain(6, belt=2, damping=1e11))
+
+
+def test_damping_that_is_rounding_counts_as_none() -> None:
+    assert float(fs.critical_slope(fs.chain(6, belt=2, damping=1e-13))) == 0.0
+    assert float(fs.critical_slope(fs.chain(6, belt=2, damping=1e-12))) == pytest.approx(-2.65188e-13, rel=1e-5)
+
+
+def test_a_border_that_is_not_the_first_is_refused() -> None:
+    # the light mass loses its stability at a slope that its own hardly damped mode decides
+    assert abs(float(fs.critical_slope(fs.chain(6, belt=2, masses=np.where(np.arange(6) % 2, 1e-12, 1.0))))) < 1e-12

@@ -87,6 +87,9 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
         damped = pencil if pencil.norms[1] > 0 else None
     check_memory(sub.name, sub.K, static, method.modes or 0, len(sub.interface))
     basis = method.basis(sub, extra, columns, damped)
+    if not basis.V.shape[1]:
+        raise InputError(f"no basis for {sub.name!r}: modes=0 and no interface leave nothing to move; ask for modes, or name "
+                         "interface DOF")
     for name, error in basis.port_error.items():
         if error > PORT_LIMIT:
             warnings.warn(

@@ -1,0 +1,312 @@
+"""How many eigenvalues lie in a disc: an independent count that needs no complex factorisation, at any size.
+
+Away from a few contacts and dashpots a pencil has proportional damping, whose modes the inertia of K - ω²M counts; what
+the contacts make of them follows from a determinant as small as their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.errors import SingularMatrixError
+from femsub.factor import factorise
+from femsub.pencil import Array, Difference
+from femsub.splitting import Split
+
+SAFE = 0.5  # the margin that is asked on the contour; 1 would do
+ROUNDS = 12  # of enrichment, until the margin is safe
+KRYLOV = 2  # responses to each contact in the first basis, about 0 and about R: static and one inertial
+SURE = 100.0  # factor between an estimate of the nearest undamped mode and what is relied on
+Solve = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """What A = K0 - R²M tells: the number of modes below R, the responses Y = A⁻¹[W, MA⁻¹W, …] (n, 2q) to the contacts, and
+    how near R the next mode may be.
+    """
+
+    radius: float
+    below: int
+    Y: Array
+    near: float  #: about max (ω² + R²)/|ω² - R²|
+
+
+def edge(parts: Split, radius: float) -> Edge:
+    """Factorises K0 - R²M once.
+
+    Raises
+    ------
+    SingularMatrixError
+        A mode lies on the edge.
+    """
+    handle = factorise(Difference(parts.K0, parts.M, radius**2), "symmetric")
+    below, q = handle.negative_pivots, parts.W.shape[1]
+    if not q:
+        handle.close()
+        return Edge(radius, below, parts.W, 1.0)
+    probes = np.random.default_rng(13).standard_normal((parts.M.shape[0], 2))
+    forces, near, blocks = np.hstack([parts.W, parts.M @ probes]), 1.0, []
+    for step in range(KRYLOV):
+        x = handle.solve(forces)
+        Mx = parts.M @ x
+        length = np.sqrt(np.maximum(np.einsum("ij,ij->j", x, Mx), 1e-300))
+        if step:
+            near = max(near, 1 + 2 * radius**2 * float(length.max()))
+        blocks.append(x[:, :q])
+        forces = Mx / length
+    handle.close()
+    return Edge(radius, below, np.hstack(blocks), near)
+
+
+@dataclass(frozen=True)
+class Count:
+    """`number` eigenvalues with |λ| < radius, conjugates included; proved where `margin` < 1.
+
+    `size` is that of the projected pencil, `solves` the right-hand sides it took.
+    """
+
+    radius: float
+    number: int
+    margin: float
+    size: int
+    solves: int
+
+    @property
+    def proved(self) -> bool:
+        return self.margin < 1
+
+
+def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | None:
+    """The number of zeros of det P in |s| < R by Rouché's theorem, of which the eigensolver's result is no premise.
+
+    det P(s) = det P0(s) · f(s), f(s) = det(I + C(s)H(s)), H = WᵀP0⁻¹W, C = sC_D + C_K (matrix determinant lemma), so that
+
+        zeros of P = 2 ν(K0 - R²M) + (zeros - poles of f),
+
+    with ν the number of negative eigenvalues. The last bracket is that of f_V, where H_V is H on a basis V (n, m) that holds
+    the shapes X and responses to the contacts: both counts of small dense matrices. It may stand in for f because on |s| = R
+
+        κ ρᵀ |(I + C H_V)⁻¹C| ρ < 1,   |H - H_V|_ij ≤ κ ρ_i ρ_j,
+
+    with the residuals ρ_i = ‖W e_i - P0 V q_i‖ in the norm of (K0 + μM)⁻¹ and κ = sup |(ω² + μ)/(1 + βs)(ω² + ζ)| over all
+    ω² ≥ -μ, whether they are known or not; all of it evaluated at some hundred points, dense near poles and zeros of f_V and
+    near iR, where κ comes from an estimate of the nearest mode. An X with a mode missing makes V worse, never the count
+    wrong. The basis grows by residuals where the largest margin is above 0.5.
+
+    Parameters
+    ----------
+    parts, at : Split, Edge
+    solve : callable
+        B (n, k) to (K0 + μM)⁻¹B; K0 + μM has been found positive definite.
+    mu : float
+        0 ≤ μ < R²/4.
+    X : ndarray of complex, shape (n, k)
+
+    Returns
+    -------
+    Count or None
+        None where damping is so strong that proportional modes below R may be overdamped: no count by this way.
+    """
+    R = at.radius
+    if not (abs(parts.alpha) < R / 2 and abs(parts.beta) * R < 0.5 and mu < R**2 / 4):
+        return None
+    if parts.W.shape[1] == 0:
+        return Count(R, 2 * at.below, 0.0, 0, 0)
+    basis = _Basis(parts, solve, mu)
+    static = solve(parts.W)
+    basis.start(static)
+    basis.add(X.real)
+    basis.add(np.hstack([X.imag, at.Y]))
+    block = static
+    for _ in range(KRYLOV - 1):
+        block = basis.add(block if block is static else solve(parts.M @ block))
+        if not block.shape[1]:
+            break
+    for _ in range(ROUNDS):
+        small = basis.small(at.near)
+        number = 2 * at.below + small.zeros(R) - small.poles(R)
+        s = small.contour(R)
+        margin = small.margin(s)
+        worst = float(margin.max())
+        if worst < SAFE:
+            break
+        before = basis.size
+        peaks = np.flatnonzero((margin >= SAFE) & (margin >= np.append(margin[1:], 0)) & (margin >= np.append(0, margin[:-1])))
+        peaks = peaks[np.argsort(-margin[peaks])][:4]
+        basis.add(basis.residuals(small, s[peaks]))
+        if basis.size == before:
+            break
+    return Count(R, number, worst, basis.size, basis.solves)
+
+
+class _Basis:
+    """V with VᵀAV = I, A = K0 + μM, and T = A⁻¹MV less its share in V; likewise A⁻¹W."""
+
+    def __init__(self, parts: Split, solve: Solve, mu: float) -> None:
+        n = parts.M.shape[0]
+        self.parts, self.solve, self.mu, self.solves = parts, solve, mu, 0
+        self.V, self.AV, self.MV, self.T = (np.zeros((n, 0)) for _ in range(4))
+
+    @property
+    def size(self) -> int:
+        return int(self.V.shape[1])
+
+    def start(self, static: Array) -> None:
+        self.static = static
+        self.solves += static.shape[1]
+
+    def _A(self, x: Array) -> Array:
+        return self.parts.K0 @ x + self.mu * (self.parts.M @ x) if self.mu else self.parts.K0 @ x
+
+    def add(self, new: Array) -> Array:
+        """Appends what is new, made orthonormal; returns it."""
+        new = np.ascontiguousarray(new)
+        for turn in range(3):
+            Anew = self._A(new)
+            length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, Anew), 0.0))
+            if turn == 0:
+                whole = length
+            keep = (length > 1e-9 * (whole if turn == 1 else length)) & (length > 0)
+            new, Anew, length = new[:, keep], Anew[:, keep], length[keep]
+            if not new.shape[1]:
+                return new
+            new, Anew, whole = new / length, Anew / length, np.ones(len(length))
+            gram = new.T @ Anew
+            if turn:
+                values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+                good = values > 1e-10 * values[-1]
+                change = vectors[:, good] / np.sqrt(values[good])
+                new, Anew = new @ change, Anew @ change
+            if turn < 2:
+                new = new - self.V @ (self.AV.T @ new)
+                whole = np.ones(new.shape[1])
+        Mnew = self.parts.M @ new
+        self.V, self.AV, self.MV = np.hstack([self.V, new]), np.hstack([self.AV, Anew]), np.hstack([self.MV, Mnew])
+        self.T = np.hstack([self.T, self.solve(Mnew)])
+        self.solves += new.shape[1]
+        return new
+
+    def small(self, near: float) -> _Small:
+        M, W = self.V.T @ self.MV, self.AV.T @ self.static
+        M = (M + M.T) / 2
+        # What A⁻¹[W, MV] has outside of V, and its A-products, without a cancellation that squares would suffer.
+        self.outside = np.hstack([self.static - self.V @ W, self.T - self.V @ M])
+        forces = np.hstack([self.parts.W - self.AV @ W, self.MV - self.AV @ M])
+        gram = self.outside.T @ forces
+        theta, Q = np.linalg.eigh(M)
+        return _Small(self.parts, self.mu, near, theta, Q, Q.T @ W, (gram + gram.T) / 2)
+
+    def residuals(self, small: _Small, s: Array) -> Array:
+        """A⁻¹(W - P0(s)Vq) at each s, real and imaginary parts, shape (n, 2 m q)."""
+        weights = np.concatenate(list(small.weights(s)), axis=1)
+        return np.hstack([self.outside @ weights.real, self.outside @ weights.imag])
+
+
+@dataclass(frozen=True, eq=False)
+class _Small:
+    """The pencil on V, in its undamped modes: VᵀMV = Q diag(θ) Qᵀ, K_V = I - μ M_V, W_V = QᵀVᵀW (m, q)."""
+
+    parts: Split
+    mu: float
+    near: float
+    theta: Array
+    Q: Array
+    W: Array
+    gram: Array
+
+    def poles(self, R: float) -> int:
+        return 2 * int(np.count_nonzero(self.theta > 1 / (R**2 + self.mu)))
+
+    def zeros(self, R: float) -> int:
+        """By QZ on the reversed pencil in R/s, in which K_V is near I."""
+        self.__dict__["eigenvalues"] = s = self._spectrum(R)
+        return int(np.count_nonzero(np.abs(s) < R))
+
+    def _spectrum(self, R: float) -> Array:
+        p, m = self.parts, len(self.theta)
+        M, K0 = np.diag(self.theta), np.diag(1 - self.mu * self.theta)
+        D = p.alpha * M + p.beta * K0 + self.W @ p.C_D @ self.W.T
+        K = K0 + self.W @ p.C_K @ self.W.T
+        eye, zero = np.eye(m), np.zeros((m, m))
+        A = np.block([[zero, eye], [-R**2 * M, -R * D]])
+        B = np.block([[eye, zero], [zero, K]])
+        alpha, beta = la.eigvals(A, B, homogeneous_eigvals=True, check_finite=False)
+        return R * beta / np.where(np.abs(alpha) > 1e-300, alpha, 1e-300)
+
+    def _amplitudes(self, s: Array) -> tuple[Array, Array]:
+        """1/((1 + βs)(1 + (ζ - μ)θ)) per mode, shape (len(s), m), and (1 + βs)(ζ - μ)."""
+        shift, factor = self.parts.squared(s) - self.mu, 1 + self.parts.beta * s
+        return 1 / (factor[:, None] * (1 + shift[:, None] * self.theta)), factor * shift
+
+    def weights(self, s: Array) -> Array:
+        """The residual in terms of `outside`, shape (len(s), q + m, q)."""
+        amplitude, factor = self._amplitudes(s)
+        q = self.Q @ (amplitude[:, :, None] * self.W)
+        eye = np.broadcast_to(np.eye(self.W.shape[1]), (len(s), self.W.shape[1], self.W.shape[1]))
+        return np.concatenate([eye, -factor[:, None, None] * q], axis=1)
+
+    def margin(self, s: Array) -> Array:
+        """κ ρᵀ|(I + CH_V)⁻¹C|ρ at each s."""
+        amplitude, _ = self._amplitudes(s)
+        H = np.einsum("ip,si,iq->spq", self.W, amplitude, self.W, optimize=True)
+        weights, C = self.weights(s), self.parts.coupling(s)
+        square = np.einsum("sip,ij,sjp->sp", weights.conj(), self.gram, weights, optimize=True).real
+        rho = np.sqrt(np.maximum(square, 0.0))
+        with np.errstate(all="ignore"):
+            try:
+                T = np.linalg.solve(np.eye(C.shape[1]) + C @ H, C)
+            except np.linalg.LinAlgError:
+                return np.full(len(s), np.inf)
+            kappa = self._kappa(s)
+            result = kappa * np.einsum("sp,spq,sq->s", rho, np.abs(T), rho)
+        return np.where(np.isfinite(result), result, np.inf)
+
+    def _kappa(self, s: Array) -> Array:
+        """sup |(ω² + μ)/((1 + βs)(ω² + ζ))| over ω² ≥ -μ; close to -ζ = R² by what the edge knows of the next mode."""
+        R2 = float(np.abs(s[0])) ** 2
+        zeta = self.parts.squared(s)
+        shift = zeta - self.mu
+        least = np.where(shift.real >= 0, 1.0, np.abs(shift.imag) / np.maximum(np.abs(shift), 1e-300))
+        bound = SURE * self.near
+        off = np.abs(zeta + R2) / R2
+        close = np.where(off * bound < 0.5, 1 / (2 * bound), 0.0)
+        return 1 / np.abs(1 + self.parts.beta * s) / np.maximum(least, close)
+
+    def contour(self, R: float) -> Array:
+        """Points on the upper half of |s| = R, dense where a pole of f, or a zero, is near."""
+        p = self.parts
+        decay = p.alpha + p.beta * R**2
+        crossing = np.pi - np.arctan2(np.sqrt(max(R**2 - decay**2 / 4, 0.0)), decay / 2)
+        theta = np.maximum(self.theta, 1e-300)
+        omega = np.sqrt(np.maximum(1 / theta - self.mu, 0.0))
+        centres = np.append(self.__dict__["eigenvalues"], 1j * omega)
+        centres = centres[(np.abs(np.abs(centres) - R) < 0.5 * R) & (centres.imag >= 0)]
+        width = np.maximum(np.abs(np.abs(centres) / R - 1), 1e-9)
+        steps = 2.0 ** np.arange(-2, 8)
+        offsets = np.concatenate([-steps[::-1], [0.0], steps])
+        angles = (np.angle(centres)[:, None] + width[:, None] * offsets).ravel()
+        graded = 10.0 ** np.arange(-9, 0, 0.25)
+        angles = np.concatenate([angles, crossing - graded, [crossing], crossing + graded, np.linspace(0, np.pi, 181)])
+        return R * np.exp(1j * np.unique(angles[(angles >= 0) & (angles <= np.pi)]))
+
+
+def definite(parts: Split, radius: float) -> tuple[Solve, float]:
+    """B to (K0 + μM)⁻¹B by a factorisation of its own, and μ > 0, for a K0 that is not positive definite for certain.
+
+    Raises
+    ------
+    SingularMatrixError
+        K0 has an eigenvalue below -R²/5.
+    """
+    for share in (1e-3, 1e-2, 1e-1, 0.2):
+        mu = share * radius**2
+        try:
+            return factorise(Difference(parts.K0, parts.M, -mu), "definite").solve, mu
+        except SingularMatrixError as error:
+            last = error
+    raise last

@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""What the certificates of complex modes cost beside the solution that they certify; and the refinement of reduced modes.
+
+    python scripts/certificates.py [--models NAME ...] [--repeats N] [--out DIR]
+
+Each row is one call of `complex_modes` with its count asked for. Seconds are those of the processor (the process has one thread
+of BLAS), medians over the repeats; what took longer than a minute is measured once. With --out, certificates.csv and .json.
+
+solution  all but the certificates. By band, K - R²M is factorised to know how many eigenvalues to ask for: that is part of it.
+errors    residuals, backward errors, condition numbers, error bars (`cea.certificates`)
+left      left vectors, where the pencil is unsymmetric
+inertia   the factorisation of K - R²M where only the count needs it, with its solves
+disc      taking the pencil apart, the basis and the margin on the circle (`splitting`, `condensed.count`); of a K that is not
+          definite, its factorisation too
+ratio     certificates / solution
+refine    `fs.refine` of the modes of a reduced model (Craig-Bampton, 20 modes) in the same band, without the reduction
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout will do
+import scaling_models as models
+
+import femsub as fs
+from femsub import cea, condensed, pep, report, splitting
+from femsub.scene import Result
+
+LONG = 60.0
+KINDS = ("errors", "left", "inertia", "disc")
+Row = dict[str, Any]
+# name: (kind, DOF, 'all', 'count' or 'band')
+MODELS = {
+    "chain 10": ("chain", 10, "all"), "beam 2,000": ("beam", 2_000, "count"), "plate 3,000": ("plate", 3_000, "count"),
+    "solid 3,000": ("solid", 3_000, "count"), "chain 100,000": ("chain", 100_000, "count"),
+    "chain 100,000, band": ("chain", 100_000, "band"),
+    "plate 100,000": ("plate", 100_000, "count"), "plate 100,000, band": ("plate", 100_000, "band"),
+    "solid 100,000": ("solid", 100_000, "count"), "solid 100,000, band": ("solid", 100_000, "band")}
+
+
+class Clock:
+    """Processor seconds spent in certificates by kind, from wrapped functions; what is nested counts once."""
+
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys((*KINDS, "factor"), 0.0)
+
+    def wrapped(self, kind: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*given: Any, **options: Any) -> Any:
+            start = time.process_time()
+            try:
+                return function(*given, **options)
+            finally:
+                self.seconds[kind] += time.process_time() - start
+
+        return timed
+
+
+def once(sub: fs.Substructure, belt: fs.Belt, ask: Row) -> tuple[Row, fs.ComplexModes]:
+    """Seconds of one call, by kind."""
+    clock, factorise = Clock(), condensed.factorise
+
+    def of_the_edge(A: Any, kind: Any) -> Any:
+        return (clock.wrapped("factor", factorise) if kind == "symmetric" else factorise)(A, kind)
+
+    with patch.object(cea, "certificates", clock.wrapped("errors", cea.certificates)), \
+            patch.object(pep.Shifted, "left", clock.wrapped("left", pep.Shifted.left)), \
+            patch.object(condensed, "edge", clock.wrapped("inertia", condensed.edge)), \
+            patch.object(condensed, "factorise", of_the_edge), \
+            patch.object(condensed, "definite", clock.wrapped("disc", condensed.definite)), \
+            patch.object(condensed, "count", clock.wrapped("disc", condensed.count)), \
+            patch.object(splitting, "split", clock.wrapped("disc", splitting.split)):
+        start = time.process_time()
+        found = fs.complex_modes(sub, belt, **ask)
+        whole = time.process_time() - start
+    seconds = clock.seconds
+    if "band" in ask:
+        seconds["inertia"] -= seconds["factor"]
+    del seconds["factor"]
+    return {"solution": whole - sum(seconds.values()), **seconds}, found
+
+
+def measure(name: str, repeats: int) -> Row:
+    """One model."""
+    kind, size, way = MODELS[name]
+    sub, belt = models.build(kind, size), fs.Belt(slope=models.KINDS[kind].slope or -0.02)
+    count = 20 + 2 * models.KINDS[kind].rigid
+    ask: Row = {"all": {}, "count": {"count": count, "certify": True}, "band": {}}[way]
+    top = 0.0
+    if way == "band":
+        omega = fs.normal_modes(sub, count=count // 2 + 1 - models.KINDS[kind].rigid).frequencies
+        top = float(omega[-2:].mean())
+        ask = {"band": (0.0, top), "re": (-0.1 * top, 0.1 * top), "certify": True}
+    runs: list[Row] = []
+    once(sub, belt, ask) if sub.size < 1000 else None
+    for _ in range(repeats if sub.size >= 1000 else 50 * repeats):
+        seconds, found = once(sub, belt, ask)
+        runs.append(seconds)
+        if sum(seconds.values()) > LONG:
+            break
+    row: Row = {"model": name, "dof": sub.size, "eigenvalues": len(found), "certified": found.certified}
+    row |= {key: statistics.median(run[key] for run in runs) for key in runs[0]}
+    row["ratio"] = statistics.median(sum(run[key] for key in KINDS) / run["solution"] for run in runs)
+    return row | refinement(sub, belt, top) if way == "band" else row
+
+
+def refinement(sub: fs.Substructure, belt: fs.Belt, top: float) -> Row:
+    """Seconds to refine the modes of an HCB model in the same band, and how far they moved."""
+    rom = fs.reduce(sub, fs.CraigBampton(modes=20), ports=True)
+    small = fs.complex_modes(rom, belt, band=(0.0, top), re=(-0.1 * top, 0.1 * top))
+    start = time.process_time()
+    out = fs.refine(sub, small, rom, belt)
+    moved = out.moved[~small.rigid & (small.eigenvalues.imag > 0)] / abs(small.eigenvalues[small.eigenvalues.imag > 0])
+    return {"refine": time.process_time() - start, "moved": float(moved.max()), "steps": out.steps, "solves": out.solves}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--models", nargs="+", choices=list(MODELS), default=list(MODELS), metavar="NAME")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--out")
+    given = parser.parse_args()
+    folder = report.check_folder(given.out)
+    warnings.simplefilter("ignore", fs.FemsubWarning)
+    for first in (20, 200):  # everything loaded
+        fs.complex_modes(fs.chain(first, belt=2), fs.Belt(slope=-0.02), count=2, certify=True)
+    rows: list[Row] = []
+    for name in given.models:
+        report.progress(name)
+        rows.append(measure(name, given.repeats))
+        if folder:
+            report.write(Result({"machine": report.machine(), "rows": rows}, rows, "", {}), folder, False, "certificates")
+    report.progress_done()
+    shown = ("model", "dof", "eigenvalues", "solution", *KINDS, "ratio", "refine", "moved")
+    formats = ("s", "d", "d", ".4g", ".3g", ".3g", ".3g", ".3g", ".1%", ".3g", ".1e")
+    print(report.table(shown, [[row.get(key) for key in shown] for row in rows], formats))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+#!/usr/bin/env python3
+"""Stiff and extreme cases: each right within the bound that is stated for it beforehand, or refused with the reason.
+
+    python scripts/extreme.py [--cases NAME ...] [--quick] [--list] [--out DIR]
+
+--cases takes names, parts of them, or groups; --quick leaves out what takes longer than a second or two. The cases are in
+extreme_table.py. Each runs apart from the others: what fails, even by a crash or after --limit seconds, is a row of the table.
+
+References are Sturm counts, companion matrices and solves in 60 digits (mpmath) of the matrices as they are, in double precision,
+and closed forms; none of it is femsub's. All errors are relative: of ω², of complex eigenvalues, of slopes, of the reduced
+model's statics. A bound comes from condition numbers or from what a method was asked for, is fixed before the error is known,
+and must be below 1.
+
+right     Each value lies within its bound, none is missed, no claim (rigid-body modes, stability) is false; the backward error is
+          at most 1e-9 and ‖ΦᵀMΦ - I‖ at most 1e-8.
+refused   An error of femsub's own, or a warning that rounding takes the digits (then with the figures); the reason is listed.
+wrong     All else.
+
+Written are extreme.csv, extreme.json and extreme.png. Exit status 1: a row is wrong, or other than it is known to be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+import warnings
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout will do
+from extreme_table import CASES
+
+import femsub as fs
+from femsub import report
+from femsub.scene import Result
+
+BACKWARD, ORTHOGONAL = 1e-9, 1e-8  # a backward error above the first is warned of by femsub itself
+FIGURES = ("error", "bound", "ratio", "backward", "orthogonality", "condition", "missed")
+Row = dict[str, Any]
+
+
+def evaluate(name: str) -> Row:
+    """Runs one case and judges it."""
+    case, start = CASES[name], time.perf_counter()
+    row: Row = {"group": case.group, "case": name, "verdict": "wrong", "as_known": False, "computed": "", "reason": ""}
+    row |= dict.fromkeys(FIGURES) | {"why": "", "warnings": []}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", fs.FemsubWarning)
+        warnings.simplefilter("ignore", fs.PortWarning)
+        try:
+            found = case.run()
+        except fs.FemsubError as error:
+            row |= {"verdict": "refused", "reason": f"{type(error).__name__}: {error}"}
+            found = None
+        except Exception as error:  # whatever else is raised is no refusal, but must not end the run
+            row |= {"reason": f"{type(error).__name__}: {error}"}
+            found = None
+    told = [one for one in caught if issubclass(one.category, fs.FemsubWarning)]
+    row |= {"warnings": [str(one.message) for one in told]}
+    if found is not None:
+        row |= {key: getattr(found, key) for key in ("computed", "why", *FIGURES)}
+        faults = [found.lie, f"{found.ratio:.2g} times its bound" if found.ratio > 1 else "",
+                  "the bound says nothing" if not found.bound < 1 else "", f"{found.missed} missed" if found.missed else "",
+                  f"‖ΦᵀMΦ - I‖ = {found.orthogonality:.1e}" if (found.orthogonality or 0) > ORTHOGONAL else "",
+                  f"backward error {found.backward:.1e}" if (found.backward or 0) > BACKWARD and not told else ""]
+        lost = [str(one.message) for one in told if issubclass(one.category, fs.ConditionWarning)]
+        row["reason"] = "; ".join(fault for fault in faults if fault)
+        if not row["reason"]:
+            row["verdict"] = "right"
+        elif lost:
+            row |= {"verdict": "refused", "reason": f"ConditionWarning: {lost[0]} [{row['reason']}]"}
+    known = "right" if case.expect == "right" else "refused"
+    row["as_known"] = row["verdict"] == known and (known == "right" or case.expect in row["reason"])
+    return row | {"seconds": time.perf_counter() - start}
+
+
+def run(names: list[str], limit: float) -> list[Row]:
+    """All rows, from a process that is replaced when it crashes or hangs."""
+    rows, pool = [], None
+    for at, name in enumerate(names):
+        report.progress(f"{at + 1}/{len(names)}: {CASES[name].group}: {name}")
+        pool = pool or ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn"))
+        try:
+            rows.append(pool.submit(evaluate, name).result(timeout=limit))
+        except (BrokenProcessPool, TimeoutError) as error:
+            why = f"no answer within {limit:g} s" if isinstance(error, TimeoutError) else "its process crashed"
+            rows.append({"group": CASES[name].group, "case": name, "verdict": "wrong", "as_known": False, "computed": "",
+                         "reason": why} | dict.fromkeys(FIGURES) | {"why": "", "warnings": [], "seconds": limit})
+            for process in list(pool._processes.values()):
+                process.kill()
+            pool.shutdown(wait=False)
+            pool = None
+    if pool:
+        pool.shutdown()
+    report.progress_done()
+    return rows
+
+
+def text(rows: list[Row]) -> str:
+    """The table, the reasons of refusals and of wrong rows, and where the bounds come from."""
+    heads = ["case", "group", "verdict", "computed", "error", "bound", "backward", "‖ΦᵀMΦ-I‖", "cond", "missed", "s"]
+    keys = ["case", "group", "verdict", "computed", "error", "bound", "backward", "orthogonality", "condition", "missed",
+            "seconds"]
+    forms = ["", "", "", "", ".1e", ".1e", ".0e", ".0e", ".1e", "d", ".2f"]
+    parts = [report.table(heads, [[row[key] for key in keys] for row in rows], forms)]
+    for verdict in ("refused", "wrong"):
+        lines = [f"  {row['case']}: {row['reason']}" for row in rows if row["verdict"] == verdict]
+        if lines:
+            parts.append("\n".join([f"{verdict}:", *lines]))
+    bounds = Counter(row["why"] for row in rows if row["verdict"] == "right")
+    parts.append("\n".join(["bounds of what is right:", *(f"  {count} x {why}" for why, count in bounds.most_common())]))
+    return "\n\n".join(parts)
+
+
+def draw(rows: list[Row]) -> Any:
+    """Error over bound, and the verdicts of each group."""
+    from femsub.figures import new_figure
+
+    groups = list(dict.fromkeys(row["group"] for row in rows))
+    colours = ["#0067a5", "#c44e00", "#2e8b57", "#8e44ad", "#b08900", "#555555", "#c2185b", "#008b8b", "#7a4b1e",
+               "#88aa00", "black"]
+    figure = new_figure(11, 5.4)
+    cloud, bars = figure.subplots(1, 2, width_ratios=[3, 2])
+    for group, colour in zip(groups, colours * 9, strict=False):
+        points = [(row["bound"], max(row["error"], 1e-18)) for row in rows
+                  if row["group"] == group and row["verdict"] == "right"]
+        if points:
+            cloud.plot(*zip(*points, strict=True), "o", color=colour, ms=5, alpha=0.75, label=group)
+    cloud.plot([1e-17, 1], [1e-17, 1], color="#b00000", lw=1)
+    cloud.annotate("error = bound", (1e-8, 1e-8), rotation=42, rotation_mode="anchor", xytext=(-8, 5), textcoords="offset points",
+                   color="#b00000", fontsize=9)
+    cloud.set(xscale="log", yscale="log", xlim=(1e-16, 1), ylim=(3e-19, 1), title="right: the largest error of each case",
+              xlabel="bound stated beforehand (relative)", ylabel="error against 60 digits (relative; at least 1e-18 drawn)")
+    cloud.grid(alpha=0.3)
+    cloud.legend(fontsize=8, loc="upper left")
+    left = [0] * len(groups)
+    for verdict, colour in (("right", "#2e8b57"), ("refused", "#d9a400"), ("wrong", "#b00000")):
+        counts = [sum(row["group"] == group and row["verdict"] == verdict for row in rows) for group in groups]
+        bars.barh(groups, counts, left=left, color=colour, label=f"{verdict}: {sum(counts)}")
+        left = [a + b for a, b in zip(left, counts, strict=True)]
+    bars.invert_yaxis()
+    bars.set(title="verdicts", xlabel="cases")
+    bars.legend(fontsize=9, loc="lower right")
+    return figure
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", nargs="+", metavar="NAME", help="names, parts of names, or groups (default: all)")
+    parser.add_argument("--quick", action="store_true", help="only what takes a second or two")
+    parser.add_argument("--list", action="store_true", help="show the names, and run nothing")
+    parser.add_argument("--limit", type=float, default=300.0, metavar="SECONDS", help="for one case (default 300)")
+    parser.add_argument("--out", type=Path, default=Path("out/extreme"), metavar="DIR",
+                        help="output folder (default out/extreme)")
+    asked = parser.parse_args()
+    names = [name for name, case in CASES.items() if (case.quick or not asked.quick) and (
+        asked.cases is None or any(part in name or part == case.group for part in asked.cases))]
+    if not names:
+        parser.error("no case has such a name; --list shows them")
+    if asked.list:
+        print(*(f"{CASES[name].group}: {name}" for name in names), sep="\n")
+        return 0
+    try:
+        report.check_folder(str(asked.out))  # to know it now and not at the end
+    except fs.InputError as error:
+        parser.error(str(error))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that computes stays behind
+    start = time.perf_counter()
+    rows = run(names, asked.limit)
+    counts = Counter(row["verdict"] for row in rows)
+    odd = [row["case"] for row in rows if not row["as_known"]]
+    summary = (f"{len(rows)} cases in {time.perf_counter() - start:.0f} s: {counts['right']} right within their bounds, "
+               f"{counts['refused']} refused with the reason, {counts['wrong']} wrong")
+    data = {"machine": report.machine() | {"femsub": fs.__version__}, "summary": summary, "rows": rows, "other_than_known": odd}
+    flat = [row | {"warnings": "; ".join(row["warnings"])} for row in rows]
+    result = Result(data, flat, text(rows), {"extreme": lambda: draw(rows)})
+    print(result.text, "", summary, *([f"other than known: {', '.join(odd)}"] if odd else []), sep="\n")
+    report.write(result, asked.out, figures=True, name="extreme")
+    return 1 if odd or counts["wrong"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,227 @@
+"""The extreme cases by name. Importing this file fills `CASES`."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from extreme_cases import (
+    CASES,
+    STEEL,
+    alternating,
+    basis,
+    bending,
+    case,
+    coupled_twins,
+    held,
+    in_units,
+    lattice,
+    modes,
+    one,
+    pieces,
+    ring,
+    soft_rigid,
+)
+from extreme_complex import cea, paired, proportional, slope, tiny_slope
+
+import femsub as fs
+
+__all__ = ["CASES"]
+
+HCB, CC = fs.CraigBampton, fs.CraigChang
+BELT = fs.Belt(slope=-0.2677)
+TWIN = np.array([[1.0, 0.5], [-0.5, 2.0]])  # two modes whose frequencies have just met: defective
+
+
+def chain(n: int, **options: object) -> object:
+    return lambda: fs.chain(n, **options)
+
+
+LARGE = "chain of a million masses"
+
+
+def thin(kind: str, thickness: float, count: int = 1) -> object:
+    """A cantilever of steel, 1 long, as thick as wide."""
+    return lambda: fs.solid(fs.block((1.0, thickness, thickness), (count, 1, 1), kind), fs.Material(2.1e11, 0.0, 7850.0),
+                            supports={"left": "clamped"})
+
+
+# stiffness and mass ratios within a part
+group = "ratios"
+case(group, "every other spring 1e12", modes, chain(12, springs=alternating(12, 1e12)), 12)
+case(group, "every other spring 1e-12, 200 masses", modes, chain(200, springs=alternating(200, 1e-12)), 10, checked=4,
+     expect="rounding in the entries of K")
+case(group, "springs graded over 1e12, 200 masses", modes, chain(200, springs=10 ** np.linspace(0, 12, 200)), 10, checked=4)
+case(group, "one spring of 1e12, 200 masses", modes, chain(200, springs=one(200, 100, 1e12)), 10, checked=6)
+case(group, "one spring of 1e-12", modes, chain(12, springs=one(12, 6, 1e-12)), 12)
+case(group, "mount of 1e-12", modes, chain(12, springs=one(12, 0, 1e-12)), 12)
+case(group, "mount of 1e-12 under 200 masses", soft_rigid, 200, 1e-12)
+case(group, "every other mass 1e12", modes, chain(12, masses=alternating(12, 1e12)), 12)
+case(group, "one mass of 1e12, 60 of 200 modes", modes, chain(200, masses=one(200, 100, 1e12)), 60, checked=6)
+case(group, "masses graded over 1e12, 200 masses", modes, chain(200, masses=10 ** np.linspace(0, 12, 200)), 60, checked=6)
+case(group, "springs and masses graded over 1e12", modes,
+     chain(12, springs=10 ** np.linspace(0, 12, 12), masses=10 ** np.linspace(0, -12, 12)), 12)
+case(group, "soft and light end, 1e24 in ω²", modes,
+     chain(12, springs=10 ** np.linspace(0, -12, 12), masses=10 ** np.linspace(0, 12, 12)), 12, expect="relative residual of")
+case(group, "HCB, every other spring 1e12", basis, chain(12, springs=alternating(12, 1e12), interface=(1, 12)), HCB(4))
+case(group, "CC, every other spring 1e12", basis, chain(12, springs=alternating(12, 1e12), interface=(1, 12)), CC(4))
+case(group, "HCB, every other mass 1e12", basis, chain(12, masses=alternating(12, 1e12), interface=(1, 12)), HCB(10), whole=True)
+case(group, "CC, every other mass 1e12", basis, chain(12, masses=alternating(12, 1e12), interface=(1, 12)), CC(4))
+case(group, "CEA, every other spring 1e12", cea, chain(6, springs=alternating(6, 1e12)), belt=BELT)
+case(group, "CEA, every other mass 1e12", cea, chain(6, masses=alternating(6, 1e12)), belt=BELT)
+case(group, "CEA, mount of 1e-12", cea, chain(6, springs=one(6, 0, 1e-12)))
+case(group, "slope, every other mass 1e12", slope, chain(6, belt=2, masses=alternating(6, 1e12)))
+case(group, "slope, every other spring 1e12", slope, chain(6, belt=2, springs=alternating(6, 1e12)))
+case(group, "slope, mount of 1e-12", slope, chain(6, belt=2, springs=one(6, 0, 1e-12)))
+
+group = "units"
+for label, mass, stiffness in (("mm, t, s", 1e-3, 1e-3), ("nm, ng, ns", 1e12, 1e-6), ("1e-30 and 1e30", 1e-30, 1e30),
+                               ("1e30 and 1e-30", 1e30, 1e-30)):
+    case(group, f"floating lattice, {label}", modes, lambda m=mass, k=stiffness: in_units(lattice(3, 4), m, k), 5, rigid=3)
+case(group, "HCB in mm, t, s", basis, lambda: in_units(fs.chain(12, interface=(1, 12)), 1e-3, 1e-3), HCB(10), whole=True)
+case(group, "CC in units of 1e30 and 1e-30", basis, lambda: in_units(fs.chain(12, interface=(1, 12)), 1e30, 1e-30), CC(10),
+     whole=True)
+for ratio in (1e12, 1e-12):
+    case(group, f"CEA, ω times {ratio:g}", cea, lambda r=ratio: fs.Pencil(fs.chain(6).M / r, fs.chain(6).D, fs.chain(6).K * r))
+    case(group, f"slope, ω times {ratio:g}", slope, lambda r=ratio: fs.Substructure(
+        fs.chain(6).M / r, fs.chain(6).K * r, fs.chain(6).D, [0], fs.chain(6, belt=2).ports))
+
+group = "massless"
+for n in (20, 300):
+    case(group, f"every other mass 0, n = {n}", modes,
+         lambda n=n: fs.Substructure(sp.diags_array(1.0 - np.arange(n) % 2), fs.chain(n).K), 5, checked=3)
+case(group, "M of half rank, no zero on its diagonal", modes, lambda: fs.Substructure(
+    sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 10)
+case(group, "more modes than masses", modes,
+     lambda: fs.Substructure(sp.kron(sp.eye_array(10), np.ones((2, 2))), fs.chain(20).K), 11,
+     expect="11 elastic modes were asked for, but there are 10")
+case(group, "HCB, massless interface", basis,
+     lambda: fs.Substructure(np.diag(1.0 - np.arange(12) % 2), fs.chain(12).K, interface=[1]),
+     HCB(3))
+case(group, "CC, massless interface", basis,
+     lambda: fs.Substructure(np.diag(1.0 - np.arange(12) % 2), fs.chain(12).K, interface=[1]),
+     CC(3))
+case(group, "CEA, a massless DOF without damping", cea, lambda: fs.Pencil(np.diag(one(6, 2, 0.0)), 0.1 * np.diag(one(6, 2, 0.0)),
+     fs.chain(6).K), regular=False)
+case(group, "CEA, a massless DOF on a dashpot", cea,
+     lambda: fs.Pencil(np.diag(one(6, 2, 0.0)), np.diag(one(6, 2, 0.0) == 0) * 1e6,
+     fs.chain(6).K), regular=False)
+case(group, "slope, a massless DOF", slope, lambda: fs.Substructure(np.diag(one(6, 1, 0.0)), fs.chain(6).K, fs.chain(6).D, [0],
+     fs.chain(6, belt=3).ports), expect="M is singular or nearly so")
+case(group, "neither mass nor stiffness", modes,
+     lambda: fs.Substructure(sp.diags_array(one(8, 7, 0.0)), held(fs.chain(8).K, 7)), 3,
+     expect="a DOF has neither mass nor stiffness")
+
+group = "rigid"
+for count in (1, 2, 5, 12):
+    case(group, f"{count} floating chains", modes, lambda c=count: pieces(*[fs.chain(6, fixed=False)] * c), 4, rigid=count)
+case(group, "4 floating lattices, 12 rigid modes", modes,
+     lambda: pieces(*[lattice(3, 4, seed) for seed in range(4)]), 4, rigid=12,
+     checked=3)
+case(group, "mechanism with 12 free shears", modes, lambda: lattice(4, 8, diagonals=False), 3, rigid=12)
+case(group, "a mass without springs", modes, lambda: fs.Substructure(sp.eye_array(8), held(fs.chain(8).K, 4)), 3, rigid=1)
+case(group, "one piece held, one floating", modes, lambda: pieces(fs.chain(60, fixed=False), fs.chain(50)), 5, rigid=1)
+case(group, "two floating pieces, 1e6 in stiffness", modes,
+     lambda: pieces(fs.chain(60, fixed=False), fs.chain(50, fixed=False, springs=1e6)), 5, rigid=2)
+case(group, "two floating pieces, 1e12 in stiffness", modes,
+     lambda: pieces(fs.chain(60, fixed=False), fs.chain(50, fixed=False, springs=1e12)), 5, rigid=2,
+     expect="make pieces so different parts of their own")
+case(group, "no stiffness at all", modes,
+     lambda: fs.Substructure(np.eye(8), np.zeros((8, 8))), 0, expect="no stiffness on any DOF")
+case(group, "a negative spring", modes, lambda: fs.Substructure(np.eye(8), fs.chain(8).K.toarray() - 0.5 * np.eye(8)), 2,
+     expect="negative eigenvalue")
+
+group = "interface"
+case(group, "HCB, empty", basis, lambda: fs.Substructure(fs.chain(12).M, fs.chain(12).K), HCB(3))
+case(group, "HCB, empty and floating", basis,
+     lambda: fs.Substructure(fs.chain(12).M, fs.chain(12, fixed=False).K), HCB(3), rigid=1)
+case(group, "HCB, all DOF", basis, chain(12, interface=range(1, 13)), HCB(0), whole=True)
+case(group, "HCB, all DOF, and modes", basis, chain(12, interface=range(1, 13)), HCB(3), expect="every DOF is interface")
+case(group, "HCB, not restraining", basis, lambda: fs.Substructure(lattice(3, 4).M, lattice(3, 4).K, interface=[0, 1]), HCB(3),
+     expect="the interface does not hold")
+case(group, "HCB, just restraining", basis, lambda: lattice(3, 4), HCB(3))
+case(group, "HCB, on one of two pieces", basis, lambda: pieces(fs.chain(8), fs.chain(8, fixed=False), interface=(0,)), HCB(3),
+     expect="the interface does not hold")
+case(group, "CC, empty", basis, lambda: fs.Substructure(fs.chain(12).M, fs.chain(12).K), CC(3))
+case(group, "CC, all DOF", basis, chain(12, interface=range(1, 13)), CC(3), whole=True)
+case(group, "CC, not restraining", basis,
+     lambda: fs.Substructure(lattice(3, 4).M, lattice(3, 4).K, interface=[0, 1]), CC(3), rigid=3)
+
+group = "modes 0, 1, all"
+case(group, "no modes", modes, chain(300), 0)
+case(group, "no modes, floating", modes, chain(300, fixed=False), 0, rigid=1)
+case(group, "all of 300", modes, chain(300), 300, frequencies=fs.chain_frequencies(300))
+case(group, "a single mass", modes, chain(1), 1)
+for method in (HCB, CC):
+    name = "HCB" if method is HCB else "CC"
+    case(group, f"{name}, no modes", basis, chain(12, interface=(1, 12)), method(0))
+    case(group, f"{name}, one mode", basis, chain(12, interface=(1, 12)), method(1))
+    case(group, f"{name}, all modes", basis, chain(12, interface=(1, 12)), method(10), whole=True)
+    case(group, f"{name}, neither modes nor interface", basis, lambda: fs.Substructure(np.eye(3), fs.chain(3).K), method(0),
+         expect="leave nothing to move")
+
+group = "repeated"
+case(group, "ring of 24, all modes", modes, lambda: ring(24), 23, rigid=1)
+case(group, "ring of 240, a pair cut", modes, lambda: ring(240), 8, rigid=1, checked=8)
+case(group, "square plate", modes, lambda: fs.plate(fs.rectangle((1.0, 1.0), (3, 3)), **STEEL, thickness=0.01,
+     supports=dict.fromkeys(("left", "right", "front", "back"), "simply supported")), 8, checked=6)
+case(group, "annulus, floating", modes,
+     lambda: fs.solid(fs.annulus(0.1, 0.2, 0.02, (1, 8, 1), "hexahedron"), fs.Material(**STEEL)), 8,
+     rigid=6, checked=4, quick=False)
+case(group, "twins coupled by 1e-8", modes, lambda: coupled_twins(60, 1e-8), 9, checked=6)
+case(group, "twins coupled by 1e-14", modes, lambda: coupled_twins(60, 1e-14), 9, checked=6)
+case(group, "300 equal modes", modes, lambda: fs.Substructure(sp.eye_array(300), sp.eye_array(300)), 5)
+case(group, "CEA, equal damped twins", cea, lambda: fs.Pencil(np.eye(4), np.kron(np.eye(2), fs.chain(2).D.toarray()),
+     np.kron(np.eye(2), fs.chain(2).K.toarray())))
+
+group = "damping"
+DENSE, A = fs.chain(6), np.random.default_rng(3).standard_normal((6, 6))
+for label, D in (("undamped", None), ("overdamped", 10 * np.eye(6)), ("overdamped 1e6", 1e6 * np.eye(6)),
+                 ("negatively damped", -0.1 * np.eye(6)), ("D not proportional", A @ A.T), ("D unsymmetric", A)):
+    case(group, f"CEA, {label}", cea, lambda D=D: fs.Pencil(DENSE.M, D, DENSE.K))
+case(group, "CEA, D and K unsymmetric", cea, lambda: fs.Pencil(DENSE.M, A, DENSE.K.toarray() + 0.5 * (A - A.T)))
+case(group, "CEA, K negative", cea, lambda: fs.Pencil(np.eye(6), 0.1 * np.eye(6), -DENSE.K.toarray()))
+case(group, "CEA, K = 0", cea, lambda: fs.Pencil(np.eye(3), np.diag([1.0, 2.0, 3.0]), np.zeros((3, 3))), regular=False)
+for alpha, beta in ((0.0, 0.0), (0.01, 1e-3), (-0.01, 0.0), (10.0, 0.0), (1e-9, 0.0)):
+    case(group, f"PEP, D = {alpha:g} M + {beta:g} K", cea, lambda a=alpha, b=beta: proportional(300, a, b), closed=True, count=12)
+case(group, "PEP, undamped, band", cea, lambda: proportional(300, 0.0, 0.0), closed=True, band=(0.0, 0.1), quick=False)
+case(group, "PEP, D = 1e4 K", cea,
+     lambda: proportional(300, 0.0, 1e4), closed=True, count=12, expect="of 12 complex modes converged",
+     quick=False)
+case(group, "PEP, gyroscopic", cea, lambda: paired(150, 1.0, 0.0), closed=True, count=12)
+case(group, "PEP, circulatory", cea, lambda: paired(150, 0.0, 1e-3), closed=True, count=12)
+case(group, "slope, undamped", slope, lambda: fs.chain(6, belt=3).with_damping(None), known=0.0)
+case(group, "slope, damping of 1e-13", tiny_slope, chain(6, belt=2, damping=1e-13), 1e-12)
+case(group, "slope, overdamped", slope, lambda: fs.chain(6, belt=3).with_damping(10 * np.eye(6)))
+case(group, "slope, negatively damped", slope, lambda: fs.chain(6, belt=3).with_damping(-0.1 * np.eye(6)),
+     expect="unstable before the belt acts")
+case(group, "slope, dashpot of 1e4", slope, chain(6, belt=2, damping=1e4))
+case(group, "slope, dashpot of 1e7", slope, chain(6, belt=2, damping=1e7), expect="rounding may move the border")
+case(group, "slope, dashpot of 1e11", slope, chain(6, belt=2, damping=1e11), expect="lost in the rounding of a dashpot")
+case(group, "slope, gyroscopic", slope, lambda: fs.chain(6, belt=3).with_damping(0.05 * np.eye(6) + 0.3 * (A - A.T)))
+
+group = "defective"
+case(group, "flutter, two modes just met", cea, lambda: fs.Pencil(np.eye(2), None, TWIN), power=2)
+case(group, "flutter, 1e-8 beyond", cea, lambda: fs.Pencil(np.eye(2), None, TWIN + 1e-8 * np.array([[0, 1], [-1, 0]])), power=2)
+case(group, "flutter, 1e-8 before", cea, lambda: fs.Pencil(np.eye(2), None, TWIN - 1e-8 * np.array([[0, 1], [-1, 0]])), power=2)
+case(group, "critical damping", cea, lambda: fs.Pencil(np.eye(2), np.diag([2.0, 4.0]), np.diag([1.0, 4.0])), power=2)
+case(group, "triple eigenvalue", cea, lambda: fs.Pencil(np.eye(3), None, np.eye(3) + np.diag([1.0, 1.0], 1)), power=3)
+case(group, "PEP, every mode of 150 a defective pair", cea, lambda: paired(150, 0.0, TWIN), closed=True, count=12, quick=False)
+
+group = "slender"
+BAR = {"E": 2.1e11, "I": 1e-16 / 12, "rho": 7850.0, "A": 1e-8}
+case(group, "beam of 1 : 1e-4, 100 elements", modes, lambda: fs.beam(1.0, 100, **BAR, supports={"left": "clamped"}), 6, checked=4)
+case(group, "beam of 2,000 elements", modes, lambda: fs.beam(1.0, 2000, **BAR, supports={"left": "pinned", "right": "pinned"}), 6,
+     checked=2, quick=False)
+case(group, "beam of 6,000 elements", modes, lambda: fs.beam(1.0, 6000, **BAR, supports={"left": "clamped"}), 6, checked=1,
+     expect="rounding may take", quick=False)
+case(group, "plate cells of 1 : 1e4", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-4), (2, 2)), **STEEL, thickness=1e-6,
+     supports={"left": "clamped"}), 5, checked=4, expect="rounding may take")
+case(group, "plate cells of 1 : 100", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-2), (2, 2)), **STEEL, thickness=1e-4,
+     supports={"left": "clamped"}), 5, checked=4)
+case(group, "brick of 1 : 1e-3, 20 nodes", modes, thin("hexahedron20", 1e-3), 3, checked=2, quick=False)
+case(group, "bricks of 1 : 1e-4, 20 nodes", modes, thin("hexahedron20", 1e-4, 8), 3, quick=False,
+     expect="Elements too thin or too fine")
+case(group, "locking: 8 elements of 20 nodes", bending, "hexahedron20", 1e-3)
+case(group, "locking: 8 elements of 8 nodes, as foretold", bending, "hexahedron", 1e-3)
+
+case("large", LARGE, modes, chain(1_000_000), 20, frequencies=fs.chain_frequencies(1_000_000, 20), quick=False)

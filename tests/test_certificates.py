@@ -1,0 +1,311 @@
+"""What stands behind complex modes: a count at any size, condition numbers, and refinement with the full model."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import lattice
+
+import femsub as fs
+from femsub import condensed, pep, qep, splitting
+from femsub._slepc import Factor
+from femsub.factor import factorise
+from femsub.matching import match
+
+BELT = fs.Belt(slope=-0.2677)
+
+
+def in_disc(pencil: fs.Pencil, radius: float) -> int:
+    """How many of LAPACK's eigenvalues lie in it."""
+    return int(np.count_nonzero(np.abs(qep.solve(pencil.dense())[0]) < radius))
+
+
+def counted(pencil: fs.Pencil, radius: float, shapes: np.ndarray | None = None) -> condensed.Count | None:
+    parts = splitting.split(pencil)
+    at = condensed.edge(parts, radius)
+    try:
+        solve, mu = factorise(parts.K0, "definite").solve, 0.0
+    except fs.SingularMatrixError:
+        solve, mu = condensed.definite(parts, radius)
+    return condensed.count(parts, at, solve, mu, np.zeros((pencil.size, 0)) if shapes is None else shapes)
+
+
+def contact(sub: fs.Substructure, seed: int, strength: float, flutter: float, rayleigh: tuple[float, float]) -> fs.Pencil:
+    """Two columns on six DOF with an unsymmetric damping, and with flutter > 0 an unsymmetric stiffness."""
+    rng = np.random.default_rng(seed)
+    rows, unit = rng.choice(sub.size, 6, replace=False), sub.K.diagonal().max()
+    W = np.zeros((sub.size, 2))
+    W[rows] = rng.standard_normal((6, 2))
+    W = sp.csr_array(W)
+    D, K = (size * W @ sp.csr_array(rng.standard_normal((2, 2))) @ W.T for size in (strength, flutter * unit))
+    return fs.Pencil(sub.M, D + rayleigh[0] * sub.M + rayleigh[1] * sub.K, sub.K + K if flutter else sub.K)
+
+
+# the count ------------------------------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("flutter", [0.0, 0.02])
+@pytest.mark.parametrize("rayleigh", [(0.0, 0.0), (0.02, 0.03)])
+def test_the_count_is_lapack_s_and_moves_with_the_contact(held: bool, flutter: float, rayleigh: tuple[float, float]) -> None:
+    shifted = 0
+    for seed, strength in enumerate((0.01, 1.0, 30.0)):
+        sub = lattice(9, 8, held=held, seed=seed)
+        pencil = contact(sub, seed, strength, flutter, rayleigh)
+        omega = fs.normal_modes(sub, count=24).frequencies
+        values, shapes, _ = qep.solve(pencil.dense())
+        for radius in (0.5 * (omega[9] + omega[10]), 0.9 * omega[20] + 0.1 * omega[21]):
+            near = (np.abs(values) < 1.1 * radius) & (values.imag >= 0)
+            found = counted(pencil, radius, shapes[:, near])
+            assert found is not None and found.proved
+            assert found.number == np.count_nonzero(np.abs(values) < radius)
+            shifted += found.number != 2 * np.count_nonzero(omega < radius)
+    assert shifted, "the contact is too weak to say anything about the determinant"
+
+
+def test_the_count_does_not_need_what_it_counts() -> None:
+    """A mode left out of the basis leaves the number where it is: it is no premise."""
+    pencil = fs.chain(150, belt=2).linearised(BELT)
+    values, shapes, _ = qep.solve(pencil.dense())
+    near = np.flatnonzero((np.abs(values) < 0.24) & (values.imag >= 0))
+    for left_out in ([], [0], [3, 4, 5], list(range(len(near)))):
+        found = counted(pencil, 0.2081, shapes[:, np.delete(near, left_out)])
+        assert found is not None and found.proved and found.number == 20 == in_disc(pencil, 0.2081)
+
+
+def test_an_unproved_count_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bad basis widens the margin; it must not give a number that is not one."""
+    monkeypatch.setattr(condensed, "KRYLOV", 1)
+    monkeypatch.setattr(condensed, "ROUNDS", 1)
+    sub = lattice(12, 10, held=True, seed=3)
+    pencil = contact(sub, 3, 30.0, 0.0, (0.0, 0.0))
+    omega = fs.normal_modes(sub, count=60).frequencies
+    found = counted(pencil, 0.5 * (omega[50] + omega[51]))
+    assert found is not None and not found.proved and found.margin > 1
+
+
+@pytest.mark.parametrize(("mu", "rayleigh"), [(0.0, (0.0, 0.0)), (0.01, (0.02, 0.03))])
+def test_the_bound_of_what_the_basis_lacks_holds_and_is_no_luxury(mu: float, rayleigh: tuple[float, float]) -> None:
+    """|H - H_V| ≤ κ ρ ρᵀ against H from dense solves, with a basis that lacks almost all."""
+    sub = lattice(8, 7, held=True, seed=2)
+    pencil = contact(sub, 2, 1.0, 0.0, rayleigh)
+    omega = fs.normal_modes(sub, count=20).frequencies
+    R = 1.0001 * omega[7]
+    parts, mu = splitting.split(pencil), mu * R**2
+    K, M, W = parts.K0.toarray(), parts.M.toarray(), parts.W
+    basis = condensed._Basis(parts, factorise(sp.csr_array(K + mu * M), "definite").solve, mu)
+    basis.start(basis.solve(W))
+    basis.add(basis.static)
+    small = basis.small(condensed.edge(parts, R).near)
+    small.zeros(R)
+    s = small.contour(R)
+    amplitude, _ = small._amplitudes(s)
+    weights, kappa = small.weights(s), small._kappa(s)
+    rho = np.sqrt(np.einsum("sip,ij,sjp->sp", weights.conj(), small.gram, weights).real)
+    ratios = []
+    for at, z in enumerate(s):
+        H = W.T @ np.linalg.solve((1 + parts.beta * z) * (K + parts.squared(np.array([z]))[0] * M), W)
+        lacking = np.abs(H - small.W.T @ (amplitude[at][:, None] * small.W))
+        ratios.append(lacking / (kappa[at] * np.outer(rho[at], rho[at])))
+    assert np.max(ratios) < 1 + 1e-9 and np.max(ratios) > 0.1
+    assert np.max([ratio * kappa[at] * abs(1 + parts.beta * s[at]) for at, ratio in enumerate(ratios)]) > 1.5, "κ = 1 would do"
+
+
+def test_splitting_finds_proportional_damping_dashpots_and_friction() -> None:
+    sub = lattice(10, 10, held=True, seed=1)
+    for rayleigh in ((0.0, 0.0), (0.3, 0.0), (0.0, 2e-3), (0.3, 2e-3)):
+        pencil = contact(sub, 5, 1.0, 0.1, rayleigh)
+        parts = splitting.split(pencil)
+        assert parts is not None and parts.W.shape[1] == 2
+        assert np.allclose((parts.alpha, parts.beta), rayleigh, rtol=1e-11, atol=0)
+        assert np.allclose(parts.W.T @ parts.W, np.eye(2), atol=1e-14)
+        for s in (0.3 + 2j, -1 + 0.1j):
+            C = parts.coupling(np.array([s]))[0]
+            whole = (1 + parts.beta * s) * (parts.K0 + parts.squared(s) * parts.M) + parts.W @ C @ parts.W.T
+            assert np.abs(whole - pencil.at(s)).max() < 1e-12 * np.abs(pencil.at(s)).max()
+    rng = np.random.default_rng(0)
+    assert splitting.split(fs.Pencil(sub.M, sp.diags_array(rng.random(sub.size)), sub.K)) is None  # a dashpot at each DOF
+
+
+@pytest.mark.parametrize("ask", [{"count": 20}, {"band": (0.0, 0.1)}, {"band": (0.02, 0.1), "re": (-0.01, 0.05)}])
+def test_a_large_model_is_counted_and_a_removed_eigenvalue_noticed(ask: dict[str, object],
+                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    sub = fs.chain(3000, belt=2)
+    ask = ask if "band" not in ask else {key: tuple(0.1 * edge for edge in pair) for key, pair in ask.items()}
+    modes = fs.complex_modes(sub, BELT, certify=True, **ask)
+    assert modes.certified and modes.counted is not None and modes.counted[1] % 2 == 0
+    original = pep.quadratic_modes
+
+    def forgetful(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
+        values, shapes = original(*arguments, **options)
+        keep = np.setdiff1d(np.arange(len(values)), np.argsort(np.abs(values))[4])
+        return values[keep], shapes[:, keep]
+
+    monkeypatch.setattr(pep, "quadratic_modes", forgetful)
+    with pytest.raises(fs.MissedModesError, match="independent count"):
+        fs.complex_modes(sub, BELT, certify=True, **ask)
+
+
+def test_what_is_missing_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
+    original, calls = pep.quadratic_modes, []
+
+    def forgetful_once(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
+        values, shapes = original(*arguments, **options)
+        calls.append(len(values))
+        keep = np.setdiff1d(np.arange(len(values)), [3] if len(calls) == 1 else [])
+        return values[keep], shapes[:, keep]
+
+    sub = fs.chain(3000, belt=2)
+    exact = fs.complex_modes(sub, BELT, band=(0.0, 0.01))
+    monkeypatch.setattr(pep, "quadratic_modes", forgetful_once)
+    again = fs.complex_modes(sub, BELT, band=(0.0, 0.01))
+    assert len(calls) == 2 and np.allclose(again.eigenvalues, exact.eigenvalues, rtol=1e-10)
+
+
+def test_the_sign_of_friction_is_seen_by_the_count() -> None:
+    sub = fs.chain(60, belt=1, damping=0.1)
+    pencils = [sub.linearised(fs.Belt(slope=slope)) for slope in (-4.0, 4.0)]
+    values = [qep.solve(pencil.dense())[0] for pencil in pencils]
+    assert values[0].real.max() > 2.2 and values[1].real.max() < 0
+    radius = 0.5 * (np.abs(values[0]).max() + np.abs(values[1]).max())
+    numbers = [counted(pencil, radius) for pencil in pencils]
+    assert all(found is not None and found.proved for found in numbers)
+    assert [found.number for found in numbers] == [in_disc(pencil, radius) for pencil in pencils] == [120, 119]
+
+
+def test_the_count_costs_one_factorisation_and_a_few_solves() -> None:
+    sub = fs.chain(3000, belt=2)
+    made = {}
+    for name, ask in (("count", {"count": 20}), ("band", {"band": (0.0, 0.01)})):
+        for certify in (False, True):
+            before = Factor.made
+            fs.complex_modes(sub, BELT, certify=certify, **ask)
+            made[name, certify] = Factor.made - before
+    assert made == {("count", False): 1, ("count", True): 2, ("band", False): 2, ("band", True): 2}
+    parts = splitting.split(sub.linearised(BELT))
+    at = condensed.edge(parts, 0.0105)
+    modes = fs.complex_modes(sub, BELT, band=(0.0, 0.012), certify=False)
+    found = condensed.count(parts, at, factorise(parts.K0, "definite").solve, 0.0, modes.shapes)
+    assert found is not None and found.proved and found.solves <= modes.shapes.shape[1] * 2 + 10 * parts.W.shape[1]
+
+
+# condition ------------------------------------------------------------------------------------------------------------
+
+def test_condition_is_tisseur_s_and_bounds_what_perturbations_do() -> None:
+    sub = fs.chain(10, belt=2)
+    pencil = sub.linearised(BELT)
+    modes = fs.complex_modes(sub, BELT)
+    M, D, K = (part.toarray() for part in (pencil.M, pencil.D, pencil.K))
+    rng, eps, largest = np.random.default_rng(1), 1e-7, 0.0
+    for _ in range(60):
+        dM, dD, dK = (norm * a / np.linalg.norm(a, 2) for norm, a in
+                      zip(pencil.norms, rng.standard_normal((3, 10, 10)), strict=True))
+        moved = qep.solve(fs.Pencil(M + eps * dM, D + eps * dD, K + eps * dK))[0]
+        _, to = match(modes.eigenvalues, moved)
+        ratio = np.abs(moved[to] - modes.eigenvalues) / (eps * modes.condition * np.abs(modes.eigenvalues))
+        largest = max(largest, float(ratio.max()))
+    assert 0.05 < largest < 1.01
+    free = fs.complex_modes(fs.chain(6, fixed=False))
+    assert np.isinf(free.condition[free.rigid]).all() and np.isfinite(free.condition[~free.rigid]).all()
+    twin = fs.complex_modes(fs.Pencil(np.eye(2), np.zeros((2, 2)), np.eye(2)))  # semisimple: well-conditioned
+    assert twin.condition.max() < 3
+    jordan = fs.complex_modes(fs.Pencil(np.eye(2), np.zeros((2, 2)), np.array([[1.0, 1.0], [0.0, 1.0]])))
+    assert jordan.condition.min() > 1e6
+
+
+# refinement -----------------------------------------------------------------------------------------------------------
+
+def reduced(sub: fs.Substructure, method: object, belt: fs.Belt,
+            band: tuple[float, float]) -> tuple[fs.Substructure, fs.ComplexModes]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        rom = fs.reduce(sub, method)
+    return rom, fs.complex_modes(rom, belt, band=band)
+
+
+@pytest.mark.parametrize("method", [fs.CraigBampton(6), fs.CraigChang(6)])
+@pytest.mark.parametrize("unsymmetric", [False, True])
+def test_refined_modes_are_those_of_the_full_model(method: object, unsymmetric: bool) -> None:
+    sub = fs.chain(400, belt=2)
+    if unsymmetric:  # gyroscopic
+        G = sp.coo_array((np.array([0.3, -0.3]), ([20, 21], [21, 20])), shape=(400, 400))
+        sub = sub.with_damping(sub.D + sp.csr_array(G))
+    band = (0.0, 0.03)
+    rom, small = reduced(sub, method, BELT, band)
+    full = fs.complex_modes(sub, BELT, band=band)
+    before = Factor.made
+    out = fs.refine(sub, small, rom, BELT)
+    assert out.factorisations == 1 == Factor.made - before and out.solves <= 2 * len(small) * (1 + unsymmetric) * (out.steps + 1)
+    assert len(full) == len(small) == len(out.modes) and not out.lost.any() and out.merged == ()
+    assert np.abs(out.modes.eigenvalues / full.eigenvalues - 1).max() < 1e-8
+    true = np.abs(small.eigenvalues - full.eigenvalues)
+    seen = true > 1e-9 * np.abs(full.eigenvalues)
+    assert seen.sum() >= 2 and np.abs(out.moved[seen] / true[seen] - 1).max() < 0.01
+    assert np.abs(np.einsum("ij,ij->j", full.shapes.conj(), out.modes.shapes)).min() > 1 - 1e-8
+    assert out.modes.backward_error.max() < 1e-9
+    assert (out.moved < 3 * np.abs(full.eigenvalues)).all() and repr(out).startswith("Refined: ")
+
+
+def test_refinement_keeps_rows_conjugates_and_rigid_modes() -> None:
+    sub = fs.chain(300, belt=40, fixed=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        rom = fs.reduce(sub, fs.CraigChang(8))
+    belt = fs.Belt(slope=-0.1)
+    small = fs.complex_modes(rom, belt, count=12)
+    out = fs.refine(sub, small, rom, belt)
+    full = fs.complex_modes(sub, belt, count=12)
+    at, to = match(full.eigenvalues, out.modes.eigenvalues)
+    difference = np.abs(out.modes.eigenvalues[to] - full.eigenvalues[at])
+    assert (difference < 1e-8 * np.abs(full.eigenvalues[at]) + 1e-12).all()
+    assert np.array_equal(out.which, np.arange(len(small))) and np.array_equal(out.reduced, small.eigenvalues)
+    assert (np.sign(out.modes.eigenvalues.imag) == np.sign(small.eigenvalues.imag)).all()
+    pencil = sub.linearised(belt)
+    assert pencil.backward_error(out.modes.eigenvalues, out.modes.shapes).max() < 1e-9
+    rest = fs.refine(sub, small, rom, belt, which=np.flatnonzero(small.rigid))
+    assert rest.solves == 0 and small.rigid.any() and not rest.moved.any() and rest.modes.rigid.all()
+    two = fs.refine(sub, small, rom, belt, which=[5, 2])
+    assert np.array_equal(two.which, [5, 2]) and np.allclose(two.modes.eigenvalues, out.modes.eigenvalues[[5, 2]], rtol=1e-9)
+
+
+def test_two_reduced_modes_that_lead_to_one_are_told() -> None:
+    sub = fs.chain(400, belt=2)
+    band = (0.0, 0.03)
+    rom, small = reduced(sub, fs.CraigBampton(6), BELT, band)
+    # A seventh that is the third over again, a little off.
+    off = 1 + 1e-7j
+    grown = replace(small, eigenvalues=np.append(small.eigenvalues, small.eigenvalues[2] * off),
+                    shapes=np.hstack([small.shapes, small.shapes[:, 2:3]]), rigid=np.append(small.rigid, False),
+                    above_cutoff=np.append(small.above_cutoff, False))
+    with pytest.warns(fs.FemsubWarning, match="lead to the same mode"):
+        out = fs.refine(sub, grown, rom, BELT)
+    assert len(out.merged) == 1 and set(out.merged[0]) == {2, len(small)}
+    assert out.lost.sum() == 1 and np.isnan(out.moved[out.lost]).all()
+    plain = fs.refine(sub, small, rom, BELT)
+    kept = np.flatnonzero(~out.lost)
+    assert len(kept) == len(small)
+    assert np.allclose(np.sort(out.modes.eigenvalues[kept].imag), np.sort(plain.modes.eigenvalues.imag), rtol=1e-9)
+
+
+def test_refinement_refuses_what_does_not_belong_together() -> None:
+    sub = fs.chain(200, belt=2)
+    rom, small = reduced(sub, fs.CraigBampton(5), BELT, (0.0, 0.05))
+    with pytest.raises(fs.InputError, match="with these contacts"):
+        fs.refine(sub, small, rom, fs.Belt(slope=-5.0))
+    with pytest.raises(fs.InputError, match="reduced from 200 DOF"):
+        fs.refine(fs.chain(100), small, rom, BELT)
+    with pytest.raises(fs.InputError, match="coordinates"):
+        fs.refine(sub, fs.complex_modes(sub, BELT, count=2), rom, BELT)
+    for wrong in ([0, 0], [99], [-1]):
+        with pytest.raises(fs.InputError, match="rows of the"):
+            fs.refine(sub, small, rom, BELT, which=wrong)
+    for options in ({"tol": 0.0}, {"steps": 0}, {"which": []}):
+        with pytest.raises(fs.InputError):
+            fs.refine(sub, small, rom, BELT, **options)
+    with pytest.raises(fs.InputTypeError, match="refine takes"):
+        fs.refine(rom, small, sub, BELT)  # type: ignore[arg-type]
+    with pytest.raises(fs.NotConvergedError, match="after 1 steps with an error of"):
+        fs.refine(sub, small, rom, BELT, steps=1, tol=1e-12)
