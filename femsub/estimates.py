@@ -27,7 +27,9 @@ class Estimate:
     cutoff : float
         The band ends below 0.7 of this frequency (inf for a complete basis).
     frequencies, frequency_error : ndarray, shape (k,)
-        ω of the undamped reduced model, and the estimate of (ω - ω_exact) / ω_exact; rigid-body modes are exact.
+        ω of the undamped reduced model, and the estimate of (ω - ω_exact) / ω_exact; rigid-body modes are exact. What the
+        residual of the modes themselves leaves (1e-10 at most, and squared in ω) is not in it: Craig-Chang's figures
+        here are those of rounding.
     eigenvalues, eigenvalue_error : ndarray, shape (l,)
         λ with Im λ ≥ 0 of the damped reduced model, and the estimate of |λ - λ_exact| / |λ_exact|; empty without damping.
     unmatched : int
