@@ -7,7 +7,7 @@
 extreme_table.py. Each runs apart from the others: what fails, even by a crash or after --limit seconds, is a row of the table.
 
 References are Sturm counts, companion matrices and solves in 60 digits (mpmath) of the matrices as they are, in double precision,
-and closed forms; none of it is femsub's. All errors are relative: of ω², of complex eigenvalues, of slopes, of the reduced
+and closed forms; none of it is femsub's. `scripts/setup test` installs mpmath. All errors are relative: of ω², of complex eigenvalues, of slopes, of the reduced
 model's statics. A bound comes from condition numbers or from what a method was asked for, is fixed before the error is known,
 and must be below 1.
 
