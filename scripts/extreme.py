@@ -6,10 +6,10 @@
 --cases takes names, parts of them, or groups; --quick leaves out what takes longer than a second or two. The cases are in
 extreme_table.py. Each runs apart from the others: what fails, even by a crash or after --limit seconds, is a row of the table.
 
-References are Sturm counts, companion matrices and solves in 60 digits (mpmath) of the matrices as they are, in double precision,
-and closed forms; none of it is femsub's. All errors are relative: of ω², of complex eigenvalues, of slopes, of the reduced
-model's statics. A bound comes from condition numbers or from what a method was asked for, is fixed before the error is known,
-and must be below 1.
+References are Sturm counts, companion matrices and solves in 60 digits (mpmath, which `scripts/setup test` installs) of the
+matrices as they are, in double precision, and closed forms; none of it is femsub's. All errors are relative: of ω², of complex
+eigenvalues, of slopes, of the reduced model's statics. A bound comes from condition numbers or from what a method was asked for,
+is fixed before the error is known, and must be below 1.
 
 right     Each value lies within its bound, none is missed, no claim (rigid-body modes, stability) is false; the backward error is
           at most 1e-9 and ‖ΦᵀMΦ - I‖ at most 1e-8.
