@@ -76,7 +76,7 @@ STEPS = (
            figures=("extreme.png",)),
     script("effectivity", "Modes chosen to a tolerance", "The estimate against the true error over a gallery.",
            figures=("effectivity.png",)),
-    script("certificates", "What certificates cost", "Seconds of the proof over seconds of the solution."),
+    script("certificates", "What certificates cost", "Seconds of the proof over seconds of the solution.", "--repeats", "1"),
     script("integrators", "Integrators", "Error against run time of integrators, at n = 10, 100 and 1000.", writes=False),
     script("cycle_cost", "Cost of a limit cycle", "Harmonic balance of finite-element ROMs against that of the chain.",
            "--repeats", "3", writes=False),
@@ -105,7 +105,7 @@ def run(step: Step, folder: Path, quick: bool) -> None:
     if process.returncode:
         raise Stopped(f"{step.name} ended with status {process.returncode}: {errors.strip()[-500:]}\n"
                       f"  {shlex.join(command)}\n  what it printed is in {folder / 'printed.txt'}")
-    shown = shlex.join([part.replace(str(folder), "out").replace(f"{ROOT}/", "").replace(sys.executable, "python")
+    shown = shlex.join([part.replace(sys.executable, "python").replace(str(folder), "out").replace(f"{ROOT}/", "")
                         for part in command])
     done = {"command": shown, "commit": commit(), "seconds": time.perf_counter() - start, "date": time.strftime("%Y-%m-%d"),
             "machine": report.machine() | versions(), "warnings": errors.strip().splitlines()}
