@@ -41,8 +41,8 @@ def _load() -> tuple[Any, Any]:
         raise MissingPackageError(
             "slepc4py (with petsc4py) is not installed for this Python. scripts/setup installs it from Debian's "
             "packages, scripts/setup-from-source builds it from PyPI's sources") from error
-    # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT.
-    slepc4py.init(["femsub", "-no_signal_handler"])
+    # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT, and list at exit what went unused.
+    slepc4py.init(["femsub", "-no_signal_handler", "-options_left", "no"])
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
