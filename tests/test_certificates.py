@@ -254,13 +254,13 @@ def test_refinement_keeps_rows_conjugates_and_rigid_modes() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.PortWarning)
         rom = fs.reduce(sub, fs.CraigChang(8))
-    belt = fs.Belt(slope=-0.1)
+    belt = fs.Belt(slope=-0.05)  # at -0.1 the damping of rigid motion would cancel, and 0 be a double eigenvalue
     small = fs.complex_modes(rom, belt, count=12)
     out = fs.refine(sub, small, rom, belt)
     full = fs.complex_modes(sub, belt, count=12)
     at, to = match(full.eigenvalues, out.modes.eigenvalues)
     difference = np.abs(out.modes.eigenvalues[to] - full.eigenvalues[at])
-    assert (difference < 1e-8 * np.abs(full.eigenvalues[at]) + np.where(full.rigid[at], 1e-9, 1e-12)).all()  # a double 0
+    assert (difference < 1e-8 * np.abs(full.eigenvalues[at]) + 1e-12).all()
     assert np.array_equal(out.which, np.arange(len(small))) and np.array_equal(out.reduced, small.eigenvalues)
     assert (np.sign(out.modes.eigenvalues.imag) == np.sign(small.eigenvalues.imag)).all()
     pencil = sub.linearised(belt)
