@@ -48,15 +48,21 @@ class Step:
     figures: tuple[str, ...] = ()  #: of the files that it leaves, in this order
 
 
+# For small dense models: the threads of NumPy's, SciPy's and PETSc's own BLAS wait for each other's core, for up to ten times
+# as long as the work takes.
+ONE_THREAD = ("env", "OMP_NUM_THREADS=1")
+
+
 def scene(name: str, title: str, says: str, *figures: str, quick: str = "") -> Step:
-    run = (str(SCRIPTS / "femsub"), "run", name, "--out", "{out}")
-    small = (*run[:2], quick, *run[3:]) if quick else ()
-    return Step(Path(name).stem, title, says, run, small, tuple(f"{figure}.png" for figure in figures))
+    def run(what: str) -> tuple[str, ...]:
+        return (*ONE_THREAD, str(SCRIPTS / "femsub"), "run", what, "--out", "{out}")
+    small = run(quick) if quick else ()
+    return Step(Path(name).stem, title, says, run(name), small, tuple(f"{figure}.png" for figure in figures))
 
 
 def script(name: str, title: str, says: str, *options: str, figures: tuple[str, ...] = (), quick: tuple[str, ...] = (),
-           step: str = "", writes: bool = True) -> Step:
-    run, out = (sys.executable, str(SCRIPTS / f"{name}.py")), ("--out", "{out}") if writes else ()
+           step: str = "", writes: bool = True, before: tuple[str, ...] = ()) -> Step:
+    run, out = (*before, sys.executable, str(SCRIPTS / f"{name}.py")), ("--out", "{out}") if writes else ()
     return Step(step or name, title, says, (*run, *options, *out), (*run, *quick, *out) if quick else (), figures)
 
 
@@ -79,7 +85,7 @@ STEPS = (
     script("certificates", "What certificates cost", "Seconds of the proof over seconds of the solution.", "--repeats", "1"),
     script("integrators", "Integrators", "Error against run time of integrators, at n = 10, 100 and 1000.", writes=False),
     script("cycle_cost", "Cost of a limit cycle", "Harmonic balance of finite-element ROMs against that of the chain.",
-           "--repeats", "3", writes=False),
+           "--repeats", "3", writes=False, before=ONE_THREAD),
     script("attractors", "Attractors", "Where seeded starts end, full and reduced.", figures=("attractors.png",)),
 )
 
