@@ -8,6 +8,8 @@ import scipy.sparse as sp
 
 import femsub as fs
 
+pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values as those in tests do
+
 
 def membrane(m: int) -> fs.Substructure:
     """The 5-point stencil on an m x m square: λ_jk = 4 sin²(jπ/2(m+1)) + 4 sin²(kπ/2(m+1)), pairs for j ≠ k."""
@@ -59,3 +61,14 @@ def rigid_motions(nx: int, ny: int) -> np.ndarray:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20261120)
+
+
+@pytest.fixture
+def sub() -> fs.Substructure:
+    """The held lattice with unsymmetric D, a second port of two columns, names and places of its DOF."""
+    base = lattice(4, 3, held=True)
+    n, rng = base.size, np.random.default_rng(3)
+    dofs = fs.DofMap(np.repeat(np.arange(n // 2) * 7 + 3, 2), np.tile([0, 1], n // 2), points=rng.standard_normal((n, 2)))
+    damping = sp.random(n, n, 0.1, random_state=5, format="csr")
+    ports = {"pad": rng.standard_normal((n, 2)), "belt": base.port("belt")}
+    return fs.Substructure(base.M, base.K, damping, base.interface, ports, "lättice", dofs)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from test_matrixfiles import numbered
+from matrixhelp import numbered
 
 import femsub as fs
 from femsub.cli import main
