@@ -10,11 +10,11 @@ import scipy.linalg as la
 from femsub.bases.basis import independent
 from femsub.cea import complex_modes
 from femsub.crossing import PortFunction
-from femsub.eigen import lowest_modes
+from femsub.eigen import lowest_modes, modes_below
 from femsub.errors import NotConvergedError, UnstableModelError
-from femsub.factor import complex_solve, factorise
+from femsub.factor import complex_solve
 from femsub.friction import contact_damping
-from femsub.pencil import EPS, Array, Difference, Pencil, is_symmetric
+from femsub.pencil import EPS, Array, Pencil, is_symmetric
 from femsub.qep import definite_form, eigenvalues
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
@@ -259,8 +259,9 @@ class _Growing:
     def __init__(self, model: Substructure, W: Array, limit: float) -> None:
         self.full, self.load = model.pencil, W
         handle = ShiftInvert(model.K, model.M)
-        below = factorise(Difference(model.K, model.M, limit**2), "symmetric").negative_pivots
-        modes = lowest_modes(handle, max(1, below - handle.rigid.shape[1]))
+        modes = modes_below(model.K, model.M, limit, handle)
+        if modes.rigid == len(modes.eigenvalues):
+            modes = lowest_modes(handle, 1)
         braked = np.unique(model.D.nonzero()[1])
         forces = np.hstack([W, _units(model.size, braked if len(braked) <= 12 else braked[:0])])
         rest = handle.elastic_solve(forces, modes.shapes)

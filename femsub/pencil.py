@@ -165,7 +165,7 @@ class Difference:
         return upper(self.K) - self.sigma * upper(self.M) if self.sigma else upper(self.K)
 
     def __matmul__(self, x: Array) -> Array:
-        return self.K @ x - self.sigma * (self.M @ x)
+        return self.K @ x - self.sigma * (self.M @ x) if self.sigma else self.K @ x
 
 
 def upper(A: Matrix) -> Matrix:

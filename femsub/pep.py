@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from femsub import condensed, qep, splitting
 from femsub._slepc import Factor, quadratic_modes
 from femsub.counting import missed_eigenvalues
-from femsub.eigen import NormalModes, lowest_modes, modes_below
+from femsub.eigen import NormalModes, lowest_modes, modes_below, modes_under
 from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import QUADRATIC
 from femsub.pencil import Array, Matrix, Pencil
@@ -119,7 +121,12 @@ class Shifted:
         """
         if all(self.pencil.symmetric):
             return X.conj()
-        found, vectors = Shifted(self.pencil.transposed()).nearest(ask)
+        if self.shift == 0 and self.pencil.symmetric[2]:  # Kᵀ is K: its factor will do
+            other = copy(self)
+            other.pencil = self.pencil.transposed()
+        else:
+            other = Shifted(self.pencil.transposed())
+        found, vectors = other.nearest(ask)
         Y = np.zeros_like(X)
         free = np.ones(len(found), dtype=bool)
         for j in np.argsort(np.abs(values)):
@@ -268,7 +275,7 @@ def _reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Matrix, Nor
         try:
             if shapes:
                 return K, modes_below(K, pencil.M, radius)
-            count = Factor(K - radius**2 * pencil.M, "symmetric").negative_pivots
+            count = modes_under(K, pencil.M, radius**2)
             return K, NormalModes(np.zeros(0), np.zeros((pencil.size, 0)), 0, np.zeros(0), (radius, count))
         except (SingularMatrixError, MissedModesError, InputError):
             continue

@@ -123,7 +123,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
     still = modes.rigid[rows]
     space.append(rom.V)
     q = space.coordinates(X)
-    start, twin, share = q, np.full(len(rows), -1), np.ones(len(rows))
+    start, twin = q, np.full(len(rows), -1)
     error = np.where(still, 0.0, np.inf)
     for step in range(steps + 1):
         small, xs, ys = qep.solve(space.pencil)

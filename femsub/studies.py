@@ -61,7 +61,7 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     -------
     Study
         The seconds of the full model are those of the eigensolver alone: where the number of its eigenvalues in the band
-        is confirmed by a winding number (up to 2,000 DOF), that is done once and not timed.
+        is confirmed by an independent count (up to 2,000 DOF), that is done once and not timed.
     """
     if not isinstance(sub, Substructure):
         raise InputTypeError(f"study takes a Substructure, not {type(sub).__name__}")

@@ -7,6 +7,7 @@ import pytest
 
 import femsub as fs
 from femsub.matching import match, spectrum_errors
+from femsub.phases import timed
 from femsub.studyresults import Row, Timing, with_front
 
 
@@ -63,6 +64,9 @@ def test_each_row_tells_where_its_seconds_went_and_what_it_holds() -> None:
         assert all(one.median > 0 for one in row.phases.values())
         assert row.memory == pytest.approx((3 * row.size**2 + 400 * row.size) * 8e-6)
         assert {"factorisation_s", "basis_s", "projection_s", "memory", "mac", "pareto"} <= row.flat().keys()
+    with timed() as seconds, pytest.warns(fs.PortWarning):  # too light a factor to be given back before the count
+        fs.reduce(fs.chain(400, belt=2), fs.CraigChang(6))
+    assert seconds["certificate"] > 1e-5 and seconds["factorisation"] > 0
     assert found.full.phases == {} and "assembled in 250 ms" in str(found)
 
 

@@ -167,7 +167,8 @@ def test_one_factorisation_and_one_count(kind: type, monkeypatch: pytest.MonkeyP
     for sub, hi in ((lattice(14, 11), 0.6), (lattice(14, 11, held=True), 0.6), (chain, 0.05)):
         made.clear()
         rom = fs.reduce(sub, kind(band=(0.0, hi), tol=1e-3 if kind is fs.CraigBampton else 1e-5), ports=True)
-        assert made == ["definite", "symmetric"] and rom.factorisations == 1
+        counts = [] if rom.estimate.searched > 0.3 * sub.size else ["symmetric"]  # LAPACK, once it has taken over, counts its own
+        assert made == ["definite", *counts] and rom.factorisations == 1
     assert rom.estimate.searched > 30  # it has grown beyond the first search
 
 

@@ -155,7 +155,7 @@ def chosen(parts: Parts, band: Any, tol: Any, pencil: Pencil | None) -> tuple[Ke
         if not best.met:
             search.grow(_further(nested, best, search, parts.sub.name))
             continue
-        if counted:
+        if counted or search.found.confirmed:
             return Kept(search.found, best.modes, best.cutoff), best
         # what the count confirms is the modes kept and the one that gives the cut-off
         least = min(best.modes + 1, search.most)
