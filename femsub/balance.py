@@ -84,7 +84,7 @@ class Balance:
     """R(v, ω) of one contact and one model's compliance, with its derivatives."""
 
     def __init__(self, contact: Sliding, flexibility: Compliance) -> None:
-        self.contact, self.flexibility, self.residuals, self.jacobians = contact, flexibility, 0, 0
+        self.contact, self.flexibility = contact, flexibility
 
     def samples(self, orbit: Orbit, least: int = 0) -> int:
         """How many samples f_k needs for R to be free of aliasing: a power of two."""
@@ -102,7 +102,6 @@ class Balance:
 
     def residual(self, orbit: Orbit, count: int) -> tuple[Array, Array, Array, Array]:
         """R (H, p), and Y, dY/dω, f to go with it."""
-        self.residuals += 1
         k = np.arange(1, orbit.harmonics + 1)
         Y, slope = self.flexibility.mobility(1j * orbit.omega * k)
         f = coefficients(self.contact.force(orbit.samples(count)), orbit.harmonics)[1:]
@@ -110,7 +109,6 @@ class Balance:
 
     def derivative(self, orbit: Orbit, count: int, parts: tuple[Array, Array, Array, Array]) -> Array:
         """dR/d[Re v, Im v, ω], shape (2Hp, 2Hp + 1)."""
-        self.jacobians += 1
         H, p = orbit.v.shape
         _, Y, slope, f = parts
         g = coefficients(self.contact.tangent(orbit.samples(count)), 2 * H)
@@ -135,17 +133,18 @@ class Balance:
         out no more than a target, by default a tenth as much.
         """
         H = orbit.harmonics
-        count = min(SAMPLES, 4 * self.samples(orbit))
+        used = self.samples(orbit)
+        count = min(2 * SAMPLES, 4 * used)
         top = count // 4
         f = coefficients(self.contact.force(orbit.samples(count)), top)[1:]
-        half = coefficients(self.contact.force(orbit.samples(count // 2)), H)[1:]
+        coarse = coefficients(self.contact.force(orbit.samples(used)), H)[1:]
         Y = self.flexibility.estimate(1j * orbit.omega * np.arange(1, top + 1))
         rest = np.linalg.norm(np.einsum("kij,kj->ki", Y, f), axis=1)
         size = float(np.linalg.norm(orbit.v)) or 1.0
         beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # ‖.‖ over all from k on
         truncation = float(beyond[H]) if top > H else 0.0
         enough = np.flatnonzero(beyond <= (target or 0.1 * truncation))
-        alias = float(np.linalg.norm(np.einsum("kij,kj->ki", Y[:H], half - f[:H]))) / size
+        alias = float(np.linalg.norm(np.einsum("kij,kj->ki", Y[:H], coarse - f[:H]))) / size
         return truncation, alias, int(enough[0]) if len(enough) else top
 
     def solve(self, orbit: Orbit, *, rounds: int = 40, tolerance: float = STEP) -> tuple[Orbit, float, int]:
@@ -174,8 +173,9 @@ class Balance:
             if size <= tolerance or (size <= 1e-6 and turn > 12):
                 return orbit, float(np.linalg.norm(parts[0]) / np.linalg.norm(orbit.v)), turn
             if size < 0.1:
-                count = self.samples(orbit)
-                parts = self.residual(orbit, count)
+                needed = self.samples(orbit)
+                if needed != count:
+                    count, parts = needed, self.residual(orbit, needed)
         raise NotConvergedError(f"harmonic balance with {orbit.harmonics} harmonics did not converge: after {rounds} steps the "
                                 f"last was {size:.1e} of the cycle, and {tolerance:g} is asked; start nearer, such as from a "
                                 "transient's signal: start=(t, v)")

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from femsub.balance import Orbit
-from femsub.compliance import Compliance, compliance
+from femsub.compliance import Compliance
 from femsub.contacts import Sliding, sliding
 from femsub.continuation import PARAMETERS, Path, Place
-from femsub.cycles import LimitCycle
+from femsub.cycles import LimitCycle, flexibility_of
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.friction import Belt
 from femsub.hopf import HopfPoint, begun, hopf_point, limits_of
@@ -135,7 +135,7 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
     if parameter != "force" and belt.force == 0:
         raise InputError("the normal force is zero: nothing excites the model; give the belt a force")
     _ = contact.equilibrium  # refuses what floats
-    flexibility = compliance(contact)
+    flexibility = flexibility_of(contact, start)
     tell = progress or (lambda _: None)
     if isinstance(start, LimitCycle):
         value = float(getattr(belt, parameter))
@@ -166,7 +166,8 @@ def _path(contact: Sliding, flexibility: Compliance, parameter: str, at: int, li
 
 
 def _on_path(path: Path, orbit: Orbit, value: float) -> Place:
-    """The cycle at this very value, with its tangent."""
+    """The cycle at this very value, with its tangent and no more harmonics than are allowed."""
+    orbit = orbit.with_harmonics(min(orbit.harmonics, path.most))
     row = np.zeros(2 * orbit.v.size + 2)
     row[-1] = 1.0
     return path.correct(orbit, value, row, value / path.scales[2])[0]

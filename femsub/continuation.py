@@ -91,7 +91,6 @@ class Path:
         scaled = np.hstack([J[:, :-1], J[:, -1:] * (omega / speed), column[:, None]])
         R = np.concatenate([parts[0].real.ravel(), parts[0].imag.ravel()]) / speed
         phase = np.append(balance.phase(orbit), 0.0)
-        phase[-2] = 0.0
         return np.append(R, 0.0), np.vstack([scaled, phase])
 
     def correct(self, orbit: Orbit, value: float, row: Array, target: float, rounds: int = 14) -> tuple[Place, int]:

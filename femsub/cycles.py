@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.balance import Balance, Orbit, in_phase
+from femsub.balance import Balance, Orbit, coefficients, in_phase
 from femsub.compliance import Compliance, Fractions, compliance
 from femsub.contacts import Sliding, State, sliding
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
@@ -22,7 +22,6 @@ from femsub.substructure import Substructure
 
 MOST = 1500  # harmonics beyond which none are added unasked
 ROUGH = 1e-2  # truncation or aliasing above which a cycle is warned of
-SCARCE = 2e8  # size³ from which a Newton step takes a second
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +41,7 @@ class LimitCycle:
     truncation : float
         ‖Y(ikω) f_k‖ / ‖v‖ over the harmonics left out: what they would move if they were kept.
     aliasing : float
-        Change of the right-hand side, relative to ‖v‖, with twice as many samples.
+        Change of the right-hand side, relative to ‖v‖, with four times as many samples.
     newton : int
         Newton steps, all levels together.
     """
@@ -103,12 +102,12 @@ class LimitCycle:
     @cached_property
     def _forces(self) -> tuple[Array, Array]:
         """Mean of f (p,), and f_k (H, p)."""
-        count = self._wave.shape[1]
-        f = np.fft.rfft(self.contact.force(self._wave), axis=1)[:, :self.orbit.harmonics + 1].T / count
+        f = coefficients(self.contact.force(self._wave), self.orbit.harmonics)
         return f[0].real, f[1:]
 
-    def state(self, t: float = 0.0) -> State:
-        """q and q̇ on the cycle at time t in the model's own coordinates: q_k = P(ikω)⁻¹ W f_k, K q_0 = W f_0."""
+    @cached_property
+    def _motion(self) -> tuple[Array, Array, Array]:
+        """K⁻¹W f_0 (n,), ikω (H,) and q_k (n, H)."""
         mean, f = self._forces
         steady = self.contact.force(np.zeros(self.contact.columns))
         if self.contact.columns == 1 and steady[0] != 0:
@@ -116,7 +115,12 @@ class LimitCycle:
         else:
             rest = static(self.contact.model, self.contact.W @ mean)
         s = 1j * self.omega * np.arange(1, self.orbit.harmonics + 1)
-        q = self.flexibility.response(s, f) * np.exp(s * float(t))
+        return rest, s, self.flexibility.response(s, f)
+
+    def state(self, t: float = 0.0) -> State:
+        """q and q̇ on the cycle at time t in the model's own coordinates: q_k = P(ikω)⁻¹ W f_k, K q_0 = W f_0."""
+        rest, s, q = self._motion
+        q = q * np.exp(s * float(t))
         return State(rest + 2 * q.real.sum(axis=1), 2 * (q * s).real.sum(axis=1))
 
     @cached_property
@@ -184,11 +188,16 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
     if all(belt.force == 0 for belt in contact.belts):
         raise InputError("the normal force is zero: nothing excites the model, and it has no limit cycle; give the belt a force")
     _ = contact.equilibrium  # refuses what floats
-    known = start.contact if isinstance(start, LimitCycle) else None
-    same = known is not None and known.model is model and np.array_equal(known.W, contact.W)
-    flexibility = start.flexibility if same else compliance(contact)  # a sparse model keeps its responses
+    flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
     return refined(contact, flexibility, orbit, harmonics, tolerance, steps)
+
+
+def flexibility_of(contact: Sliding, start: Any) -> Compliance:
+    """That of the cycle to start from, where it is of the same model: a sparse one keeps its responses. Else a new one."""
+    known = start.contact if isinstance(start, LimitCycle) else None
+    same = known is not None and known.model is contact.model and np.array_equal(known.W, contact.W)
+    return start.flexibility if same else compliance(contact)
 
 
 def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: int | None, tolerance: float,

@@ -47,7 +47,8 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
             axis.grid(alpha=0.3)
     axes[0, 0].set_ylabel("rms of v at the belt  [length/time]")
     axes[1, 0].set_ylabel("ω  [rad/time]")
-    figure.legend(handles=_handles(colours, kinds, bool(dots)), loc="outside lower center", fontsize=8,
+    points = {item["model"] for item in branches if all(flag is None for flag in item["branch"].stable)}
+    figure.legend(handles=_handles(colours, kinds, bool(dots), points), loc="outside lower center", fontsize=8,
                   ncols=min(6, 2 + len(shown)))
     figure.suptitle(f"{title}: limit cycles over the {parameter}", fontsize=11)
     return figure
@@ -84,11 +85,12 @@ def _home(omega: float, families: Sequence[float], branches: Sequence[Mapping[st
     return families[best] if best >= 0 and gaps[best] < 0.05 else None
 
 
-def _handles(colours: Mapping[str, str], kinds: set[str], dots: bool) -> list[Any]:
+def _handles(colours: Mapping[str, str], kinds: set[str], dots: bool, points: set[str]) -> list[Any]:
     from matplotlib.lines import Line2D
 
-    made = [Line2D([], [], color=colour, lw=WIDTHS.get(name, 1.3), label=name) for name, colour in colours.items()]
-    made += [Line2D([], [], color="0.4", lw=1.5, label="stable"),
+    made = [Line2D([], [], color=colour, marker="x", ms=7, ls="", label=f"{name} (stability not computed)") if name in points
+            else Line2D([], [], color=colour, lw=WIDTHS.get(name, 1.3), label=name) for name, colour in colours.items()]
+    made += [Line2D([], [], color="0.4", lw=1.5, label="stable or undecided"),
              Line2D([], [], color="0.4", lw=0.8, ls=(0, (4, 3)), label="unstable"),
              Line2D([], [], color="0.4", marker="*", ls="", ms=8, label="Hopf point")]
     made += [Line2D([], [], color="0.4", marker=mark, ls="", ms=5, label=kind) for kind, mark in KINDS.items() if kind in kinds]

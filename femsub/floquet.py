@@ -113,13 +113,11 @@ def _monodromy(contact: Sliding, flexibility: Fractions, orbit: Orbit, steps: in
     g = contact.tangent(_values(orbit, (edges[1:] + edges[:-1]) / 2))
     U, V, S = flexibility.into, flexibility.out, flexibility.w.T @ flexibility.w
     E = _impulses(g * (h * period), S)
-    flow = np.exp(np.outer(h * period, flexibility.found.values))
-    half = np.exp(0.5 * h[0] * period * flexibility.found.values)
-    Z = np.diag(half)
+    after = 0.5 * period * np.append(h[:-1] + h[1:], h[-1])  # half of this step and half of the next
+    Z = np.diag(np.exp(0.5 * h[0] * period * flexibility.found.values))
     for i in range(len(h)):
         Z += U @ (E[i] @ (V @ Z))
-        after = 0.5 * (h[i] + h[i + 1]) * period if i + 1 < len(h) else 0.5 * h[i] * period
-        Z *= (np.exp(after * flexibility.found.values) if i + 1 == len(h) or h[i + 1] != h[i] else flow[i])[:, None]
+        Z *= np.exp(after[i] * flexibility.found.values)[:, None]
     return Z
 
 

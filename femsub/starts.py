@@ -169,9 +169,9 @@ def _of_crossings(contact: Sliding, flexibility: Fractions, growing: Array, near
 def _of_modes(contact: Sliding, flexibility: Fractions, growing: Array, near: float | None) -> list[Orbit]:
     """Several columns: the mode is followed while the amplitude of its shape grows, until it neither grows nor decays."""
     form, w = flexibility.found.form, flexibility.w
-    first = growing[0] if near is None or not len(growing) else growing[np.argmin(np.abs(growing.imag - near))]
     if not len(growing):
         return []
+    first = growing[0] if near is None else growing[np.argmin(np.abs(growing.imag - near))]
     target, shape, before = complex(first), np.zeros(0), None
     for a in _sweep(contact):
         N = gain(contact, shape, np.array([a]), 512)[0] if len(shape) else contact.tangent(np.zeros(contact.columns))

@@ -266,3 +266,21 @@ def test_shooting_refuses_what_it_cannot_do() -> None:
         fs.shoot(fs.chain(100, belt=2), BELT, cycle("HCB"))
     with pytest.raises(fs.InputError, match="positive period"):
         fs.shoot(model("HCB"), BELT, cycle("HCB").state())
+
+
+def test_two_columns_with_stable_sliding_say_so() -> None:
+    model, belt = two_columns()
+    with pytest.raises(fs.InputError, match=r"no amplitude|stable"):
+        fs.harmonic_balance(model, fs.Belt(speed=-0.3, law=belt.law), start=0.4)
+
+
+def test_the_aliasing_told_is_that_of_the_samples_that_were_used() -> None:
+    found = cycle("HCB")
+    balance, orbit = Balance(found.contact, found.flexibility), found.orbit
+    used = balance.samples(orbit)
+    few, many = (np.fft.rfft(found.contact.force(orbit.samples(count)))[0, 1:orbit.harmonics + 1] / count
+                 for count in (used, 4 * used))
+    Y = found.flexibility.estimate(1j * orbit.omega * np.arange(1, orbit.harmonics + 1))[:, 0, 0]
+    told = balance.unresolved(orbit)[1]
+    assert told == pytest.approx(np.linalg.norm(Y * (few - many)) / np.linalg.norm(orbit.v), rel=1e-3)
+    assert 0 < told < 1e-7 and 0 < found.aliasing < 1e-7  # another one, as the samples of a phase shifted

@@ -231,7 +231,7 @@ def _range(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[flo
     belt = scene.rubbing
     value = float(getattr(belt, scene.parameter))
     if scene.parameter == "speed":
-        return 0.5 * min(value, 2 * value), 3 * value
+        return min(0.5 * value, 3 * value), max(0.5 * value, 3 * value)
     small = next(model for model in models.values() if _small(model))
     first = float(onsets(sliding(small, belt), band)[1][0])
     assert belt.slope is not None
@@ -273,20 +273,22 @@ def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float,
     for value in np.linspace(limits[0], limits[1], scene.dots + 2)[1:-1]:
         tell(f"transient of {name}, {scene.parameter} = {value:.5g}")
         belt = with_parameter(scene.rubbing, scene.parameter, float(value))
-        contact = sliding(model, belt)
-        w = contact.W[:, 0]
-        # so hard a blow that the contact moves at the belt's speed, which is beyond the threshold of a hard onset
-        start = contact.impulse(1.0)
-        start = contact.impulse(abs(scene.speed) / abs(float(w @ start.velocity)))
         if scene.dots_from == "cycle":
             near = [cycle for one in traced for cycle in one.at(float(value)) if cycle.is_stable]
             if not near:
                 continue
             state = near[0].state()
             start = State(state.displacement, 1.05 * state.velocity)
+        else:
+            # so hard a blow that the contact moves at the belt's speed, which is beyond the threshold of a hard onset
+            contact = sliding(model, belt)
+            blow = contact.impulse(1.0)
+            start = State(blow.displacement, blow.velocity * abs(scene.speed / float(contact.W[:, 0] @ blow.velocity)))
         done = transient(model, belt, (0.0, end), start=start, record_from=part * end, samples=8192, tol=1e-6)
+        if not done.complete:
+            raise KeyboardInterrupt
         v: Array = done.velocity(belt.port)
-        v = v[0] if v.ndim > 1 else v
+        v = v[:, 0] if v.ndim > 1 else v
         if scene.dots_from == "cycle":
             dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
                          "omega": 2 * np.pi / _repeats(done.t, v, 2 * np.pi / of_signal(done.t, v, 1).omega)})
