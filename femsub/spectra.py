@@ -159,7 +159,7 @@ def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | 
 
 
 def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = None, *, below: float | None = None) -> Growth:
-    """σ of x ≈ a exp(σt) cos(ωt + φ): a straight line through the logarithms of the peaks of |x - x̄_0|.
+    """σ of x ≈ a exp(σt) cos(ωt + φ): a straight line through the logarithms of the peaks of |x|, whose mean must be 0.
 
     Parameters
     ----------

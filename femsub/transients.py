@@ -205,6 +205,9 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
                 progress(f"t = {flow.t:.6g} of {t1:g}")
     except KeyboardInterrupt:
         complete = False
+    except BaseException:
+        flow.close()  # PETSc's objects refer to each other, and would keep their factors
+        raise
     q, v, *states = (np.concatenate(pieces) for pieces in zip(*parts, strict=True)) if parts else \
         (np.zeros((0, columns.shape[1])),) * 2
     work, loss, now = flow.balance

@@ -121,7 +121,7 @@ def _told_apart(rows: Sequence[Row], criterion: str) -> float:
 
 
 def _errors(mine: Sequence[Motion], reference: Sequence[Motion]) -> Row:
-    """Medians over starts: of the dominant frequency, of the rms, and of the power that stands on other lines."""
+    """Medians over starts: of the dominant frequency and of the rms; the mean of the power that stands on other lines."""
     pairs = list(zip(mine, reference, strict=True))
     return {"error_frequency": float(np.median([_relative(one.omega, other.omega) for one, other in pairs])),
             "error_amplitude": float(np.median([_relative(one.rms, other.rms) for one, other in pairs])),

@@ -19,9 +19,8 @@ import numpy as np
 import femsub as fs
 from femsub.attractors import Motion, motion, settled
 from femsub.bases import METHODS
-from femsub.contacts import State, project, sliding
+from femsub.contacts import STICKING, State, project, sliding
 
-STICKS = 3.0  # times ε: |v0 - v| below which a contact sticks
 Record = dict[str, Any]
 
 
@@ -158,7 +157,7 @@ def _settle(settings: Settings, found: fs.Substructure, state: State, to_the_end
         if not run.complete:
             raise KeyboardInterrupt
         state, t = run.final, run.end
-        windows.append(motion(run.velocity("belt")[:-1], settings.step, settings.speed, STICKS * settings.eps))
+        windows.append(motion(run.velocity("belt")[:-1], settings.step, settings.speed, STICKING * settings.eps))
         if len(windows) > 1 and t >= settings.earliest * (1 - 1e-9) and settled(*windows[-2:]):
             first = t if first is None else first
             if not to_the_end:

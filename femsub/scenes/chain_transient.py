@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from femsub.errors import InputError
+from femsub.factor import QUADRATIC
 from femsub.report import machine
 from femsub.scene import Result, Scene
 from femsub.scenes.chain import SHORT, ChainScene
@@ -63,6 +64,8 @@ class ChainTransientScene(Scene):
                 raise InputError(f"{key} must be [from, to], ascending, not {pair}")
         if self.window[0] < self.time[0] or self.window[1] > self.time[1]:
             raise InputError(f"window {self.window} reaches beyond the time {self.time}")
+        if self.n > QUADRATIC and {"growth", "quality"} & set(self.outputs):
+            raise InputError(f"outputs 'growth' and 'quality' need all eigenvalues, which is up to n = {QUADRATIC}; name others")
         law_belt(self)
         self.linear()
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.cea import complex_modes
+from femsub.cea import ComplexModes, complex_modes
 from femsub.contacts import sliding
 from femsub.errors import InputError
 from femsub.friction import LAWS, Belt
@@ -67,8 +67,8 @@ def track(kind: str, model: Substructure, run: Transient, window: tuple[float, f
     return Track(kind, model, run, window, seen, row)
 
 
-def most_unstable(model: Substructure, belt: Belt) -> tuple[complex, Array]:
-    """The eigenvalue below the model's cut-off that grows fastest, and its shape (n,).
+def most_unstable(found: ComplexModes, model: Substructure, belt: Belt) -> tuple[complex, Array]:
+    """Of a model's complex modes the eigenvalue below its cut-off that grows fastest, and its shape (n,).
 
     Raises
     ------
@@ -87,12 +87,14 @@ def most_unstable(model: Substructure, belt: Belt) -> tuple[complex, Array]:
 def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, short: dict[str, str]) -> Result:
     """From the most unstable complex mode, a millionth of the belt's speed: the growth measured in time beside Re λ."""
     rows: list[dict[str, Any]] = []
+    complete = True
     for kind, model in models:
+        modes = complex_modes(model, belt)
         try:
-            value, shape = most_unstable(model, belt)
+            value, shape = most_unstable(modes, model, belt)
         except InputError:  # too few modes: what grows lies above this model's cut-off
             rows.append({"model": kind, "size": model.size} | dict.fromkeys(("growth", "growth_of_cea", "omega", "omega_of_cea",
-                                                                             "error")) | {"above": _above(model, belt)})
+                                                                             "error")) | {"above": _above(modes)})
             continue
         speed = abs(belt.speed or 1.0)
         shape = shape * (FAINT * speed / max(float(np.abs(model.port("belt").T @ shape * value).max()), 1e-300))
@@ -100,9 +102,12 @@ def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, short: dict[s
         period = 2 * np.pi / value.imag
         end = max(np.log(STILL / FAINT) / value.real, ROUNDS * period)
         run = transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda")
+        if not run.complete:
+            complete = False
+            break
         found = growth_rate(run.t, run.velocity("belt"), below=2 * STILL * speed)
         rows.append({"model": kind, "size": model.size, "growth": found.rate, "growth_of_cea": value.real, "omega": found.omega,
-                     "omega_of_cea": value.imag, "error": abs(found.rate / value.real - 1), "above": _above(model, belt)})
+                     "omega_of_cea": value.imag, "error": abs(found.rate / value.real - 1), "above": _above(modes)})
     said = table(["model", "DOF", "growth in time", "Re λ", "error", "ω in time", "Im λ", "Re λ above"],
                  [[short.get(str(row["model"]), row["model"]), row["size"], row["growth"], row["growth_of_cea"], row["error"],
                    row["omega"], row["omega_of_cea"], row["above"]] for row in rows],
@@ -110,12 +115,11 @@ def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, short: dict[s
     head = f"Growth of the most unstable mode below the cut-off, from {FAINT:g} of the belt's speed"
     if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
         head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
-    return Result({"growth": rows}, rows, f"{head}\n{said}", {})
+    return Result({"growth": rows} | ({} if complete else {"complete": False}), rows, f"{head}\n{said}", {})
 
 
-def _above(model: Substructure, belt: Belt) -> float | None:
+def _above(found: ComplexModes) -> float | None:
     """The largest Re λ above the model's cut-off; None where nothing lies there."""
-    found = complex_modes(model, belt)
     return float(found.eigenvalues[found.above_cutoff].real.max()) if found.above_cutoff.any() else None
 
 
@@ -208,7 +212,7 @@ def gathered(data: dict[str, Any], text: list[str], found: Sequence[tuple[str, R
         drawings |= part.drawings
         if part.text:
             text.append(part.text)
-    data["complete"] = complete
+    data["complete"] = complete = complete and data.get("complete", True)
     if not complete:
         text.append("Interrupted: these results are incomplete.")
     return Result(data, rows, "\n\n".join(text), drawings)

@@ -8,16 +8,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from femsub.cea import complex_modes
 from femsub.contacts import State, project
 from femsub.errors import InputError
 from femsub.friction import Belt
+from femsub.matching import relative_error
 from femsub.pencil import Array
 from femsub.report import machine, table
 from femsub.scene import Result
 from femsub.scenes.component import SHORT, Work
 from femsub.scenes.in_time import gathered, growth, law_belt, most_unstable, signals, spectra, spectrograms, told, track
 from femsub.scenes.solid import SolidScene
-from femsub.studies import relative_error
 from femsub.substructure import ReducedSubstructure, Substructure
 from femsub.transients import Transient, transient
 
@@ -74,7 +75,7 @@ def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
     work, belt = Work(scene, progress), law_belt(scene)
     models = [(type(method).__name__, rom.modes, rom) for method, rom in work.reduced]
     kind, _, reference = max(reversed(models), key=lambda item: (item[0] == models[-1][0], item[2].size))
-    value, _ = most_unstable(reference, belt)
+    value, _ = most_unstable(complex_modes(reference, belt), reference, belt)
     rate, omega, period = value.real, value.imag, 2 * np.pi / value.imag
     step = period / POINTS
 
