@@ -9,7 +9,6 @@ each of its factors is therefore probed with a random right-hand side.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import weakref
 from collections.abc import Callable, Sequence
@@ -21,6 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import InputError, MissingPackageError, NotConvergedError, SingularMatrixError
+from femsub.heap import give_back_freed_memory
 from femsub.pencil import EPS, Array, Difference, Matrix, equilibrated, upper
 
 Kind = Literal["definite", "symmetric", "general"]
@@ -46,7 +46,7 @@ def _load() -> tuple[Any, Any]:
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
-    _let_memory_go()
+    give_back_freed_memory()
     if np.dtype(PETSc.ScalarType).kind == "c":
         raise MissingPackageError("this PETSc has complex scalars; femsub needs a build with real ones (twice as fast)")
     options = PETSc.Options()
@@ -56,16 +56,6 @@ def _load() -> tuple[Any, Any]:
     options.setValue("mat_cholmod_final_ll", 1)
     options.setValue(f"{TREE}mat_mumps_icntl_7", 0)  # AMD; a setMumpsIcntl(7) would be overruled by PETSc
     return PETSc, SLEPc
-
-
-def _let_memory_go() -> None:
-    """Large blocks go back to the system when they are freed, as they would without OpenMPI: loading it takes mmap from
-    malloc, and a factor of 8 GB, once given up, would stay in the heap beside the next one.
-    """
-    libc = ctypes.CDLL(None)
-    if hasattr(libc, "mallopt"):
-        for option, value in ((-3, 1 << 25), (-1, 1 << 26), (-4, 1 << 16)):  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, M_MMAP_MAX
-            libc.mallopt(option, value)
 
 
 def versions() -> dict[str, str]:
@@ -98,6 +88,9 @@ def _matrix(A: Matrix, kind: Kind = "general") -> Any:
 class Factor:
     """A = L Lᵀ, L D Lᵀ or L U of a sparse A (n, n), made once; `solve` is A⁻¹B for B (n,) or (n, k).
 
+    With keep=False only the signs of the pivots are kept of L D Lᵀ, which takes a quarter of the memory; probed=False is for
+    those who need no more than these signs.
+
     Raises
     ------
     SingularMatrixError
@@ -106,12 +99,13 @@ class Factor:
 
     made = 0  #: how many have been made in this process; tests count with it
 
-    def __init__(self, A: Matrix | Difference, kind: Kind) -> None:
+    def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True) -> None:
         PETSc, _ = _load()
-        self.kind, self.size, self.columns = kind, int(A.shape[0]), 0
+        self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
         self._held: list[Any] = []
         self._finalizer = weakref.finalize(self, _destroy, self._held)
-        scaling = None if kind == "definite" else equilibrated(A.formed() if isinstance(A, Difference) else A)
+        probed = probed and kind != "definite"
+        scaling = equilibrated(A.formed() if isinstance(A, Difference) else A) if probed else None
         Factor.made += 1
         mat = _matrix(A, kind)
         try:
@@ -129,6 +123,9 @@ class Factor:
         pc.setReusePreconditioner(True)
         if scaling is not None:
             self._probe(A, *scaling)
+        elif kind != "definite" and (null := self._factor.getMumpsInfog(28)):
+            self.close()
+            raise SingularMatrixError(f"a {self.size} x {self.size} matrix is singular ({null} null pivots)")
 
     def _set_up(self, mat: Any, room: int) -> Any:
         """Makes the KSP with its factor; returns its PC."""
@@ -150,6 +147,7 @@ class Factor:
             self._factor.setOptionsPrefix(TREE)
         self._factor.setMumpsIcntl(14, room)
         self._factor.setMumpsIcntl(24, 1)  # null pivots are detected, and counted in INFOG(28)
+        self._factor.setMumpsIcntl(31, 0 if self.keep else 1)  # 1: the factor is thrown away while it is made
         self._ksp.setUp()
         return pc
 
@@ -188,6 +186,8 @@ class Factor:
 
     def solve(self, B: Array) -> Array:
         """A⁻¹B, in blocks of right-hand sides."""
+        if not self.keep:
+            raise InputError("this factor was made to count pivots and not kept: it cannot solve")
         PETSc, _ = _load()
         right = np.asarray(B, dtype=np.float64).reshape(self.size, -1)
         result = np.empty(right.shape, order="F")

@@ -13,54 +13,48 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.errors import SingularMatrixError
-from femsub.factor import factorise
+from femsub.factor import counting, factorise, inertia
 from femsub.pencil import Array, Difference
 from femsub.splitting import Split
 
 SAFE = 0.5  # the margin that is asked on the contour; 1 would do
 ROUNDS = 12  # of enrichment, until the margin is safe
-KRYLOV = 2  # responses to each contact in the first basis, about 0 and about R: static and one inertial
 SURE = 100.0  # factor between an estimate of the nearest undamped mode and what is relied on
+CLOSE = 1e8  # relative distance of a mode, inverted, at which it is on the edge
+TINY = 1e-300
 Solve = Callable[[Array], Array]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Edge:
-    """What A = K0 - R²M tells: the number of modes below R, the responses Y = A⁻¹[W, MA⁻¹W, …] (n, 2q) to the contacts, and
-    how near R the next mode may be.
-    """
+    """What A = K0 - R²M tells: the number of modes below R, and how near R the next mode may be."""
 
     radius: float
     below: int
-    Y: Array
     near: float  #: about max (ω² + R²)/|ω² - R²|
 
 
 def edge(parts: Split, radius: float) -> Edge:
-    """Factorises K0 - R²M once.
+    """Factorises A once; `near` comes from two random vectors, by two steps of inverse iteration.
 
     Raises
     ------
     SingularMatrixError
         A mode lies on the edge.
     """
-    handle = factorise(Difference(parts.K0, parts.M, radius**2), "symmetric")
-    below, q = handle.negative_pivots, parts.W.shape[1]
-    if not q:
-        handle.close()
-        return Edge(radius, below, parts.W, 1.0)
-    probes = np.random.default_rng(13).standard_normal((parts.M.shape[0], 2))
-    forces, near, blocks = np.hstack([parts.W, parts.M @ probes]), 1.0, []
-    for step in range(KRYLOV):
-        x = handle.solve(forces)
-        Mx = parts.M @ x
-        length = np.sqrt(np.maximum(np.einsum("ij,ij->j", x, Mx), 1e-300))
-        if step:
-            near = max(near, 1 + 2 * radius**2 * float(length.max()))
-        blocks.append(x[:, :q])
-        forces = Mx / length
+    A = Difference(parts.K0, parts.M, radius**2)
+    if not parts.W.shape[1]:
+        return Edge(radius, inertia(A), 1.0)
+    handle, length = counting(A), np.ones(2)
+    x = np.random.default_rng(13).standard_normal((parts.M.shape[0], 2))
+    for _ in range(2):
+        x = handle.solve(parts.M @ (x / length))
+        length = np.sqrt(np.maximum(np.einsum("ij,ij->j", x, parts.M @ x), TINY))
+    below, near = handle.negative_pivots, 1 + 2 * radius**2 * float(length.max())
     handle.close()
-    return Edge(radius, below, np.hstack(blocks), near)
+    if not near < CLOSE:
+        raise SingularMatrixError(f"a mode is as near to ω = {radius:.6g} as {1 / near:.1e} of it")
+    return Edge(radius, below, near)
 
 
 @dataclass(frozen=True)
@@ -89,14 +83,15 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
         zeros of P = 2 ν(K0 - R²M) + (zeros - poles of f),
 
     with ν the number of negative eigenvalues. The last bracket is that of f_V, where H_V is H on a basis V (n, m) that holds
-    the shapes X and responses to the contacts: both counts of small dense matrices. It may stand in for f because on |s| = R
+    the shapes X and static responses to the contacts: both counts of small dense matrices. It may stand in for f because on
+    |s| = R
 
         κ ρᵀ |(I + C H_V)⁻¹C| ρ < 1,   |H - H_V|_ij ≤ κ ρ_i ρ_j,
 
     with the residuals ρ_i = ‖W e_i - P0 V q_i‖ in the norm of (K0 + μM)⁻¹ and κ = sup |(ω² + μ)/(1 + βs)(ω² + ζ)| over all
     ω² ≥ -μ, whether they are known or not; all of it evaluated at some hundred points, dense near poles and zeros of f_V and
     near iR, where κ comes from an estimate of the nearest mode. An X with a mode missing makes V worse, never the count
-    wrong. The basis grows by residuals where the largest margin is above 0.5.
+    wrong. The basis grows where the largest margin is above 0.5: by Im X, by residuals, each third time by all of A⁻¹MV.
 
     Parameters
     ----------
@@ -118,16 +113,8 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
     if parts.W.shape[1] == 0:
         return Count(R, 2 * at.below, 0.0, 0, 0)
     basis = _Basis(parts, solve, mu)
-    static = solve(parts.W)
-    basis.start(static)
-    basis.add(X.real)
-    basis.add(np.hstack([X.imag, at.Y]))
-    block = static
-    for _ in range(KRYLOV - 1):
-        block = basis.add(block if block is static else solve(parts.M @ block))
-        if not block.shape[1]:
-            break
-    for _ in range(ROUNDS):
+    basis.add(np.hstack([X.real, basis.static]))
+    for turn in range(ROUNDS):
         small = basis.small(at.near)
         number = 2 * at.below + small.zeros(R) - small.poles(R)
         s = small.contour(R)
@@ -136,9 +123,14 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
         if worst < SAFE:
             break
         before = basis.size
-        peaks = np.flatnonzero((margin >= SAFE) & (margin >= np.append(margin[1:], 0)) & (margin >= np.append(0, margin[:-1])))
-        peaks = peaks[np.argsort(-margin[peaks])][:4]
-        basis.add(basis.residuals(small, s[peaks]))
+        if turn == 0:
+            basis.add(X.imag)
+        elif turn % 3 == 2:
+            basis.add(basis.outside)
+        if basis.size == before:
+            high = (margin >= SAFE) & (margin >= np.append(margin[1:], 0)) & (margin >= np.append(0, margin[:-1]))
+            peaks = np.flatnonzero(high)[np.argsort(-margin[high])][:4]
+            basis.add(basis.residuals(small, s[peaks]))
         if basis.size == before:
             break
     return Count(R, number, worst, basis.size, basis.solves)
@@ -151,20 +143,21 @@ class _Basis:
         n = parts.M.shape[0]
         self.parts, self.solve, self.mu, self.solves = parts, solve, mu, 0
         self.V, self.AV, self.MV, self.T = (np.zeros((n, 0)) for _ in range(4))
+        self.static = self._solved(parts.W)
 
     @property
     def size(self) -> int:
         return int(self.V.shape[1])
 
-    def start(self, static: Array) -> None:
-        self.static = static
-        self.solves += static.shape[1]
+    def _solved(self, B: Array) -> Array:
+        self.solves += B.shape[1]
+        return self.solve(B)
 
     def _A(self, x: Array) -> Array:
         return self.parts.K0 @ x + self.mu * (self.parts.M @ x) if self.mu else self.parts.K0 @ x
 
-    def add(self, new: Array) -> Array:
-        """Appends what is new, made orthonormal; returns it."""
+    def add(self, new: Array) -> None:
+        """Appends what is new, made orthonormal."""
         new = np.ascontiguousarray(new)
         for turn in range(3):
             Anew = self._A(new)
@@ -174,7 +167,7 @@ class _Basis:
             keep = (length > 1e-9 * (whole if turn == 1 else length)) & (length > 0)
             new, Anew, length = new[:, keep], Anew[:, keep], length[keep]
             if not new.shape[1]:
-                return new
+                return
             new, Anew, whole = new / length, Anew / length, np.ones(len(length))
             gram = new.T @ Anew
             if turn:
@@ -186,10 +179,10 @@ class _Basis:
                 new = new - self.V @ (self.AV.T @ new)
                 whole = np.ones(new.shape[1])
         Mnew = self.parts.M @ new
-        self.V, self.AV, self.MV = np.hstack([self.V, new]), np.hstack([self.AV, Anew]), np.hstack([self.MV, Mnew])
-        self.T = np.hstack([self.T, self.solve(Mnew)])
-        self.solves += new.shape[1]
-        return new
+        more = [new, Anew, Mnew, self._solved(Mnew)]
+        if self.size:
+            more = [np.hstack(pair) for pair in zip((self.V, self.AV, self.MV, self.T), more, strict=True)]
+        self.V, self.AV, self.MV, self.T = more
 
     def small(self, near: float) -> _Small:
         M, W = self.V.T @ self.MV, self.AV.T @ self.static
@@ -236,7 +229,7 @@ class _Small:
         A = np.block([[zero, eye], [-R**2 * M, -R * D]])
         B = np.block([[eye, zero], [zero, K]])
         alpha, beta = la.eigvals(A, B, homogeneous_eigvals=True, check_finite=False)
-        return R * beta / np.where(np.abs(alpha) > 1e-300, alpha, 1e-300)
+        return R * beta / np.where(np.abs(alpha) > TINY, alpha, TINY)
 
     def _amplitudes(self, s: Array) -> tuple[Array, Array]:
         """1/((1 + βs)(1 + (ζ - μ)θ)) per mode, shape (len(s), m), and (1 + βs)(ζ - μ)."""
@@ -271,7 +264,7 @@ class _Small:
         R2 = float(np.abs(s[0])) ** 2
         zeta = self.parts.squared(s)
         shift = zeta - self.mu
-        least = np.where(shift.real >= 0, 1.0, np.abs(shift.imag) / np.maximum(np.abs(shift), 1e-300))
+        least = np.where(shift.real >= 0, 1.0, np.abs(shift.imag) / np.maximum(np.abs(shift), TINY))
         bound = SURE * self.near
         off = np.abs(zeta + R2) / R2
         close = np.where(off * bound < 0.5, 1 / (2 * bound), 0.0)
@@ -282,7 +275,7 @@ class _Small:
         p = self.parts
         decay = p.alpha + p.beta * R**2
         crossing = np.pi - np.arctan2(np.sqrt(max(R**2 - decay**2 / 4, 0.0)), decay / 2)
-        theta = np.maximum(self.theta, 1e-300)
+        theta = np.maximum(self.theta, TINY)
         omega = np.sqrt(np.maximum(1 / theta - self.mu, 0.0))
         centres = np.append(self.__dict__["eigenvalues"], 1j * omega)
         centres = centres[(np.abs(np.abs(centres) - R) < 0.5 * R) & (centres.imag >= 0)]

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from femsub.dense_modes import dense_modes, negative_eigenvalues, orthonormalise
 from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, SingularMatrixError
-from femsub.factor import SMALL, factorise
+from femsub.factor import SMALL, inertia
 from femsub.pencil import EPS, Array, Difference, Matrix, whole_number
 from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
@@ -280,12 +280,12 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
 @phase("certificate")
 def modes_under(K: Matrix, M: Matrix, value: float) -> int:
     """How many ω² lie below `value`: the inertia of K - value M, by a factorisation of its own."""
-    return factorise(Difference(K, M, value), "symmetric").negative_pivots
+    return inertia(Difference(K, M, value))
 
 
 def _inertia(K: Matrix, M: Matrix, limit: float) -> int:
-    """The number of modes with ω ≤ limit; a mode that is just there counts as below."""
-    for above in (0.0, 1e-9, 1e-7):
+    """The number of modes with ω ≤ limit; a mode that is just there, within rounding, counts as below."""
+    for above in (1e-9, 1e-8, 1e-7):
         try:
             return modes_under(K, M, (limit * (1 + above)) ** 2)
         except SingularMatrixError as error:

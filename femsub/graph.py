@@ -7,6 +7,8 @@ import scipy.sparse as sp
 
 from femsub.pencil import Array, Matrix
 
+TREES = 50  # a matrix may fall into, each of which is walked through by itself
+
 
 def quotient(A: Matrix) -> tuple[Matrix, Array]:
     """The graph whose nodes are runs of rows with the same pattern (the DOF of a mesh node), and their sizes."""
@@ -36,6 +38,19 @@ def layers(graph: Matrix, inside: Array, start: Array) -> list[Array]:
             return layers
         waiting[near] = False
         layers.append(near)
+
+
+def leaves_first(A: Matrix) -> Array | None:
+    """An order (n,) in which each DOF comes before all but one of its neighbours, if the graph of A is a forest of few trees."""
+    n = A.shape[0]
+    edges = (A.nnz - int(np.count_nonzero(A.diagonal()))) // 2
+    if not 0 < n - edges <= TREES:
+        return None
+    pieces, label = sp.csgraph.connected_components(A, directed=False)
+    if pieces != n - edges:  # a cycle somewhere
+        return None
+    roots = np.unique(label, return_index=True)[1]
+    return np.concatenate([sp.csgraph.breadth_first_order(A, root, return_predecessors=False) for root in roots])[::-1]
 
 
 def smooth_shape(A: Matrix) -> Array:

@@ -13,7 +13,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "femsub"
 
 LAYERS = {
-    "errors": 0, "files": 0, "phases": 0,
+    "errors": 0, "files": 0, "phases": 0, "heap": 0,
     "pencil": 1, "graph": 2, "memory": 3, "friction": 2, "_slepc": 2, "dofs": 2, "elements": 2, "meshes": 3,
     "factor": 3, "dense_modes": 3, "substructure": 3, "bending": 3, "textmatrices": 3,
     "blocks": 4, "fields": 4, "meshchecks": 4, "inpfiles": 4, "assembly": 4, "surfaces": 4, "matrixfiles": 4,
