@@ -13,7 +13,8 @@ from femsub.qep import modal_form
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 STEEL = {"SI": (fs.Material(2.1e11, 0.3, 7850.0), 1.0), "mm-t-s": (fs.Material(2.1e5, 0.3, 7.85e-9), 1e3)}
-FACES = [("left", 3, (2, 1, 1), (0.2, 0.06, 0.04)), ("right", 4, (8, 3, 2), (1.0, 0.1, 0.1)), ("top", 8, (4, 2, 1), (2.0, 1.5, 0.1))]
+FACES = [("left", 3, (2, 1, 1), (0.2, 0.06, 0.04)), ("right", 4, (8, 3, 2), (1.0, 0.1, 0.1)),
+         ("top", 8, (4, 2, 1), (2.0, 1.5, 0.1))]
 
 
 def block(face: str, count: int, cells: tuple[int, int, int], sides: tuple[float, float, float], units: str = "SI",
