@@ -18,9 +18,9 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.dense_modes import dense_modes
-from femsub.errors import InputError
+from femsub.errors import InputError, SingularMatrixError
 from femsub.pencil import EPS, Array, Pencil, is_symmetric
-from femsub.shift_invert import ENERGY, RIGID
+from femsub.shift_invert import RIGID, ShiftInvert, costs_nothing, units
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,35 +71,80 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
             scale = M.diagonal() ** -0.5
             if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > 1e12:
                 return None
-            still = K if symmetric else (K + K.T) / 2
-            try:
-                values, shapes = dense_modes(still, M)
-            except la.LinAlgError:  # floating, or made indefinite by friction
-                values, shapes = la.eigh(still, M, check_finite=False)
+            values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K)
         except la.LinAlgError:
             return None
-    top = float(np.abs(values).max()) or 1.0
-    rigid = np.zeros(len(values), dtype=bool)
-    low = np.flatnonzero(np.abs(values) <= 1e-8 * top)
-    if len(low):
-        cleaned = _cleaned(K, M, shapes[:, low], top)
-        scale, size = abs(K) @ abs(cleaned), np.abs(cleaned)
-        force = np.linalg.norm(scale, axis=0)
-        rigid[low] = np.linalg.norm(K @ cleaned, axis=0) <= 10 * RIGID * np.where(force > 0, force, 1.0)
-        # and no mode of a soft mount, see `costs_nothing`
-        rigid[low] &= np.einsum("ij,ij->j", cleaned, K @ cleaned) <= ENERGY * np.einsum("ij,ij->j", size, scale)
-        if rigid.any():
-            found = cleaned[:, rigid[low]]
-            shapes[:, rigid] = found @ np.linalg.inv(np.linalg.cholesky(found.T @ M @ found)).T
-    order = np.argsort(~rigid, kind="stable")
-    values, shapes = values[order], shapes[:, order]
     omega = np.sqrt(np.abs(values))
-    omega = np.maximum(omega, 1e-8 * np.sqrt(top))  # only a scaling where it is not the frequency
+    omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # only a scaling where it is not the frequency
     H = None
-    if not symmetric or (omega[rigid.sum():] ** 2 > np.abs(values[rigid.sum():]) * (1 + 1e-12)).any():
+    if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
         H = shapes.T @ (K @ shapes)
-    shapes, C = _unbraked(pencil.D, shapes, int(rigid.sum()))
-    return ModalForm(shapes, omega, np.sign(values), H, C, int(rigid.sum()))
+    shapes, C = _unbraked(pencil.D, shapes, rigid)
+    return ModalForm(shapes, omega, np.sign(values), H, C, rigid)
+
+
+def _undamped(still: Array, M: Array, K: Array) -> tuple[Array, Array, int]:
+    """ω² (n,) and Φ (n, n) of the symmetric part of K, and how many rigid-body modes stand first, with ω² = 0.
+
+    Those are moved to a quarter of the lowest elastic ω² while LAPACK seeks the others, as for `normal_modes`.
+    """
+    values, shapes = _by_lapack(still, M)
+    low = np.abs(values) <= 1e-8 * np.abs(values).max()
+    if not low.any():
+        return values, shapes, 0
+    Z, lowest = _rigid(still, M, values, shapes, low)
+    if still is not K:
+        Z, free = _unresisted(K - still, Z)
+        Z = Z[:, free]
+    r = Z.shape[1]
+    if 0 < r < len(values):
+        held = M @ Z
+        values, shapes = _by_lapack(still + 0.25 * lowest * (held @ held.T), M)
+        order = np.argsort(-np.linalg.norm(held.T @ shapes, axis=0), kind="stable")
+        rest = np.sort(order[r:])
+        values, shapes = np.append(np.zeros(r), values[rest]), np.hstack([Z, shapes[:, rest] - Z @ (held.T @ shapes[:, rest])])
+    elif r:
+        values, shapes = np.zeros(r), Z
+    return values, shapes, r
+
+
+def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
+    try:
+        return dense_modes(K, M)
+    except la.LinAlgError:  # floating, or made indefinite by friction
+        values, shapes = la.eigh(K, M, check_finite=False)
+        return values, shapes
+
+
+def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tuple[Array, float]:
+    """The rigid-body modes Z (n, r), M-orthonormal, and the lowest elastic ω²; as `ShiftInvert` decides it, if K is
+    semidefinite.
+    """
+    try:
+        handle = ShiftInvert(K, M)
+    except SingularMatrixError:  # a negative stiffness, or parts too unlike each other
+        top = float(np.abs(values).max()) or 1.0
+        return _annihilated(K, M, _cleaned(K, M, shapes[:, low], top)), float(np.abs(values[~low]).min(initial=top))
+    return handle.rigid, handle.lowest if np.isfinite(handle.lowest) else float(np.abs(values).max())
+
+
+def _annihilated(K: Array, M: Array, x: Array) -> Array:
+    """As many combinations of the motions x (n, k) as cost nothing however they are mixed, M-orthonormal.
+
+    A motion by itself may move only DOF in which K holds nothing but rounding of what it holds elsewhere: the reduced model
+    of a block that is joined at a few nodes in one plane resists no motion across it. There are no forces in such a motion
+    against which its own could be measured; in a mixture with the other rigid-body modes there are.
+    """
+    x = x @ np.linalg.inv(np.linalg.cholesky(x.T @ M @ x)).T
+    unit = units(K)[:, None]
+    force, turn = np.linalg.svd(unit * (K @ x), full_matrices=False)[1:]
+    x = x @ turn[::-1].T
+    most = int(np.count_nonzero(force <= RIGID * np.linalg.norm(unit * (abs(K) @ abs(x)))))
+    for count in range(most, 0, -1):
+        mix = np.linalg.qr(np.random.default_rng(7).standard_normal((count, count)))[0]
+        if costs_nothing(K, x[:, :count] @ mix).all():
+            return x[:, :count]
+    return x[:, :0]
 
 
 def _unbraked(D: Array, shapes: Array, rigid: int) -> tuple[Array, Array]:
@@ -110,16 +155,20 @@ def _unbraked(D: Array, shapes: Array, rigid: int) -> tuple[Array, Array]:
     C = shapes.T @ (D @ shapes)
     if not rigid:
         return shapes, C
-    rotation = np.linalg.svd(D @ shapes[:, :rigid])[2].T
-    shapes = np.hstack([shapes[:, :rigid] @ rotation, shapes[:, rigid:]])
+    z, free = _unresisted(D, shapes[:, :rigid])
+    shapes = np.hstack([z, shapes[:, rigid:]])
     C = shapes.T @ (D @ shapes)
-    z = shapes[:, :rigid]
-    scale = np.linalg.norm(abs(D) @ abs(z).sum(axis=1))  # of all: one that is at rest where the dashpot is has no scale
-    free = np.flatnonzero(np.linalg.norm(D @ z, axis=0) <= RIGID * scale)
     C[:, free] = 0.0
     if is_symmetric(D):
         C[free] = 0.0
     return shapes, C
+
+
+def _unresisted(A: Array, Z: Array) -> tuple[Array, Array]:
+    """The motions Z (n, r) turned so that A resists few of them, and the numbers of those with Az = 0."""
+    Z = Z @ np.linalg.svd(A @ Z)[2].T
+    scale = np.linalg.norm(abs(A) @ abs(Z).sum(axis=1))  # of all: one that is at rest where the dashpot is has no scale
+    return Z, np.flatnonzero(np.linalg.norm(A @ Z, axis=0) <= RIGID * scale)
 
 
 def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:

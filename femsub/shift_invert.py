@@ -59,7 +59,7 @@ class ShiftInvert:
     def _nearly_singular(self) -> bool:
         # A Cholesky factorisation may survive a singular K by rounding; its inverse then blows up one shape.
         # DOF in units of their own stiffness: QR would leave slopes with the rounding of deflections.
-        unit = _units(self.K)[:, None]
+        unit = units(self.K)[:, None]
         x = np.random.default_rng(2).standard_normal((self.K.shape[0], 2))
         for _ in range(3):
             x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
@@ -211,7 +211,7 @@ def annihilates_a_translation(K: Matrix) -> bool:
     return bool(costs_nothing(K, np.stack(probes, axis=1)).any())
 
 
-def _units(K: Matrix) -> Array:
+def units(K: Matrix) -> Array:
     """1/sqrt(k_ii), shape (n,): forces, moments and whatever else, times these, are alike in size and in units."""
     diagonal = K.diagonal()
     return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
@@ -225,7 +225,7 @@ def costs_nothing(K: Matrix, x: Array) -> Array:
 
 
 def rounding_ratio(K: Matrix, x: Array) -> Array:
-    unit = _units(K)[:, None]
+    unit = units(K)[:, None]
     scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
     return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
 

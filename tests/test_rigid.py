@@ -1,0 +1,145 @@
+"""Rigid-body motion in complex modes: as many eigenvalues exactly 0 as there must be, and none of a mode that is only soft."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+from conftest import lattice
+
+import femsub as fs
+from femsub.qep import modal_form
+
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+STEEL = {"SI": (fs.Material(2.1e11, 0.3, 7850.0), 1.0), "mm-t-s": (fs.Material(2.1e5, 0.3, 7.85e-9), 1e3)}
+FACES = [("left", 3, (2, 1, 1), (0.2, 0.06, 0.04)), ("right", 4, (8, 3, 2), (1.0, 0.1, 0.1)),
+         ("top", 8, (4, 2, 1), (2.0, 1.5, 0.1))]
+
+
+def block(face: str, count: int, cells: tuple[int, int, int], sides: tuple[float, float, float], units: str = "SI",
+          uneven: float = 0.0) -> fs.Substructure:
+    """It floats, and its interface is flat: across the plane its condensed K holds rounding only, where that has rank 0."""
+    material, length = STEEL[units]
+    mesh = fs.block(tuple(length * side for side in sides), cells, "hexahedron")
+    nodes = mesh.nodes(face)
+    nodes = nodes[np.linspace(0, len(nodes) - 1, count).astype(int)]
+    points = mesh.points + uneven * length * min(sides) * np.random.default_rng(1).uniform(-1, 1, mesh.points.shape)
+    mesh = fs.Mesh(points, mesh.cells, mesh.kind, mesh.sets | {"joint": nodes})
+    return fs.solid(mesh, material, interface=["joint"], ports={"belt": ("right", "y")})
+
+
+def zeros(model: fs.Substructure | fs.Pencil, contact: fs.Belt | None = None) -> int:
+    """How many eigenvalues are at 0; all others have to be far from it."""
+    modes = fs.complex_modes(model, contact)
+    size = np.abs(modes.eigenvalues)
+    assert np.array_equal(modes.rigid, size == 0) and size[~modes.rigid].min() > 1e-5 * size.max() ** 0.5
+    return int(modes.rigid.sum())
+
+
+@pytest.mark.parametrize("units", STEEL)
+@pytest.mark.parametrize("uneven", [0.0, 1e-12, 1e-9])
+@pytest.mark.parametrize(("face", "count", "cells", "sides"), FACES)
+def test_all_six_of_a_reduced_block(face: str, count: int, cells: tuple, sides: tuple, uneven: float, units: str) -> None:
+    sub = block(face, count, cells, sides, units, uneven)
+    for method in (fs.CraigBampton(modes=3), fs.CraigBampton(modes=15), fs.CraigChang(modes=5)):
+        rom = fs.reduce(sub, method)
+        elastic = fs.normal_modes(rom, count=1)
+        omega = float(elastic.frequencies[-1])
+        assert elastic.rigid == modal_form(rom.pencil).rigid == 6
+        for D, expected in ((None, 12), (1e-2 / omega * rom.K, 12), (1e-2 * omega * rom.M, 6)):
+            modes = fs.complex_modes(rom.with_damping(D))
+            assert modes.rigid.sum() == expected and np.array_equal(modes.eigenvalues[modes.rigid], np.zeros(expected))
+            assert np.abs(modes.eigenvalues[~modes.rigid]).min() > 5e-3 * omega
+            votes = (~modes.rigid & ~modes.above_cutoff).any()
+            assert len(modes.unstable) == 0 and modes.is_stable is (True if votes and D is not None else None)
+        brake = fs.Belt(slope=-1e-3 * omega * float(rom.M.diagonal().max()))
+        pushed = fs.complex_modes(rom.with_damping(None), brake)  # of the six the belt drives one combination
+        assert pushed.rigid.sum() == 11 and pushed.is_stable is not True
+
+
+@pytest.mark.parametrize("units", [1.0, 1e-20, 1e20])
+def test_interfaces_that_just_hold(units: float) -> None:
+    """Their K is 0 exactly, and dust in the other coordinates has no scale there."""
+    chain = fs.chain(20, belt=2, interface=(1,), fixed=False, damping=0.0)
+    beam = fs.beam(1.0, 20, E=2.1e11, I=1.3e-8, rho=7850.0, A=4e-4, interface=["right"], ports={"belt": 0.5})
+    for sub, rigid, push in ((chain, 1, 1e-3), (beam, 2, 0.1)):
+        rom = fs.reduce(sub, fs.CraigBampton(modes=4))
+        rom = fs.Substructure(rom.M * units, rom.K * units, None, rom.interface, {"belt": rom.port("belt")})
+        assert modal_form(rom.pencil).rigid == fs.normal_modes(rom, count=1).rigid == rigid
+        assert zeros(rom) == 2 * rigid and zeros(rom, fs.Belt(slope=push * units)) == 2 * rigid - 1
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+@pytest.mark.parametrize("modes", [0, 6])
+def test_friction_or_a_negative_spring_inside_does_not_hide_them(modes: int, symmetric: bool) -> None:
+    rom = fs.reduce(block(*FACES[0]), fs.CraigBampton(modes=modes))
+    reduced, place = rom.interface.reshape(3, 3), rom.full_dofs.points[rom.full_interface[::3]]
+    assert np.ptp(place[:, 0]) < 1e-12
+    spring, other = np.zeros((2, rom.size))
+    for column, (a, b) in ((spring, (0, 1)), (other, (1, 2))):
+        along = (place[b] - place[a]) / np.linalg.norm(place[b] - place[a])
+        column[reduced[a]], column[reduced[b]] = -along, along
+    top = np.abs(rom.K.diagonal()).max()
+    K = rom.K - 3 * top * np.outer(spring, spring) if symmetric else rom.K + 3 * top * np.outer(other, spring)
+    pencil = fs.Pencil(rom.M, None, K)
+    assert la.eigvalsh((K + K.T) / 2, rom.M)[0] < 0
+    assert modal_form(pencil).rigid == 6 and zeros(pencil) == 12
+
+
+def test_a_rigid_motion_that_the_unsymmetric_part_of_k_resists_is_none() -> None:
+    sub = lattice(4, 5)
+    M, K = sub.M.toarray(), sub.K.toarray()
+    K[0, 7], K[7, 0] = K[0, 7] + 0.3, K[7, 0] - 0.3
+    n = len(K)
+    form = modal_form(fs.Pencil(M, None, K))
+    assert form.rigid == 1 and np.abs(K @ form.shapes[:, 0]).max() < 1e-14
+    found = fs.complex_modes(fs.Pencil(M, None, K)).eigenvalues
+    plain = la.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), np.zeros((n, n))]]))
+    assert (found == 0).sum() == 2
+    for value in found[np.abs(found) > 1e-3]:
+        assert np.abs(plain - value).min() < 1e-9
+
+
+@pytest.mark.parametrize("share", [1e-12, 1e-9, 1e-6])
+def test_soft_mounts_are_elastic(share: float) -> None:
+    free = block(*FACES[0])
+    held = fs.Substructure(free.M, free.K + 2.1e9 * share * sp.eye_array(free.size), interface=free.interface)
+    mass = float(free.M.sum()) / 3
+    for model in (held, fs.reduce(held, fs.CraigBampton(modes=6)), fs.reduce(held, fs.CraigChang(modes=6))):
+        modes = fs.complex_modes(model)
+        assert not modes.rigid.any() and fs.normal_modes(model, count=1).rigid == 0
+        assert modal_form(model.pencil.dense()).rigid == 0
+        # heaving: all springs in line
+        low = np.sort(modes.frequencies)[:12]
+        omega = np.sqrt(2.1e9 * share * free.size / 3 / mass)
+        assert np.abs(low / omega - 1).min() < 1e-3
+
+
+def test_an_oscillator_by_itself_is_elastic_however_soft() -> None:
+    assert modal_form(fs.Pencil(np.eye(2), None, np.diag([1.0, 1e-20]))).rigid == 0
+    assert modal_form(fs.Pencil(np.eye(2), None, np.diag([1.0, 0.0]))).rigid == 1
+    assert modal_form(fs.Pencil(np.eye(2), None, np.zeros((2, 2)))).rigid == 2
+
+
+def test_free_parts_of_unlike_stiffness_are_told_one_by_one() -> None:
+    K = la.block_diag(*[fs.chain(60, fixed=False, springs=k).K.toarray() for k in (1.0, 1e12)])
+    with pytest.raises(fs.SingularMatrixError):
+        fs.normal_modes(fs.Substructure(np.eye(120), K), count=1)
+    assert modal_form(fs.Pencil(np.eye(120), None, K)).rigid == 2
+
+
+def test_low_frequencies_of_a_floating_beam_keep_their_digits() -> None:
+    beam = fs.beam(1.0, 60, E=2.1e11, I=1.3e-8, rho=7850.0, A=4e-4, interface=["left", "right"])
+    rom = fs.reduce(beam, fs.CraigBampton(modes=40))
+    modes = fs.complex_modes(rom)
+    found = np.sort(modes.frequencies[~modes.rigid])[::2][:5]
+    np.testing.assert_allclose(found, fs.normal_modes(rom, count=5).frequencies[2:], rtol=1e-12)
+
+
+def test_what_is_rounding_of_the_stiffness_beside_it_is_none() -> None:
+    K = la.block_diag(fs.chain(5, fixed=False).K.toarray(), 1e-32)
+    spring = np.array([1.0, 0, -1, 0, 0, 0])
+    K -= 3.0 * np.outer(spring, spring)
+    form = modal_form(fs.Pencil(np.eye(6), None, K))
+    assert form.rigid == 2 and (form.sign < 0).sum() == 1
