@@ -203,7 +203,23 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
 
 
 def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexModes:
-    """Residuals, backward errors and error bars of eigenpairs with their left vectors."""
+    """Residuals, backward errors and error bars of eigenpairs with their left vectors.
+
+    Where each complex one is followed by its conjugate, as by count, only one of the two is worked out.
+    """
+    first = np.flatnonzero(values.imag > 0)
+    paired = len(first) > 0 and first[-1] + 1 < len(values) and bool((values[first + 1] == values[first].conj()).all())
+    if paired and bool((values.imag[first] > CLUSTER * np.abs(values[first])).all()):
+        half = np.flatnonzero(values.imag >= 0)
+        double = np.sort(np.append(np.arange(len(half)), np.flatnonzero(values.imag[half])))
+        found = _certified(pencil, values[half], X[:, half], Y[:, half], _gaps(values)[half])
+        return replace(found, eigenvalues=values, shapes=X,
+                       **{name: getattr(found, name)[double] for name in ("backward_error", "error_bar", "rigid", "above_cutoff",
+                                                                          "condition")})
+    return _certified(pencil, values, X, Y, _gaps(values))
+
+
+def _certified(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -> ComplexModes:
     # |y|ᵀ|r| and not ‖y‖‖r‖: DOF of mixed units (displacements next to rotations) then leave the bar as it is.
     residual = pencil.residual(values, X)
     doubt = np.abs(residual) + 4 * EPS * pencil.magnitude(values, X)
@@ -222,7 +238,6 @@ def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexMo
         else:
             sensitivity[group] = 0.0
     bar = np.divide(spread, sensitivity, out=np.full(len(values), np.inf), where=sensitivity > 0)
-    gap = _gaps(values)
     # Where the bar is no longer small next to the gap, the two may coalesce, and the first order says nothing further.
     bar = np.where(bar > gap / 8, bar + gap, bar)
     rigid = values == 0

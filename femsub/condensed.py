@@ -188,8 +188,11 @@ class _Basis:
         M, W = self.V.T @ self.MV, self.AV.T @ self.static
         M = (M + M.T) / 2
         # What A⁻¹[W, MV] has outside of V, and its A-products, without a cancellation that squares would suffer.
-        self.outside = np.hstack([self.static - self.V @ W, self.T - self.V @ M])
-        forces = np.hstack([self.parts.W - self.AV @ W, self.MV - self.AV @ M])
+        inside, q = np.hstack([W, M]), W.shape[1]
+        self.outside, forces = self.V @ inside, self.AV @ inside
+        for whole, first, rest in ((self.outside, self.static, self.T), (forces, self.parts.W, self.MV)):
+            np.subtract(first, whole[:, :q], out=whole[:, :q])
+            np.subtract(rest, whole[:, q:], out=whole[:, q:])
         gram = self.outside.T @ forces
         theta, Q = np.linalg.eigh(M)
         return _Small(self.parts, self.mu, near, theta, Q, Q.T @ W, (gram + gram.T) / 2)
