@@ -83,7 +83,7 @@ class Tracer:
 
     def cycle(self, place: Place) -> LimitCycle:
         """What a place is to a user."""
-        truncation, aliasing = self.path.left_out(place)
+        truncation, aliasing = place.left_out or self.path.left_out(place)
         return LimitCycle(self.path.contact(place.value), in_phase(place.orbit), self.path.flexibility, place.residual,
                           truncation, aliasing)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
+from femsub.balance import Balance, Orbit
 from femsub.branches import Branch
 
 LAW = fs.StribeckArctan(eps=1e-3)
@@ -130,3 +131,19 @@ def test_a_branch_from_a_cycle_uses_no_more_harmonics_than_allowed() -> None:
     found = fs.harmonic_balance(model, belt, start=1.0)
     path = fs.branch(model, belt, "speed", (0.29, 0.31), start=found, harmonics=20, points=6, tolerance=1e-1, stability=False)
     assert found.orbit.harmonics > 20 >= max(point.orbit.harmonics for point in path.points)
+
+
+def test_what_a_point_leaves_out_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Orbit] = []
+    plain = Balance.unresolved
+
+    def counted(self: Balance, orbit: Orbit, target: float = 0.0) -> tuple[float, float, int]:
+        asked.append(orbit)
+        return plain(self, orbit, target)
+
+    monkeypatch.setattr(Balance, "unresolved", counted)
+    found = fs.branch(reduced(fs.CraigBampton(4)), BELT, "slope", (-0.1, -0.01), points=8, stability=False)
+    assert len(asked) >= len(found.points) == 8 and len({id(orbit) for orbit in asked}) == len(asked)
+    monkeypatch.undo()
+    for point in found.points:  # one turned in phase: the same to rounding, and to the samples of that phase
+        assert point.truncation == pytest.approx(plain(Balance(point.contact, point.flexibility), point.orbit)[0], rel=1e-3)
