@@ -17,7 +17,7 @@ from femsub.balance import Orbit
 from femsub.compliance import Compliance
 from femsub.contacts import Sliding, sliding
 from femsub.continuation import PARAMETERS, Path, Place
-from femsub.cycles import LimitCycle, flexibility_of
+from femsub.cycles import LimitCycle, check_columns, flexibility_of
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.friction import Belt
 from femsub.hopf import HopfPoint, begun, hopf_point, limits_of
@@ -117,11 +117,12 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
     ------
     InputError
         No Hopf point (stability is never lost, or not within `between`); several pairs cross at it together, so that no single
-        branch begins there; an unknown parameter or port; zero force.
+        branch begins there; an unknown parameter or port; zero force; a cycle with another number of contact columns.
     NotConvergedError
         The first cycles were not found.
     """
     contact = sliding(model, belts, "a branch of limit cycles")
+    check_columns(contact, start)
     if parameter not in PARAMETERS:
         raise unknown_name("parameter", parameter, PARAMETERS)
     whole_number("points", points)

@@ -181,6 +181,7 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
         `harmonics` are too few: the message says how many would do.
     """
     contact = sliding(model, belts, "harmonic balance")
+    check_columns(contact, start)
     if harmonics is not None and whole_number("harmonics", harmonics) < 1:
         raise InputError(f"harmonics must be at least 1, not {harmonics}")
     if not 0 < tolerance < 1:
@@ -191,6 +192,13 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
     flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
     return refined(contact, flexibility, orbit, harmonics, tolerance, steps)
+
+
+def check_columns(contact: Sliding, start: Any) -> None:
+    """Refuses a cycle to start from that moves another number of columns than the contact has."""
+    if isinstance(start, LimitCycle) and start.contact.columns != contact.columns:
+        raise InputError(f"start: the cycle has {start.contact.columns} column(s) of contact, but {contact.model.name!r} has "
+                         f"{contact.columns} under its belts; give a cycle found with the same ports and belts, or none")
 
 
 def flexibility_of(contact: Sliding, start: Any) -> Compliance:
@@ -220,9 +228,6 @@ def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: 
 
 def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) -> tuple[Orbit, int]:
     if isinstance(start, LimitCycle):
-        if start.contact.columns != contact.columns:
-            raise InputError(f"the cycle to start from has {start.contact.columns} columns of contact, the model has "
-                             f"{contact.columns}")
         return _trimmed(start.orbit), 0
     if start is not None and hasattr(start, "t") and callable(getattr(start, "velocity", None)):
         start = (start.t, np.vstack([np.atleast_2d(start.velocity(belt.port)) for belt in contact.belts]))

@@ -125,6 +125,19 @@ def test_bad_input_is_told(belt: fs.Belt, arguments: tuple, words: str) -> None:
         fs.branch(fs.chain(10, belt=2, fixed=False), BELT)
 
 
+def test_a_cycle_of_another_contact_is_refused_as_a_start() -> None:
+    chain = fs.chain(6, belt=2, damping=0.2)
+    both = fs.Substructure(chain.M, chain.K, chain.D, [0], {"belt": np.eye(6)[:, [1, 4]]})
+    belt = fs.Belt(speed=0.3, law=fs.StribeckArctan(eps=0.02))
+    for model, other, words in ((chain, both, r"start: the cycle has 2 column\(s\) of contact, but .* has 1 .*; give a cycle"),
+                                (both, chain, r"start: the cycle has 1 column\(s\) of contact, but .* has 2 .*; give a cycle")):
+        cycle = fs.harmonic_balance(other, belt)
+        with pytest.raises(fs.InputError, match=words):
+            fs.branch(model, belt, "speed", (0.28, 0.31), start=cycle, stability=False)
+        with pytest.raises(fs.InputError, match=words):
+            fs.harmonic_balance(model, belt, start=cycle)
+
+
 def test_a_branch_from_a_cycle_uses_no_more_harmonics_than_allowed() -> None:
     model = fs.chain(10, belt=2)
     belt = fs.Belt(speed=0.3, law=fs.StribeckArctan(eps=1e-2))
