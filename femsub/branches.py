@@ -81,8 +81,10 @@ class Branch:
         begin = "" if self.hopf is None or self.hopf.supercritical is None else \
             f" from a {'super' if self.hopf.supercritical else 'sub'}critical Hopf point at {self.hopf.value:.6g}"
         named = ", ".join(f"{point.kind} at {point.value:.5g}" for point in self.special) or "no special points"
+        stable = "stability not computed" if all(point.floquet is None for point in self.points) else \
+            f"{sum(flag is True for flag in self.stable)} stable"
         return (f"Branch: {len(self.points)} cycles over the {self.parameter} {self.values.min():.5g} to {self.values.max():.5g}"
-                f"{begin}; {sum(flag is True for flag in self.stable)} stable; {named}; {self.ended}")
+                f"{begin}; {stable}; {named}; {self.ended}")
 
 
 def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "slope",
@@ -111,7 +113,8 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
     tolerance : float
         What the harmonics left out may move, relative to the cycle, before more are used.
     stability : bool
-        Whether multipliers are computed (dense models), and special points other than folds named.
+        Whether multipliers are computed (dense models), and special points other than folds named. False holds for the cycles
+        of the branch as well.
 
     Raises
     ------

@@ -44,6 +44,8 @@ class LimitCycle:
         Change of the right-hand side, relative to ‖v‖, with four times as many samples.
     newton : int
         Newton steps, all levels together.
+    stability : bool
+        Whether multipliers are computed once something asks for them. `dataclasses.replace(cycle, stability=True)` changes that.
     """
 
     contact: Sliding
@@ -53,6 +55,7 @@ class LimitCycle:
     truncation: float
     aliasing: float
     newton: int = 0
+    stability: bool = True
 
     @property
     def omega(self) -> float:
@@ -125,8 +128,10 @@ class LimitCycle:
 
     @cached_property
     def floquet(self) -> Multipliers | None:
-        """The multipliers; None for a model of more than 2,000 DOF, whose modes are not at hand."""
-        return multipliers(self.contact, self.flexibility, self.orbit) if isinstance(self.flexibility, Fractions) else None
+        """The multipliers; None for a model of more than 2,000 DOF, whose modes are not at hand, and without `stability`."""
+        if not self.stability or not isinstance(self.flexibility, Fractions):
+            return None
+        return multipliers(self.contact, self.flexibility, self.orbit)
 
     @property
     def is_stable(self) -> bool | None:
@@ -134,7 +139,8 @@ class LimitCycle:
         return None if self.floquet is None else self.floquet.is_stable
 
     def __repr__(self) -> str:
-        verdict = {True: "stable", False: "unstable", None: "stability undecided"}[self.is_stable]
+        verdict = {True: "stable", False: "unstable",
+                   None: "stability not computed" if self.floquet is None else "stability undecided"}[self.is_stable]
         return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking "
                 f"{100 * self.sticking:.3g} %, {verdict}; {self.orbit.harmonics} harmonics, residual "
                 f"{self.residual:.0e}, left out {self.truncation:.0e}")

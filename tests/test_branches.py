@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,6 +124,21 @@ def test_bad_input_is_told(belt: fs.Belt, arguments: tuple, words: str) -> None:
         fs.branch(fs.chain(10, belt=2), belt, *arguments)
     with pytest.raises(fs.InputError, match="floats"):
         fs.branch(fs.chain(10, belt=2, fixed=False), BELT)
+
+
+def test_without_stability_no_multiplier_is_computed_whatever_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise AssertionError("a multiplier was computed")
+
+    rom = reduced(fs.CraigBampton(4))
+    with monkeypatch.context() as patch:
+        patch.setattr("femsub.cycles.multipliers", refused)
+        found = fs.branch(rom, BELT, "slope", (-0.1, -0.01), points=4, stability=False)
+        assert "; stability not computed;" in repr(found) and "stable;" not in repr(found)
+        assert set(found.stable) == {None} and {row["is_stable"] for row in found.rows()} == {None}
+        assert "stability not computed" in repr(found.points[-1]) and found.points[-1].floquet is None
+    later = replace(found.points[-1], stability=True)
+    assert later.floquet is not None and "not computed" not in repr(later)
 
 
 def test_a_cycle_of_another_contact_is_refused_as_a_start() -> None:
