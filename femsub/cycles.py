@@ -83,12 +83,6 @@ class LimitCycle:
         """Largest |v| over one period, first column."""
         return float(np.abs(self._wave[0]).max())
 
-    @property
-    def displacement_rms(self) -> float:
-        """The same of the displacement under the belt about its mean."""
-        k = np.arange(1, self.orbit.harmonics + 1)
-        return float(np.sqrt(2) * np.linalg.norm(self.orbit.v[:, 0] / (k * self.omega)))
-
     @cached_property
     def sticking(self) -> float:
         """Share of the period in which a column sticks, see `Sliding.sticks`."""
