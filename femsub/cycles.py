@@ -221,8 +221,9 @@ def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: 
             break
         orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
     if max(truncation, aliasing) > ROUGH:
+        target = 0.1 * truncation if harmonics else 0.5 * tolerance  # for which `enough` was counted
         warnings.warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}); "
-                      f"harmonics={enough} would leave out a tenth of that", FemsubWarning, stacklevel=3)
+                      f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning, stacklevel=3)
     return LimitCycle(contact, in_phase(orbit), flexibility, residual, truncation, aliasing, steps)
 
 
