@@ -129,8 +129,8 @@ class Balance:
         return np.hstack([J.reshape(2 * H * p, 2 * H * p), np.concatenate([omega.real.ravel(), omega.imag.ravel()])[:, None]])
 
     def unresolved(self, orbit: Orbit, target: float = 0.0) -> tuple[float, float, int]:
-        """What is left out, relative to v: ‖Y_k f_k‖ over k > H, the aliasing of k ≤ H, and how many harmonics would leave
-        out no more than a target, by default a tenth as much.
+        """What is left out, relative to v: ‖Y_k f_k‖ over k > H; the aliasing of k ≤ H; and how many harmonics it takes for the
+        first of these, with the f_k of this orbit, to be no more than a target, by default a tenth of what it is now.
         """
         H = orbit.harmonics
         used = self.samples(orbit)

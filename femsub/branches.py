@@ -17,7 +17,7 @@ from femsub.balance import Orbit
 from femsub.compliance import Compliance
 from femsub.contacts import Sliding, sliding
 from femsub.continuation import PARAMETERS, Path, Place
-from femsub.cycles import LimitCycle, flexibility_of
+from femsub.cycles import LimitCycle, check_columns, flexibility_of
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.friction import Belt
 from femsub.hopf import HopfPoint, begun, hopf_point, limits_of
@@ -81,8 +81,10 @@ class Branch:
         begin = "" if self.hopf is None or self.hopf.supercritical is None else \
             f" from a {'super' if self.hopf.supercritical else 'sub'}critical Hopf point at {self.hopf.value:.6g}"
         named = ", ".join(f"{point.kind} at {point.value:.5g}" for point in self.special) or "no special points"
+        stable = "stability not computed" if all(point.floquet is None for point in self.points) else \
+            f"{sum(flag is True for flag in self.stable)} stable"
         return (f"Branch: {len(self.points)} cycles over the {self.parameter} {self.values.min():.5g} to {self.values.max():.5g}"
-                f"{begin}; {sum(flag is True for flag in self.stable)} stable; {named}; {self.ended}")
+                f"{begin}; {stable}; {named}; {self.ended}")
 
 
 def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "slope",
@@ -111,17 +113,19 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
     tolerance : float
         What the harmonics left out may move, relative to the cycle, before more are used.
     stability : bool
-        Whether multipliers are computed (dense models), and special points other than folds named.
+        Whether multipliers are computed (dense models), and special points other than folds named. False holds for the cycles
+        of the branch as well.
 
     Raises
     ------
     InputError
         No Hopf point (stability is never lost, or not within `between`); several pairs cross at it together, so that no single
-        branch begins there; an unknown parameter or port; zero force.
+        branch begins there; an unknown parameter or port; zero force; a cycle with another number of contact columns.
     NotConvergedError
         The first cycles were not found.
     """
     contact = sliding(model, belts, "a branch of limit cycles")
+    check_columns(contact, start)
     if parameter not in PARAMETERS:
         raise unknown_name("parameter", parameter, PARAMETERS)
     whole_number("points", points)

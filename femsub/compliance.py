@@ -35,7 +35,6 @@ CHUNK = 2_000_000  # entries of a temporary array
 class Compliance(Protocol):
     """Y(s) (m, p, p) and dY/ds at m frequencies; responses x = P(s)⁻¹W f (n, m) to forces f (m, p)."""
 
-    evaluations: int  #: frequencies at which Y was asked for
     solves: int  #: linear systems of the size of the model that were solved for it
 
     def mobility(self, s: Array) -> tuple[Array, Array]: ...
@@ -110,7 +109,7 @@ class Fractions:
     """
 
     def __init__(self, found: Spectral, W: Array) -> None:
-        self.found, self.evaluations, self.solves = found, 0, 0
+        self.found, self.solves = found, 0
         self._last: tuple[Array, Array, Array] | None = None
         self.w = found.form.shapes.T @ W
         self.out = self.w.T @ found.right[found.lower]
@@ -129,7 +128,6 @@ class Fractions:
         s = np.asarray(s, dtype=complex)
         if self._last is not None and np.array_equal(self._last[0], s):
             return self._last[1:]
-        self.evaluations += len(s)
         p = self.out.shape[0]
         Y, slope = (np.empty((len(s), p * p), dtype=complex) for _ in range(2))
         step = max(1, CHUNK // len(self.found.values))
@@ -170,7 +168,6 @@ class Fractions:
         H = stiffness if form.H is None else form.H
         exact = np.array([value * self.w.T @ la.solve(value**2 * np.eye(len(H)) + value * form.C + H, self.w) for value in s])
         size = np.abs(exact).max(axis=(1, 2))
-        self.evaluations = 0
         return float((np.abs(found - exact).max(axis=(1, 2)) / np.where(size > 0, size, 1.0)).max())
 
 
@@ -183,7 +180,7 @@ class Solved:
     """
 
     def __init__(self, pencil: Pencil, W: Array) -> None:
-        self.pencil, self.W, self.evaluations, self.solves = pencil, W, 0, 0
+        self.pencil, self.W, self.solves = pencil, W, 0
         self.symmetric = all(pencil.symmetric)
         self.V = np.zeros((pencil.size, 0))
         if pencil.is_sparse and pencil.size > QUADRATIC:
@@ -276,7 +273,6 @@ class Solved:
     def mobility(self, s: Array) -> tuple[Array, Array]:
         """Y(s) and dY/ds = h - s yᵀ(2sM + D)x, shape (m, p, p) each."""
         s = np.asarray(s, dtype=complex)
-        self.evaluations += len(s)
         x = self._responses(s)
         y = x if self.symmetric else np.array([self._exact(value, True) for value in s]).reshape(x.shape)
         Y, slope = (np.empty((len(s), x.shape[2], x.shape[2]), dtype=complex) for _ in range(2))

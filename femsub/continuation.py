@@ -39,12 +39,13 @@ def with_parameter(belt: Belt, name: str, value: float) -> Belt:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """One point of a path: an orbit at a value of the parameter, and the unit tangent there."""
+    """One point of a path: an orbit at a value of the parameter, the unit tangent there, and what `Path.left_out` told of it."""
 
     orbit: Orbit
     value: float
     tangent: Array
     residual: float = 0.0
+    left_out: tuple[float, float] | None = None
 
     @property
     def direction(self) -> float:
@@ -136,7 +137,7 @@ class Path:
         for part, old in zip(parts, (t[:half], t[half:-2]), strict=True):
             part[:min(half, len(part))] = old[:len(part)]
         whole = np.concatenate([*parts, t[-2:]])
-        return replace(place, orbit=place.orbit.with_harmonics(harmonics), tangent=whole / np.linalg.norm(whole))
+        return replace(place, orbit=place.orbit.with_harmonics(harmonics), tangent=whole / np.linalg.norm(whole), left_out=None)
 
     def step(self, place: Place, length: float) -> tuple[Place, int]:
         """The place at arclength `length` ahead, with as many harmonics as it takes."""
@@ -144,10 +145,10 @@ class Path:
             x = self.scaled(place.orbit, place.value)
             orbit, value = self.unscaled(x + length * place.tangent, place.orbit)
             found, turns = self.correct(orbit, value, place.tangent, float(place.tangent @ x) + length)
-            left_out = self.left_out(found)[0]
+            left_out = self.left_out(found)
             H = found.orbit.harmonics
-            if left_out <= self.tolerance or self.most <= H:
-                return found, turns
+            if left_out[0] <= self.tolerance or self.most <= H:
+                return replace(found, left_out=left_out), turns
             place = self.resized(place, min(self.most, max(H + 4, int(1.5 * H))))
             # the old place with more harmonics, of which it now has a few that are not zero
             x = self.scaled(place.orbit, place.value)

@@ -44,6 +44,8 @@ class LimitCycle:
         Change of the right-hand side, relative to ‖v‖, with four times as many samples.
     newton : int
         Newton steps, all levels together.
+    stability : bool
+        Whether multipliers are computed once something asks for them. `dataclasses.replace(cycle, stability=True)` changes that.
     """
 
     contact: Sliding
@@ -53,6 +55,7 @@ class LimitCycle:
     truncation: float
     aliasing: float
     newton: int = 0
+    stability: bool = True
 
     @property
     def omega(self) -> float:
@@ -79,12 +82,6 @@ class LimitCycle:
     def peak(self) -> float:
         """Largest |v| over one period, first column."""
         return float(np.abs(self._wave[0]).max())
-
-    @property
-    def displacement_rms(self) -> float:
-        """The same of the displacement under the belt about its mean."""
-        k = np.arange(1, self.orbit.harmonics + 1)
-        return float(np.sqrt(2) * np.linalg.norm(self.orbit.v[:, 0] / (k * self.omega)))
 
     @cached_property
     def sticking(self) -> float:
@@ -125,8 +122,10 @@ class LimitCycle:
 
     @cached_property
     def floquet(self) -> Multipliers | None:
-        """The multipliers; None for a model of more than 2,000 DOF, whose modes are not at hand."""
-        return multipliers(self.contact, self.flexibility, self.orbit) if isinstance(self.flexibility, Fractions) else None
+        """The multipliers; None for a model of more than 2,000 DOF, whose modes are not at hand, and without `stability`."""
+        if not self.stability or not isinstance(self.flexibility, Fractions):
+            return None
+        return multipliers(self.contact, self.flexibility, self.orbit)
 
     @property
     def is_stable(self) -> bool | None:
@@ -134,7 +133,8 @@ class LimitCycle:
         return None if self.floquet is None else self.floquet.is_stable
 
     def __repr__(self) -> str:
-        verdict = {True: "stable", False: "unstable", None: "stability undecided"}[self.is_stable]
+        verdict = {True: "stable", False: "unstable",
+                   None: "stability not computed" if self.floquet is None else "stability undecided"}[self.is_stable]
         return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking "
                 f"{100 * self.sticking:.3g} %, {verdict}; {self.orbit.harmonics} harmonics, residual "
                 f"{self.residual:.0e}, left out {self.truncation:.0e}")
@@ -181,6 +181,7 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
         `harmonics` are too few: the message says how many would do.
     """
     contact = sliding(model, belts, "harmonic balance")
+    check_columns(contact, start)
     if harmonics is not None and whole_number("harmonics", harmonics) < 1:
         raise InputError(f"harmonics must be at least 1, not {harmonics}")
     if not 0 < tolerance < 1:
@@ -191,6 +192,13 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
     flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
     return refined(contact, flexibility, orbit, harmonics, tolerance, steps)
+
+
+def check_columns(contact: Sliding, start: Any) -> None:
+    """Refuses a cycle to start from that moves another number of columns than the contact has."""
+    if isinstance(start, LimitCycle) and start.contact.columns != contact.columns:
+        raise InputError(f"start: the cycle has {start.contact.columns} column(s) of contact, but {contact.model.name!r} has "
+                         f"{contact.columns} under its belts; give a cycle found with the same ports and belts, or none")
 
 
 def flexibility_of(contact: Sliding, start: Any) -> Compliance:
@@ -213,16 +221,14 @@ def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: 
             break
         orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
     if max(truncation, aliasing) > ROUGH:
+        target = 0.1 * truncation if harmonics else 0.5 * tolerance  # for which `enough` was counted
         warnings.warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}); "
-                      f"harmonics={enough} would leave out a tenth of that", FemsubWarning, stacklevel=3)
+                      f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning, stacklevel=3)
     return LimitCycle(contact, in_phase(orbit), flexibility, residual, truncation, aliasing, steps)
 
 
 def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) -> tuple[Orbit, int]:
     if isinstance(start, LimitCycle):
-        if start.contact.columns != contact.columns:
-            raise InputError(f"the cycle to start from has {start.contact.columns} columns of contact, the model has "
-                             f"{contact.columns}")
         return _trimmed(start.orbit), 0
     if start is not None and hasattr(start, "t") and callable(getattr(start, "velocity", None)):
         start = (start.t, np.vstack([np.atleast_2d(start.velocity(belt.port)) for belt in contact.belts]))

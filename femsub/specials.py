@@ -83,9 +83,9 @@ class Tracer:
 
     def cycle(self, place: Place) -> LimitCycle:
         """What a place is to a user."""
-        truncation, aliasing = self.path.left_out(place)
+        truncation, aliasing = place.left_out or self.path.left_out(place)
         return LimitCycle(self.path.contact(place.value), in_phase(place.orbit), self.path.flexibility, place.residual,
-                          truncation, aliasing)
+                          truncation, aliasing, stability=self.stability)
 
     def _keep(self, place: Place, cycle: LimitCycle) -> None:
         self.traced.values.append(place.value)
@@ -128,8 +128,7 @@ class Tracer:
         self._keep(place, self.cycle(place))
 
     def _key(self, place: Place, cycle: LimitCycle) -> tuple[bool, int]:
-        count = cycle.floquet.unstable if self.stability and cycle.floquet is not None else 0
-        return place.direction > 0, count
+        return place.direction > 0, 0 if cycle.floquet is None else cycle.floquet.unstable
 
     def _scan(self, a: Place, one: LimitCycle, b: Place, two: LimitCycle, length: float, halvings: int) -> None:
         if self._key(a, one) == self._key(b, two):

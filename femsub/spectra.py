@@ -100,17 +100,13 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
 
 
 def _peaks(omega: Array, amplitude: Array, count: int, floor: float, apart: float) -> tuple[Array, Array]:
-    inner = amplitude[1:-1]
-    at = 1 + np.flatnonzero((inner > amplitude[:-2]) & (inner >= amplitude[2:]) & (inner > floor * amplitude.max()))
-    found: list[tuple[float, float]] = []
-    for i in at[np.argsort(-amplitude[at])]:
-        if len(found) == count:
-            break
-        place, height = _parabola(np.log(amplitude[i - 1:i + 2]))
-        here = omega[i] + place * (omega[1] - omega[0])
-        if all(abs(here - other) > apart for other, _ in found):
-            found.append((here, float(np.exp(height))))
-    return np.array([place for place, _ in found]), np.array([height for _, height in found])
+    from scipy.signal import find_peaks
+
+    step = omega[1] - omega[0]
+    at, _ = find_peaks(amplitude, height=floor * amplitude.max(), distance=apart / step)
+    at = at[np.argsort(-amplitude[at])][:count]
+    vertices = np.array([_parabola(np.log(amplitude[i - 1:i + 2])) for i in at]).reshape(-1, 2)
+    return omega[at] + step * vertices[:, 0], np.exp(vertices[:, 1])
 
 
 def _parabola(y: Array) -> tuple[float, float]:
@@ -171,13 +167,15 @@ def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = N
     InputError
         Fewer than five peaks: the window is too short, or the grid too coarse.
     """
+    from scipy.signal import find_peaks
+
     times, x, step = _part(t, signal, between, 8)
     if below is not None:
         over = np.flatnonzero(np.abs(x) > finite_number("below", below))
         end = over[0] if len(over) else len(x)
         times, x = times[:end], x[:end]
     y = np.abs(x)
-    at = 1 + np.flatnonzero((y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])) if len(y) > 2 else np.zeros(0, dtype=int)
+    at, _ = find_peaks(y)
     if len(at) < FEWEST_PEAKS:
         raise InputError(f"a growth rate needs at least {FEWEST_PEAKS} peaks of |x|, but there are {len(at)}: take a longer "
                          "window, a finer grid or a larger `below`")

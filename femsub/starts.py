@@ -194,6 +194,8 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     InputError
         Too short, not finite, or nothing in it repeats.
     """
+    from scipy.signal import find_peaks
+
     try:
         time, speed = np.asarray(t, dtype=float), np.atleast_2d(np.asarray(v, dtype=float))
     except (TypeError, ValueError):
@@ -211,7 +213,7 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     low = np.flatnonzero(alike < 0.3 * alike[0])
     if not alike[0] > 0 or not len(low):
         raise InputError("the signal does not oscillate twice within its second half; give a longer one")
-    tops = 1 + np.flatnonzero((alike[1:-1] >= alike[:-2]) & (alike[1:-1] > alike[2:]))
+    tops, _ = find_peaks(alike)
     tops = tops[tops > low[0]]
     if not len(tops) or alike[tops].max() < 0.5 * alike[0]:
         raise InputError("nothing in the second half of the signal repeats; give a longer one, or another start")

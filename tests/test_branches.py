@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import femsub as fs
+from femsub.balance import Balance, Orbit
 from femsub.branches import Branch
 
 LAW = fs.StribeckArctan(eps=1e-3)
@@ -124,9 +126,53 @@ def test_bad_input_is_told(belt: fs.Belt, arguments: tuple, words: str) -> None:
         fs.branch(fs.chain(10, belt=2, fixed=False), BELT)
 
 
+def test_without_stability_no_multiplier_is_computed_whatever_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise AssertionError("a multiplier was computed")
+
+    rom = reduced(fs.CraigBampton(4))
+    with monkeypatch.context() as patch:
+        patch.setattr("femsub.cycles.multipliers", refused)
+        found = fs.branch(rom, BELT, "slope", (-0.1, -0.01), points=4, stability=False)
+        assert "; stability not computed;" in repr(found) and "stable;" not in repr(found)
+        assert set(found.stable) == {None} and {row["is_stable"] for row in found.rows()} == {None}
+        assert "stability not computed" in repr(found.points[-1]) and found.points[-1].floquet is None
+    later = replace(found.points[-1], stability=True)
+    assert later.floquet is not None and "not computed" not in repr(later)
+
+
+def test_a_cycle_of_another_contact_is_refused_as_a_start() -> None:
+    chain = fs.chain(6, belt=2, damping=0.2)
+    both = fs.Substructure(chain.M, chain.K, chain.D, [0], {"belt": np.eye(6)[:, [1, 4]]})
+    belt = fs.Belt(speed=0.3, law=fs.StribeckArctan(eps=0.02))
+    for model, other, words in ((chain, both, r"start: the cycle has 2 column\(s\) of contact, but .* has 1 .*; give a cycle"),
+                                (both, chain, r"start: the cycle has 1 column\(s\) of contact, but .* has 2 .*; give a cycle")):
+        cycle = fs.harmonic_balance(other, belt)
+        with pytest.raises(fs.InputError, match=words):
+            fs.branch(model, belt, "speed", (0.28, 0.31), start=cycle, stability=False)
+        with pytest.raises(fs.InputError, match=words):
+            fs.harmonic_balance(model, belt, start=cycle)
+
+
 def test_a_branch_from_a_cycle_uses_no_more_harmonics_than_allowed() -> None:
     model = fs.chain(10, belt=2)
     belt = fs.Belt(speed=0.3, law=fs.StribeckArctan(eps=1e-2))
     found = fs.harmonic_balance(model, belt, start=1.0)
     path = fs.branch(model, belt, "speed", (0.29, 0.31), start=found, harmonics=20, points=6, tolerance=1e-1, stability=False)
     assert found.orbit.harmonics > 20 >= max(point.orbit.harmonics for point in path.points)
+
+
+def test_what_a_point_leaves_out_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Orbit] = []
+    plain = Balance.unresolved
+
+    def counted(self: Balance, orbit: Orbit, target: float = 0.0) -> tuple[float, float, int]:
+        asked.append(orbit)
+        return plain(self, orbit, target)
+
+    monkeypatch.setattr(Balance, "unresolved", counted)
+    found = fs.branch(reduced(fs.CraigBampton(4)), BELT, "slope", (-0.1, -0.01), points=8, stability=False)
+    assert len(asked) >= len(found.points) == 8 and len({id(orbit) for orbit in asked}) == len(asked)
+    monkeypatch.undo()
+    for point in found.points:  # one turned in phase: the same to rounding, and to the samples of that phase
+        assert point.truncation == pytest.approx(plain(Balance(point.contact, point.flexibility), point.orbit)[0], rel=1e-3)

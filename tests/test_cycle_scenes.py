@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+import femsub as fs
+from femsub.branches import Branch
 from femsub.cli import main
+from femsub.continuation import with_parameter
+from femsub.figures_cycles import bifurcation_figure
+from femsub.scenes import cycle_keys
+from femsub.scenes.chain_cycles import ChainCycleScene
 
 
 def scene_file(folder: Path, text: str) -> str:
@@ -54,3 +63,125 @@ def test_a_bad_scene_ends_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["run", scene, "--out", str(tmp_path / "out")]) == 2
     printed = capsys.readouterr()
     assert words in printed.err and printed.err.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+# ---- what is made of a branch: cycles of a model too large for its modes, dots of transients, markers
+
+SPEED = ChainCycleScene(name="chain-limit-cycle", parameter="speed", speed=1.0, eps=0.02, dots=2, periods=10, dots_from="cycle")
+
+
+@pytest.fixture(scope="module")
+def oscillator() -> tuple[fs.Substructure, Branch]:
+    """A branch that begins at a Hopf point in the middle of the range, turns at a fold above it and ends at the low end."""
+    model = fs.Substructure([[1.0]], [[1.0]], [[0.05]], ports={"belt": [1.0]})
+    return model, fs.branch(model, SPEED.rubbing, "speed", (0.2, 4.0))
+
+
+def large(model: fs.Substructure, guide: Branch) -> tuple[Branch, list[dict[str, Any]]]:
+    return cycle_keys._large(SPEED, [{"branch": guide, "family": 1.0}], 1.0, model, lambda _: None)
+
+
+def test_a_large_model_follows_the_reduced_one_s_branch_to_its_end(oscillator: tuple[fs.Substructure, Branch]) -> None:
+    model, guide = oscillator
+    found, missed = large(model, guide)
+    assert missed == [] and found.ended.startswith("3 of 3 cycles")
+    assert guide.hopf is not None and guide.values[-1] == found.values[-1] == 0.2
+    np.testing.assert_allclose(found.values, np.linspace(guide.hopf.value, 0.2, 4)[1:], atol=0.1)
+    for value, point in zip(found.values, found.points, strict=True):
+        exact = guide.points[guide.values.tolist().index(value)]
+        assert point.contact.belts[0].speed == value
+        assert (point.omega, point.rms) == pytest.approx((exact.omega, exact.rms), rel=1e-3)
+    with pytest.raises(fs.NotConvergedError, match="no reduced model has this branch"):
+        cycle_keys._large(SPEED, [{"branch": guide, "family": 1.0}], 2.0, model, lambda _: None)
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, fails: Any) -> None:
+    plain = cycle_keys.harmonic_balance
+
+    def balance(model: fs.Substructure, belt: fs.Belt, **options: Any) -> fs.LimitCycle:
+        if fails(belt):
+            raise fs.NotConvergedError("no luck here")
+        return plain(model, belt, **options)
+
+    monkeypatch.setattr(cycle_keys, "harmonic_balance", balance)
+
+
+def test_a_cycle_that_does_not_converge_is_told_and_the_others_are_kept(oscillator: tuple[fs.Substructure, Branch],
+                                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+    model, guide = oscillator
+    wanted = large(model, guide)[0].values
+    for lost in range(3):
+        with monkeypatch.context() as patch:
+            failing(patch, lambda belt, at=wanted[lost]: belt.speed == at)
+            found, missed = large(model, guide)
+        np.testing.assert_allclose(found.values, np.delete(wanted, lost))
+        assert missed == [{"speed": wanted[lost], "why": "no luck here"}] and found.ended.startswith("2 of 3 cycles")
+    failing(monkeypatch, lambda belt: True)
+    with pytest.raises(fs.NotConvergedError, match="none of 3 cycles; the first: no luck here"):
+        large(model, guide)
+
+
+def test_the_scene_tells_which_cycles_of_the_large_model_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str],
+                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    failing(monkeypatch, lambda belt: belt.slope < -0.059)
+    text = ('scene = "chain-limit-cycle"\nn = 2100\nband = [0.0, 0.004]\nfamilies = 1\nbetween = [-0.06, -0.01]\n'
+            'outputs = ["branches"]\neps = 0.02\ndots = 0\n')
+    assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
+    data = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert [item["model"] for item in data["branches"]] == ["full", "HCB", "CC"]
+    full = data["branches"][0]
+    assert len(full["points"]) == 2 and [point["is_stable"] for point in full["points"]] == [None, None]
+    assert [gap["why"] for gap in full["missed"]] == ["no luck here"] and full["missed"][0]["slope"] == pytest.approx(-0.06)
+    said = capsys.readouterr().out
+    assert "no cycle at slope = -0.06: no luck here" in said and "2 of 3 cycles" in said
+
+
+def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscillator: tuple[fs.Substructure, Branch],
+                                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+    model, guide = oscillator
+    starts: list[fs.State] = []
+    monkeypatch.setattr(cycle_keys, "transient", lambda *args, start, **options: starts.append(start) or
+                        fs.transient(*args, start=start, **options))
+    dots = cycle_keys._dots(replace(SPEED, dots=3), "full", model, (0.45, 1.85), [1.0], lambda _: None, [guide])
+    values = [0.8, 1.15, 1.5]  # one cycle, a stable one above an unstable one, none
+    assert len(guide.at(values[1])) == 2 and guide.values.max() < values[2]
+    assert [dot["value"] for dot in dots] == pytest.approx(values[:2]) and {dot["model"] for dot in dots} == {"full"}
+    for dot, start in zip(dots, starts, strict=True):
+        stable, = [cycle for cycle in guide.at(dot["value"]) if cycle.is_stable]
+        np.testing.assert_allclose(start.velocity, 1.05 * stable.state().velocity)
+        exact = fs.harmonic_balance(model, with_parameter(SPEED.rubbing, "speed", dot["value"]), start=stable)
+        assert dot["omega"] == pytest.approx(exact.omega, rel=1e-3) and dot["rms"] == pytest.approx(exact.rms, rel=2e-2)
+
+
+@pytest.mark.parametrize("guess", [0.975, 1.0, 1.025])
+def test_the_period_of_a_few_periods_is_found(guess: float) -> None:
+    t = np.linspace(3.0, 20.0, 4096)
+    v = np.cos(1.3 * t) + 0.4 * np.sin(3.9 * t)
+    assert cycle_keys._repeats(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
+
+
+def test_dots_from_a_blow_reach_the_cycle(oscillator: tuple[fs.Substructure, Branch]) -> None:
+    model, guide = oscillator
+    scene = replace(SPEED, dots=1, dots_from="blow", periods=60)
+    dot, = cycle_keys._dots(scene, "full", model, (0.7, 0.9), [1.0], lambda _: None, [])
+    exact = fs.harmonic_balance(model, with_parameter(scene.rubbing, "speed", 0.8), start=guide.at(0.8)[0])
+    assert (dot["omega"], dot["rms"]) == pytest.approx((exact.omega, exact.rms), rel=2e-2)
+
+
+def test_points_whose_stability_was_not_computed_are_marked_by_an_x(oscillator: tuple[fs.Substructure, Branch]) -> None:
+    _, guide = oscillator
+    silent = replace(guide, points=tuple(replace(point, stability=False) for point in guide.points[::9]),
+                     values=guide.values[::9], special=(), hopf=None)
+    items = [{"model": "CC", "family": 1.0, "branch": guide}, {"model": "full", "family": 1.0, "branch": silent}]
+    figure = bifurcation_figure(items, [], "speed", [1.0], 1.0, "oscillator")
+    for axis, values in zip(figure.axes, (silent.rms, silent.omega), strict=True):
+        crosses = [line for line in axis.lines if line.get_marker() == "x"]
+        assert len(crosses) == 1 and crosses[0].get_linestyle() == "None"
+        np.testing.assert_array_equal(crosses[0].get_xydata(), np.column_stack([silent.values, values]))
+        styles = [line.get_linestyle() for line in axis.lines if line.get_color() == crosses[0].get_color()]
+        assert styles == ["None"]  # no line of it that would pass for stable or unstable
+        assert {"-", "--"} <= {line.get_linestyle() for line in axis.lines}
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "full (stability not computed)" in labels and "CC" in labels
+    assert not any("not computed" in text.get_text() for text in
+                   bifurcation_figure(items[:1], [], "speed", [1.0], 1.0, "oscillator").legends[0].get_texts())

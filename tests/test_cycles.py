@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 import warnings
 
 import numpy as np
@@ -182,14 +183,32 @@ def test_energy_from_the_belt_is_what_the_damper_takes() -> None:
     assert work == pytest.approx(lost, rel=1e-4)
 
 
+def _advised(seen: pytest.WarningsRecorder) -> tuple[int, float]:
+    """The harmonics that a warning names, and what they would leave out."""
+    found = re.search(r"harmonics=(\d+) would leave out about ([0-9.e+-]+) of it", str(seen[0].message))
+    assert found is not None
+    return int(found[1]), float(found[2])
+
+
 def test_too_few_harmonics_are_warned_of_and_the_number_that_would_do_is_right() -> None:
     with pytest.warns(fs.FemsubWarning, match="harmonics leave out") as seen:
         rough = fs.harmonic_balance(model("HCB"), fs.Belt(speed=0.19113, law=LAW), harmonics=6, start=cycle("HCB"))
     assert rough.truncation > 1e-2 and "harmonics=" in str(seen[0].message)
-    enough = int(str(seen[0].message).split("harmonics=")[1].split()[0])
+    enough, told = _advised(seen)
+    assert told == pytest.approx(0.1 * rough.truncation, rel=0.05)
     better = fs.harmonic_balance(model("HCB"), BELT, harmonics=enough, start=cycle("HCB"))
     assert better.truncation < 0.3 * rough.truncation
     assert abs(better.rms / cycle("HCB").rms - 1) < 0.3 * abs(rough.rms / cycle("HCB").rms - 1)
+
+
+def test_where_no_more_harmonics_are_added_the_number_that_meets_the_tolerance_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.cycles.MOST", 8)
+    with pytest.warns(fs.FemsubWarning, match="^8 harmonics leave out") as seen:
+        rough = fs.harmonic_balance(model("HCB"), BELT, start=cycle("HCB"), tolerance=4e-3)
+    enough, told = _advised(seen)
+    assert rough.truncation > 1e-2 and told == 2e-3
+    better = fs.harmonic_balance(model("HCB"), BELT, harmonics=enough, start=cycle("HCB"))
+    assert 1e-4 < better.truncation < 4e-3
 
 
 def test_a_signal_or_a_cycle_of_another_model_will_do_as_a_start() -> None:

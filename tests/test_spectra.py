@@ -42,6 +42,9 @@ def test_growth_of_an_exponential() -> None:
     assert found.rate == pytest.approx(0.012, rel=1e-5) and found.omega == pytest.approx(1.3, rel=1e-5)
     assert found.between[1] < np.log(1e3) / 0.012 and found.spread < 1e-6
     assert fs.growth_rate(T, np.exp(-0.01 * T) * np.cos(2 * T)).rate == pytest.approx(-0.01, rel=1e-4)
+    held = np.repeat(np.exp(0.012 * T[::2]) * np.cos(1.3 * T[::2]), 2)  # recorded at half the rate: a step is no peak
+    assert fs.growth_rate(T, held).omega == pytest.approx(1.3, rel=1e-3)
+    assert fs.growth_rate(T, held).rate == pytest.approx(0.012, rel=1e-2)
 
 
 def test_rms_and_sticking() -> None:

@@ -9,10 +9,12 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import femsub as fs
 from femsub.cli import main
 from femsub.errors import InputError
 from femsub.scene import load
@@ -100,3 +102,66 @@ def test_ctrl_c_leaves_what_there_is_marked_as_incomplete(tmp_path: Path) -> Non
     assert data["complete"] is False and data["models"][0]["complete"] is False
     assert 0 < data["models"][0]["end"] < 1e6 and data["models"][0]["rms"] is None
     assert "incomplete" in said and np.isfinite(data["models"][0]["energy_residual"])
+
+
+class Interrupted:
+    """`transient` as a scene calls it, with Ctrl-C while the nth run of a growth is under way."""
+
+    def __init__(self, nth: int) -> None:
+        self.nth, self.runs = nth, 0
+
+    def __call__(self, *args: Any, **options: Any) -> fs.Transient:
+        self.runs += 1
+        if self.runs < self.nth:
+            return fs.transient(*args, **options)
+
+        def stop(text: str) -> None:
+            raise KeyboardInterrupt
+
+        return fs.transient(*args, **options, progress=stop)
+
+
+def interrupted(monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
+    monkeypatch.setattr("femsub.transients.TELL", 0.0)
+    monkeypatch.setattr("femsub.scenes.in_time.transient", Interrupted(nth))
+
+
+@pytest.mark.parametrize("done", [0, 1])
+def test_ctrl_c_during_the_growth_marks_the_results_as_incomplete(done: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                                  capsys: pytest.CaptureFixture[str]) -> None:
+    interrupted(monkeypatch, done + 1)
+    out = tmp_path / "out"
+    text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["growth", "spectrum"]\nfigures = false\n'
+    assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
+    data = json.loads((out / "results.json").read_text())
+    # the runs themselves are whole, and so is what is seen in them
+    assert data["complete"] is False and all(row["complete"] for row in data["models"]) and len(data["models"]) == 3
+    assert [row["model"] for row in data["growth"]] == ["full"][:done] and data["spectrum"]
+    printed = capsys.readouterr()
+    assert "these results are incomplete" in printed.out and "marked as incomplete" in printed.err
+
+
+def test_ctrl_c_between_two_runs_of_the_growth_is_told_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("femsub.scenes.in_time.growth_rate", stop)
+    out = tmp_path / "out"
+    text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["growth"]\nfigures = false\n'
+    assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
+    data = json.loads((out / "results.json").read_text())
+    assert data["complete"] is False and data["growth"] == [] and len(data["models"]) == 3
+
+
+def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*_: Any) -> None:
+        raise AssertionError("a run began")
+
+    interrupted(monkeypatch, 1)  # of CC with 18 DOF nothing grows below the cut-off: the first run is that of 30 DOF
+    monkeypatch.setattr("femsub.scenes.solid_transient._error_time", never)
+    out = tmp_path / "out"
+    text = DISC.replace("150", "40") + 'outputs = ["growth", "error-time", "spectrum"]\nfigures = false\n'
+    assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
+    data = json.loads((out / "results.json").read_text())
+    assert data["complete"] is False and [row["size"] for row in data["growth"]] == [18]
+    assert "error-time" not in data and "spectrum" in data

@@ -47,12 +47,15 @@ class CycleKeys(Scene):
     harmonics : int
         Harmonics on a branch at most.
     dots : int
-        Values of the parameter at which each reduced (or small) model is also integrated in time.
+        Values of the parameter at which each reduced (or small) model is also integrated in time. Of a large model as many
+        cycles are sought, three at least.
     periods : int
-        Of the slowest family, over which it is integrated; the last quarter is shown.
+        Of the slowest family, over which it is integrated. Amplitude and frequency are those of the last quarter, from a 'cycle'
+        those of the second half.
     dots_from : str
-        'blow': from the sliding equilibrium with a blow that moves the contact at the belt's speed. 'cycle': from the branch's
-        stable cycle nearest to that value, its velocities raised by 5 %; for models whose integration is slow.
+        'blow': from the sliding equilibrium with a blow that moves the contact at the belt's speed. 'cycle': from a stable cycle
+        of its branches next to that value, its velocities raised by 5 %, and no dot where there is none; for models whose
+        integration is slow.
     """
 
     parameter: str = "slope"
@@ -166,14 +169,14 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
     families = _families(scene, models, band)
     limits = _range(scene, models, band)
     found: list[dict[str, Any]] = []
-    for name, model in models.items():
+    for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):  # large ones start from the others' cycles
         for family in families:
             tell(f"branch of {name} from ω = {family:.4g}")
             begun = time.perf_counter()
             try:
-                traced = _large(scene, found, family, model, limits, tell) if not _small(model) else \
-                    branch(model, scene.rubbing, scene.parameter, limits, start=family, points=scene.points,
-                           harmonics=scene.harmonics)
+                traced, missed = _large(scene, found, family, model, tell) if not _small(model) else \
+                    (branch(model, scene.rubbing, scene.parameter, limits, start=family, points=scene.points,
+                            harmonics=scene.harmonics), [])
             except (NotConvergedError, InputError) as error:
                 found.append({"model": name, "family": family, "why": str(error)})
                 continue
@@ -181,7 +184,9 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
             if abs(begins / family - 1) > NEAR:
                 found.append({"model": name, "family": family, "why": f"its nearest mode begins at ω = {begins:.5g}"})
                 continue
-            found.append({"model": name, "family": family, "branch": traced, "seconds": time.perf_counter() - begun})
+            found.append({"model": name, "family": family, "branch": traced, "missed": missed,
+                          "seconds": time.perf_counter() - begun})
+    found.sort(key=lambda item: list(models).index(item["model"]))
     dots = [dot for name, model in models.items() if _small(model)
             for dot in _dots(scene, name, model, limits, families, tell,
                              [item["branch"] for item in found if item["model"] == name and "branch" in item])]
@@ -203,7 +208,9 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
                     f"{point.omega:.5g}, rms = {point.rms:.4g})" for point in traced.special]
     said = table(["model", "from ω", "Hopf point at", "rel. error", "critical", "cycles", "stable", "s", "ended"], lines,
                  ["s", ".4g", ".6g", ".0e", "s", "d", "d", ".1f", "s"])
-    text = f"Branches over the {scene.parameter}\n{said}"
+    text = "\n".join([f"Branches over the {scene.parameter}\n{said}", *(
+        f"{item['model']} near ω = {item['family']:.4g}: no cycle at {scene.parameter} = {gap[scene.parameter]:.5g}: {gap['why']}"
+        for item in found for gap in item.get("missed", []))])
     if special:
         text += "\nSpecial points\n" + "\n".join(special)
     data = {"branches": [{key: value for key, value in item.items() if key != "branch"} |
@@ -241,27 +248,34 @@ def _range(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[flo
     return min(begins, ends) - (spare if begins < ends else 0.0), max(begins, ends) + (spare if begins > ends else 0.0)
 
 
-def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: Substructure, limits: tuple[float, float],
-           tell: Progress) -> Branch:
-    """A model whose modes are not at hand: its cycles at a few values, each from that of a reduced one."""
-    guide = [item["branch"] for item in found if "branch" in item and item["family"] == family]
-    if not guide:
+def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: Substructure,
+           tell: Progress) -> tuple[Branch, list[dict[str, Any]]]:
+    """A model whose modes are not at hand: its cycles at a few points of a reduced one's branch, each from the cycle there, and
+    where none was found. They are spread evenly from the branch's beginning, where there is no amplitude yet, to its end.
+    """
+    guides = [item["branch"] for item in found if "branch" in item and item["family"] == family]
+    if not guides:
         raise NotConvergedError("no reduced model has this branch")
-    values, points = [], []
-    last: LimitCycle | None = None
-    for value in np.linspace(limits[0], limits[1], max(3, scene.dots) + 1)[1:]:
-        near = guide[-1].at(float(value)) or [guide[-1].points[-1]] * bool(value == limits[1])
-        for cycle in near[-1:]:
-            tell(f"full model, {scene.parameter} = {value:.5g}")
-            belt = with_parameter(scene.rubbing, scene.parameter, float(value))
-            begin = cycle if last is None else LimitCycle(last.contact, cycle.orbit, last.flexibility, 0.0, 0.0, 0.0)
-            last = harmonic_balance(model, belt, start=begin, tolerance=1e-3)
-            values.append(float(value))
-            points.append(last)
+    guide = guides[-1]
+    values, points = [], list[LimitCycle]()
+    missed: list[dict[str, Any]] = []
+    even = np.linspace(guide.values[0], guide.values[-1], max(3, scene.dots) + 1)[1:]
+    wanted = np.unique([np.abs(guide.values - value).argmin() for value in even])
+    for at in wanted:
+        value, cycle = float(guide.values[at]), guide.points[at]
+        tell(f"full model, {scene.parameter} = {value:.5g}")
+        belt = with_parameter(scene.rubbing, scene.parameter, value)
+        begin = LimitCycle(points[-1].contact, cycle.orbit, points[-1].flexibility, 0.0, 0.0, 0.0) if points else cycle
+        try:
+            points.append(harmonic_balance(model, belt, start=begin, tolerance=1e-3))
+        except NotConvergedError as error:
+            missed.append({scene.parameter: value, "why": str(error)})
+            continue
+        values.append(value)
     if not points:
-        raise NotConvergedError("no cycle of a reduced model in the range to start from")
+        raise NotConvergedError(f"none of {len(wanted)} cycles; the first: {missed[0]['why']}")
     return Branch(scene.parameter, np.array(values), tuple(points), (), None,
-                  f"{len(points)} cycles, from those of a reduced model")
+                  f"{len(points)} of {len(wanted)} cycles, from those of a reduced model"), missed
 
 
 def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float, float], families: list[float],

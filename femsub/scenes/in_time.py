@@ -88,26 +88,11 @@ def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, short: dict[s
     """From the most unstable complex mode, a millionth of the belt's speed: the growth measured in time beside Re λ."""
     rows: list[dict[str, Any]] = []
     complete = True
-    for kind, model in models:
-        modes = complex_modes(model, belt)
-        try:
-            value, shape = most_unstable(modes, model, belt)
-        except InputError:  # too few modes: what grows lies above this model's cut-off
-            rows.append({"model": kind, "size": model.size} | dict.fromkeys(("growth", "growth_of_cea", "omega", "omega_of_cea",
-                                                                             "error")) | {"above": _above(modes)})
-            continue
-        speed = abs(belt.speed or 1.0)
-        shape = shape * (FAINT * speed / max(float(np.abs(model.port("belt").T @ shape * value).max()), 1e-300))
-        start = sliding(model, belt).perturbed(shape.real, (value * shape).real)
-        period = 2 * np.pi / value.imag
-        end = max(np.log(STILL / FAINT) / value.real, ROUNDS * period)
-        run = transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda")
-        if not run.complete:
-            complete = False
-            break
-        found = growth_rate(run.t, run.velocity("belt"), below=2 * STILL * speed)
-        rows.append({"model": kind, "size": model.size, "growth": found.rate, "growth_of_cea": value.real, "omega": found.omega,
-                     "omega_of_cea": value.imag, "error": abs(found.rate / value.real - 1), "above": _above(modes)})
+    try:
+        for kind, model in models:
+            rows.append(_grown(kind, model, belt))
+    except KeyboardInterrupt:
+        complete = False
     said = table(["model", "DOF", "growth in time", "Re λ", "error", "ω in time", "Im λ", "Re λ above"],
                  [[short.get(str(row["model"]), row["model"]), row["size"], row["growth"], row["growth_of_cea"], row["error"],
                    row["omega"], row["omega_of_cea"], row["above"]] for row in rows],
@@ -116,6 +101,34 @@ def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, short: dict[s
     if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
         head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
     return Result({"growth": rows} | ({} if complete else {"complete": False}), rows, f"{head}\n{said}", {})
+
+
+def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
+    """The row of one model.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The run was stopped.
+    """
+    row: dict[str, Any] = {"model": kind, "size": model.size}
+    modes = complex_modes(model, belt)
+    above = {"above": _above(modes)}
+    try:
+        value, shape = most_unstable(modes, model, belt)
+    except InputError:  # too few modes: what grows lies above this model's cut-off
+        return row | dict.fromkeys(("growth", "growth_of_cea", "omega", "omega_of_cea", "error")) | above
+    speed = abs(belt.speed or 1.0)
+    shape = shape * (FAINT * speed / max(float(np.abs(model.port("belt").T @ shape * value).max()), 1e-300))
+    start = sliding(model, belt).perturbed(shape.real, (value * shape).real)
+    period = 2 * np.pi / value.imag
+    end = max(np.log(STILL / FAINT) / value.real, ROUNDS * period)
+    run = transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda")
+    if not run.complete:
+        raise KeyboardInterrupt
+    found = growth_rate(run.t, run.velocity("belt"), below=2 * STILL * speed)
+    return row | {"growth": found.rate, "growth_of_cea": value.real, "omega": found.omega, "omega_of_cea": value.imag,
+                  "error": abs(found.rate / value.real - 1)} | above
 
 
 def _above(found: ComplexModes) -> float | None:

@@ -102,6 +102,7 @@ def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
     for output in scene.outputs:
         if output != "error-time":
             parts.append((output, views[output]()))
+            complete = complete and parts[-1][1].data.get("complete", True)
         elif complete:
             state = State(reference.expand(long.final.displacement), reference.expand(long.final.velocity))
             found, complete = _error_time(scene, work, belt, state, period, [("full", 0, work.sub), *models], told_by)
