@@ -20,11 +20,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import InputError, MissingPackageError, NotConvergedError, SingularMatrixError
+from femsub.graph import good_order
 from femsub.heap import give_back_freed_memory
 from femsub.pencil import EPS, Array, Difference, Matrix, equilibrated, upper
 
 Kind = Literal["definite", "symmetric", "general"]
-TREE = "femsub_tree_"  # options prefix of factors whose graph has no more edges than nodes, see Factor
+MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules a setMumpsIcntl(7)
 ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
 BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
 
@@ -54,7 +55,8 @@ def _load() -> tuple[Any, Any]:
     # Without these two CHOLMOD takes an indefinite matrix for granted (LDLᵀ with negative pivots) and says nothing.
     options.setValue("mat_cholmod_final_asis", 0)
     options.setValue("mat_cholmod_final_ll", 1)
-    options.setValue(f"{TREE}mat_mumps_icntl_7", 0)  # AMD; a setMumpsIcntl(7) would be overruled by PETSc
+    for name, number in MUMPS_ORDERS.items():
+        options.setValue(f"femsub_{name}_mat_mumps_icntl_7", number)
     return PETSc, SLEPc
 
 
@@ -102,6 +104,7 @@ class Factor:
     def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True) -> None:
         PETSc, _ = _load()
         self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
+        self._order = None if kind == "definite" else good_order(A.K if isinstance(A, Difference) else A)
         self._held: list[Any] = []
         self._finalizer = weakref.finalize(self, _destroy, self._held)
         probed = probed and kind != "definite"
@@ -141,10 +144,8 @@ class Factor:
             return pc
         pc.setFactorSetUpSolverType()
         self._factor = self._hold(pc.getFactorMatrix())
-        if mat.getInfo()["nz_used"] <= (3 if self.kind == "general" else 2) * self.size:
-            # Minimum degree leaves a tree (a chain, a branched shaft) without any fill; the ordering that MUMPS
-            # would choose fills a chain by half and takes three times as long at 10⁶ DOF.
-            self._factor.setOptionsPrefix(TREE)
+        if self._order:
+            self._factor.setOptionsPrefix(f"femsub_{self._order}_")
         self._factor.setMumpsIcntl(14, room)
         self._factor.setMumpsIcntl(24, 1)  # null pivots are detected, and counted in INFOG(28)
         self._factor.setMumpsIcntl(31, 0 if self.keep else 1)  # 1: the factor is thrown away while it is made

@@ -221,9 +221,11 @@ def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexMo
 
 def _certified(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -> ComplexModes:
     # |y|ᵀ|r| and not ‖y‖‖r‖: DOF of mixed units (displacements next to rotations) then leave the bar as it is.
-    residual = pencil.residual(values, X)
+    inertia = (pencil.M @ X) * values
+    rest = inertia + pencil.D @ X
+    residual = rest * values + pencil.K @ X
+    slope = inertia + rest  # P'(λ)x = 2λMx + Dx
     doubt = np.abs(residual) + 4 * EPS * pencil.magnitude(values, X)
-    slope = (pencil.M @ X) * (2 * values) + pencil.D @ X  # P'(λ)x
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
     spread = np.einsum("ij,ij->j", np.abs(Y), doubt)
     length = np.linalg.norm(Y, axis=0)

@@ -7,6 +7,8 @@ import scipy.sparse as sp
 
 from femsub.pencil import Array, Matrix
 
+FLAT = 300_000  # DOF of a surface up to which minimum fill is the quicker
+SURFACE = 13  # nodes around one, itself counted: 9 on a surface, 15 and more in a body
 TREES = 50  # a matrix may fall into, each of which is walked through by itself
 
 
@@ -38,6 +40,21 @@ def layers(graph: Matrix, inside: Array, start: Array) -> list[Array]:
             return layers
         waiting[near] = False
         layers.append(near)
+
+
+def good_order(A: Matrix) -> str | None:
+    """'amd' for trees and 'amf' for surfaces, None where nested dissection (PORD) makes up for its own time.
+
+    Minimum degree leaves a tree (a chain, a branched shaft) without any fill, where PORD fills a chain by half and takes three
+    times as long at 10⁶ DOF. On plates minimum fill comes near to it and is quicker by a quarter; in solids it is twice as slow.
+    """
+    n = A.shape[0]
+    if A.nnz <= 3 * n:
+        return "amd"
+    starts = A.indptr[:-1][np.diff(A.indptr) > 0]
+    ends = A.indices[starts], A.indices[A.indptr[1:][np.diff(A.indptr) > 0] - 1]
+    nodes = 1 + int(np.count_nonzero(np.diff(ends[0]) | np.diff(ends[1])))  # the DOF of a node begin and end alike
+    return "amf" if n <= FLAT and A.nnz / n * nodes / n < SURFACE else None
 
 
 def leaves_first(A: Matrix) -> Array | None:
