@@ -138,10 +138,11 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     certify : bool, optional
-        Count the eigenvalues independently. By default in a band. Where D is proportional except for at most 40 columns
-        (belts, dashpots), in the disc around 0 that holds the band or the `count` eigenvalues: one factorisation of
-        K - R²M, which a band needs anyway, and some solves (`condensed`). Else, for a band, by the winding number of
-        det P, some fifty complex factorisations, by default up to 2,000 DOF. LAPACK's results are complete without.
+        Count the eigenvalues independently. Where D is proportional except for at most 40 columns (belts, dashpots), in
+        the disc around 0 that holds the band or the `count` eigenvalues: one factorisation of K - R²M, which a band
+        needs anyway, and some solves (`condensed`); by default in a band, and with a `count` up to 200,000 DOF. Else, for
+        a band, by the winding number of det P, some fifty complex factorisations, by default up to 2,000 DOF. LAPACK's
+        results are complete without.
 
     Raises
     ------
@@ -181,7 +182,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         from femsub.pep import solve_band, solve_count
 
         if box is None:
-            values, X, Y, proof = solve_count(pencil, count or 0, bool(certify))
+            values, X, Y, proof = solve_count(pencil, count or 0, certify)
             certified = proof is not None
         else:
             values, X, Y, certified, proof = solve_band(pencil, box, certify)

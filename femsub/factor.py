@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 from typing import Protocol
 
 import numpy as np
@@ -146,7 +147,8 @@ def counting(A: Matrix | Difference, keep: bool = True) -> Handle:
     if (sparse := A.K if isinstance(A, Difference) else A).nnz < 3 * A.shape[0]:
         sparse = A.formed() if isinstance(A, Difference) else A
         if (order := leaves_first(sparse)) is not None:
-            return TreeFactor(sparse, order)
+            with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS will tell
+                return TreeFactor(sparse, order)
     return Factor(A, "symmetric", keep, probed=False)
 
 

@@ -17,7 +17,7 @@ from femsub.shift_invert import ShiftInvert
 
 MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
 TOLERANCES = (1e-14, 1e-12)  # tried in turn; TOAR's own estimate is optimistic, at 1e-12 by five digits where K is singular
-KEPT = 200_000  # up to so many DOF a second factor may stay in memory for a count
+KEPT = 200_000  # up to so many DOF a second factor may stay in memory for a count, which is made unasked
 Box = tuple[float, float, float, float]
 Proof = condensed.Count | None
 
@@ -138,10 +138,10 @@ class Shifted:
         return Y
 
 
-def solve_count(pencil: Pencil, count: int, certify: bool) -> tuple[Array, Array, Array, Proof]:
+def solve_count(pencil: Pencil, count: int, certify: bool | None) -> tuple[Array, Array, Array, Proof]:
     """λ, X, Y of at least `count` eigenvalues nearest to 0, conjugates included, and the proof that none is nearer."""
     problem = Shifted(pencil)
-    parts = splitting.split(pencil) if certify else None
+    parts = splitting.split(pencil) if certify or (certify is None and pencil.size <= KEPT) else None
     # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for. A count needs a gap
     # behind the last, and hence the next.
     ask = count + (0 if problem.shift == 0 else 12) + (0 if parts is None else 2)

@@ -49,8 +49,8 @@ def split(pencil: Pencil) -> Split | None:
     small = [part[rows][:, rows] for part in parts]
     rng, sketch = np.random.default_rng(11), []
     for part in small:
-        if part.nnz:
-            size = abs(part).max()
+        size = abs(part).max() if part.nnz else 0.0
+        if size:  # zeros may be stored
             probes = rng.standard_normal((len(rows), RANK + 10))
             sketch += [part @ probes / size, part.T @ probes / size]
     if not sketch:

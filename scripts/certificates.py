@@ -69,15 +69,12 @@ class Clock:
 
 def once(sub: fs.Substructure, belt: fs.Belt, ask: Row) -> tuple[Row, fs.ComplexModes]:
     """Seconds of one call, by kind."""
-    clock, factorise = Clock(), condensed.factorise
-
-    def of_the_edge(A: Any, kind: Any) -> Any:
-        return (clock.wrapped("factor", factorise) if kind == "symmetric" else factorise)(A, kind)
-
+    clock = Clock()
     with patch.object(cea, "certificates", clock.wrapped("errors", cea.certificates)), \
             patch.object(pep.Shifted, "left", clock.wrapped("left", pep.Shifted.left)), \
             patch.object(condensed, "edge", clock.wrapped("inertia", condensed.edge)), \
-            patch.object(condensed, "factorise", of_the_edge), \
+            patch.object(condensed, "counting", clock.wrapped("factor", condensed.counting)), \
+            patch.object(condensed, "inertia", clock.wrapped("factor", condensed.inertia)), \
             patch.object(condensed, "definite", clock.wrapped("disc", condensed.definite)), \
             patch.object(condensed, "count", clock.wrapped("disc", condensed.count)), \
             patch.object(splitting, "split", clock.wrapped("disc", splitting.split)):

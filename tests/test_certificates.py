@@ -174,6 +174,22 @@ def test_the_sign_of_friction_is_seen_by_the_count() -> None:
     assert [found.number for found in numbers] == [in_disc(pencil, radius) for pencil in pencils] == [120, 119]
 
 
+def test_stored_zeros_are_no_contact() -> None:
+    sub = lattice(10, 10, held=True, seed=1)
+    there = (np.array([3, 5]), np.array([5, 3]))
+    zeros, flutter = (sp.csr_array((values, there), shape=sub.K.shape) for values in (np.zeros(2), np.array([0.1, -0.1])))
+    parts = splitting.split(fs.Pencil(sub.M, zeros, sub.K + flutter))
+    assert parts is not None and parts.W.shape == (sub.size, 2) and not parts.C_D.any()
+
+
+def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
+    sub = fs.chain(500, belt=2)
+    found = fs.complex_modes(sub, BELT, count=12)
+    assert found.certified and found.counted is not None and found.counted[1] >= 12 == len(found)
+    monkeypatch.setattr(pep, "KEPT", 400)  # beyond it only if asked
+    assert not fs.complex_modes(sub, BELT, count=12).certified and fs.complex_modes(sub, BELT, count=12, certify=True).certified
+
+
 def test_the_count_costs_one_factorisation_and_a_few_solves() -> None:
     sub = fs.chain(3000, belt=2)
     made = {}

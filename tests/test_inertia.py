@@ -1,0 +1,90 @@
+"""Counting negative eigenvalues: trees by SuperLU without pivoting, all else by MUMPS, whose factor is not kept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import lattice
+
+import femsub as fs
+from femsub import factor as factors
+from femsub._slepc import Factor
+from femsub.factor import TreeFactor, counting, inertia
+from femsub.graph import good_order, leaves_first
+from femsub.pencil import Difference
+
+
+def tree(n: int, seed: int) -> sp.csr_array:
+    """A symmetric matrix on a random tree, entries over six decades, diagonal of either sign."""
+    rng = np.random.default_rng(seed)
+    child, mixed = np.arange(1, n), rng.permutation(n)
+    parent = np.maximum(0, child - rng.integers(1, 30, n - 1))
+    entries, diagonal = (10.0 ** rng.uniform(-3, 3, size) for size in (n - 1, n))
+    A = sp.coo_array((entries, (mixed[child], mixed[parent])), shape=(n, n))
+    return sp.csr_array(A + A.T + sp.diags_array(diagonal * rng.choice([-1, 1], n)))
+
+
+@pytest.mark.parametrize("pieces", [1, 8])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_tree_is_counted_and_solved_without_pivoting(pieces: int, seed: int, rng: np.random.Generator) -> None:
+    A = sp.csr_array(sp.block_diag([tree(400 // pieces, seed + 10 * i) for i in range(pieces)]))
+    n = A.shape[0]
+    order = leaves_first(A)
+    assert order is not None and np.array_equal(np.sort(order), np.arange(n))
+    later = np.argsort(order)
+    rows, columns = A.nonzero()
+    above = np.bincount(rows[later[columns] > later[rows]], minlength=n)
+    assert above.max() == 1  # all but one of the neighbours come before
+    handle = counting(A)
+    assert isinstance(handle, TreeFactor)
+    assert handle.negative_pivots == np.count_nonzero(np.linalg.eigvalsh(A.toarray()) < 0) == inertia(A)
+    B = rng.standard_normal((n, 3))
+    assert np.abs(A @ handle.solve(B) - B).max() < 1e-6 and handle.solve(B[:, 0]).shape == (n,)
+
+
+def test_a_cycle_or_many_pieces_are_no_tree() -> None:
+    ring = fs.chain(300).K + sp.coo_array(([-0.5, -0.5], ([0, 299], [299, 0])), shape=(300, 300))
+    assert leaves_first(sp.csr_array(ring)) is None
+    assert leaves_first(sp.csr_array(sp.eye_array(300))) is None
+    assert isinstance(counting(sp.csr_array(ring - 0.3 * sp.eye_array(300))), Factor)
+
+
+def test_the_chain_is_counted_at_each_of_its_modes() -> None:
+    sub, omega = fs.chain(5000, belt=2), fs.chain_frequencies(5000)
+    for below in (1, 20, 333, 4321, 4999):
+        value = float(omega[below - 1] * omega[below])
+        assert inertia(Difference(sub.K, sub.M, value)) == below
+
+
+@pytest.mark.parametrize("n", [400, 401])
+def test_a_pivot_of_zero_is_left_to_mumps(n: int) -> None:
+    path = sp.csr_array(sp.diags_array([np.ones(n - 1), np.zeros(n), np.ones(n - 1)], offsets=[-1, 0, 1]))
+    assert leaves_first(path) is not None
+    if n == 400:
+        assert inertia(path) == 200
+    else:
+        with pytest.raises(fs.SingularMatrixError):
+            inertia(path)
+
+
+def test_a_count_keeps_no_factor_and_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    sub = lattice(14, 11, held=True)
+    A = Difference(sub.K, sub.M, 0.4)
+    assert inertia(A) == counting(A).negative_pivots == np.count_nonzero(np.linalg.eigvalsh(A.formed().toarray()) < 0) > 3
+    lost = counting(A, keep=False)
+    assert isinstance(lost, Factor) and lost._factor.getMumpsIcntl(31) == 1  # MUMPS throws it away as it goes
+    with pytest.raises(fs.InputError, match="not kept"):
+        lost.solve(np.ones(sub.size))
+    monkeypatch.setattr(factors, "SMALL", 1000)  # the same by LAPACK
+    assert inertia(A) == lost.negative_pivots
+
+
+def test_surfaces_and_trees_have_an_order_of_their_own() -> None:
+    plate = fs.plate(fs.rectangle((1.0, 0.8), (20, 16)), E=2e11, nu=0.3, rho=7850, thickness=0.01)
+    solid = fs.solid(fs.block((1.0, 1.0, 1.0), (8, 8, 8), "hexahedron"), fs.Material(2e11, 0.3, 7850))
+    assert [good_order(part.K) for part in (fs.chain(200), plate, solid)] == ["amd", "amf", None]
+    for part, number in ((plate, 2), (solid, 7)):  # AMF, or MUMPS' own choice
+        made = Factor(part.K + 1e3 * part.M, "symmetric")
+        assert made._factor.getMumpsIcntl(7) == number
+        made.close()
