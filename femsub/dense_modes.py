@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg as la
 
-from femsub.errors import NotConvergedError
+from femsub.errors import NotConvergedError, SingularMatrixError
 from femsub.pencil import Array, Matrix
 
 ORTHOGONAL = 1e-12  # deviation of ΦᵀMΦ from I from which modes are orthogonalised once more
@@ -20,10 +20,15 @@ def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
 
     Raises
     ------
-    numpy.linalg.LinAlgError
+    SingularMatrixError
         K is not positive definite.
     """
-    theta, x = la.eigh(M, K, check_finite=False)
+    try:
+        theta, x = la.eigh(M, K, check_finite=False)
+    except la.LinAlgError as error:
+        raise SingularMatrixError(
+            "K is singular to working precision beside its rigid-body motion: a piece is held by so much less than the "
+            f"stiffness of the rest that rounding takes it; hold it, or leave it out ({error})") from None
     theta, x = theta[::-1], x[:, ::-1]
     low = int(np.count_nonzero(theta > 1e-15 * theta[0]))
     try:

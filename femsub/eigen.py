@@ -85,19 +85,13 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
     of the first may have to be given back before. Modes that are `known` are not sought again: only what lies beside
     them. Without `certify` nothing is counted yet.
     """
-    n, rigid = handle.K.shape[0], handle.rigid.shape[1]
-    finite = int(np.count_nonzero(handle.M.diagonal())) if _is_diagonal(handle.M) else n
-    if count < 0 or count + rigid > finite:
-        raise InputError(f"{count} elastic modes were asked for, but there are {finite - rigid}"
+    n, rigid, finite = handle.K.shape[0], handle.rigid.shape[1], handle.finite
+    if not 0 <= count <= handle.elastic:
+        raise InputError(f"{count} elastic modes were asked for, but there are {handle.elastic}"
                          + (f" (and {rigid} rigid-body modes)" if rigid else ""))
     if n <= SMALL or not sp.issparse(handle.K) or (count > 0.3 * n and n <= DENSE):
         return _dense(handle, count)
     return _sparse(handle, count, finite, defer, known, certify)
-
-
-def elastic_modes(handle: ShiftInvert) -> int:
-    """How many elastic modes there are: one for each DOF with mass, less the rigid-body modes."""
-    return int(np.count_nonzero(handle.M.diagonal())) - handle.rigid.shape[1]
 
 
 def all_modes(K: Matrix, M: Matrix) -> NormalModes:
@@ -125,8 +119,8 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     K = (K + K.T) / 2
     values, moving = dense_modes(K, M)
     count = len(values) - rigid if count is None else count
-    if len(values) < rigid + count:
-        raise InputError(f"{count} elastic modes were asked for, but there are {len(values) - rigid}")
+    if len(values) < rigid + count:  # the rank of M seen with K is less than that of M by itself
+        raise InputError(f"{count} elastic modes were asked for, but only {len(values) - rigid} can be told from infinite ones")
     if len(values):
         # above all of them far above: the uppermost is the first to lose digits where M is nearly singular
         limit, below = _limit(values, rigid + count) if rigid + count < len(values) else (2 * float(values[-1]), len(values))
@@ -226,10 +220,6 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
                       "differ less within the part, take fewer or larger elements, or support it less softly",
                       ConditionWarning, stacklevel=5)
     return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed, rounding)
-
-
-def _is_diagonal(M: Matrix) -> bool:
-    return bool(sp.issparse(M) and M.nnz <= M.shape[0] and (M - sp.diags_array(M.diagonal())).nnz == 0)
 
 
 def normal_modes(model: Substructure, count: int | None = None, band: tuple[float, float] | None = None) -> NormalModes:

@@ -111,7 +111,7 @@ def _undamped(still: Array, M: Array, K: Array) -> tuple[Array, Array, int]:
 def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
     try:
         return dense_modes(K, M)
-    except la.LinAlgError:  # floating, or made indefinite by friction
+    except SingularMatrixError:  # floating, or made indefinite by friction
         values, shapes = la.eigh(K, M, check_finite=False)
         return values, shapes
 

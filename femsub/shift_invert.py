@@ -6,11 +6,13 @@ found first, by subspace iteration with the same factor, so that they can be kep
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import SingularMatrixError
-from femsub.factor import Handle, factorise
+from femsub.factor import Handle, factorise, inertia
 from femsub.graph import smooth_shape
 from femsub.pencil import EPS, Array, Difference, Matrix
 from femsub.phases import phase
@@ -20,6 +22,8 @@ ENERGY = 4e-15  # unless φᵀKφ is more than this share of |φ|ᵀ|K||φ|: for
 GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
 LARGE = 10_000  # DOF from which the first shift is worth a look at the graph
 COLUMNS = 64  # right-hand sides of an elastic solve held at a time, with four temporaries each
+COUNTED = 3000  # DOF up to which the rank of M is counted
+SINGULAR = 1e-14  # eigenvalues of M, scaled to a unit diagonal, that are rounding
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -134,7 +138,7 @@ class ShiftInvert:
         if (rest < -noise[count:]).any():
             raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding: "
                                       "is it the stiffness of a stable component, written with all its digits?")
-        if not len(rest) and count < np.count_nonzero(self.M.diagonal()):
+        if not len(rest) and count < self.finite:
             rest = self._lowest_elastic()
         self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
@@ -156,6 +160,27 @@ class ShiftInvert:
         for _ in range(10):
             x = _normalised(self.deflate(self.factor.solve(self.M @ x)), self.M)
         return np.linalg.eigvalsh(x.T @ (self.K @ x))
+
+    @cached_property
+    def finite(self) -> int:
+        """How many finite ω² there are: the rank of M. Each DOF with mass has one, unless some move one mass together (then
+        M, scaled to a unit diagonal, has eigenvalues at 0, counted by inertia up to COUNTED DOF).
+        """
+        massive = np.flatnonzero(self.M.diagonal())
+        M = self.M[massive][:, massive] if len(massive) < self.M.shape[0] else self.M
+        if len(massive) > COUNTED or is_diagonal(M):
+            return len(massive)
+        above = Difference(M, sp.diags_array(M.diagonal(), format="csr") if sp.issparse(M) else np.diag(M.diagonal()), SINGULAR)
+        try:
+            factorise(above, "definite").close()
+        except SingularMatrixError:
+            return len(massive) - inertia(above)
+        return len(massive)
+
+    @property
+    def elastic(self) -> int:
+        """How many elastic modes there are."""
+        return self.finite - self.rigid.shape[1]
 
     @property
     def floating(self) -> bool:
@@ -197,6 +222,11 @@ class ShiftInvert:
             if (step <= 1e-14 * size).all():
                 break
         return self.deflate(x, basis)
+
+
+def is_diagonal(M: Matrix) -> bool:
+    """Whether a matrix holds nothing beside its diagonal."""
+    return bool(np.count_nonzero(M.data if sp.issparse(M) else M) == np.count_nonzero(M.diagonal()))
 
 
 def _short(x: float) -> float:

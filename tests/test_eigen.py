@@ -190,3 +190,31 @@ def test_digits_that_rounding_takes_are_told() -> None:
     with pytest.raises(fs.SingularMatrixError, match="no motion stands out as rigid"):
         fs.normal_modes(fs.Substructure(*(sp.block_diag([getattr(fs.chain(60, fixed=False, springs=k), key) for k in (1.0, 1e12)])
                                           for key in "MK")), count=3)
+
+
+def test_modes_of_a_mass_matrix_of_low_rank_are_counted_by_its_rank() -> None:
+    """Two DOF that share one mass, and few masses on a large sparse part: so many modes as M has rank."""
+    K = fs.chain(400).K
+    at = np.array([10, 50, 90, 200, 300])
+    few = sp.lil_array((400, 400))
+    few[at, at] = 1.0
+    few[10, 50] = few[50, 10] = 0.3  # not diagonal
+    exact = 1 / np.sqrt(np.linalg.eigvals(np.linalg.solve(K.toarray(), few.toarray())).real.clip(1e-9))
+    exact = np.sort(exact[exact < 1e3])
+    assert len(exact) == 5
+    for count in (4, 5):
+        assert np.allclose(fs.normal_modes(fs.Substructure(few.tocsr(), K), count=count).frequencies, exact[:count], rtol=1e-10)
+    with pytest.raises(fs.InputError, match="6 elastic modes were asked for, but there are 5"):
+        fs.normal_modes(fs.Substructure(few.tocsr(), K), count=6)
+    shared = np.eye(20)
+    shared[3, 4] = shared[4, 3] = 1.0  # one mass, moved by both
+    with pytest.raises(fs.InputError, match="there are 19"):
+        fs.normal_modes(fs.Substructure(shared, fs.chain(20).K), count=20)
+
+
+def test_a_piece_held_by_rounding_is_refused() -> None:
+    K = np.zeros((7, 7))
+    K[:6, :6] = fs.chain(6, fixed=False).K.toarray()
+    K[6, 6] = 1e-16
+    with pytest.raises(fs.SingularMatrixError, match="held by so much less"):
+        fs.normal_modes(fs.Substructure(np.eye(7), K), count=3)

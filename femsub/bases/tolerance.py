@@ -9,7 +9,7 @@ import numpy as np
 
 from femsub.bases.basis import Kept, independent
 from femsub.bases.parts import Parts, Span
-from femsub.eigen import NormalModes, all_modes, elastic_modes, lowest_modes
+from femsub.eigen import NormalModes, all_modes, lowest_modes
 from femsub.errors import NotConvergedError
 from femsub.estimates import SHARE, Estimate, within
 from femsub.memory import check_columns
@@ -29,7 +29,7 @@ class Search:
 
     def __init__(self, parts: Parts, pencil: Pencil | None, begin: int = BEGIN) -> None:
         self.parts, self.pencil = parts, pencil
-        self.most = elastic_modes(parts.handle)
+        self.most = parts.handle.elastic
         self.found = lowest_modes(parts.handle, min(begin, self.most), certify=False)
         self.loads = np.hstack([parts.forces, parts.inertia[parts.rows]])
         self.rest = parts.handle.elastic_solve(self.loads, self.found.shapes)
