@@ -3,13 +3,14 @@
 
     python scripts/certificates.py [--models NAME ...] [--repeats N] [--out DIR]
 
-Each row is one call of `complex_modes` with its count asked for. Seconds are those of the processor (the process has one thread
-of BLAS), medians over the repeats; what took longer than a minute is measured once. With --out, certificates.csv and .json.
+Each row is one call of `complex_modes` with its count asked for, or of `reduce` (HCB, CC; 20 modes; their residuals are part of the
+solution). Seconds are those of the processor (the process has one thread of BLAS), medians over the repeats; what took longer
+than a minute is measured once. With --out, certificates.csv and .json.
 
 solution  all but the certificates. By band, K - R²M is factorised to know how many eigenvalues to ask for: that is part of it.
 errors    residuals, backward errors, condition numbers, error bars (`cea.certificates`)
 left      left vectors, where the pencil is unsymmetric
-inertia   the factorisation of K - R²M where only the count needs it, with its solves
+inertia   the factorisation of K - R²M, or K - ω²M, where only the count needs it, with its solves
 disc      taking the pencil apart, the basis and the margin on the circle (`splitting`, `condensed.count`); of a K that is not
           definite, its factorisation too
 ratio     certificates / solution
@@ -35,19 +36,21 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout 
 import scaling_models as models
 
 import femsub as fs
-from femsub import cea, condensed, pep, report, splitting
+from femsub import cea, condensed, eigen, pep, report, splitting
 from femsub.scene import Result
 
 LONG = 60.0
 KINDS = ("errors", "left", "inertia", "disc")
 Row = dict[str, Any]
-# name: (kind, DOF, 'all', 'count' or 'band')
+# name: (kind, DOF, 'all', 'count', 'band' or a method)
 MODELS = {
     "chain 10": ("chain", 10, "all"), "beam 2,000": ("beam", 2_000, "count"), "plate 3,000": ("plate", 3_000, "count"),
     "solid 3,000": ("solid", 3_000, "count"), "chain 100,000": ("chain", 100_000, "count"),
     "chain 100,000, band": ("chain", 100_000, "band"),
     "plate 100,000": ("plate", 100_000, "count"), "plate 100,000, band": ("plate", 100_000, "band"),
     "solid 100,000": ("solid", 100_000, "count"), "solid 100,000, band": ("solid", 100_000, "band")}
+METHODS = {"HCB": fs.CraigBampton(20), "CC": fs.CraigChang(20)}
+MODELS |= {f"{kind} 100,000, {way}": (kind, 100_000, way) for kind in ("chain", "plate", "solid") for way in METHODS}
 
 
 class Clock:
@@ -88,9 +91,23 @@ def once(sub: fs.Substructure, belt: fs.Belt, ask: Row) -> tuple[Row, fs.Complex
     return {"solution": whole - sum(seconds.values()), **seconds}, found
 
 
+def reduction(sub: fs.Substructure, way: str) -> Row:
+    """Seconds of one reduction, of which the count by inertia is the certificate."""
+    clock = Clock()
+    with patch.object(eigen, "inertia", clock.wrapped("inertia", eigen.inertia)):
+        start = time.process_time()
+        fs.reduce(sub, METHODS[way], ports=True)
+        whole = time.process_time() - start
+    return {"solution": whole - clock.seconds["inertia"], **{key: clock.seconds[key] for key in KINDS}}
+
+
 def measure(name: str, repeats: int) -> Row:
     """One model."""
     kind, size, way = MODELS[name]
+    if way in METHODS:
+        sub = models.build(kind, size)
+        return summary({"model": name, "dof": sub.size, "eigenvalues": METHODS[way].modes, "certified": True},
+                       [reduction(sub, way) for _ in range(repeats)])
     sub, belt = models.build(kind, size), fs.Belt(slope=models.KINDS[kind].slope or -0.02)
     count = 20 + 2 * models.KINDS[kind].rigid
     ask: Row = {"all": {}, "count": {"count": count, "certify": True}, "band": {}}[way]
@@ -106,10 +123,14 @@ def measure(name: str, repeats: int) -> Row:
         runs.append(seconds)
         if sum(seconds.values()) > LONG:
             break
-    row: Row = {"model": name, "dof": sub.size, "eigenvalues": len(found), "certified": found.certified}
-    row |= {key: statistics.median(run[key] for run in runs) for key in runs[0]}
-    row["ratio"] = statistics.median(sum(run[key] for key in KINDS) / run["solution"] for run in runs)
+    row = summary({"model": name, "dof": sub.size, "eigenvalues": len(found), "certified": found.certified}, runs)
     return row | refinement(sub, belt, top) if way == "band" else row
+
+
+def summary(row: Row, runs: list[Row]) -> Row:
+    """Medians over the runs."""
+    row |= {key: statistics.median(run[key] for run in runs) for key in runs[0]}
+    return row | {"ratio": statistics.median(sum(run[key] for key in KINDS) / run["solution"] for run in runs)}
 
 
 def refinement(sub: fs.Substructure, belt: fs.Belt, top: float) -> Row:
