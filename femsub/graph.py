@@ -48,11 +48,11 @@ def good_order(A: Matrix) -> str | None:
     Minimum degree leaves a tree (a chain, a branched shaft) without any fill, where PORD fills a chain by half and takes three
     times as long at 10⁶ DOF. On plates minimum fill comes near to it and is quicker by a quarter; in solids it is twice as slow.
     """
-    n = A.shape[0]
+    A, n = sp.csr_array(A), A.shape[0]
     if A.nnz <= 3 * n:
         return "amd"
-    starts = A.indptr[:-1][np.diff(A.indptr) > 0]
-    ends = A.indices[starts], A.indices[A.indptr[1:][np.diff(A.indptr) > 0] - 1]
+    filled = np.diff(A.indptr) > 0
+    ends = A.indices[A.indptr[:-1][filled]], A.indices[A.indptr[1:][filled] - 1]
     nodes = 1 + int(np.count_nonzero(np.diff(ends[0]) | np.diff(ends[1])))  # the DOF of a node begin and end alike
     return "amf" if n <= FLAT and A.nnz / n * nodes / n < SURFACE else None
 
