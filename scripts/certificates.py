@@ -3,8 +3,8 @@
 
     python scripts/certificates.py [--models NAME ...] [--repeats N] [--out DIR]
 
-Each row is one call of `complex_modes` with its count asked for, or of `reduce` (HCB, CC; 20 modes; their residuals are part of the
-solution). Seconds are those of the processor (the process has one thread of BLAS), medians over the repeats; what took longer
+Each row is one call of `complex_modes` with its count asked for, or of `reduce` (HCB, CC; 20 modes, whose residuals are part of
+the solution). Seconds are those of the processor (the process has one thread of BLAS), medians over the repeats; what took longer
 than a minute is measured once. With --out, certificates.csv and .json.
 
 solution  all but the certificates. By band, K - R²M is factorised to know how many eigenvalues to ask for: that is part of it.
