@@ -84,7 +84,7 @@ STEPS = (
            figures=("extreme.png",)),
     script("effectivity", "Modes chosen to a tolerance", "The estimate against the true error over a gallery.",
            figures=("effectivity.png",)),
-    script("certificates", "What certificates cost", "Seconds of the proof over seconds of the solution.", "--repeats", "1"),
+    script("certificates", "What certificates cost", "Seconds of the proof over seconds of the solution."),
     script("integrators", "Integrators", "Error against run time of integrators, at n = 10, 100 and 1000.", writes=False),
     script("cycle_cost", "Cost of a limit cycle", "Harmonic balance of finite-element ROMs against that of the chain.",
            "--repeats", "3", writes=False, before=ONE_THREAD),
