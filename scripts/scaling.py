@@ -305,8 +305,8 @@ def draw(rows: list[Row], fits: list[Row]) -> Any:
     empty = panels[0, 0]
     keys = [empty.plot([], [], color=looks[step][0], marker=looks[step][1], markersize=looks[step][2])[0] for step in shown]
     keys += [empty.plot([], [], color="0.3", ls="-" if many == max(cores) else "--")[0] for many in cores]
-    figure.legend(keys, [*shown, *(f"{many} core{'s' * (many > 1)}" for many in cores)], loc="outside lower center", ncols=8,
-                  fontsize=9)
+    figure.legend(keys, [*shown, *(f"{many} core{'s' * (many > 1)}" for many in cores)], loc="outside lower center",
+                  ncols=8 if len(kinds) > 1 else 4, fontsize=9)
     return figure
 
 
