@@ -229,8 +229,8 @@ def _certified(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) ->
     slope = inertia + rest  # P'(λ)x = 2λMx + Dx
     doubt = np.abs(residual) + 4 * EPS * pencil.magnitude(values, X)
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
-    spread = np.einsum("ij,ij->j", np.abs(Y), doubt)
-    length = np.linalg.norm(Y, axis=0)
+    size = np.abs(Y)
+    spread, length = np.einsum("ij,ij->j", size, doubt), np.sqrt(np.einsum("ij,ij->j", size, size))
     for group in _clusters(values):
         # In a group of equal eigenvalues any combination of vectors is as good: take the dual left ones.
         gram = Y[:, group].conj().T @ slope[:, group]

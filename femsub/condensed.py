@@ -156,28 +156,29 @@ class _Basis:
     def _A(self, x: Array) -> Array:
         return self.parts.K0 @ x + self.mu * (self.parts.M @ x) if self.mu else self.parts.K0 @ x
 
+    def _outside(self, new: Array) -> Array:
+        return new - self.V @ (self.AV.T @ new) if self.size else new
+
     def add(self, new: Array) -> None:
         """Appends what is new, made orthonormal."""
-        new = np.ascontiguousarray(new)
-        for turn in range(3):
+        new = np.array(new, order="C")
+        least = 0.0
+        if self.size:
+            length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, self._A(new)), 0.0))
+            new, least = self._outside(new[:, length > 0] / length[length > 0]), 1e-9
+        for last in (False, True):  # twice is enough
             Anew = self._A(new)
             length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, Anew), 0.0))
-            if turn == 0:
-                whole = length
-            keep = (length > 1e-9 * (whole if turn == 1 else length)) & (length > 0)
-            new, Anew, length = new[:, keep], Anew[:, keep], length[keep]
+            if not (keep := length > least).all():
+                new, Anew, length = new[:, keep], Anew[:, keep], length[keep]
             if not new.shape[1]:
                 return
-            new, Anew, whole = new / length, Anew / length, np.ones(len(length))
-            gram = new.T @ Anew
-            if turn:
-                values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-                good = values > 1e-10 * values[-1]
-                change = vectors[:, good] / np.sqrt(values[good])
-                new, Anew = new @ change, Anew @ change
-            if turn < 2:
-                new = new - self.V @ (self.AV.T @ new)
-                whole = np.ones(new.shape[1])
+            gram = new.T @ Anew / np.outer(length, length)
+            values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+            good, least = values > 1e-10 * values[-1], 0.0
+            change = vectors[:, good] / np.sqrt(values[good]) / length[:, None]
+            new = new @ change if last else self._outside(new @ change)
+        Anew = Anew @ change
         Mnew = self.parts.M @ new
         more = [new, Anew, Mnew, self._solved(Mnew)]
         if self.size:
