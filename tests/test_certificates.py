@@ -186,6 +186,18 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
     sub = fs.chain(500, belt=2)
     found = fs.complex_modes(sub, BELT, count=12)
     assert found.certified and found.counted is not None and found.counted[1] >= 12 == len(found)
+    nearest = pep.Shifted.nearest
+    with monkeypatch.context() as patched:  # what is not asked for must not be what fails
+
+        def stubborn(self: pep.Shifted, count: int) -> tuple[np.ndarray, np.ndarray]:
+            if count > 12:
+                raise fs.NotConvergedError(f"0 of {count} complex modes converged")
+            return nearest(self, count)
+
+        patched.setattr(pep.Shifted, "nearest", stubborn)
+        assert not fs.complex_modes(sub, BELT, count=12).certified
+        with pytest.raises(fs.NotConvergedError):
+            fs.complex_modes(sub, BELT, count=12, certify=True)
     monkeypatch.setattr(pep, "KEPT", 400)  # beyond it only if asked
     assert not fs.complex_modes(sub, BELT, count=12).certified and fs.complex_modes(sub, BELT, count=12, certify=True).certified
 
