@@ -121,11 +121,13 @@ def run(step: Step, folder: Path, quick: bool) -> None:
 
 
 def commit() -> str:
-    """The short hash of what is checked out, marked if it was changed; 'unknown' outside of a repository."""
+    """The short hash of what is checked out, marked if it was changed (docs apart: the page itself); 'unknown' outside of a
+    repository."""
     def git(*words: str) -> str:
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
     try:
-        return git("rev-parse", "--short", "HEAD") + (" with changes" if git("status", "--porcelain", "-uno") else "")
+        changed = git("status", "--porcelain", "-uno", "--", ".", ":!docs")
+        return git("rev-parse", "--short", "HEAD") + (" with changes" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
 
