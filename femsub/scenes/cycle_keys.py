@@ -78,6 +78,8 @@ class CycleKeys(Scene):
         for key in ("families", "points", "harmonics", "periods"):
             if getattr(self, key) < 1:
                 raise InputError(f"{key} must be at least 1, not {getattr(self, key)}")
+        if self.dots < 0:
+            raise InputError(f"dots must be 0 (none) or more, not {self.dots}")
         if self.between and (len(self.between) != 2 or not self.between[0] < self.between[1]):
             raise InputError(f"between must be [lo, hi] of the {self.parameter}, not {self.between}")
 
