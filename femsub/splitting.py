@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from femsub.pencil import Array, Matrix, Pencil
 
 RANK = 40  # columns of W at the most
+JUDGES = 500  # rows by which α and β are judged
 EXACT = 1e-12  # what D and αM + βK may differ by, entry by entry, as rounding
 
 
@@ -48,6 +49,8 @@ def split(pencil: Pencil) -> Split | None:
     rows = np.unique(np.concatenate([np.concatenate(part.nonzero()) for part in parts]))
     small = [part[rows][:, rows] for part in parts]
     rng, sketch = np.random.default_rng(11), []
+    if any(_rank_of_some_rows(part, rng) > RANK for part in small):
+        return None
     for part in small:
         size = abs(part).max() if part.nnz else 0.0
         if size:  # zeros may be stored
@@ -66,6 +69,13 @@ def split(pencil: Pencil) -> Split | None:
     return Split(M, K0, alpha, beta, W, cores[0], cores[1])
 
 
+def _rank_of_some_rows(part: Matrix, rng: np.random.Generator) -> int:
+    """A lower bound of the rank, from a few of its rows: most dampings that are nowhere proportional are told by it."""
+    rows = part[rng.choice(part.shape[0], min(part.shape[0], 2 * RANK), replace=False)]
+    sizes = la.svdvals(rows[:, np.unique(rows.indices)].toarray()) if rows.nnz else np.zeros(1)
+    return int(np.count_nonzero(sizes > 1e-13 * sizes[0]))
+
+
 def _without(D: Matrix, alpha: float, M: Matrix, beta: float, K: Matrix) -> Matrix:
     """D - αM - βK, without what is rounding."""
     if not alpha and not beta:
@@ -78,12 +88,15 @@ def _without(D: Matrix, alpha: float, M: Matrix, beta: float, K: Matrix) -> Matr
 
 
 def _proportional(M: Matrix, K: Matrix, D: Matrix) -> tuple[float, float]:
-    """α and β with D = αM + βK on most rows, by trial on a few rows at a time; (0, 0) where there are none."""
-    n = D.shape[0]
-    if np.count_nonzero(np.diff(D.indptr)) <= n // 2:
+    """α and β with D = αM + βK on most rows, by trial on a few rows at a time, each judged by some hundred others; (0, 0) where
+    there are none.
+    """
+    if np.count_nonzero(np.diff(D.indptr)) <= D.shape[0] // 2:
         return 0.0, 0.0
     rng = np.random.default_rng(7)
-    best, found = 0, (0.0, 0.0)
+    best, found, judges = 0, (0.0, 0.0), rng.choice(D.shape[0], min(D.shape[0], JUDGES), replace=False)
+    M, K, D = M[judges], K[judges], D[judges]
+    n = len(judges)
     for _ in range(12):
         rows = rng.choice(n, min(n, 3), replace=False)
         m, k, d = (part[rows].toarray().ravel() for part in (M, K, D))

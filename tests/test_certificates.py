@@ -174,6 +174,17 @@ def test_the_sign_of_friction_is_seen_by_the_count() -> None:
     assert [found.number for found in numbers] == [in_disc(pencil, radius) for pencil in pencils] == [120, 119]
 
 
+@pytest.mark.parametrize("rayleigh", [(0.0, 0.0), (0.02, 0.03)])
+def test_so_many_dashpots_and_no_more_are_taken_out(rayleigh: tuple[float, float], rng: np.random.Generator) -> None:
+    sub = fs.chain(3000)
+    for count, split in ((40, True), (41, False), (3000, False)):
+        where = rng.choice(3000, count, replace=False)
+        dashpots = sp.csr_array((rng.random(count) + 0.1, (where, where)), shape=(3000, 3000))
+        parts = splitting.split(fs.Pencil(sub.M, dashpots + rayleigh[0] * sub.M + rayleigh[1] * sub.K, sub.K))
+        assert (parts is not None) == split
+        assert parts is None or (parts.W.shape[1] == count and np.allclose((parts.alpha, parts.beta), rayleigh, rtol=1e-9, atol=0))
+
+
 def test_stored_zeros_are_no_contact() -> None:
     sub = lattice(10, 10, held=True, seed=1)
     there = (np.array([3, 5]), np.array([5, 3]))
