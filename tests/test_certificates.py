@@ -182,7 +182,8 @@ def test_so_many_dashpots_and_no_more_are_taken_out(rayleigh: tuple[float, float
         dashpots = sp.csr_array((rng.random(count) + 0.1, (where, where)), shape=(3000, 3000))
         parts = splitting.split(fs.Pencil(sub.M, dashpots + rayleigh[0] * sub.M + rayleigh[1] * sub.K, sub.K))
         assert (parts is not None) == split
-        assert parts is None or (parts.W.shape[1] == count and np.allclose((parts.alpha, parts.beta), rayleigh, rtol=1e-9, atol=0))
+        assert parts is None or parts.W.shape[1] == count
+        assert parts is None or np.allclose((parts.alpha, parts.beta), rayleigh, rtol=1e-9, atol=0)
 
 
 def test_stored_zeros_are_no_contact() -> None:
