@@ -93,7 +93,9 @@ def test_ctrl_c_leaves_what_there_is_marked_as_incomplete(tmp_path: Path) -> Non
     scene = scene_file(tmp_path, 'scene = "chain-transient"\ntime = [0, 1e6]\nwindow = [5e5, 1e6]\nstep = 1.0\nlength = 500\n')
     running = subprocess.Popen([sys.executable, "-m", "femsub.cli", "run", scene, "--out", str(out), "--no-figures"],
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                               env=os.environ | {"PYTHONUNBUFFERED": "1"})
+                               env=os.environ | {"PYTHONUNBUFFERED": "1"},
+                               # a shell has its jobs in the background ignore it, and so would all that they start
+                               preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     time.sleep(5.0)
     running.send_signal(signal.SIGINT)
     said, errors = running.communicate(timeout=60)
