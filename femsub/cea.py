@@ -209,7 +209,8 @@ def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexMo
     Where each complex one is followed by its conjugate, as by count, only one of the two is worked out.
     """
     first = np.flatnonzero(values.imag > 0)
-    paired = len(first) > 0 and first[-1] + 1 < len(values) and bool((values[first + 1] == values[first].conj()).all())
+    paired = len(first) > 0 and len(first) == np.count_nonzero(values.imag < 0) and first[-1] + 1 < len(values) \
+        and np.array_equal(values[first + 1], values[first].conj()) and np.array_equal(X[:, first + 1], X[:, first].conj())
     if paired and bool((values.imag[first] > CLUSTER * np.abs(values[first])).all()):
         half = np.flatnonzero(values.imag >= 0)
         double = np.sort(np.append(np.arange(len(half)), np.flatnonzero(values.imag[half])))

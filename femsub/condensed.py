@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg as la
@@ -115,9 +116,9 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
     basis = _Basis(parts, solve, mu)
     basis.add(np.hstack([X.real, basis.static]))
     for turn in range(ROUNDS):
-        small = basis.small(at.near)
-        number = 2 * at.below + small.zeros(R) - small.poles(R)
-        s = small.contour(R)
+        small = basis.small(at)
+        number = 2 * at.below + small.zeros - small.poles
+        s = small.contour()
         margin = small.margin(s)
         worst = float(margin.max())
         if worst < SAFE:
@@ -142,6 +143,7 @@ class _Basis:
     def __init__(self, parts: Split, solve: Solve, mu: float) -> None:
         n = parts.M.shape[0]
         self.parts, self.solve, self.mu, self.solves = parts, solve, mu, 0
+        self.A = Difference(parts.K0, parts.M, -mu)
         self.V, self.AV, self.MV, self.T = (np.zeros((n, 0)) for _ in range(4))
         self.static = self._solved(parts.W)
 
@@ -153,9 +155,6 @@ class _Basis:
         self.solves += B.shape[1]
         return self.solve(B)
 
-    def _A(self, x: Array) -> Array:
-        return self.parts.K0 @ x + self.mu * (self.parts.M @ x) if self.mu else self.parts.K0 @ x
-
     def _outside(self, new: Array) -> Array:
         return new - self.V @ (self.AV.T @ new) if self.size else new
 
@@ -164,10 +163,10 @@ class _Basis:
         new = np.array(new, order="C")
         least = 0.0
         if self.size:
-            length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, self._A(new)), 0.0))
+            length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, self.A @ new), 0.0))
             new, least = self._outside(new[:, length > 0] / length[length > 0]), 1e-9
         for last in (False, True):  # twice is enough
-            Anew = self._A(new)
+            Anew = self.A @ new
             length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, Anew), 0.0))
             if not (keep := length > least).all():
                 new, Anew, length = new[:, keep], Anew[:, keep], length[keep]
@@ -185,7 +184,7 @@ class _Basis:
             more = [np.hstack(pair) for pair in zip((self.V, self.AV, self.MV, self.T), more, strict=True)]
         self.V, self.AV, self.MV, self.T = more
 
-    def small(self, near: float) -> _Small:
+    def small(self, at: Edge) -> _Small:
         M, W = self.V.T @ self.MV, self.AV.T @ self.static
         M = (M + M.T) / 2
         # What A⁻¹[W, MV] has outside of V, and its A-products, without a cancellation that squares would suffer.
@@ -196,7 +195,7 @@ class _Basis:
             np.subtract(rest, whole[:, q:], out=whole[:, q:])
         gram = self.outside.T @ forces
         theta, Q = np.linalg.eigh(M)
-        return _Small(self.parts, self.mu, near, theta, Q, Q.T @ W, (gram + gram.T) / 2)
+        return _Small(self.parts, self.mu, at.radius, at.near, theta, Q, Q.T @ W, (gram + gram.T) / 2)
 
     def residuals(self, small: _Small, s: Array) -> Array:
         """A⁻¹(W - P0(s)Vq) at each s, real and imaginary parts, shape (n, 2 m q)."""
@@ -210,22 +209,25 @@ class _Small:
 
     parts: Split
     mu: float
+    radius: float
     near: float
     theta: Array
     Q: Array
     W: Array
     gram: Array
 
-    def poles(self, R: float) -> int:
-        return 2 * int(np.count_nonzero(self.theta > 1 / (R**2 + self.mu)))
+    @property
+    def poles(self) -> int:
+        return 2 * int(np.count_nonzero(self.theta > 1 / (self.radius**2 + self.mu)))
 
-    def zeros(self, R: float) -> int:
+    @property
+    def zeros(self) -> int:
+        return int(np.count_nonzero(np.abs(self.eigenvalues) < self.radius))
+
+    @cached_property
+    def eigenvalues(self) -> Array:
         """By QZ on the reversed pencil in R/s, in which K_V is near I."""
-        self.__dict__["eigenvalues"] = s = self._spectrum(R)
-        return int(np.count_nonzero(np.abs(s) < R))
-
-    def _spectrum(self, R: float) -> Array:
-        p, m = self.parts, len(self.theta)
+        p, m, R = self.parts, len(self.theta), self.radius
         M, K0 = np.diag(self.theta), np.diag(1 - self.mu * self.theta)
         D = p.alpha * M + p.beta * K0 + self.W @ p.C_D @ self.W.T
         K = K0 + self.W @ p.C_K @ self.W.T
@@ -265,7 +267,7 @@ class _Small:
 
     def _kappa(self, s: Array) -> Array:
         """sup |(ω² + μ)/((1 + βs)(ω² + ζ))| over ω² ≥ -μ; close to -ζ = R² by what the edge knows of the next mode."""
-        R2 = float(np.abs(s[0])) ** 2
+        R2 = self.radius**2
         zeta = self.parts.squared(s)
         shift = zeta - self.mu
         least = np.where(shift.real >= 0, 1.0, np.abs(shift.imag) / np.maximum(np.abs(shift), TINY))
@@ -274,14 +276,14 @@ class _Small:
         close = np.where(off * bound < 0.5, 1 / (2 * bound), 0.0)
         return 1 / np.abs(1 + self.parts.beta * s) / np.maximum(least, close)
 
-    def contour(self, R: float) -> Array:
+    def contour(self) -> Array:
         """Points on the upper half of |s| = R, dense where a pole of f, or a zero, is near."""
-        p = self.parts
+        p, R = self.parts, self.radius
         decay = p.alpha + p.beta * R**2
         crossing = np.pi - np.arctan2(np.sqrt(max(R**2 - decay**2 / 4, 0.0)), decay / 2)
         theta = np.maximum(self.theta, TINY)
         omega = np.sqrt(np.maximum(1 / theta - self.mu, 0.0))
-        centres = np.append(self.__dict__["eigenvalues"], 1j * omega)
+        centres = np.append(self.eigenvalues, 1j * omega)
         centres = centres[(np.abs(np.abs(centres) - R) < 0.5 * R) & (centres.imag >= 0)]
         width = np.maximum(np.abs(np.abs(centres) / R - 1), 1e-9)
         steps = 2.0 ** np.arange(-2, 8)

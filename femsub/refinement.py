@@ -13,7 +13,7 @@ from femsub import qep
 from femsub.cea import ComplexModes, certificates
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
 from femsub.friction import Belt
-from femsub.pencil import Array, Pencil, finite_number, whole_number
+from femsub.pencil import Array, Difference, Pencil, finite_number, whole_number
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import ReducedSubstructure, Substructure
 
@@ -188,6 +188,7 @@ class _Space:
 
     def __init__(self, pencil: Pencil, handle: ShiftInvert) -> None:
         self.full, self.handle, self.solves = pencil, handle, 0
+        self.A = Difference(handle.K, handle.M, handle.sigma)
         self.V = np.zeros((pencil.size, 0))
         self.M, self.D = np.zeros((0, 0)), np.zeros((0, 0))
 
@@ -196,18 +197,15 @@ class _Space:
         eye = np.eye(len(self.M))
         return Pencil(self.M, self.D, eye + self.handle.sigma * self.M)
 
-    def _A(self, x: Array) -> Array:
-        return self.handle.K @ x - self.handle.sigma * (self.handle.M @ x) if self.handle.sigma else self.handle.K @ x
-
     def coordinates(self, X: Array) -> Array:
-        return self.V.T @ self._A(X)
+        return self.V.T @ (self.A @ X)
 
     def append(self, new: Array, forces: Array | None = None, least: float = 0.0) -> bool:
         """Takes in what of the columns is longer (in A) than `least`, and new; `forces` are A times the columns if known.
 
         Corrections A⁻¹r are A-orthogonal to V already, since Vᵀr = 0 (Galerkin): only rounding is left to remove.
         """
-        forces = self._A(new) if forces is None else forces
+        forces = self.A @ new if forces is None else forces
         length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, forces), 0.0))
         keep = length > least
         if not keep.any():
@@ -215,7 +213,7 @@ class _Space:
         new, forces = new[:, keep] / length[keep], forces[:, keep] / length[keep]
         new, old = _rotated(new, new.T @ forces, 1e-13), self.V.shape[1]
         for _ in range(2 if old else 1):  # once is not enough: what V lacks in orthogonality would grow from step to step
-            forces = self._A(new)
+            forces = self.A @ new
             share = self.V.T @ forces
             new = _rotated(new - self.V @ share, new.T @ forces - share.T @ share, 1e-8)
         Mnew, Dnew = self.full.M @ new, self.full.D @ new

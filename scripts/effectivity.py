@@ -1,6 +1,6 @@
 """Are the estimates of `reduce(sub, CraigBampton(band=…, tol=…))` right, and do they choose well? Over tests/gallery.py.
 
-    python scripts/effectivity.py [--only TEXT] [--out scripts/figures]
+    python scripts/effectivity.py [--only TEXT] [--out out/effectivity]
 
 For each component and method: the estimates of bases that the search could choose against the true error (all
 eigenvalues of the full model by LAPACK), and for 1e-2, 1e-3, 1e-4 and 1e-6 the modes chosen against the fewest that would
@@ -211,7 +211,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="components whose name holds this text")
-    parser.add_argument("--out", type=Path, default=ROOT / "scripts" / "figures")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "effectivity")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
     file = asked.out / "effectivity.json"

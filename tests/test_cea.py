@@ -9,6 +9,8 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
+from femsub import qep
+from femsub.cea import certificates
 from femsub.matching import match
 
 BELT = fs.Belt(slope=-0.2677)
@@ -262,3 +264,18 @@ def test_a_low_eigenvalue_of_a_stiff_model_is_not_taken_for_rigid_motion() -> No
     pairs = fs.complex_modes(fs.chain(3, masses=[2.0, 2.0, 2.0])).frequencies  # each stiff spring joins two masses
     assert np.allclose(np.sort(modes.frequencies)[:6], np.sort(pairs), atol=3 * modes.error_bar.max())
     assert np.abs(np.sort(modes.frequencies)[:6] / np.sort(pairs) - 1).max() < 0.1
+
+
+def test_one_without_its_conjugate_beside_a_pair_has_its_own_certificate() -> None:
+    """Only where each is followed by its conjugate, value and shape, one of the two stands for both."""
+    sub = fs.chain(20, belt=2)
+    pencil = sub.linearised(fs.Belt(slope=-0.05))
+    values, X, Y = qep.solve(pencil.dense())
+    upper = np.flatnonzero(values.imag > 0)[:2]
+    rows = [values[upper[0]], values[upper[0]].conj(), values[upper[1]].conj()]
+    x, y = (np.stack([part[:, upper[0]], part[:, upper[0]].conj(), part[:, upper[1]].conj()], axis=1) for part in (X, Y))
+    found = certificates(pencil, np.array(rows), x, y)
+    assert len(found.backward_error) == len(found.error_bar) == len(found.condition) == 3 and found.backward_error.max() < 1e-13
+    spoilt = x[:, :2].copy()
+    spoilt[3, 1] *= 1.1  # the second of a pair
+    assert certificates(pencil, np.array(rows[:2]), spoilt, y[:, :2]).backward_error[1] > 1e-6

@@ -97,9 +97,8 @@ def test_the_bound_of_what_the_basis_lacks_holds_and_is_no_luxury(mu: float, ray
     K, M, W = parts.K0.toarray(), parts.M.toarray(), parts.W
     basis = condensed._Basis(parts, factorise(sp.csr_array(K + mu * M), "definite").solve, mu)
     basis.add(basis.static)
-    small = basis.small(condensed.edge(parts, R).near)
-    small.zeros(R)
-    s = small.contour(R)
+    small = basis.small(condensed.edge(parts, R))
+    s = small.contour()
     amplitude, _ = small._amplitudes(s)
     weights, kappa = small.weights(s), small._kappa(s)
     rho = np.sqrt(np.einsum("sip,ij,sjp->sp", weights.conj(), small.gram, weights).real)
