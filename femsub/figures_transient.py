@@ -94,8 +94,8 @@ def period_figure(rows: Sequence[Mapping[str, Any]]) -> Any:
         axis.plot([row["seconds_per_period"] for row in points], [max(row["amplitude_error"], 1e-8) for row in points],
                   color=COLOURS.get(kind, "black"), marker=MARKERS.get(kind, "o"), ls="", label=LABELS.get(kind, kind))
         for row in points:
-            axis.annotate(str(row["size"]), (row["seconds_per_period"], max(row["amplitude_error"], 1e-8)), (6, -9 + 13 * side),
-                          textcoords="offset points", fontsize=8)
+            axis.annotate(str(row["size"]), (row["seconds_per_period"], max(row["amplitude_error"], 1e-8)), (6, 4 - 13 * side),
+                          textcoords="offset points", fontsize=8, color=COLOURS.get(kind, "black"))
     axis.axvline(full["seconds_per_period"], color="black", ls="--", lw=1, label=f"full, {full['size']} DOF")
     axis.axhline(0.01, color="grey", lw=0.8, ls=":", label="1 %")
     axis.set(xscale="log", yscale="log", xlabel="wall time per simulated period  [s]",
