@@ -124,7 +124,14 @@ def test_bounds_of_a_floating_component_are_as_near() -> None:
 
 @pytest.mark.parametrize("name", ["chain 50, ports", "chain 60, unsymmetric D", "beam", "lattice, held"])
 def test_the_reference_is_as_near_as_is_said(name: str) -> None:
-    """It has no solution of the full model to lean on: what it leaves out must come from the residuals alone."""
+    """It has no solution of the full model to lean on: what it leaves out must come from the residuals alone.
+
+    The reference lacks the terms of the third order and on, so that its doubt is the largest model's own error times
+    ρ²/(1 - ρ), ρ = |λ|²/ω_cut², and more where left and right residual are not alike (Cauchy and Schwarz; of two
+    close modes, say). How far below the doubt the reference's true error lies is no property of it: that
+    error comes from what a truncated subspace happens to hold, and differs by halves with the BLAS kernels of
+    NumPy and SciPy, while both the doubt and the model's own error are the same to all digits that count.
+    """
     problem = next(problem for problem in quick() if problem.name == name)
     exact = problem.eigenvalues[within(problem.eigenvalues, problem.band)]
     for kind in problem.kinds:
@@ -136,7 +143,9 @@ def test_the_reference_is_as_near_as_is_said(name: str) -> None:
         wrong, said = np.abs(found[to] - exact[at]), said[to]
         seen = wrong > 1e-10 * np.abs(exact)
         assert (said >= wrong)[seen].all() and seen.any()
-        assert (said <= 100 * wrong).any()
+        own, ratio = np.abs(model.doubt[0][paired(exact, model.doubt[0])[1]] - exact), np.abs(exact) ** 2 / model.values[-1]
+        share = said / (own * ratio**2 / (1 - ratio))
+        assert (share > 0.5)[seen].all() and np.median(share[seen]) < 2.0
         # and all of it is in the estimate
         given, values = model.estimate(model.modes - 1, problem.band, 1e-3), model.damped(model.modes - 1)[0]
         at, to = paired(found[to], values)
