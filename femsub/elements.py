@@ -62,6 +62,12 @@ class Reference:
     def corners(self) -> int:
         return len(self.nodes) - len(self.middles)
 
+    @property
+    def edges(self) -> tuple[tuple[int, int], ...]:
+        """The corners at the ends of each edge, the lower first."""
+        ends = {(min(pair), max(pair)) for face in self.faces for pair in zip(face, (*face[1:], face[0]), strict=True)}
+        return tuple(sorted(ends))
+
 
 def skfem() -> Any:
     """The package, or an error that says how to get it."""

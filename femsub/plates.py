@@ -10,12 +10,22 @@ from typing import Any
 import numpy as np
 
 from femsub.assembly import Material
-from femsub.bending import CORNERS, OPPOSITE, bfs_matrices, morley_matrices
+from femsub.bending import (
+    CORNERS,
+    HERMITE_MEAN,
+    OPPOSITE,
+    bfs_integrals,
+    bfs_matrices,
+    morley_edge_integrals,
+    morley_integrals,
+    morley_matrices,
+)
 from femsub.dofs import DofMap
 from femsub.elements import skfem
 from femsub.errors import ConditionWarning, InputError, InputTypeError, unknown_name
 from femsub.meshes import Mesh
 from femsub.partition import component, gathered
+from femsub.patches import Patch, patch, sides_of
 from femsub.pencil import EPS, Array, Matrix, finite_number
 from femsub.substructure import Substructure
 
@@ -53,7 +63,10 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     interface : sequence of set names
         All DOF of these nodes (and edges) that are not held.
     ports : mapping of str to set name, or to the place (x, y) of a node
-        The mean of w over the cells within the set (a set without cells: over its nodes), or w at the node.
+        The mean of w over what the set is made of, or w at the node. Of a set of nodes that is the cells within it, if
+        they have all its nodes; else its edges (of two nodes of the border only those of the border); else single nodes,
+        of which the mean is taken. A group of cells is its cells. A set of several of these is refused. Means over
+        cells and edges are integrals of the element's own functions, slopes included.
     rayleigh : (alpha, beta), optional
         D = αM + βK; every other damping by `damped`.
 
@@ -89,11 +102,11 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
         raise InputTypeError(f"interface must be a sequence of set names, e.g. ({interface!r},), not {interface!r}")
     layout.check_fineness(name)
     K, M = layout.gathered(steel.nu)
-    held = [layout.held(mesh.nodes(where), kind) for where, kind in (supports or {}).items()]
+    held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in (supports or {}).items()),
+                           np.zeros(0, dtype=int)])
     return component(
-        bending * K, steel.rho * h * M, np.concatenate([*held, np.zeros(0, dtype=int)]),
-        {repr(where): layout.all_of(mesh.nodes(where)) for where in interface},
-        {port: layout.column(where, port) for port, where in (ports or {}).items()}, layout.dofs(), rayleigh, name)
+        bending * K, steel.rho * h * M, held, {repr(where): layout.all_of(mesh.nodes(where)) for where in interface},
+        {port: layout.column(where, port, held) for port, where in (ports or {}).items()}, layout.dofs(), rayleigh, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +154,13 @@ class _Layout:
         """K and M for unit bending stiffness and unit mass per area."""
         return self._morley(nu) if self.triangles else self._rectangles(nu)
 
+    @property
+    def _triangles(self) -> tuple[Array, Array]:
+        """Corners of the triangles, and the edges opposite them, (m, 3)."""
+        return self.grid.t.T, self.grid.t2f.T[:, [1, 2, 0]]  # scikit-fem's edges are (0, 1), (1, 2), (0, 2)
+
     def _morley(self, nu: float) -> tuple[Matrix, Matrix]:
-        cells, edges = self.grid.t.T, self.grid.t2f.T[:, [1, 2, 0]]  # scikit-fem's edges are (0, 1), (1, 2), (0, 2)
+        cells, edges = self._triangles
         corners = self.plane[cells]
         span = np.stack([corners[:, k] - corners[:, j] for j, k in OPPOSITE], axis=1)
         area = np.abs(span[:, 0, 0] * span[:, 1, 1] - span[:, 0, 1] * span[:, 1, 0])
@@ -163,6 +181,11 @@ class _Layout:
         return normal * np.sign(leading)[:, None]
 
     def _rectangles(self, nu: float) -> tuple[Matrix, Matrix]:
+        dofs, sides = self._squared()
+        return gathered(dofs, self.size, lambda part: bfs_matrices(sides[part], nu))
+
+    def _squared(self) -> tuple[Array, Array]:
+        """DOF of the rectangles (m, 16), corners as in CORNERS, and their sides (m, 2)."""
         corners = self.plane[self.mesh.cells]
         low, high = corners.min(axis=1), corners.max(axis=1)
         sides = high - low
@@ -178,8 +201,7 @@ class _Layout:
                              f"cell {int(right.argmin())}, counted from 0: mesh the plate with triangles, or turn it")
         order = order[:, [2 * i + j for i, j in CORNERS]]
         cells = np.take_along_axis(self.mesh.cells, order, axis=1)
-        dofs = (4 * cells[:, :, None] + np.arange(4)).reshape(len(cells), 16)
-        return gathered(dofs, self.size, lambda part: bfs_matrices(sides[part], nu))
+        return (4 * cells[:, :, None] + np.arange(4)).reshape(len(cells), 16), sides
 
     def edges(self, nodes: Array) -> Array:
         """The edges with both nodes in a set; one between two nodes of the border only if it is of the border itself."""
@@ -209,13 +231,19 @@ class _Layout:
             return np.concatenate([nodes, len(self.plane) + self.edges(nodes)])
         return (4 * nodes[:, None] + np.arange(4)).ravel()
 
-    def column(self, where: Any, port: str) -> Array:
+    def column(self, where: Any, port: str, held: Array) -> Array:
         """The mean of w over a set, or w at a node, as a column for all DOF."""
         w, step = np.zeros(self.size), 1 if self.triangles else 4
         if isinstance(where, str):
-            share = self._shares(self.mesh.nodes(where))
-            w[:step * len(share):step] = share / share.sum()
-            return w
+            found = patch(self.mesh, where, f"port {port!r}")
+            if found.kind == "nodes":
+                w[step * found.nodes] = 1.0
+            elif found.kind == "cells":
+                self._over_cells(found.cells, w)
+            elif not np.isin(step * found.nodes, held).all():  # along a support w is 0; a triangle's is so at nodes only
+                (self._along_triangles if self.triangles else self._along_rectangles)(found, w)
+            lift = w[:step * len(self.plane):step].sum()  # of w = 1 everywhere
+            return w / lift if lift else w
         if not isinstance(where, (Sequence, np.ndarray)) or len(where) != 2:
             raise InputTypeError(f"port {port!r} must be the name of a set or a place (x, y), not {where!r:.80}")
         x, y = (finite_number(f"port {port!r}", value) for value in where)
@@ -227,17 +255,34 @@ class _Layout:
         w[step * nearest] = 1.0
         return w
 
-    def _shares(self, nodes: Array) -> Array:
-        """The area of the cells within a set, spread over their nodes; where there is none, 1 for each of the nodes."""
-        member = np.zeros(len(self.plane), dtype=bool)
-        member[nodes] = True
-        cells = self.mesh.cells[member[self.mesh.cells].all(axis=1)]
-        if not len(cells):
-            return member.astype(float)
-        across = self.plane[cells[:, 2]] - self.plane[cells[:, 0]]
-        other = self.plane[cells[:, -1]] - self.plane[cells[:, 1]]
-        area = np.abs(across[:, 0] * other[:, 1] - across[:, 1] * other[:, 0])
-        return np.bincount(cells.ravel(), np.repeat(area, cells.shape[1]), len(self.plane))
+    def _over_cells(self, cells: Array, w: Array) -> None:
+        """Adds ∫ φ dA over cells to a column."""
+        if self.triangles:
+            corners, edges = (part[cells] for part in self._triangles)
+            integrals = morley_integrals(self.plane[corners], self._normals()[edges])
+            np.add.at(w, np.hstack([corners, len(self.plane) + edges]), integrals)
+        else:
+            dofs, sides = (part[cells] for part in self._squared())
+            np.add.at(w, dofs, bfs_integrals(sides))
+
+    def _along_triangles(self, found: Patch, w: Array) -> None:
+        """Adds ∫ φ ds along edges; the mean of both sides' where two triangles meet, whose functions differ there."""
+        corners, edges = (part[found.cells] for part in self._triangles)
+        lone = self.mesh.cells[found.cells, (found.sides + 2) % 3]
+        integrals = morley_edge_integrals(self.plane[corners], self._normals()[edges], (corners == lone[:, None]).argmax(axis=1))
+        np.add.at(w, np.hstack([corners, len(self.plane) + edges]), found.share[:, None] * integrals)
+
+    def _along_rectangles(self, found: Patch, w: Array) -> None:
+        """Adds ∫ φ ds along edges, with a cubic on each."""
+        ends = self.mesh.cells[found.cells[:, None], sides_of("quad", "edges")[found.sides]]
+        along = self.plane[ends[:, 1]] - self.plane[ends[:, 0]]
+        axis = np.abs(along).argmax(axis=1)
+        step = np.take_along_axis(along, axis[:, None], axis=1)[:, 0]
+        parts = (found.share * np.abs(step))[:, None] * HERMITE_MEAN
+        parts[:, 1::2] *= step[:, None]
+        dofs = 4 * np.repeat(ends, 2, axis=1)
+        dofs[:, 1::2] += 1 + axis[:, None]
+        np.add.at(w, dofs, parts)
 
     def dofs(self) -> DofMap:
         """Labels w, w,x, w,y, w,xy at nodes; or w at nodes and w,n in the middle of edges, numbered on."""

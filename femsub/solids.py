@@ -13,9 +13,9 @@ from femsub.elements import KINDS
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.meshes import Mesh
 from femsub.partition import component
+from femsub.patches import solid_average
 from femsub.pencil import Array
 from femsub.substructure import Substructure
-from femsub.surfaces import patch_average
 
 Direction: TypeAlias = str | Sequence[float]
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -41,8 +41,10 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
         Sets of nodes that are held, and those through which the component is joined: all three motions, or those
         named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, as far as they are not held.
     ports : mapping of str to (set, direction)
-        Where a belt or a force acts: w with wᵀu the average motion of a patch of the surface (a set of nodes) along
-        'x', 'y', 'z', 'normal', or a vector, which is brought to unit length.
+        Where a belt or a force acts: w with wᵀu the average motion of a set along 'x', 'y', 'z', 'normal', or a vector,
+        which is brought to unit length. The average is over what the set is made of: the faces of the surface within a set
+        of nodes; if these lack some of the nodes, the cells within it; else its edges; single nodes. A group of cells is
+        averaged over its volume. A set of several of these is refused.
     rayleigh : (alpha, beta), optional
         α in 1 per unit of time, β in units of time; every other damping by `damped`.
     name : str
@@ -109,7 +111,7 @@ def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
         place, direction = value
     except (TypeError, ValueError):
         raise InputTypeError(f"port {name!r} must be (set of nodes, direction), e.g. ('contact', 'x'), not {value!r}") from None
-    average, normal = patch_average(mesh, mesh.nodes(place))
+    average, normal = solid_average(mesh, place, f"port {name!r}")
     if isinstance(direction, str):
         if direction not in (*AXES, "normal"):
             raise unknown_name(f"direction of port {name!r}:", direction, (*AXES, "normal"))
@@ -120,6 +122,6 @@ def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
     if not 0 < length < np.inf:
         why = "three numbers, not all 0, are needed"
         if isinstance(direction, str):
-            why = "the set holds no face of the surface, or is closed in itself"
+            why = f"only faces of the surface have a normal, and {place!r} holds none, or is closed in itself"
         raise InputError(f"port {name!r}: {direction!r} is no direction: {why}")
     return np.outer(average, vector / length).ravel()

@@ -16,7 +16,7 @@ LAYERS = {
     "errors": 0, "files": 0, "phases": 0, "heap": 0,
     "pencil": 1, "graph": 2, "memory": 4, "friction": 3, "_slepc": 3, "dofs": 3, "elements": 3, "meshes": 4,
     "factor": 4, "dense_modes": 4, "substructure": 4, "bending": 4, "textmatrices": 4,
-    "blocks": 5, "fields": 5, "meshchecks": 5, "inpfiles": 5, "assembly": 5, "surfaces": 5, "matrixfiles": 5,
+    "blocks": 5, "fields": 5, "meshchecks": 5, "inpfiles": 5, "assembly": 5, "surfaces": 5, "patches": 6, "matrixfiles": 5,
     "shift_invert": 5, "counting": 5, "chains": 5, "lanczos": 5, "contacts": 6,
     "integrators": 7, "second_order": 7, "transients": 8, "spectra": 9,
     "meshfiles": 6, "modelfiles": 6, "components": 7,

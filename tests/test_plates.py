@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 import femsub as fs
+from femsub.plates import _Layout
 
 SI = {"E": 210e9, "nu": 0.3, "rho": 7850.0, "thickness": 2e-3}
 MM = {"E": 210e3, "nu": 0.3, "rho": 7.85e-9, "thickness": 2.0}
@@ -166,8 +169,59 @@ def test_interface_and_ports(kind: str) -> None:
     assert np.allclose(sub.dofs.points[sub.interface, 0], A)
     level = (sub.dofs.components == 0).astype(float)
     assert np.isclose(sub.port("pad") @ level, 1) and np.isclose(sub.port("end") @ level, 1)
-    w = sub.port("pad")
-    assert w.min() >= 0 and w.max() > 1.5 * w[w > 0].min()  # by area: more inside the patch than on its rim
+    w = sub.port("pad")[level == 1]
+    assert w.max() > 1.5 * w[w > 0].min()  # by area: more inside the patch than on its rim
+
+
+def interpolated(mesh: fs.Mesh, sub: fs.Substructure, f: Callable, fx: Callable, fy: Callable, fxy: Callable) -> np.ndarray:
+    """f in the DOF of a free plate."""
+    x, y = sub.dofs.points.T
+    normal = np.zeros((sub.size, 2))
+    if mesh.kind == "triangle":
+        normal[len(mesh.points):] = _Layout(mesh)._normals()
+    values = {"w": f(x, y), "w,x": fx(x, y), "w,y": fy(x, y), "w,xy": fxy(x, y),
+              "w,n": normal[:, 0] * fx(x, y) + normal[:, 1] * fy(x, y)}
+    return np.choose(sub.dofs.components, [values[label] for label in sub.dofs.labels])
+
+
+@pytest.mark.parametrize("kind", ["quad", "triangle"])
+def test_a_port_on_cells_or_edges_is_their_mean(kind: str) -> None:
+    """Of w = x² + 2xy + 3y², which both elements hold exactly: 3/2 + 1/2 - 1/6 over the unit square, and so on."""
+    mesh = fs.rectangle((1.0, 1.0), (2, 2), kind)
+    mesh = mesh.with_sets(all=np.arange(9), middle=lambda p: p[:, 0] == 0.5, two=[0, 8])
+    half = np.flatnonzero((mesh.points[mesh.cells, 0] <= 0.5).all(axis=1))
+    mesh = fs.Mesh(mesh.points, mesh.cells, kind, mesh.sets, {"half": half})
+    sub = fs.plate(mesh, **SI, ports={key: key for key in ("all", "half", "edge", "right", "middle", "two")})
+    u = interpolated(mesh, sub, lambda x, y: x**2 + 2 * x * y + 3 * y**2, lambda x, y: 2 * x + 2 * y, lambda x, y: 2 * x + 6 * y,
+                     lambda x, y: 2 + 0 * x)
+    sides = (1.0, 1 + 1 + 1, 1 / 3, 1 / 3 + 1 + 3)  # along x = 0, x = 1, y = 0, y = 1
+    expected = {"all": 11 / 6, "half": 1 / 12 + 1 / 4 + 1, "edge": sum(sides) / 4, "right": sides[1], "middle": 7 / 4,
+                "two": 3.0}
+    for port, mean in expected.items():
+        assert sub.port(port) @ u == pytest.approx(mean, rel=1e-12), port
+
+
+@pytest.mark.parametrize("kind", ["quad", "triangle"])
+def test_a_port_along_the_rim_weighs_all_of_its_nodes(kind: str) -> None:
+    mesh = fs.rectangle((1.0, 1.0), (8, 8), kind)  # of triangles, two corners are whole cells
+    sub = fs.plate(mesh, **SI, ports={"e": "edge"})
+    weighed = np.unique(sub.dofs.nodes[(sub.port("e") != 0) & (sub.dofs.components == 0)])
+    assert np.isin(mesh.numbers[mesh.sets["edge"]], weighed).all() and len(mesh.sets["edge"]) == 32
+
+
+def test_a_set_of_several_kinds_is_no_port() -> None:
+    mesh = rectangle(4, 4, "quad").with_sets(mixed=[0, 1, 5, 6, 24], stray=[0, 1, 2, 24])
+    for port, words in (("mixed", r"1 of the 5 nodes of the set 'mixed' belong to none of the cells .*\(number 25\)"),
+                        ("stray", r"1 of the 4 nodes of the set 'stray' belong to none of the edges .*group of cells")):
+        with pytest.raises(fs.InputError, match=words):
+            fs.plate(mesh, **SI, ports={"p": port})
+
+
+@pytest.mark.parametrize("kind", ["quad", "triangle"])
+def test_a_port_along_a_support_is_refused(kind: str) -> None:
+    for support in ("simply supported", "clamped"):
+        with pytest.raises(fs.InputError, match="sits on DOF that the supports hold"):
+            fs.plate(rectangle(4, 4, kind), **SI, supports={"edge": support}, ports={"p": "left"})
 
 
 @pytest.mark.parametrize("kind", ["quad", "triangle"])

@@ -14,7 +14,8 @@ import femsub as fs
 from femsub import assembly, elements
 from femsub.assembly import stiffness_and_mass
 from femsub.errors import InputError, InputTypeError
-from femsub.surfaces import boundary_faces, patch_average
+from femsub.patches import solid_average
+from femsub.surfaces import boundary_faces
 
 STEEL = {"SI": (fs.Material(2.1e11, 0.3, 7850.0), 1.0), "mm-t-s": (fs.Material(2.1e5, 0.3, 7.85e-9), 1e3)}
 ELEMENTS = {"hexahedron": skfem.ElementHex1, "hexahedron20": skfem.ElementHexS2, "hexahedron27": skfem.ElementHex2,
@@ -116,7 +117,7 @@ def test_two_materials() -> None:
 @pytest.mark.parametrize("kind", ELEMENTS)
 def test_a_patch_sees_the_average_over_its_area(kind: str) -> None:
     mesh = fs.block((2.0, 1.0, 0.5), (5, 3, 2), kind).with_sets(half=lambda p: (p[:, 2] > 0.49) & (p[:, 0] < 1.21))
-    average, normal = patch_average(mesh, mesh.sets["half"])
+    average, normal = solid_average(mesh, "half", "port")
     x, y, _ = mesh.points.T
     assert average.sum() == pytest.approx(1.0, rel=1e-14) and np.allclose(normal, [0, 0, 1], atol=1e-14)
     assert average @ x == pytest.approx(0.6, rel=1e-12) and average @ y == pytest.approx(0.5, rel=1e-12)
@@ -126,10 +127,37 @@ def test_a_patch_sees_the_average_over_its_area(kind: str) -> None:
     assert len(cells) == 2 * (15 + 10 + 6) * (2 if kind.startswith("tet") else 1)
 
 
+@pytest.mark.parametrize("kind", ELEMENTS)
+def test_a_port_means_faces_cells_edges_or_nodes_by_what_its_set_is(kind: str) -> None:
+    mesh = fs.block((2.0, 1.0, 1.0), (2, 2, 2), kind)
+    x, y, z = mesh.points.T
+    mesh = mesh.with_sets(rim=(y == 0) & (z == 0), half=x <= 1, tips=[int(np.argmin(x + y + z)), int(np.argmax(x + y + z))])
+    left = np.flatnonzero((x[mesh.cells] <= 1).all(axis=1))
+    mesh = fs.Mesh(mesh.points, mesh.cells, kind, mesh.sets, {"left half": left})
+    ports = ("rim", "half", "tips", "left half", "right")
+    sub = fs.solid(mesh, STEEL["SI"][0], ports={port: (port, "x") for port in ports})
+    linear = np.zeros((len(x), 3))
+    linear[:, 0] = 1 + x + 2 * y + 3 * z
+    assert [sub.port(port) @ linear.ravel() for port in ports] == pytest.approx([2.0, 4.0, 4.5, 4.0, 5.5], rel=1e-12)
+    if elements.reference(kind).degree == 2:
+        linear[:, 0] = x**2 + y * z
+        assert [sub.port(port) @ linear.ravel() for port in ports] == pytest.approx([4 / 3, 7 / 12, 2.5, 7 / 12, 4.25], rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ELEMENTS)
+def test_a_port_on_a_set_of_several_kinds_is_refused(kind: str) -> None:
+    mesh = fs.block((2.0, 1.0, 1.0), (2, 2, 2), kind)
+    x, y, z = mesh.points.T
+    face = np.flatnonzero((x == 0) & (y <= 0.5) & (z <= 0.5))
+    mesh = mesh.with_sets(six=np.append(face, np.flatnonzero((x == 2) & (y == 1) & (z != 0.5) & (z % 0.5 == 0))))
+    with pytest.raises(InputError, match=r"port 'p': 2 of the \d+ nodes of the set 'six' belong to none of the faces"):
+        fs.solid(mesh, STEEL["SI"][0], ports={"p": ("six", "x")})
+
+
 def test_normals_of_a_bent_patch_and_ports() -> None:
     ring = fs.annulus(0.5, 1.0, 0.2, (2, 24, 1), "hexahedron20")
     ring = ring.with_sets(sector=lambda p: (np.hypot(p[:, 0], p[:, 1]) > 0.999) & (p[:, 0] > 0.7))
-    _, normal = patch_average(ring, ring.sets["sector"])
+    _, normal = solid_average(ring, "sector", "port")
     assert np.allclose(normal, [1, 0, 0], atol=1e-12)
     sub = fs.solid(ring, STEEL["SI"][0], supports={"inner": "xyz"}, interface={"sector": "z"},
                    ports={"rub": ("sector", (0, 3.0, 4.0)), "push": ("sector", "normal")}, rayleigh=(2.0, 1e-6))
@@ -150,8 +178,8 @@ def test_normals_of_a_bent_patch_and_ports() -> None:
     ({"ports": {"belt": ("left", "x")}, "supports": ["left"]}, "sits on DOF that the supports hold"),
     ({"ports": {"belt": ("top", "up")}}, "unknown direction of port 'belt'"),
     ({"ports": {"belt": ("top", (0, 0, 0))}}, "three numbers, not all 0"),
-    ({"ports": {"belt": ("one", "normal")}}, "the set holds no face of the surface"),
-    ({"ports": {"belt": ("all", "normal")}}, "the set holds no face|closed"),
+    ({"ports": {"belt": ("one", "normal")}}, "only faces of the surface have a normal, and 'one' holds none"),
+    ({"ports": {"belt": ("all", "normal")}}, "only faces of the surface have a normal, and 'all' holds none"),
 ])
 def test_bad_input(change: dict, words: str) -> None:
     mesh = fs.block((1.0, 1.0, 1.0), (2, 2, 2), "hexahedron").with_sets(one=[0], all=np.arange(27))
