@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from femsub.elements import KINDS, face_quadrature, jacobians, quadrature, reference, shape_functions
-from femsub.errors import InputError, unknown_name
+from femsub.errors import InputError, PortWarning, unknown_name
 from femsub.meshes import Mesh
 from femsub.pencil import Array
 from femsub.surfaces import boundary_faces
@@ -41,7 +42,8 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
 
     A group is its cells. A set of nodes is the faces of a solid's surface within it if they have all its nodes, else the
     cells within it if these do, else its edges (between two nodes of the border only those of the border), and nodes if
-    no edge is within it. A set of the same name as a group and of the same nodes is the group.
+    no edge is within it. A set of the same name as a group and of the same nodes is the group. Corners decide: middle
+    nodes beyond the whole faces (cells, edges), as a choice by coordinates has, do not count.
 
     Parameters
     ----------
@@ -49,6 +51,11 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
         Of plane or solid cells.
     what : str
         Whose set it is, for messages, e.g. "port 'belt'".
+
+    Warns
+    -----
+    PortWarning
+        Middle nodes that do not count.
 
     Raises
     ------
@@ -64,31 +71,54 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
     nodes = mesh.nodes(name)
     marked = np.zeros(len(mesh.points), dtype=bool)
     marked[nodes] = True
+    found = _candidates(mesh, nodes, marked)
+    lefts = [np.setdiff1d(nodes, nodes_of(mesh, one)) for one in found]
+    for one, left in zip(found, lefts, strict=True):
+        if not len(left):
+            return one
+    if not found:
+        return _patch("nodes", nodes, every[:0])
+    corners = np.unique(mesh.cells[:, :reference(mesh.kind).corners]) if mesh.kind in KINDS else nodes
+    for one, left in zip(found, lefts, strict=True):
+        if not np.isin(left, corners).any():
+            warnings.warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number {_listed(mesh, left)}) are "
+                          f"middle nodes of {one.kind} that the set does not hold to their corners; the mean is over the whole "
+                          f"{one.kind} without these", PortWarning, stacklevel=6)
+            return one
+    kind, left = found[0].kind, lefts[0]
+    raise InputError(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} belong to none of the {kind} that lie "
+                     f"within it (number {_listed(mesh, left)}), and a mean over {kind} would leave them out: take them out of "
+                     f"the set, add the nodes that complete their {kind}, or name a group of cells")
+
+
+def _candidates(mesh: Mesh, nodes: Array, marked: Array) -> list[Patch]:
+    """The faces, the cells and the edges within a set, of each kind that there is, as `patch` prefers them."""
+    every = np.arange(len(mesh.cells))
     ways = [("cells", every, np.zeros_like(every), np.arange(mesh.cells.shape[1])[None, :])]
     if mesh.dimension == 3:
         ways.insert(0, ("faces", *boundary_faces(mesh), sides_of(mesh.kind, "faces")))
-    rest = {}
+    found = []
     for kind, cells, sides, table in ways:
-        corners, whole = _corners(mesh, table), mesh.cells[cells[:, None], table[sides]]
-        inside = marked[whole[:, corners]].all(axis=1)
-        left = _left(marked, whole[inside])
-        if not left.any():
-            return _patch(kind, nodes, cells[inside], sides[inside])
-        rest[kind] = left if inside.any() else None
+        corners = table[:, _corners(mesh, table)]
+        inside = marked[mesh.cells[cells[:, None], corners[sides]]].all(axis=1)
+        if inside.any():
+            found.append(_patch(kind, nodes, cells[inside], sides[inside]))
     cells, sides, share, border = _edges(mesh, marked)
-    left = _left(marked, mesh.cells[cells[:, None], sides_of(mesh.kind, "edges")[sides]])
     # a row of nodes along the border of a plane mesh may hold a whole cell in a corner
-    thin = all(value is None for value in rest.values()) or (mesh.dimension == 2 and bool(border.all()))
-    if len(cells) and not left.any() and thin:
-        return Patch("edges", nodes, cells, sides, share)
-    if not len(cells) and all(value is None for value in rest.values()):
-        return _patch("nodes", nodes, every[:0])
-    kind, left = next(((kind, value) for kind, value in rest.items() if value is not None), ("edges", left))
-    lone = mesh.numbers[left]
-    shown = ", ".join(str(number) for number in lone[:5]) + (", ..." if len(lone) > 5 else "")
-    raise InputError(f"{what}: {len(lone)} of the {len(nodes)} nodes of the set {name!r} belong to none of the {kind} that lie "
-                     f"within it (number {shown}), and a mean over {kind} would leave them out: take them out of the set, add "
-                     f"the nodes that complete their {kind}, or name a group of cells")
+    if len(cells) and (not found or (mesh.dimension == 2 and bool(border.all()))):
+        found.append(Patch("edges", nodes, cells, sides, share))
+    return found
+
+
+def nodes_of(mesh: Mesh, found: Patch) -> Array:
+    """All nodes of the cells, faces or edges of a patch."""
+    if found.kind in ("cells", "nodes"):
+        return np.unique(mesh.cells[found.cells]) if found.kind == "cells" else found.nodes
+    return np.unique(mesh.cells[found.cells[:, None], sides_of(mesh.kind, found.kind)[found.sides]])
+
+
+def _listed(mesh: Mesh, rows: Array) -> str:
+    return ", ".join(str(number) for number in mesh.numbers[rows[:5]]) + (", ..." if len(rows) > 5 else "")
 
 
 def sides_of(kind: str, what: str) -> Array:
@@ -169,12 +199,6 @@ def _corners(mesh: Mesh, table: Array) -> Array:
     if mesh.kind not in KINDS:
         return np.arange(table.shape[1])
     return np.flatnonzero((table < reference(mesh.kind).corners).all(axis=0))
-
-
-def _left(marked: Array, covered: Array) -> Array:
-    left = marked.copy()
-    left[covered] = False
-    return left
 
 
 def _edges(mesh: Mesh, marked: Array) -> tuple[Array, Array, Array, Array]:

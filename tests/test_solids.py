@@ -154,6 +154,15 @@ def test_a_port_on_a_set_of_several_kinds_is_refused(kind: str) -> None:
         fs.solid(mesh, STEEL["SI"][0], ports={"p": ("six", "x")})
 
 
+def test_middle_nodes_beyond_the_faces_of_a_patch_are_told_and_do_not_count() -> None:
+    """A choice by coordinates takes in the middle nodes of half a face more; with those or without, the faces are the same."""
+    mesh = fs.block((4.0, 1.0, 1.0), (4, 2, 2), "hexahedron20")
+    mesh = mesh.with_sets(whole=lambda p: (p[:, 2] == 1) & (p[:, 0] <= 2), more=lambda p: (p[:, 2] == 1) & (p[:, 0] <= 2.6))
+    with pytest.warns(fs.PortWarning, match="3 of the 24 nodes of the set 'more'"):
+        sub = fs.solid(mesh, STEEL["SI"][0], ports={"whole": ("whole", "x"), "more": ("more", "x")})
+    assert np.array_equal(sub.port("whole"), sub.port("more"))
+
+
 def test_normals_of_a_bent_patch_and_ports() -> None:
     ring = fs.annulus(0.5, 1.0, 0.2, (2, 24, 1), "hexahedron20")
     ring = ring.with_sets(sector=lambda p: (np.hypot(p[:, 0], p[:, 1]) > 0.999) & (p[:, 0] > 0.7))
