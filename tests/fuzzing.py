@@ -3,8 +3,8 @@
 Right is a FemsubError, the content of the valid file, or the honest meaning of the damaged one. A finding is all else: another
 exception, a crash, a hang, memory without bounds, and content that the damaged file does not have.
 
-A module `fuzz_NAME.py` beside this one offers `subjects(folder) -> list[Subject]`: it writes valid files into the folder and tells
-how each is read. `scripts/fuzz-files` runs all of them at length, the tests a short seeded part:
+A module `fuzz_NAME.py` beside this one offers `subjects(folder) -> list[Subject]`: it writes valid files into the folder and
+tells how each is read. `scripts/fuzz-files` runs all of them at length, the tests a short seeded part:
 
     report = fuzz(subjects(tmp_path), count=100, seed=1, folder=tmp_path / "damaged")
     assert not report.findings, report
@@ -311,7 +311,7 @@ class Child:
     def start(self) -> None:
         ours_in, theirs_out = os.pipe()
         theirs_in, ours_out = os.pipe()
-        self.errors = tempfile.TemporaryFile()
+        self.errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed by `stop`)
         self.process = subprocess.Popen(
             [sys.executable, __file__, str(theirs_in), str(theirs_out), str(self.memory)], pass_fds=(theirs_in, theirs_out),
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self.errors,
@@ -379,7 +379,8 @@ def serve(questions: Connection, answers: Connection, memory: int) -> None:
         except BaseException as error:
             trace = traceback.extract_tb(error.__traceback__)
             where = " < ".join(f"{Path(step.filename).name}:{step.lineno}" for step in reversed(trace[-4:]))
-            answers.send(("memory" if isinstance(error, MemoryError) else "raised", f"{type(error).__name__}: {error!s:.300} ({where})"))
+            answers.send(("memory" if isinstance(error, MemoryError) else "raised",
+                          f"{type(error).__name__}: {error!s:.300} ({where})"))
 
 
 def _memory_error(error: BaseException | None) -> str:
@@ -403,8 +404,9 @@ def fuzz(subjects: Sequence[Subject], count: int, seed: int, folder: Path, *, jo
     children = [Child(seconds, memory) for _ in range(jobs)]
 
     def work(number: int) -> None:
+        place, child = folder / f"work{number}", children[number]
         for subject, indices in parts[number::jobs]:
-            for ending, finding in _judged(subject, set(indices), count, seed, folder / f"work{number}", folder, children[number]):
+            for ending, finding in _judged(subject, set(indices), count, seed, place, folder, child):
                 report.counts[subject.name][ending] += 1
                 report.findings += [finding] if finding else []
 
