@@ -8,17 +8,17 @@ names them.
 from __future__ import annotations
 
 import re
-import warnings
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from femsub.errors import InputError
-from femsub.pencil import Array
+from femsub.inpdecks import blocks, names
+from femsub.inpgenerate import GENERATORS
+from femsub.inpstore import Found, NodesOf, Range, once, rows_of, table_of, whole_numbers
+from femsub.meshtext import as_numbers, as_table, fields
 
 _PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9", 65: "triangle6"}
 #: how the name of an element begins, and what the number after that means
@@ -30,54 +30,52 @@ _FAMILIES = (
 )
 _SIZES = {"tetra": 4, "tetra10": 10, "hexahedron": 8, "hexahedron20": 20, "wedge": 6, "wedge15": 15, "pyramid": 5,
           "triangle": 3, "quad": 4, "triangle6": 6, "quad8": 8, "quad9": 9, "line": 2, "line3": 3}
-
-
-@dataclass
-class _Found:
-    """What a file holds, by the file's numbers."""
-
-    nodes: list[tuple[Array, Array]] = field(default_factory=list)
-    elements: list[tuple[str, Array, Array]] = field(default_factory=list)
-    node_sets: dict[str, list[Array]] = field(default_factory=dict)
-    cell_sets: dict[str, list[Array]] = field(default_factory=dict)
-    spelling: dict[str, str] = field(default_factory=dict)
-    skipped: Counter[str] = field(default_factory=Counter)
-    scopes: Counter[str] = field(default_factory=Counter)
-    apart: set[str] = field(default_factory=set)
+#: other elements that fill a volume, which would be missing: cohesive, gasket, acoustic, infinite, continuum shells, ...
+_VOLUMES = re.compile(r"(COH|GK|AC|CIN|EC|PC|FC|F|Q|DCC|EMC)3D([4-9]|\d\d)|SC[68]|CSS8|C3D")
+_SCOPES = ("PART", "INSTANCE", "ASSEMBLY", "END PART", "END ASSEMBLY")
 
 
 def read_inp(path: Path) -> tuple[Any, list[str]]:
     """A meshio.Mesh with `points_id` and `cells_id` (the file's numbers), and what was skipped.
 
-    One part at most: nodes and elements that an assembly adds (reference points) are skipped with their sets.
+    ==============  ==========================================================================================================
+    reads           \\*NODE, \\*ELEMENT, \\*NSET, \\*ELSET (lists, names, quoted names, GENERATE), \\*NGEN (straight, arcs),
+                    \\*NFILL (equal intervals), \\*NCOPY, \\*NMAP (RECTANGULAR, CYLINDRICAL), \\*ELGEN, \\*ELCOPY, \\*INCLUDE and
+                    INPUT= (files beside this one); blank fields as 0, Fortran exponents, a byte-order mark, Latin-1
+    skips, tells    elements that are no cells (MASS, SPRING, ...); nodes, elements and sets that only the assembly has
+    refuses         several parts or instances, one that is moved, \\*SYSTEM, nodes in cylindrical coordinates; other options
+                    of what is read; \\*IMPERFECTION, \\*IMPORT, \\*MODEL CHANGE, \\*REFINE MESH, \\*PARAMETER, \\*SYMMETRIC MODEL
+                    GENERATION; nearly known keywords; nodes and elements given twice; sets of what the file does not
+                    give; elements that fill a volume and are none of ours; a last line that does not end
+    cannot know     whether lines are missing between two keywords or at the end: the format counts nothing. A number in a
+                    list of a set is a node or element, a set called 7 needs quotes there
+    ==============  ==========================================================================================================
 
     Raises
     ------
     InputError
-        No nodes; data that do not fit the keyword; a number or set that is not in the file; several parts or
-        instances, an instance that is moved, coordinates in a *SYSTEM of their own.
+        What is refused, by keyword, set and number.
     """
     import meshio
 
-    found = _Found()
-    _collect(path, found, depth=0)
+    found = Found(path)
+    _collect(path, found)
     if not found.nodes or not found.elements:
         raise InputError(f"{path} has no {'*NODE' if not found.nodes else '*ELEMENT'} data")
-    numbers = np.concatenate([part for part, _ in found.nodes])
-    points = np.concatenate([part for _, part in found.nodes])
-    numbers, first, copies = np.unique(numbers, return_index=True, return_counts=True)
-    if copies.max() > 1:
-        raise InputError(f"{path} gives {np.count_nonzero(copies > 1)} nodes more than once, the first is node "
-                         f"{numbers[copies.argmax()]}")
-    blocks = [(kind, _rows(path, f"a {kind} element", numbers, nodes)) for kind, _, nodes in found.elements]
+    numbers, points = found.all_nodes()
     cell_numbers = [part for _, part, _ in found.elements]
-    point_sets = {found.spelling["n" + name]: _rows(path, f"*NSET {name}", numbers, np.concatenate(parts))
-                  for name, parts in found.node_sets.items()}
-    cell_sets = {}
-    for name, parts in found.cell_sets.items():
-        members = np.concatenate(parts)
-        cell_sets[found.spelling["e" + name]] = [np.flatnonzero(np.isin(part, members)) for part in cell_numbers]
-    mesh = meshio.Mesh(points[first], blocks, point_sets=point_sets, cell_sets=cell_sets)
+    once(path, "elements", np.concatenate([*cell_numbers, *found.others]))
+    cells = [(kind, rows_of(path, f"a {kind} element", "node", numbers, nodes)) for kind, _, nodes in found.elements]
+    point_sets, known, cell_sets = {}, found.all_elements(), {}
+    for name in (found.spelling["n" + key] for key in found.node_sets):
+        point_sets[name] = rows_of(path, f"*NSET {name}", "node", numbers, found.members("n", name, f"*NSET {name}"))
+    for name in (found.spelling["e" + key] for key in found.cell_sets):
+        members = found.members("e", name, f"*ELSET {name}")
+        rows_of(path, f"*ELSET {name}", "element", known, members)
+        rows = [np.flatnonzero(np.isin(part, members)) for part in cell_numbers]
+        if not len(members) or any(map(len, rows)):  # else of skipped elements only
+            cell_sets[name] = rows
+    mesh = meshio.Mesh(points, cells, point_sets=point_sets, cell_sets=cell_sets)
     mesh.points_id, mesh.cells_id = numbers, cell_numbers
     notes = [f"{count} elements of type {kind} skipped" for kind, count in found.skipped.items()]
     if found.apart:
@@ -85,135 +83,118 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     return mesh, notes
 
 
-def _collect(path: Path, found: _Found, depth: int) -> None:
-    for keyword, options, data in _blocks(path):
-        if keyword == "SYSTEM":
+def _collect(path: Path, found: Found) -> None:
+    makers = {"NODE": _nodes, "ELEMENT": _elements, "NSET": _set, "ELSET": _set, **GENERATORS}
+    for keyword, options, data in blocks(path):
+        if keyword == "SYSTEM" and data.strip():
             raise InputError(f"{path} has a *SYSTEM, which moves coordinates; write the nodes in the global system")
-        if keyword in ("PART", "INSTANCE", "ASSEMBLY", "END PART", "END ASSEMBLY"):
+        if keyword in _SCOPES:
             found.scopes[keyword] += 1
             if found.scopes["PART"] > 1 or found.scopes["INSTANCE"] > 1 or (keyword == "INSTANCE" and data.strip()):
                 raise InputError(f"{path} has several parts or a part that is moved: write one flat file, e.g. with "
                                  "'do not use parts and assemblies in input files' in Abaqus/CAE")
             continue
-        name = options.get("NSET" if keyword in ("NODE", "NSET") else "ELSET", "")
         in_assembly = found.scopes["ASSEMBLY"] > found.scopes["END ASSEMBLY"]
-        if in_assembly and keyword in ("NODE", "ELEMENT", "NSET", "ELSET") and "INSTANCE" not in options:
-            found.apart.add(f"*{keyword} {name}".strip())
-        elif keyword == "INCLUDE":
-            other = path.parent / options.get("INPUT", "")
-            if depth > 9 or not other.is_file():
-                raise InputError(f"{path} includes {options.get('INPUT', 'no file')!r}, which is not a file beside it")
-            _collect(other, found, depth + 1)
-        elif keyword == "NODE":
-            _nodes(path, options, data, found)
-        elif keyword == "ELEMENT":
-            _elements(path, options, data, found)
-        elif keyword in ("NSET", "ELSET") and name:
-            _set(path, keyword, name, options, data, found)
+        if keyword in makers:
+            name = options.get("NSET" if keyword in ("NODE", "NSET") else "ELSET", "")
+            if in_assembly and "INSTANCE" not in options:
+                found.apart.add(f"*{keyword} {name}".strip())
+            else:
+                makers[keyword](found, keyword, options, data)
 
 
-def _blocks(path: Path) -> Iterator[tuple[str, dict[str, str], str]]:
-    """Keyword, its options in capitals, and the lines of data below."""
-    text = path.read_text(encoding="utf-8", errors="replace").replace("\r", "")
-    last = text[text.rfind("\n*") + 1:].partition("\n")[0].upper()
-    if not text.endswith("\n") and re.match(r"\*(NODE|ELEMENT|NSET|ELSET) *(,|$)", last):
-        raise InputError(f"{path} ends within a line of {last.partition(',')[0].strip()} data: is it cut short? If not, end "
-                         "that line")
-    text = re.sub(r"^[ \t]*\*\*.*\n?", "", text, flags=re.MULTILINE)
-    for block in re.split(r"^[ \t]*\*", text, flags=re.MULTILINE)[1:]:
-        head, _, data = block.partition("\n")
-        while head.rstrip().endswith(",") and data:
-            more, _, data = data.partition("\n")
-            head += more
-        words = [word.partition("=") for word in head.split(",")]
-        options = {key.strip().upper(): value.strip().strip('"') for key, _, value in words[1:]}
-        yield " ".join(words[0][0].split()).upper(), options, data
+# ---- what is listed
 
-
-def _numbers(path: Path, what: str, data: str, kind: type = np.int64) -> Array:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy warns of text that is no number, and stops there
-            return np.fromstring(re.sub(r"[dD](?=[+-]?\d)", "e", data).replace(",", " "), dtype=kind, sep=" ")
-    except (DeprecationWarning, ValueError):
-        raise InputError(f"{path}: the data of {what} are not all numbers") from None
-
-
-def _rows(path: Path, what: str, numbers: Array, wanted: Array) -> Array:
-    """Where the numbers wanted are among the ascending `numbers`."""
-    rows = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
-    missing = wanted[numbers[rows] != wanted]
-    if len(missing):
-        raise InputError(f"{path}: {what} names node {missing.ravel()[0]}, which the file does not give")
-    return rows
-
-
-def _add(found: _Found, sort: str, name: str, members: Array) -> None:
-    """Names are the same in capitals and small letters, and a set that comes again grows."""
-    found.spelling.setdefault(sort + name.upper(), name)
-    (found.node_sets if sort == "n" else found.cell_sets).setdefault(name.upper(), []).append(members)
-
-
-def _nodes(path: Path, options: dict[str, str], data: str, found: _Found) -> None:
+def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+    path = found.path
     if options.get("SYSTEM", "R").upper() != "R":
         raise InputError(f"{path} gives nodes in cylindrical or spherical coordinates; write them as x, y, z")
-    lines = len(data.split("\n")) - data.split("\n").count("") if data else 0
-    values = _numbers(path, "*NODE", data, float)
-    if not lines:
+    values, counts = fields(f"{path}: the data of *NODE", data, float)
+    if not len(counts):
         return
-    if len(values) not in (3 * lines, 4 * lines) or (values.reshape(lines, -1)[:, 0] % 1).any():
-        raise InputError(f"{path}: *NODE has {len(values)} numbers in {lines} lines; each line must be number, x, y, z "
+    least = min(int(counts.max()), 4)
+    if least < 3 or counts.min() < least or counts.max() > 8:  # a normal may follow, and a comma
+        raise InputError(f"{path}: *NODE has {len(values)} numbers in {len(counts)} lines; each line must be number, x, y, z "
                          "(or number, x, y)")
-    table = values.reshape(lines, -1)
-    points = np.zeros((lines, 3))
-    points[:, :table.shape[1] - 1] = table[:, 1:]
-    found.nodes.append((table[:, 0].astype(np.int64), points))
+    table = as_table(values, counts)
+    whole = whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
+    points = np.zeros((len(table), 3))
+    points[:, :least - 1] = table[:, 1:least]
+    found.nodes.append((whole, points))
     if "NSET" in options:
-        _add(found, "n", options["NSET"], found.nodes[-1][0])
+        found.add("n", options["NSET"], whole)
 
 
-def _elements(path: Path, options: dict[str, str], data: str, found: _Found) -> None:
-    kind_here = options.get("TYPE", "").upper()
+def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+    path, kind_here = found.path, options.get("TYPE", "").upper()
     kind = next((kinds.get(int(match[1])) for family, kinds in _FAMILIES
                  if (match := re.match(rf"(?:{family})(\d+)", kind_here))), None)
+    data = re.sub(r",[ \t]*(?=\n|\Z)", "", data) if kind else data
+    what = f"{path}: the data of *ELEMENT, TYPE={kind_here}"
     if kind is None:
-        if kind_here.startswith("C3D") or not kind_here:
+        if not kind_here or _VOLUMES.match(kind_here):
             raise InputError(f"{path}: elements of type {kind_here or '(none)'} cannot be read; C3D4, C3D10, C3D8 and C3D20 can")
-        found.skipped[kind_here] += sum(1 for line in data.split("\n") if line.strip())
+        _skip(found, kind_here, options, data)
         return
-    values = _numbers(path, f"*ELEMENT, TYPE={kind_here}", data)
+    values, counts = fields(what, data)
     width = _SIZES[kind] + 1
     if len(values) % width:
         raise InputError(f"{path}: *ELEMENT, TYPE={kind_here} has {len(values)} numbers, which is no multiple of {width} (number "
                          f"and {width - 1} nodes); is the file cut short?")
-    table = values.reshape(-1, width)
-    if not len(table):
+    if not len(values):
         return
-    found.elements.append((kind, table[:, 0], table[:, 1:]))
+    begins = np.zeros(len(values), dtype=bool)
+    begins[np.cumsum(counts)[:-1]] = begins[0] = True
+    table = values.reshape(-1, width)
+    if not begins[::width].all():
+        number = table[begins[::width].argmin(), 0]
+        raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: what should be element {number} begins within a line; a line "
+                         f"above it has not {width} numbers")
+    found.elements.append((kind, whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
     if "ELSET" in options:
-        _add(found, "e", options["ELSET"], table[:, 0])
+        found.add("e", options["ELSET"], table[:, 0])
 
 
-def _set(path: Path, keyword: str, name: str, options: dict[str, str], data: str, found: _Found) -> None:
+def _skip(found: Found, kind: str, options: Mapping[str, str], data: str) -> None:
+    lines = [line for line in data.split("\n") if line.strip()]
+    heads = [line.split(",")[0] for line, above in zip(lines, ["", *lines], strict=False) if not above.rstrip().endswith(",")]
+    numbers = as_numbers(f"{found.path}: the numbers of *ELEMENT, TYPE={kind}", " ".join(heads))
+    found.skipped[kind] += len(numbers)
+    found.others.append(numbers)
+    if "ELSET" in options:
+        found.add("e", options["ELSET"], numbers)
+
+
+def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
     sort = keyword[0].lower()
-    known = found.node_sets if sort == "n" else found.cell_sets
+    name = options.get(keyword, "")
+    what = f"{found.path}: *{keyword} {name}"
+    if not name:
+        raise InputError(f"{found.path}: a *{keyword} without a name ({keyword}=...)")
+    found.add(sort, name, np.zeros(0, dtype=np.int64))
     if sort == "n" and "ELSET" in options:
-        members = np.concatenate(found.cell_sets.get(options["ELSET"].upper(), [np.zeros(0, dtype=np.int64)]))
-        taken = [nodes[np.isin(numbers, members)].ravel() for _, numbers, nodes in found.elements]
-        _add(found, sort, name, np.unique(np.concatenate(taken)))
+        found.add(sort, name, NodesOf(options["ELSET"]))
         return
     if "GENERATE" in options:
-        for line in filter(str.strip, data.split("\n")):
-            first, last, *step = _numbers(path, f"*{keyword} {name}", line)
-            _add(found, sort, name, np.arange(first, last + 1, step[0] if step else 1))
+        for row in table_of(f"{what}, GENERATE", data):
+            first, last, step = (*row[:2], row[2] if len(row) > 2 and row[2] else 1) if 2 <= len(row) <= 4 else (0, 0, 0)
+            if step < 1 or last < first or first < 1:
+                raise InputError(f"{what}, GENERATE has a line {', '.join(map(str, row))}; it must be first, last, step with "
+                                 "last ≥ first and a step of 1 or more")
+            found.add(sort, name, Range(int(first), int(last), int(step)))
         return
-    words = re.findall(r"[^\s,][^,\n]*", data)
-    names = [word.strip() for word in words if not word.strip().lstrip("+-").isdigit()]
-    for other in names:
-        if other.upper() not in known:
-            raise InputError(f"{path}: *{keyword} {name} names {other!r}, which is neither a number nor a set above it")
-        _add(found, sort, name, np.concatenate(known[other.upper()]))
-    if not names:
-        _add(found, sort, name, _numbers(path, f"*{keyword} {name}", data))
-    else:
-        _add(found, sort, name, np.array([int(word) for word in words if word.strip() not in names], dtype=np.int64))
+    if not re.search(r"[^\d\s,+-]", data):
+        found.add(sort, name, as_numbers(f"{what}: its data", data))
+        return
+    members: list[int] = []
+    for word in names(data):
+        if word.lstrip("+-").isdecimal():
+            members.append(int(word))
+            continue
+        other = word.strip('"')
+        known = found.sets(sort).get(other.upper())
+        if known is None or (other.upper() == name.upper() and len(known) == 1):
+            raise InputError(f"{what} names {word!r}, which is neither a number nor a set above it")
+        for part in list(known):
+            found.add(sort, name, part)
+    found.add(sort, name, np.array(members, dtype=np.int64))

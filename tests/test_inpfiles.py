@@ -1,0 +1,190 @@
+"""Abaqus and CalculiX decks: whatever way a mesh is put down, it is read whole, or refused by the keyword's name."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_meshes import volume
+
+import femsub as fs
+
+pytest.importorskip("meshio")
+
+NODES = {1 + i + 10 * j + 100 * k: (i, j, k) for k in range(2) for j in range(4) for i in range(4)}
+CORNERS = (0, 1, 11, 10, 100, 101, 111, 110)
+CELLS = {1 + i + 10 * j: [1 + i + 10 * j + step for step in CORNERS] for j in range(3) for i in range(3)}
+NODE_LINES = [f"{number}, {x}., {y}., {z}." for number, (x, y, z) in NODES.items()]
+CELL_LINES = [f"{number}, {', '.join(map(str, nodes))}" for number, nodes in CELLS.items()]
+PLAIN = ["*NODE", *NODE_LINES, "*ELEMENT, TYPE=C3D8, ELSET=all", *CELL_LINES]
+
+
+def deck(folder: Path, lines: list[str], **files: list[str]) -> fs.Mesh:
+    for name, others in files.items():
+        (folder / f"{name}.inp").write_text("\n".join(others) + "\n")
+    path = folder / "deck.inp"
+    path.write_text("\n".join(lines) + "\n")
+    return fs.read_mesh(path)
+
+
+def assert_nine(mesh: fs.Mesh) -> None:
+    """Nine unit bricks with the numbers of NODES; the order of the cells does not matter."""
+    assert volume(mesh) == pytest.approx(9.0) and mesh.repairs == ()
+    assert {int(number): tuple(np.round(point, 9)) for number, point in zip(mesh.numbers, mesh.points, strict=True)} == NODES
+    assert sorted(map(tuple, mesh.numbers[mesh.cells].tolist())) == sorted(map(tuple, CELLS.values()))
+
+
+LOW = ["*NODE", *NODE_LINES[:16], "*NSET, NSET=low, GENERATE", "1,4", "11,14", "21,24", "31,34"]
+TURNED = [f"{e}, " + ", ".join(str(n if n < 100 else (n - 100) // 10 * 10 + 505 - n % 10) for n in c) for e, c in CELLS.items()]
+WAYS = {
+    "plain": (PLAIN, {}),
+    "lines before the first keyword of an included file": (["*NODE", *NODE_LINES, "*ELEMENT, TYPE=C3D8", CELL_LINES[0],
+                                                           "*INCLUDE, INPUT=rest.inp"], {"rest": CELL_LINES[1:]}),
+    "lines behind an included file": (["*NODE", "*Include, Input = rest.inp", *NODE_LINES[5:], *PLAIN[33:]],
+                                      {"rest": NODE_LINES[:5]}),
+    "INPUT= of nodes and elements": (["*NODE, INPUT=n.inp", "*ELEMENT, TYPE=C3D8, INPUT=e.inp"],
+                                     {"n": ["** nodes", *NODE_LINES], "e": CELL_LINES}),
+    "ELGEN": (["*NODE", *NODE_LINES, "*ELEMENT, TYPE=C3D8", CELL_LINES[0], "*ELGEN, ELSET=all", "1, 3, 1, 1, 3, 10, 10"], {}),
+    "ELGEN of a row, ELCOPY of the others": (
+        ["*NODE", *NODE_LINES, "*ELEMENT, TYPE=C3D8", CELL_LINES[0], "*ELGEN, ELSET=row", "1, 3",
+         "*ELCOPY, OLD SET=row, ELEMENT SHIFT=10, SHIFT NODES=10, NEW SET=second",
+         "*ELCOPY, OLD SET=second, ELEMENT SHIFT=10, SHIFT NODES=10"], {}),
+    "NGEN along x": (["*NODE", *(line for number, line in zip(NODES, NODE_LINES, strict=True) if number % 10 in (1, 4)),
+                      "*NGEN, NSET=made", *(f"{n}, {n + 3}" for n in NODES if n % 10 == 1), *PLAIN[33:]], {}),
+    "NFILL along x": (["*NODE", *(line for number, line in zip(NODES, NODE_LINES, strict=True) if number % 10 in (1, 4)),
+                       "*NSET, NSET=a, GENERATE", "1, 31, 10", "101, 131, 10", "*NSET, NSET=b, GENERATE", "4,34,10", "104,134,10",
+                       "*NFILL, NSET=made", "a, b, 3, 1", *PLAIN[33:]], {}),
+    "NCOPY SHIFT": ([*LOW,
+                     "*NCOPY, OLD SET=low, CHANGE NUMBER=100, SHIFT, NEW SET=high", "0., 0., 1.", "", *PLAIN[33:]], {}),
+    "NCOPY turned by 180°": (
+        [*LOW, "*NCOPY, OLD SET=low, CHANGE NUMBER=500, SHIFT", "0., 0., -1.", "1.5,0.,0., 1.5,1.,0., 180.",
+         "*ELEMENT, TYPE=C3D8", *TURNED], {}),
+    "NCOPY REFLECT": ([*LOW, "*NCOPY, OLD SET=low, CHANGE NUMBER=100, REFLECT=MIRROR", "0.,0.,.5, 1.,0.,.5", "0.,1.,.5",
+                       *PLAIN[33:]], {}),
+    "NMAP": (["*NODE, NSET=n", *(f"{n}, {y - 5}., {9 - x}., {z}." for n, (x, y, z) in NODES.items()),
+              "*NMAP, NSET=n, TYPE=RECTANGULAR", "9.,5.,0., 9.,6.,0.", "8.,5.,0.", "1.,1.,1.", *PLAIN[33:]], {}),
+    "blank fields": (["*NODE", *(line.replace(" 0.", " ") for line in NODE_LINES), *PLAIN[33:]], {}),
+    "normals behind the coordinates": (["*NODE", *(f"{line}, 0., 0., 1." for line in NODE_LINES), *PLAIN[33:]], {}),
+    "empty lines, commas at the end": (["*NODE", "", *(f"{line} ," for line in NODE_LINES), " ", PLAIN[33],
+                                        *(f"{line}," for line in CELL_LINES)], {}),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_nine_cells_in_many_ways(way: str, tmp_path: Path) -> None:
+    lines, files = WAYS[way]
+    mesh = deck(tmp_path, lines, **files)
+    if way == "NCOPY turned by 180°":  # node 501 lies where 104 does
+        assert volume(mesh) == pytest.approx(9.0) and len(mesh.points) == 32 and mesh.repairs == ()
+    else:
+        assert_nine(mesh)
+    if way.startswith("ELGEN, "):
+        assert len(mesh.groups["all"]) == 9
+
+
+def test_sets_of_what_is_made(tmp_path: Path) -> None:
+    mesh = deck(tmp_path, WAYS["NFILL along x"][0])
+    assert sorted(mesh.numbers[mesh.nodes("made")]) == sorted(NODES)
+    mesh = deck(tmp_path, WAYS["NGEN along x"][0] + ["*ELSET, ELSET=few", "1, 23", "*NSET, NSET=of, ELSET=few"])
+    assert sorted(mesh.numbers[mesh.nodes("made")]) == sorted(NODES) and len(mesh.groups["few"]) == 2
+    assert sorted(mesh.numbers[mesh.nodes("of")]) == sorted({*CELLS[1], *CELLS[23]})
+    mesh = deck(tmp_path, WAYS["NCOPY SHIFT"][0])
+    assert sorted(mesh.numbers[mesh.nodes("high")]) == [n for n in NODES if n > 100]
+
+
+def test_nodes_on_an_arc_and_in_cylindrical_coordinates(tmp_path: Path) -> None:
+    """A quarter of a ring: once its nodes lie on arcs between those at 0° and 90°, once they are mapped from r, θ, z."""
+    number = {(r, a, z): 1 + a + 100 * r + 1000 * z for r in range(2) for a in range(7) for z in range(2)}
+    cells = ["*ELEMENT, TYPE=C3D8", "1, 1, 101, 102, 2, 1001, 1101, 1102, 1002", "*ELGEN", "1, 6"]
+    ends = [f"{n}, {0 if a else r + 2}, {r + 2 if a else 0}, {z}" for (r, a, z), n in number.items() if a in (0, 6)]
+    arcs = [f"{number[r, 0, z]}, {number[r, 6, z]}, 1, , 0., 0., {z}." for r in range(2) for z in range(2)]
+    ring = deck(tmp_path, ["*NODE", *ends, "*NGEN, LINE=C", *arcs, *cells])
+    polar = [f"{n}, {r + 2.}, {15. * a}, {z}." for (r, a, z), n in number.items()]
+    same = deck(tmp_path, ["*NODE, NSET=n", *polar, "*NMAP, NSET=n, TYPE=CYLINDRICAL", "0,0,0, 0,0,1", "1,0,0", *cells])
+    assert np.allclose(ring.points, same.points, rtol=0, atol=1e-12) and np.array_equal(ring.cells, same.cells)
+    assert volume(ring) == pytest.approx(6 * np.sin(np.pi / 12) / 2 * 5) and same.repairs == ()
+
+
+ODD_SETS = ["*NSET, NSET=back, GENERATE", "1, 4", "*NSET, NSET=\"7\"", "1, 2", '*NSET, NSET="a, b"', "3", "*NSET, NSET=every",
+            'back, "7", "a, b"', " 11"]
+
+
+def test_names_in_quotes(tmp_path: Path) -> None:
+    mesh = deck(tmp_path, PLAIN + ODD_SETS)
+    assert set(mesh.sets) == {"all", "back", "7", "a, b", "every"}
+    assert mesh.numbers[mesh.nodes("every")].tolist() == [1, 2, 3, 4, 11] and mesh.numbers[mesh.nodes("7")].tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "latin-1"])
+def test_encodings(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "deck.inp"
+    lines = [*PLAIN, "*NSET, NSET=Fläche", "1", "*NSET, NSET=Flöche", "2"]
+    path.write_bytes("\r\n".join([*lines, ""]).encode(encoding))
+    mesh = fs.read_mesh(path)
+    assert mesh.numbers[mesh.nodes("Fläche")].tolist() == [1] and mesh.numbers[mesh.nodes("Flöche")].tolist() == [2]
+    assert encoding != "utf-8-sig" or path.read_bytes().startswith(codecs.BOM_UTF8)
+
+
+@pytest.mark.parametrize(("lines", "text"), [
+    (["*NSET, NSET=a, GENERATE", "24, 21, -1"], "*NSET a, GENERATE has a line 24, 21, -1; it must be first, last, step"),
+    (["*NSET, NSET=a, GENERATE", "1, 4, -1"], "GENERATE has a line 1, 4, -1"),
+    (["*NSET, NSET=a, GENERATE", "1"], "GENERATE has a line 1;"),
+    (["*NSET, NSET=a, GENERATE", "1, 99999999999, 1"], "*NSET a names node 5, which the file does not give"),
+    (["*ELSET, ELSET=a, GENERATE", "1, 99999999999, 1"], "*ELSET a names element 4, which the file does not give"),
+    (["*ELSET, ELSET=a", "1, 77"], "*ELSET a names element 77, which the file does not give"),
+    (["*NSET, NSET=a, ELSET=none"], "*NSET a names the set 'none', which is not above it"),
+    (["*ELSET, ELSET=a", "none"], "*ELSET a names 'none', which is neither a number nor a set above it"),
+    (["*NSET", "1"], "a *NSET without a name"),
+    (['*NSET, NSET="Top"', "1", '*NSET, NSET="TOP"', "2"], "sets 'Top' and 'TOP', which differ in capitals only"),
+    (["*ELEMENT, TYPE=C3D8", CELL_LINES[3]], "gives 1 elements more than once, the first is element 11"),
+    (["*ELEMENT, TYPE=MASS", "11, 1"], "gives 1 elements more than once, the first is element 11"),
+    (["*ELEMENT, TYPE=C3D8", "51, 1, 2, 12, 11, 101, 102, 112", "52, 2, 3, 13, 12, 102, 103, 113, 112, 9"],
+     "what should be element 2 begins within a line"),
+    (["*ELEMENT, TYPE=COH3D8", "51, 1, 2, 12, 11, 101, 102, 112, 111"], "elements of type COH3D8 cannot be read"),
+    (["*NODE", "0, 1., 1., 1."], "the numbers of nodes must be whole and positive, not 0.0"),
+    (["*NODE", "900, 1. 1., 1."], "4 numbers in 3 fields: is a comma missing?"),
+    (["*NODE", "900, 1., 2., 3.", "901, 1., 2."], "each line must be number, x, y, z"),
+    (["*NODE, INPUT=none.inp"], "*NODE takes its data from 'none.inp', which is not a file beside it"),
+    (["*ELGEN", "77, 3"], "*ELGEN copies element 77, which is not above it"),
+    (["*ELGEN", "1, 99999, 1, 1, 99999"], "makes 99999 x 99999 x 1 elements, which is none or too many"),
+    (["*ELCOPY, OLD SET=all, SHIFT NODES=1"], "*ELCOPY needs ELEMENT SHIFT=..., a whole number"),
+    (["*NGEN", "1, 4, 2"], "*NGEN: 4 is not reached from 1 in steps of 2"),
+    (["*NGEN, LINE=P", "1, 4, 1, 2"], "*NGEN, LINE=P is not read"),
+    (["*NFILL, BIAS=2", "all, all, 3"], "*NFILL, BIAS=2 is not read"),
+    (["*NCOPY, OLD SET=all, CHANGE NUMBER=500, POLE", "0,0,0"], "*NCOPY, POLE is not read"),
+    (["*NMAP, NSET=n, TYPE=SPHERICAL", "0,0,0,1,0,0"], "*NMAP names the set 'n', which is not above it"),
+    (["*NSET, NSET=n", "1", "*NMAP, NSET=n, TYPE=SPHERICAL", "0,0,0,1,0,0"], "*NMAP, TYPE=SPHERICAL with 1 lines is not read"),
+    (["*IMPERFECTION, FILE=x, STEP=1", "1, 0.1"], "has *IMPERFECTION, which changes the mesh in a way that femsub does not read"),
+    (["*STEP", "*MODEL CHANGE, REMOVE", "all"], "has *MODEL CHANGE, which changes the mesh"),
+    (["*ELEMENTS, TYPE=C3D8", CELL_LINES[3]], "has the unknown keyword *ELEMENTS; did you mean *ELEMENT?"),
+])
+def test_what_is_refused(lines: list[str], text: str, tmp_path: Path) -> None:
+    with pytest.raises(fs.InputError, match=re.escape(text)) as caught:
+        deck(tmp_path, PLAIN + lines)
+    assert "deck.inp" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_set_before_its_elements(tmp_path: Path) -> None:
+    mesh = deck(tmp_path, ["*ELSET, ELSET=a, GENERATE", "1, 3", "*NSET, NSET=n, ELSET=a", "*ELSET, ELSET=b", "1, 2", *PLAIN])
+    assert len(mesh.groups["a"]) == 3 and len(mesh.groups["b"]) == 2 and len(mesh.nodes("n")) == 16
+
+
+@pytest.mark.parametrize("tail", ["*EL", "*NSET, NSET=a\n1, 2", "*NGEN\n1, 4", "*INCL"])
+def test_a_last_line_that_may_be_cut(tail: str, tmp_path: Path) -> None:
+    path = tmp_path / "deck.inp"
+    path.write_text("\n".join([*PLAIN, tail]))
+    with pytest.raises(fs.InputError, match="ends within a line of"):
+        fs.read_mesh(path)
+    path.write_text("\n".join([*PLAIN, "*STEP", "*END STEP"]))
+    assert_nine(fs.read_mesh(path))
+
+
+def test_keywords_that_look_alike_are_let_pass(tmp_path: Path) -> None:
+    rest = ["*Node Output", "U", "*Element Output", "S", "*Node File", "U", "*El Print, Elset=all", "S",
+            "*Nodal Thickness", "1, 1.",
+            "*User Element, nodes=2, type=U1", "1, 2",
+            "*Model Change, type=contact pair, remove", "a, b", "*System"]
+    assert_nine(deck(tmp_path, PLAIN + rest))
