@@ -19,6 +19,7 @@ from femsub.files import write_whole
 from femsub.inpfiles import read_inp
 from femsub.meshchecks import checked
 from femsub.meshes import CELLS, Mesh
+from femsub.nastranfiles import read_nastran
 from femsub.pencil import Array
 
 _SET, _GROUP, _NUMBER = "set:", "group:", "number"  # what our own files call sets, groups and node numbers
@@ -27,6 +28,7 @@ _BODIES = ("point", "line", "surface", "volume")
 _TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": _BODIES, "medit:ref": _BODIES}
 #: suffix: meshio's writer, and whether it takes data at the nodes
 _WRITERS = {".vtu": ("vtu", True), ".vtk": ("vtk", True), ".msh": ("gmsh", True), ".inp": ("abaqus", False)}
+_OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": read_nastran}  # readers that are not meshio's
 _ABAQUS = {"hexahedron": b"C3D8", "hexahedron20": b"C3D20", "tetra": b"C3D4", "tetra10": b"C3D10", "triangle": b"S3",
            "quad": b"S4", "line": b"T3D2"}
 
@@ -131,30 +133,20 @@ def _sort(found: Any, blocks: list[_Block], chosen: str) -> tuple[dict[str, Arra
 def _found(path: Path) -> tuple[Any, list[str]]:
     """What meshio makes of a file, and what it said meanwhile."""
     io_ = meshio()
-    if path.suffix.lower() == ".inp":
+    own = _OWN.get(path.suffix.lower())
+    if own is not None:
         try:
-            return read_inp(path)
+            return own(path)
         except OSError as error:
             raise InputError(f"the mesh file {path} cannot be read: {error.strerror or error}") from None
-    found, said = _quietly(lambda: io_.read(*_source(path)), f"{path} cannot be read as a mesh")
+    found, said = _quietly(lambda: io_.read(path), f"{path} cannot be read as a mesh")
     if "not closed" in said:
         raise InputError(f"{path} is cut short: {said}")
     if path.suffix.lower() == ".vtu" and path.read_bytes().count(b"<Piece ") > 1:
         raise InputError(f"{path} holds several pieces, of which meshio keeps one: merge them (ParaView: Merge Blocks)")
-    if np.any(found.point_data.get("nastran:ref", 0)):
-        raise InputError(f"{path} gives nodes in coordinate systems of their own (field CP of GRID); write them in the basic one")
     if not len(found.points) or not any(len(block.data) for block in found.cells):
         raise InputError(f"{path} holds {len(found.points)} nodes and no cells; is it cut short?")
     return found, [f"meshio: {said}"] if said else []
-
-
-def _source(path: Path) -> tuple[Any, ...]:
-    """The path; a Nastran deck that is bulk data only, as Gmsh writes it, with the line before it that meshio looks for."""
-    if path.suffix.lower() in (".bdf", ".nas", ".fem"):
-        text = path.read_text(encoding="utf-8", errors="replace")
-        if not re.search(r"^\s*BEGIN BULK", text, flags=re.MULTILINE):
-            return io.StringIO(f"BEGIN BULK\n{text}"), "nastran"
-    return (path,)
 
 
 def _quietly(act: Callable[[], Any], what: str) -> tuple[Any, str]:
