@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from femsub.bending import hermite_matrices
 from femsub.dofs import DofMap
 from femsub.errors import ConditionWarning, InputError, InputTypeError, unknown_name
+from femsub.meshes import real_numbers
 from femsub.partition import component, gathered
 from femsub.pencil import EPS, Array, finite_number, whole_number
 from femsub.substructure import Substructure
@@ -88,7 +89,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     held = [2 * _node(x, place, "supports") + dof for place, kind in _mapping("supports", supports).items()
             for dof in _held(kind)]
     dofs = DofMap(np.repeat(np.arange(1, m + 2), 2), np.tile([0, 1], m + 1), LABELS, np.repeat(x, 2)[:, None])
-    if isinstance(interface, str):
+    if isinstance(interface, str) or not isinstance(interface, Iterable):
         raise InputTypeError(f"interface must be a sequence of places, e.g. ({interface!r},), not {interface!r}")
     return component(
         K, M, np.array(held, dtype=int), {repr(place): 2 * _node(x, place, "interface") + np.arange(2) for place in interface},
@@ -100,7 +101,7 @@ def _nodes(length: Any, elements: Any) -> Array:
     if size <= 0:
         raise InputError(f"length must be positive, but is {size:.6g}")
     if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
-        x = np.array(elements, dtype=float)
+        x = real_numbers("the places of nodes (elements)", elements)
         if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=1e-9) or not (np.diff(x) > 0).all():
             raise InputError(f"the places of nodes (elements) must ascend from 0 to the length {size:.6g}, not {elements!r:.80}")
         return x
@@ -112,8 +113,8 @@ def _nodes(length: Any, elements: Any) -> Array:
 
 def _per_element(name: str, value: Any, count: int, zero: bool = False) -> Array:
     try:
-        values = np.broadcast_to(np.asarray(value, dtype=float), (count,))
-    except (TypeError, ValueError):
+        values = np.broadcast_to(real_numbers(name, value), (count,))
+    except ValueError:
         raise InputError(f"{name} must be one number or {count} of them, one per element, not {value!r:.80}") from None
     good = np.isfinite(values) & ((values >= 0) if zero else (values > 0))
     if not good.all():
@@ -129,7 +130,7 @@ def _mapping(name: str, value: Any) -> Mapping[Any, Any]:
 
 
 def _held(kind: Any) -> tuple[int, ...]:
-    if kind not in SUPPORTS:
+    if not isinstance(kind, str) or kind not in SUPPORTS:
         raise unknown_name("support", kind, SUPPORTS)
     return SUPPORTS[kind]
 

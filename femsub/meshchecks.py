@@ -49,6 +49,29 @@ def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
     return _with(mesh, notes=_notes(mesh))
 
 
+def refuse_spoilt(mesh: Mesh) -> None:
+    """Refuses what `checked` mends in a mesh that is read, and would give wrong matrices: double cells, nodes of none.
+
+    Raises
+    ------
+    InputError
+        Their numbers.
+    """
+    weights = np.random.default_rng(0).integers(1 << 62, size=len(mesh.points), dtype=np.uint64)
+    keys = weights[mesh.cells].sum(axis=1)  # the same for the same nodes in any order; sorting numbers is cheap
+    order = np.argsort(keys, kind="stable")
+    again = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
+    again = again[(np.sort(mesh.cells[order[again + 1]]) == np.sort(mesh.cells[order[again]])).all(axis=1)]
+    if len(again):
+        raise InputError(f"{len(again)} cells of {mesh.name!r} are given twice, the first is cell {order[again[0] + 1]}, which is "
+                         f"cell {order[again[0]]} again (counted from 0): its mass and stiffness would count twice, leave it out")
+    unused = np.ones(len(mesh.points), dtype=bool)
+    unused[mesh.cells] = False
+    if unused.any():
+        raise InputError(f"{np.count_nonzero(unused)} nodes of {mesh.name!r} belong to no cell: number "
+                         f"{_listed(mesh.numbers[unused])}; they would have no mass and no stiffness, leave them out")
+
+
 def _with(mesh: Mesh, cells: Array | None = None, notes: tuple[str, ...] = ()) -> Mesh:
     return Mesh(mesh.points, mesh.cells if cells is None else cells, mesh.kind, mesh.sets, mesh.groups, mesh.numbers,
                 dict.fromkeys((*mesh.repairs, *notes)), mesh.name)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.errors import InputError, unknown_name
+from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.pencil import Array
 
 #: kind: (dimension of the cell, nodes)
@@ -34,15 +34,16 @@ class Mesh:
     groups : mapping of str to array_like of int
         Named sets of cells, as rows of `cells`.
     numbers : array_like of int, shape (n,), optional
-        What the source calls the nodes; 1 to n without it.
+        What the source calls the nodes, each another number; 1 to n without it.
     repairs : sequence of str
         What was mended when the mesh was read.
     name : str
 
     Raises
     ------
-    InputError
-        Shapes that do not fit, a node or cell that does not exist, coordinates that are not finite.
+    InputError, InputTypeError
+        Shapes that do not fit, a node or cell that does not exist, coordinates that are not finite or not real, numbers
+        that are not whole or come twice, names that are no texts.
     """
 
     points: Array
@@ -57,9 +58,9 @@ class Mesh:
     def __init__(self, points: Any, cells: Any, kind: str, sets: Mapping[str, Any] | None = None,
                  groups: Mapping[str, Any] | None = None, numbers: Any = None, repairs: Iterable[str] = (),
                  name: str = "mesh") -> None:
-        if kind not in CELLS:
+        if not isinstance(kind, str) or kind not in CELLS:
             raise unknown_name("kind of cell", kind, CELLS)
-        places, corners = np.array(points, dtype=float), np.array(cells)
+        places, corners = real_numbers("points", points), _array("cells", cells)
         if places.ndim != 2 or not 1 <= places.shape[1] <= 3 or not len(places):
             raise InputError(f"points must have the shape (n, 1), (n, 2) or (n, 3), not {places.shape}")
         if places.shape[1] < CELLS[kind][0]:
@@ -70,11 +71,10 @@ class Mesh:
             raise InputError(f"cells must have the shape (m, {CELLS[kind][1]}) for {kind}, not {corners.shape}")
         count = len(places)
         corners = _within("cells", corners, count).reshape(corners.shape)
-        named = np.arange(1, count + 1) if numbers is None else np.array(numbers)
-        if named.shape != (count,):
-            raise InputError(f"numbers must have {count} entries, one per node, but their shape is {named.shape}")
-        node_sets = {key: np.unique(_within(f"set {key!r}", rows, count)) for key, rows in (sets or {}).items()}
-        cell_sets = {key: np.unique(_within(f"group {key!r}", rows, len(corners))) for key, rows in (groups or {}).items()}
+        named = np.arange(1, count + 1) if numbers is None else _node_numbers(numbers, count)
+        node_sets = {key: np.unique(_within(f"set {key!r}", rows, count)) for key, rows in _named("sets", sets)}
+        cell_sets = {key: np.unique(_within(f"group {key!r}", rows, len(corners))) for key, rows in _named("groups", groups)}
+        repairs = (repairs,) if isinstance(repairs, str) else repairs
         values = {
             "points": places, "cells": corners, "kind": kind, "numbers": named, "repairs": tuple(repairs), "name": str(name),
             "sets": MappingProxyType(node_sets), "groups": MappingProxyType(cell_sets)}
@@ -97,7 +97,7 @@ class Mesh:
 
     def nodes(self, name: str) -> Array:
         """The nodes of a set, ascending; an unknown or an empty one is an InputError."""
-        if name not in self.sets:
+        if not isinstance(name, str) or name not in self.sets:
             raise unknown_name(f"set of nodes of the mesh {self.name!r}:", name, self.sets)
         if not len(self.sets[name]):
             raise InputError(f"the set {name!r} of the mesh {self.name!r} is empty")
@@ -112,8 +112,52 @@ class Mesh:
                     self.name)
 
 
+def _array(what: str, values: Any) -> Array:
+    try:
+        return np.array(values)
+    except ValueError:
+        raise InputError(f"{what} must be rows of the same length, not {values!r:.60}") from None
+
+
+def real_numbers(what: str, values: Any) -> Array:
+    """An array of floats, of nothing but real numbers in rows of the same length.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Rows of several lengths, complex numbers, texts.
+    """
+    found = _array(what, values)
+    if found.dtype.kind not in "fiu":
+        raise InputTypeError(f"{what} must be real numbers, not {found.dtype}")
+    return found.astype(float)
+
+
+def _named(what: str, values: Any) -> list[tuple[str, Any]]:
+    if values is not None and not isinstance(values, Mapping):
+        raise InputTypeError(f"{what} must map names to rows, e.g. {{'left': [0, 3]}}, not {type(values).__name__}")
+    for name in values or {}:
+        if not isinstance(name, str):
+            raise InputTypeError(f"the names of {what} must be texts, such as {str(name)!r}, not {name!r}")
+    return list((values or {}).items())
+
+
+def _node_numbers(values: Any, count: int) -> Array:
+    named = real_numbers("numbers", values) if _array("numbers", values).dtype.kind not in "iu" else np.array(values)
+    if named.shape != (count,):
+        raise InputError(f"numbers must have {count} entries, one per node, but their shape is {named.shape}")
+    wrong = (named % 1 != 0) | (np.abs(named) >= 2.0**53)
+    if wrong.any():
+        raise InputError(f"numbers must be whole numbers, but node {int(wrong.argmax())}, counted from 0, has {named[wrong][0]}")
+    ordered = np.sort(named)
+    again = ordered[1:][ordered[1:] == ordered[:-1]]
+    if len(again):
+        raise InputError(f"numbers must be another one for each node, but {int(again[0])} comes twice")
+    return named.astype(np.int64)
+
+
 def _within(what: str, rows: Any, count: int) -> Array:
-    raw = np.asarray(rows)
+    raw = _array(what, rows)
     if raw.size == 0:
         return np.zeros(0, dtype=np.intp)
     if raw.dtype == bool and raw.shape == (count,):

@@ -23,6 +23,7 @@ from femsub.bending import (
 from femsub.dofs import DofMap
 from femsub.elements import skfem
 from femsub.errors import ConditionWarning, InputError, InputTypeError, unknown_name
+from femsub.meshchecks import refuse_spoilt
 from femsub.meshes import Mesh
 from femsub.partition import component, gathered
 from femsub.patches import Patch, patch, sides_of
@@ -93,6 +94,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     steel, h = Material(E, nu, rho), finite_number("thickness", thickness)
     if h <= 0:
         raise InputError(f"thickness must be positive, but is {h:.6g}")
+    refuse_spoilt(mesh)
     layout = _Layout(mesh)
     bending = steel.E * h**3 / (12 * (1 - steel.nu**2))
     for key, named in (("supports", supports), ("ports", ports)):
@@ -122,10 +124,6 @@ class _Layout:
         if mesh.points.shape[1] == 3 and np.ptp(mesh.points[:, 2]) > 1e-9 * np.ptp(plane, axis=0).max():
             raise InputError(f"a plate lies in a plane of constant z, but z of {mesh.name!r} runs from "
                              f"{mesh.points[:, 2].min():.6g} to {mesh.points[:, 2].max():.6g}")
-        spare = np.setdiff1d(np.arange(len(plane)), mesh.cells)
-        if len(spare):
-            raise InputError(f"{len(spare)} nodes of {mesh.name!r} belong to no cell, the first is number "
-                             f"{mesh.numbers[spare[0]]}: take them out")
         fem = skfem()
         kind = fem.MeshTri if mesh.kind == "triangle" else fem.MeshQuad
         grid = kind(np.ascontiguousarray(plane.T), np.ascontiguousarray(mesh.cells.T))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -11,18 +11,20 @@ from femsub.assembly import Material, stiffness_and_mass
 from femsub.dofs import TRANSLATIONS, DofMap
 from femsub.elements import KINDS
 from femsub.errors import InputError, InputTypeError, unknown_name
-from femsub.meshes import Mesh
+from femsub.meshchecks import refuse_spoilt
+from femsub.meshes import Mesh, real_numbers
 from femsub.partition import component
 from femsub.patches import solid_average
 from femsub.pencil import Array
 from femsub.substructure import Substructure
 
 Direction: TypeAlias = str | Sequence[float]
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0),
+        "-x": (-1.0, 0.0, 0.0), "-y": (0.0, -1.0, 0.0), "-z": (0.0, 0.0, -1.0)}
 
 
-def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] = (),
-          interface: Mapping[str, str] | Sequence[str] = (), ports: Mapping[str, tuple[str, Direction]] | None = None,
+def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] | None = (),
+          interface: Mapping[str, str] | Sequence[str] | None = (), ports: Mapping[str, tuple[str, Direction]] | None = None,
           rayleigh: tuple[float, float] | None = None, name: str = "") -> Substructure:
     """M ü + D u̇ + K u = f, K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, three DOF (x, y, z) to each node.
 
@@ -41,8 +43,8 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
         Sets of nodes that are held, and those through which the component is joined: all three motions, or those
         named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, as far as they are not held.
     ports : mapping of str to (set, direction)
-        Where a belt or a force acts: w with wᵀu the average motion of a set along 'x', 'y', 'z', 'normal', or a vector,
-        which is brought to unit length. The average is over what the set is made of: the faces of the surface within a set
+        Where a belt or a force acts: w with wᵀu the average motion of a set along 'x', 'y', 'z', 'normal', against one of
+        them ('-x', '-normal', ...), or along a vector, which is brought to unit length. The average is over what the set is made of: the faces of the surface within a set
         of nodes; if these lack some of the nodes, the cells within it; else its edges; single nodes. A group of cells is
         averaged over its volume. A set of several of these is refused.
     rayleigh : (alpha, beta), optional
@@ -53,17 +55,21 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     Raises
     ------
     InputError
-        A set or group that the mesh has not, plane cells, inverted cells, a direction that is none, an interface or a
-        port that is held.
+        A set or group that the mesh has not, plane cells, inverted cells, cells given twice, nodes of no cell, a direction
+        that is none, an interface or a port that is held.
+    InputTypeError
+        An argument of another kind.
     """
     if not isinstance(mesh, Mesh):
         raise InputTypeError(f"solid takes a Mesh (see read_mesh, block), not {type(mesh).__name__}")
     if mesh.kind not in KINDS:
         raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D; a solid needs one of "
                          f"{', '.join(KINDS)}")
+    refuse_spoilt(mesh)
+    interface = () if interface is None else interface
     held = _motions(mesh, "supports", supports)
     joined = _motions(mesh, "interface", interface)
-    columns = {key: _port(mesh, key, value) for key, value in (ports or {}).items()}
+    columns = {key: _port(mesh, key, value) for key, value in _ports(ports).items()}
     K, M = stiffness_and_mass(mesh, _materials(mesh, material))
     every = np.arange(3 * len(mesh.points))
     dofs = DofMap(mesh.numbers[every // 3], every % 3, TRANSLATIONS, mesh.points[every // 3])
@@ -80,6 +86,8 @@ def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[
     covered = np.zeros(len(mesh.cells), dtype=int)
     parts = []
     for group, one in material.items():
+        if not isinstance(one, Material):
+            raise InputTypeError(f"material of the group {group!r} must be a Material(E, nu, rho), not {one!r:.60}")
         if group not in mesh.groups:
             raise unknown_name(f"group of cells of the mesh {mesh.name!r}:", group, mesh.groups)
         covered[mesh.groups[group]] += 1
@@ -90,12 +98,23 @@ def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[
     return parts
 
 
-def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str]) -> Array:
+def _ports(ports: Any) -> Mapping[str, tuple[str, Direction]]:
+    if ports is not None and not isinstance(ports, Mapping):
+        raise InputTypeError(f"ports must map names, e.g. {{'belt': ('contact', 'x')}}, not {type(ports).__name__}")
+    return ports or {}
+
+
+def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | None) -> Array:
     """DOF of all nodes, node by node, of the sets named."""
     if isinstance(named, str):
         named = [named]
+    if named is not None and not isinstance(named, Iterable):
+        raise InputTypeError(f"{what} must be names of sets, e.g. ('left',), or map them, e.g. {{'left': 'xyz'}}, not "
+                             f"{named!r:.60}")
     chosen = np.zeros((len(mesh.points), 3), dtype=bool)
-    for name, axes in (named.items() if isinstance(named, Mapping) else ((name, "xyz") for name in named)):
+    for name, axes in (named.items() if isinstance(named, Mapping) else ((name, "xyz") for name in named or ())):
+        if not isinstance(axes, str):
+            raise InputTypeError(f"{what}: the motions of the set {name!r} must be letters, such as 'xyz', not {axes!r:.60}")
         if axes == "clamped":
             axes = "xyz"
         if not axes or set(axes) - set("xyz"):
@@ -113,11 +132,11 @@ def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
         raise InputTypeError(f"port {name!r} must be (set of nodes, direction), e.g. ('contact', 'x'), not {value!r}") from None
     average, normal = solid_average(mesh, place, f"port {name!r}")
     if isinstance(direction, str):
-        if direction not in (*AXES, "normal"):
-            raise unknown_name(f"direction of port {name!r}:", direction, (*AXES, "normal"))
-        vector = normal if direction == "normal" else np.array(AXES[direction])
+        if direction not in (*AXES, "normal", "-normal"):
+            raise unknown_name(f"direction of port {name!r}:", direction, (*AXES, "normal", "-normal"))
+        vector = {"normal": normal, "-normal": -normal}[direction] if direction not in AXES else np.array(AXES[direction])
     else:
-        vector = np.asarray(direction, dtype=float)
+        vector = real_numbers(f"the direction of port {name!r}", direction)
     length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
     if not 0 < length < np.inf:
         why = "three numbers, not all 0, are needed"

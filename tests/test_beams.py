@@ -168,3 +168,22 @@ def test_a_slender_beam_that_is_held_keeps_its_stiffness_or_says_that_it_is_lost
     with pytest.warns(fs.ConditionWarning, match="two formulas differ by"), \
             pytest.warns(fs.ConditionWarning, match="elements of 1.7e-04 of its length"):
         assert abs(tip(6000)) < 0.5
+
+
+@pytest.mark.parametrize(("arguments", "text"), [
+    ({"E": np.array([1 + 1j] * 4)}, "E must be real numbers, not complex128"),
+    ({"E": "2e11"}, "E must be"),
+    ({"I": [[1.0, 2.0], [3.0]]}, "I must be one number or 4 of them"),
+    ({"elements": [0.0, "a", 1.0]}, "the places of nodes (elements) must be real numbers"),
+    ({"elements": [0.0, [0.5], 1.0]}, "the places of nodes (elements) must be rows of the same length"),
+    ({"elements": None}, "elements must be a whole number"),
+    ({"supports": ["left"]}, "supports must be a mapping"),
+    ({"supports": {"left": ["clamped"]}}, "unknown support ['clamped']"),
+    ({"interface": 1.0}, "interface must be a sequence of places"),
+    ({"interface": [["left"]]}, "a place in interface must be a number"),
+    ({"ports": {"p": ("left", ["w"])}}, "unknown motion of port 'p'"),
+])
+def test_arguments_of_the_wrong_kind(arguments: dict, text: str) -> None:
+    with pytest.raises((fs.InputError, fs.InputTypeError)) as caught:
+        fs.beam(**{"length": 1.0, "elements": 4, "E": 1.0, "I": 1.0, "rho": 1.0, "A": 1.0, **arguments})
+    assert text in str(caught.value)

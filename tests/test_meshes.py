@@ -217,6 +217,62 @@ def test_plane_points_for_solid_cells(tmp_path: Path) -> None:
         fs.read_mesh(path)
 
 
+# ---- a mesh made by hand
+
+STEEL = fs.Material(E=2.1e11, nu=0.3, rho=7850.0)
+
+
+def test_a_cell_twice_would_double_its_mass() -> None:
+    mesh = fs.block((3, 1, 1), (3, 1, 1), "hexahedron")
+    twice = changed(mesh, cells=np.vstack([mesh.cells, mesh.cells[[1]][:, [4, 5, 6, 7, 0, 1, 2, 3]]]))
+    with pytest.raises(fs.InputError, match=r"1 cells of 'block' are given twice, the first is cell 3, which is cell 1 again"):
+        fs.solid(twice, STEEL)
+    flat = fs.rectangle((2, 1), (2, 1), "quad")
+    with pytest.raises(fs.InputError, match="are given twice"):
+        fs.plate(changed(flat, cells=flat.cells[[0, 1, 0]]), E=1, nu=0.3, rho=1, thickness=0.01)
+
+
+def test_unused_nodes_are_named_by_number() -> None:
+    mesh = fs.block((1, 1, 1), (1, 1, 1), "hexahedron")
+    spare = fs.Mesh(np.vstack([mesh.points, [[5, 5, 5], [6, 6, 6]]]), mesh.cells, "hexahedron", numbers=np.arange(10) * 10)
+    with pytest.raises(fs.InputError, match="2 nodes of 'mesh' belong to no cell: number 80, 90; they would have no mass"):
+        fs.solid(spare, STEEL)
+
+
+TETRA = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+
+
+@pytest.mark.parametrize(("arguments", "text"), [
+    ({"points": np.array(TETRA) * (1 + 1j)}, "points must be real numbers, not complex128"),
+    ({"points": [*TETRA[:3], [0, 0]]}, "points must be rows of the same length"),
+    ({"points": [["a"] * 3] * 4}, "points must be real numbers, not <U1"),
+    ({"cells": [[0, 1, 2, 3], [0]]}, "cells must be rows of the same length"),
+    ({"cells": [[0, 1, 2, 3.5]]}, "cells must hold whole numbers, not float64"),
+    ({"cells": None}, "cells must have the shape (m, 4) for tetra, not ()"),
+    ({"kind": ["tetra"]}, "unknown kind of cell ['tetra']"),
+    ({"numbers": [1, 2, 3, 4.5]}, "numbers must be whole numbers, but node 3, counted from 0, has 4.5"),
+    ({"numbers": [1, 2, 3, 3]}, "numbers must be another one for each node, but 3 comes twice"),
+    ({"numbers": ["a", "b", "c", "d"]}, "numbers must be real numbers, not <U1"),
+    ({"numbers": [1, 2, 3]}, "numbers must have 4 entries"),
+    ({"numbers": [1, 2, 3, float("nan")]}, "numbers must be whole numbers"),
+    ({"sets": ["left"]}, "sets must map names to rows"),
+    ({"sets": {7: [0]}}, "the names of sets must be texts, such as '7', not 7"),
+    ({"sets": {"a": [[0, 1], [2]]}}, "set 'a' must be rows of the same length"),
+    ({"groups": {"a": [0.5]}}, "group 'a' must hold whole numbers, not float64"),
+])
+def test_arguments_of_the_wrong_kind(arguments: dict, text: str) -> None:
+    with pytest.raises((fs.InputError, fs.InputTypeError)) as caught:
+        fs.Mesh(**{"points": TETRA, "cells": [[0, 1, 2, 3]], "kind": "tetra", **arguments})
+    assert text in str(caught.value)
+
+
+def test_whole_numbers_in_floats_are_numbers() -> None:
+    mesh = fs.Mesh(TETRA, [[0, 1, 2, 3]], "tetra", numbers=[10.0, 20.0, 30.0, 40.0], repairs="one")
+    assert mesh.numbers.tolist() == [10, 20, 30, 40] and mesh.numbers.dtype.kind == "i" and mesh.repairs == ("one",)
+    with pytest.raises(fs.InputError, match="unknown set of nodes"):
+        mesh.nodes(["left"])  # type: ignore[arg-type]
+
+
 # ---- the meshes that come along
 
 SHIPPED = {  # kind, size (volume or area), how near cells come to it, sets

@@ -219,3 +219,36 @@ def test_bricks_of_8_nodes_lock_as_the_docstring_says_and_those_of_20_do_not(lay
         mesh = fs.block((1.0, thickness, thickness), (count, 1, layers), kind)
         sub = fs.solid(mesh, fs.Material(2.1e11, 0.0, 7850.0), supports={"left": "clamped"})
         assert fs.normal_modes(sub, count=1).frequencies[0] == pytest.approx(factor * euler, rel=0.01)
+
+
+@pytest.mark.parametrize(("arguments", "text"), [
+    ({"material": (1, 2, 3)}, "material must be a Material or map groups"),
+    ({"material": {"all": (1, 2, 3)}}, "material of the group 'all' must be a Material(E, nu, rho), not (1, 2, 3)"),
+    ({"supports": 5}, "supports must be names of sets"),
+    ({"supports": {"left": 5}}, "supports: the motions of the set 'left' must be letters, such as 'xyz', not 5"),
+    ({"supports": [["left"]]}, "unknown set of nodes"),
+    ({"interface": 7}, "interface must be names of sets"),
+    ({"ports": ["p"]}, "ports must map names"),
+    ({"ports": {"p": "right"}}, "port 'p' must be (set of nodes, direction)"),
+    ({"ports": {"p": ("right", [[1, 2], [3]])}}, "the direction of port 'p' must be rows of the same length"),
+    ({"ports": {"p": ("right", [1j, 0, 0])}}, "the direction of port 'p' must be real numbers"),
+    ({"ports": {"p": ("right", None)}}, "the direction of port 'p' must be real numbers"),
+    ({"ports": {"p": ("right", "-w")}}, "unknown direction of port 'p': '-w'"),
+    ({"rayleigh": 3}, "rayleigh"),
+    ({"rayleigh": (1, "a")}, "rayleigh"),
+])
+def test_arguments_of_the_wrong_kind(arguments: dict, text: str) -> None:
+    mesh = fs.block((1, 1, 1), (1, 1, 1), "hexahedron")
+    mesh = fs.Mesh(mesh.points, mesh.cells, mesh.kind, mesh.sets, {"all": [0]})
+    with pytest.raises((fs.InputError, fs.InputTypeError)) as caught:
+        fs.solid(mesh, **{"material": fs.Material(E=1.0, nu=0.3, rho=1.0), **arguments})
+    assert text in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_no_supports_and_directions_the_other_way() -> None:
+    mesh, steel = fs.block((1, 1, 1), (1, 1, 1), "hexahedron"), fs.Material(E=1.0, nu=0.3, rho=1.0)
+    ports = {sign + way: ("right", sign + way) for sign in ("", "-") for way in ("x", "y", "z", "normal")}
+    sub = fs.solid(mesh, steel, supports=None, interface=None, ports=ports)
+    assert sub.M.shape == (24, 24)
+    for way in ("x", "y", "z", "normal"):
+        assert np.array_equal(sub.ports["-" + way], -sub.ports[way]) and np.any(sub.ports[way])
