@@ -63,8 +63,8 @@ def refuse_spoilt(mesh: Mesh) -> None:
     again = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
     again = again[(np.sort(mesh.cells[order[again + 1]]) == np.sort(mesh.cells[order[again]])).all(axis=1)]
     if len(again):
-        raise InputError(f"{len(again)} cells of {mesh.name!r} are given twice, the first is cell {order[again[0] + 1]}, which is "
-                         f"cell {order[again[0]]} again (counted from 0): its mass and stiffness would count twice, leave it out")
+        raise InputError(f"{len(again)} cells of {mesh.name!r} are given twice, the first is cell {order[again[0] + 1]}, which "
+                         f"is cell {order[again[0]]} again (counted from 0): its mass would count twice, leave it out")
     unused = np.ones(len(mesh.points), dtype=bool)
     unused[mesh.cells] = False
     if unused.any():

@@ -16,6 +16,7 @@ import numpy as np
 
 from femsub.errors import InputError, MissingPackageError, unknown_name
 from femsub.files import write_whole
+from femsub.gmshfiles import BODIES, is_gmsh, read_gmsh
 from femsub.inpfiles import read_inp
 from femsub.meshchecks import checked
 from femsub.meshes import CELLS, Mesh
@@ -23,9 +24,8 @@ from femsub.nastranfiles import read_nastran
 from femsub.pencil import Array
 
 _SET, _GROUP, _NUMBER = "set:", "group:", "number"  # what our own files call sets, groups and node numbers
-_BODIES = ("point", "line", "surface", "volume")
 #: cell data that number the groups, and what we call a group without a name, for each dimension
-_TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": _BODIES, "medit:ref": _BODIES}
+_TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": BODIES, "medit:ref": BODIES}
 #: suffix: meshio's writer, and whether it takes data at the nodes
 _WRITERS = {".vtu": ("vtu", True), ".vtk": ("vtk", True), ".msh": ("gmsh", True), ".inp": ("abaqus", False)}
 _OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": read_nastran}  # readers that are not meshio's
@@ -134,19 +134,26 @@ def _found(path: Path) -> tuple[Any, list[str]]:
     """What meshio makes of a file, and what it said meanwhile."""
     io_ = meshio()
     own = _OWN.get(path.suffix.lower())
+    if path.suffix.lower() == ".msh" and is_gmsh(path):
+        own = read_gmsh
     if own is not None:
         try:
-            return own(path)
+            found, notes = own(path)
         except OSError as error:
             raise InputError(f"the mesh file {path} cannot be read: {error.strerror or error}") from None
+        return _any(path, found), notes
     found, said = _quietly(lambda: io_.read(path), f"{path} cannot be read as a mesh")
     if "not closed" in said:
         raise InputError(f"{path} is cut short: {said}")
     if path.suffix.lower() == ".vtu" and path.read_bytes().count(b"<Piece ") > 1:
         raise InputError(f"{path} holds several pieces, of which meshio keeps one: merge them (ParaView: Merge Blocks)")
+    return _any(path, found), [f"meshio: {said}"] if said else []
+
+
+def _any(path: Path, found: Any) -> Any:
     if not len(found.points) or not any(len(block.data) for block in found.cells):
         raise InputError(f"{path} holds {len(found.points)} nodes and no cells; is it cut short?")
-    return found, [f"meshio: {said}"] if said else []
+    return found
 
 
 def _quietly(act: Callable[[], Any], what: str) -> tuple[Any, str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from difflib import get_close_matches
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,10 +28,11 @@ _WEDGE15 = [*range(9), 12, 13, 14, 9, 10, 11]
 #: card: kind of cell by number of nodes; a line's two nodes are followed by what orients it
 _CELLS: dict[str, dict[int, str]] = {
     "CTETRA": {4: "tetra", 10: "tetra10"}, "CHEXA": {8: "hexahedron", 20: "hexahedron20"}, "CPENTA": {6: "wedge", 15: "wedge15"},
-    **dict.fromkeys(("CPYRAM", "CPYRA", "CPYR"), {5: "pyramid", 13: "pyramid13"}),
-    **dict.fromkeys(("CTRIA3", "CTRIAR"), {3: "triangle"}), "CTRIA6": {6: "triangle6"}, "CTRIAX6": {6: "triangle6"},
-    **dict.fromkeys(("CQUAD4", "CQUADR", "CSHEAR"), {4: "quad"}), "CQUAD8": {8: "quad8"}, "CQUAD": {9: "quad9"},
-    **dict.fromkeys(("CROD", "CTUBE", "CBAR", "CBEAM", "CBUSH", "CBUSH1D", "CGAP"), {2: "line"})}
+    "CPYRAM": {5: "pyramid", 13: "pyramid13"}, "CPYRA": {5: "pyramid", 13: "pyramid13"}, "CPYR": {5: "pyramid", 13: "pyramid13"},
+    "CTRIA3": {3: "triangle"}, "CTRIAR": {3: "triangle"}, "CTRIA6": {6: "triangle6"}, "CTRIAX6": {6: "triangle6"},
+    "CQUAD4": {4: "quad"}, "CQUADR": {4: "quad"}, "CSHEAR": {4: "quad"}, "CQUAD8": {8: "quad8"}, "CQUAD": {9: "quad9"},
+    "CROD": {2: "line"}, "CTUBE": {2: "line"}, "CBAR": {2: "line"}, "CBEAM": {2: "line"}, "CBUSH": {2: "line"},
+    "CBUSH1D": {2: "line"}, "CGAP": {2: "line"}}
 _ORDER = {("CHEXA", 20): _HEXA20, ("CPENTA", 15): _WEDGE15, ("CTRIAX6", 6): [0, 2, 4, 1, 3, 5]}
 #: elements that are no cells: told, and left out
 _SKIPPED = re.compile(r"CONM[12]|CMASS\d|CELAS\d|CDAMP\d|CVISC|CONROD|CWELD|CFAST|CSEAM|CBEND|CHBDY.|RBE\d|RBAR|RROD|RJOINT|"
@@ -80,7 +82,7 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
     edges = [0]
     while edges[-1] < len(starts):
         edges.append(int(np.searchsorted(starts, starts[edges[-1]] + CHUNK, side="right")))
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         begin, end = starts[low], starts[high] if high < len(starts) else len(lines)
         taken = _taken_apart(path, lines[begin:end], names[begin:end], first[begin:end], large[begin:end])
         for name in parts:
