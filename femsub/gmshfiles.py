@@ -197,8 +197,8 @@ def _runs(found: Found, numbers: Numbers, total: int) -> Iterator[tuple[int, Arr
         width = 3 + tags + _size(found, kind)
         most, ahead = min(left, len(rest) // width), 64
         if not 0 <= tags <= 100 or not most:
-            raise found.wrong(f"$Elements has an element with {tags} tags and {max(0, len(rest) - 3 - tags)} numbers behind them: "
-                              "is it cut short or damaged?")
+            raise found.wrong(f"$Elements has an element with {tags} tags and {max(0, len(rest) - 3 - tags)} numbers behind "
+                              "them: is it cut short or damaged?")
         while True:  # looks ever further until a run ends
             heads = rest[:min(ahead, most) * width].reshape(-1, width)
             same = (heads[:, 1] == kind) & (heads[:, 2] == tags)

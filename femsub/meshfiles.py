@@ -1,21 +1,20 @@
-"""Mesh files: whatever meshio reads becomes a checked `Mesh` with its names; VTU and a few others are written."""
+"""Mesh files: whatever is read becomes a checked `Mesh` with its names; VTU and a few others are written."""
 
 from __future__ import annotations
 
-import contextlib
-import io
 import re
 import tempfile
-import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.sax.saxutils import escape
 
 import numpy as np
 
-from femsub.errors import InputError, MissingPackageError, unknown_name
+from femsub.errors import InputError, unknown_name
 from femsub.files import write_whole
+from femsub.foreignfiles import meshio, quietly, read_foreign, read_tetgen
 from femsub.gmshfiles import BODIES, is_gmsh, read_gmsh
 from femsub.inpfiles import read_inp
 from femsub.meshchecks import checked
@@ -28,7 +27,8 @@ _SET, _GROUP, _NUMBER = "set:", "group:", "number"  # what our own files call se
 _TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": BODIES, "medit:ref": BODIES}
 #: suffix: meshio's writer, and whether it takes data at the nodes
 _WRITERS = {".vtu": ("vtu", True), ".vtk": ("vtk", True), ".msh": ("gmsh", True), ".inp": ("abaqus", False)}
-_OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": read_nastran}  # readers that are not meshio's
+_OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": read_nastran,
+        ".node": read_tetgen, ".ele": read_tetgen}  # readers that are not meshio's
 _ABAQUS = {"hexahedron": b"C3D8", "hexahedron20": b"C3D20", "tetra": b"C3D4", "tetra10": b"C3D10", "triangle": b"S3",
            "quad": b"S4", "line": b"T3D2"}
 
@@ -40,19 +40,12 @@ class _Block(NamedTuple):
     number: int  # among all blocks of the file
 
 
-def meshio() -> Any:
-    """The package, or an error that says how to get it."""
-    try:
-        import meshio
-    except ImportError as error:
-        raise MissingPackageError("mesh files need meshio: pip install femsub[fe]") from error
-    return meshio
-
-
 def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = None) -> Mesh:
     """The cells of the highest dimension in a mesh file, with its named sets, checked (see `femsub.meshchecks.checked`).
 
-    Reads what meshio reads: Gmsh .msh, Abaqus and CalculiX .inp, Nastran .bdf, VTU, VTK, ... Cells of lower dimension
+    Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh and TetGen have readers of their own, the rest is read by meshio and
+    counted: what each reads, refuses and cannot know stands in a table in `femsub.inpfiles.read_inp`, `femsub.nastranfiles.
+    read_nastran`, `femsub.gmshfiles.read_gmsh`, `femsub.foreignfiles.read_tetgen` and `read_foreign`. Cells of lower dimension
     only define sets. Coordinates are taken as they are, in the file's unit of length.
 
     ============================  =====================  ==============================================
@@ -131,47 +124,17 @@ def _sort(found: Any, blocks: list[_Block], chosen: str) -> tuple[dict[str, Arra
 
 
 def _found(path: Path) -> tuple[Any, list[str]]:
-    """What meshio makes of a file, and what it said meanwhile."""
-    io_ = meshio()
-    own = _OWN.get(path.suffix.lower())
-    if path.suffix.lower() == ".msh" and is_gmsh(path):
-        own = read_gmsh
-    if own is not None:
-        try:
-            found, notes = own(path)
-        except OSError as error:
-            raise InputError(f"the mesh file {path} cannot be read: {error.strerror or error}") from None
-        return _any(path, found), notes
-    found, said = _quietly(lambda: io_.read(path), f"{path} cannot be read as a mesh")
-    if "not closed" in said:
-        raise InputError(f"{path} is cut short: {said}")
-    if path.suffix.lower() == ".vtu" and path.read_bytes().count(b"<Piece ") > 1:
-        raise InputError(f"{path} holds several pieces, of which meshio keeps one: merge them (ParaView: Merge Blocks)")
-    return _any(path, found), [f"meshio: {said}"] if said else []
-
-
-def _any(path: Path, found: Any) -> Any:
+    """What the file's reader makes of it as a meshio.Mesh, and notes."""
+    meshio()
+    suffix = path.suffix.lower()
+    own = read_gmsh if suffix == ".msh" and is_gmsh(path) else _OWN.get(suffix, read_foreign)
+    try:
+        found, notes = own(path)
+    except OSError as error:
+        raise InputError(f"the mesh file {path} cannot be read: {error.strerror or error}") from None
     if not len(found.points) or not any(len(block.data) for block in found.cells):
         raise InputError(f"{path} holds {len(found.points)} nodes and no cells; is it cut short?")
-    return found
-
-
-def _quietly(act: Callable[[], Any], what: str) -> tuple[Any, str]:
-    """The result and what was printed; whatever meshio raises, SystemExit included, becomes one line."""
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return act(), " ".join(said.getvalue().split())
-    except MemoryError:
-        raise
-    except (Exception, SystemExit) as error:
-        text = " ".join(said.getvalue().split()) if isinstance(error, SystemExit) else " ".join(str(error).split())
-        if "gmsh:physical" in text:
-            text += "; Gmsh saved parts that are in no physical group: save without Mesh.SaveAll ('save all elements')"
-        if isinstance(error, (LookupError, AssertionError)):  # whose text alone says little
-            text = f"{text} ({type(error).__name__}); is it cut short or damaged?".strip()
-        raise InputError(f"{what}: {text or 'is it cut short or damaged?'}") from None
+    return found, notes
 
 
 def _several(counts: Mapping[str, int]) -> str:
@@ -249,26 +212,48 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
         raise InputError(f"{suffix} files hold no shapes; write .vtu")
     if form == "abaqus" and mesh.kind not in _ABAQUS:
         raise InputError(f"{suffix} files have no {mesh.kind} cells; write .vtu")
+    _writable(suffix.lower(), [*mesh.sets, *(shapes or {})], mesh.groups)
+    spelt = xml_escape if form == "vtu" else str  # meshio writes names into XML as they are
     points = np.zeros((len(mesh.points), 3))
     points[:, :mesh.points.shape[1]] = mesh.points
-    data: dict[str, Array] = {key: _shape(key, values, len(points)) for key, values in (shapes or {}).items()}
+    data: dict[str, Array] = {spelt(key): _shape(key, values, len(points)) for key, values in (shapes or {}).items()}
     groups: dict[str, list[Array]] = {}
     named: dict[str, Any] = {}
     if takes_data:
-        data |= {_SET + key: np.isin(np.arange(len(points)), rows).astype(np.int8) for key, rows in mesh.sets.items()}
+        data |= {spelt(_SET + key): np.isin(np.arange(len(points)), rows).astype(np.int8) for key, rows in mesh.sets.items()}
         if np.issubdtype(mesh.numbers.dtype, np.integer):
             data[_NUMBER] = mesh.numbers.astype(np.int64)
-        groups = {_GROUP + key: [np.isin(np.arange(len(mesh.cells)), rows).astype(np.int8)] for key, rows in mesh.groups.items()}
+        groups = {spelt(_GROUP + key): [np.isin(np.arange(len(mesh.cells)), rows).astype(np.int8)]
+                  for key, rows in mesh.groups.items()}
     else:
         named = {"point_sets": {key: rows for key, rows in mesh.sets.items() if len(rows)},
                  "cell_sets": {key: [rows] for key, rows in mesh.groups.items()}}
     whole = meshio().Mesh(points, [(mesh.kind, mesh.cells)], point_data=data, cell_data=groups, **named)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / f"mesh{suffix.lower()}"
-        _quietly(lambda: whole.write(place, file_format=form), f"the mesh {mesh.name!r} cannot be written as {suffix}")
+        quietly(lambda: whole.write(place, file_format=form), f"the mesh {mesh.name!r} cannot be written as {suffix}")
         content = place.read_bytes()
     # meshio takes the last name it knows for a kind, such as C3D20RH, which CalculiX has not
     return re.sub(rb"(?<=\*ELEMENT, TYPE=)\w+", _ABAQUS[mesh.kind], content, count=1) if form == "abaqus" else content
+
+
+def _writable(suffix: str, names: Iterable[str], groups: Iterable[str]) -> None:
+    """Refuses names that would not be read again, or not as they are."""
+    for each in (list(names), list(groups)):
+        for name in each:
+            spoilt = any(ord(letter) < 32 or ord(letter) == 127 for letter in name)
+            if spoilt or (suffix == ".inp" and (not name.strip() or name != name.strip() or set(name) & set(',"'))):
+                raise InputError(f"the name {name!r} cannot be written into {suffix} files so that it is read again: rename it"
+                                 + ("" if spoilt else ", or write .vtu"))
+        capitals = Counter(name.upper() for name in each)
+        same = [name for name in each if capitals[name.upper()] > 1]
+        if suffix == ".inp" and same:
+            raise InputError(f"in {suffix} files the names {same[0]!r} and {same[1]!r} are the same: rename one, or write .vtu")
+
+
+def xml_escape(name: str) -> str:
+    """A name as it stands in an attribute of XML."""
+    return escape(name, {'"': "&quot;"})
 
 
 def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = None) -> Path:
@@ -291,7 +276,8 @@ def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = 
     Raises
     ------
     InputError
-        Another suffix, a shape that does not fit the nodes, a folder that cannot be written.
+        Another suffix, a shape that does not fit the nodes, a name that would not be read again as it is, a folder that cannot be
+        written.
     """
     place = Path(path)
     content = mesh_bytes(mesh, shapes, place.suffix)

@@ -22,6 +22,7 @@ LAYERS = {
     "inpgenerate": 4,
     "blocks": 5, "fields": 5, "meshchecks": 5, "inpfiles": 5, "assembly": 5, "surfaces": 5, "matrixfiles": 5,
     "shift_invert": 5, "counting": 5, "chains": 5, "lanczos": 5, "condensed": 5, "nastranfiles": 5, "gmshfiles": 5,
+    "foreignfiles": 5,
     "patches": 6, "contacts": 6, "meshfiles": 6, "modelfiles": 6, "eigen": 6,
     "integrators": 7, "second_order": 7, "components": 7, "qep": 7, "dampers": 7, "estimates": 7,
     "transients": 8, "nested": 8, "pep": 8, "crossing": 8, "partition": 8,
