@@ -110,6 +110,8 @@ def _nothing(path: Path, raw: bytes) -> tuple[int | None, int | None]:
 
 def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
     """Points and cells that the header of a legacy VTK file promises; no size in it may be beyond the file's."""
+    if b"ASCII" in [line.strip().upper() for line in raw.split(b"\n", 3)[2:3]]:
+        _ended(path, raw)
     counts: dict[bytes, int] = {}
     for match in _VTK_COUNTS.finditer(raw):
         numbers = [int(word) for word in match[0].split()[1:] if word.isdigit()]
@@ -122,14 +124,18 @@ def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
     return counts.get(b"POINTS"), counts.get(b"CELL_TYPES")
 
 
+def _ended(path: Path, raw: bytes) -> None:
+    if raw and not raw.endswith(b"\n") and raw[raw.rfind(b"\n") + 1:].strip():
+        raise InputError(f"{path} ends within a line: is it cut short? If not, end that line")
+
+
 def _su2(path: Path, raw: bytes) -> tuple[int | None, int | None]:
     sizes: dict[bytes, list[int]] = {}
     for key, count in re.findall(rb"^[ \t]*(NPOIN|NELEM|MARKER_ELEMS)[ \t]*=[ \t]*(\d{1,18})", raw, flags=re.MULTILINE):
         sizes.setdefault(key, []).append(int(count))
         if int(count) > len(raw):
             raise InputError(f"{path} says {key.decode()}= {int(count)}, but has {len(raw)} bytes: is it cut short or damaged?")
-    if raw and not raw.endswith(b"\n") and raw[raw.rfind(b"\n") + 1:].strip():
-        raise InputError(f"{path} ends within a line: is it cut short? If not, end that line")
+    _ended(path, raw)
     if len(re.findall(rb"^[ \t]*MARKER_TAG", raw, flags=re.MULTILINE)) != sum(
             int(count) for count in re.findall(rb"^[ \t]*NMARK[ \t]*=[ \t]*(\d{1,9})", raw, flags=re.MULTILINE)):
         raise InputError(f"{path} has another number of markers than NMARK says: is it cut short or damaged?")

@@ -193,7 +193,9 @@ def _runs(found: Found, numbers: Numbers, total: int) -> Iterator[tuple[int, Arr
     left = total
     while left > 0:
         rest = numbers.values[numbers.place:]
-        kind, tags = (int(value) for value in rest[1:3]) if len(rest) > 2 else (0, 0)
+        if len(rest) < 3:
+            raise found.wrong(f"$Elements has {total - left} elements, but says {total}: is it cut short or damaged?")
+        kind, tags = (int(value) for value in rest[1:3])
         width = 3 + tags + _size(found, kind)
         most, ahead = min(left, len(rest) // width), 64
         if not 0 <= tags <= 100 or not most:

@@ -90,6 +90,35 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     assert path.read_text() == "old" and os.listdir(tmp_path) == ["m.vtu"]
 
 
+NAMES = ["x<y", "R&D", "a\nb", "a\tb", "a b", "Fläche", "a,b", 'q"q', "it's", "$End", "a=b", " lead", "trail ", "", "*star",
+         "set:x", "7", "-1", "a%20b", "日本", "\x07bell", "number"]
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".msh", ".inp"])
+def test_a_name_is_read_again_or_not_written(suffix: str, tmp_path: Path) -> None:
+    mesh = fs.block((1, 1, 1), (2, 1, 1), "hexahedron")
+    written = 0
+    for name in NAMES:
+        named = changed(mesh, sets={name: [0, 3], "other": [1]}, groups={name + "g": [1]})
+        try:
+            path = fs.write_mesh(tmp_path / f"m{suffix}", named)
+        except fs.InputError as error:
+            assert repr(name) in str(error) or "spaces" in str(error)
+            continue
+        back, written = fs.read_mesh(path), written + 1
+        assert set(back.sets) == {name, "other", name + "g"} and back.nodes(name).tolist() == [0, 3], name
+        assert {key: rows.tolist() for key, rows in back.groups.items()} == {name + "g": [1]}
+    assert written >= {".vtu": 19, ".vtk": 16, ".msh": 19, ".inp": 14}[suffix]
+
+
+def test_names_that_are_the_same_in_an_inp_file(tmp_path: Path) -> None:
+    mesh = changed(fs.block((1, 1, 1), (1, 1, 1), "hexahedron"), sets={"Top": [0], "TOP": [1]})
+    with pytest.raises(fs.InputError, match=r"in \.inp files the names 'Top' and 'TOP' are the same"):
+        fs.write_mesh(tmp_path / "m.inp", mesh)
+    back = fs.read_mesh(fs.write_mesh(tmp_path / "m.vtu", mesh))
+    assert back.nodes("Top").tolist() == [0] and back.nodes("TOP").tolist() == [1]
+
+
 # ---- what other programs write
 
 def gmsh_pair() -> meshio.Mesh:
