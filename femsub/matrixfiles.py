@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.errors import InputError, MissingPackageError
+from femsub.errors import FemsubError, InputError
+from femsub.marketfiles import read_market
+from femsub.matlabfiles import check_room, read_matlab
+from femsub.op4files import read_op4
 from femsub.pencil import Matrix
-from femsub.textmatrices import TextMatrix, check_end, read_text_matrix
+from femsub.textmatrices import TextMatrix, check_extent, read_text_matrix
 
+NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
 TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
 ENDINGS = ".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB) and .op4 (Nastran)"
 
@@ -31,6 +35,18 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
 
     Abaqus numbers rows by node and DOF: they are in ascending order here. `read_component` keeps their names.
 
+    What each reader takes and refuses, and what it cannot know, stands with it: `femsub.marketfiles.read_market` (Matrix
+    Market), `femsub.textmatrices.read_text_matrix` (Abaqus, CalculiX), `femsub.matlabfiles.read_matlab`,
+    `femsub.op4files.read_op4`, and for NumPy's and SciPy's own:
+
+    ===================  =======================================================================================
+    .npy, .npz read      real, integer, complex and logical arrays; all formats of `scipy.sparse.save_npz`, whose
+                         entries that stand twice are added as SciPy does
+    they refuse          dates, text, records, objects; three and more dimensions; more or fewer bytes than
+                         announced; sparse indices out of range; a wrong checksum of a .npz file
+    they cannot know     whether a number of a .npy file is wrong: it has no checksum
+    ===================  =======================================================================================
+
     Raises
     ------
     InputError
@@ -47,23 +63,36 @@ def read_labelled(path: str | Path, variable: str | None = None, usual: str = ""
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
         path = path.with_name(name)
+    found = _content(path, [wanted])
+    return found if isinstance(found, TextMatrix) else TextMatrix(found[_chosen(path, found, wanted, usual)], None)
+
+
+def read_together(path: Path, names: Iterable[str | None]) -> list[Matrix]:
+    """Several matrices of one file, which is read once; None is its only one."""
+    names = list(names)
+    found = _content(path, names)
+    return [found.matrix if isinstance(found, TextMatrix) else found[_chosen(path, found, name, "")] for name in names]
+
+
+def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matrix]:
+    """The one matrix of a file, or all by name."""
     if not path.is_file():
         raise InputError(f"there is no file {path}")
     ending = path.suffix.lower()
     if ending in (*TEXT, ".mtx"):
-        if wanted is not None:
-            raise InputError(f"{path} holds one matrix and no names; leave {wanted!r} out")
+        named = [name for name in names if name is not None]
+        if named:
+            raise InputError(f"{path} holds one matrix and no names; leave {named[0]!r} out")
         if ending in TEXT or not _starts(path, b"%%matrixmarket"):
             return read_text_matrix(path)
-        check_end(path)
-        return TextMatrix(_as_csr(_guarded(path, _matrix_market)), None)
-    readers: dict[str, Callable[[Path], Any]] = {".npz": _npz, ".npy": _npy, ".mat": _matlab, ".op4": _op4}
+        return TextMatrix(_guarded(path, read_market), None)
+    readers: dict[str, Callable[[Path], Any]] = {".npz": _npz, ".npy": _npy, ".mat": read_matlab, ".op4": read_op4}
     if ending not in readers:
         raise InputError(f"{path.name} has an unknown ending; known are {ENDINGS}")
     found = _guarded(path, readers[ending])
-    if not isinstance(found, Mapping):
-        return TextMatrix(_as_csr(found), None)
-    return TextMatrix(_as_csr(found[_chosen(path, found, wanted, usual)]), None)
+    if isinstance(found, Mapping):
+        return {name: _as_csr(value) for name, value in found.items()}
+    return TextMatrix(_as_csr(found), None)
 
 
 def _chosen(path: Path, found: Mapping[str, Any], wanted: str | None, usual: str) -> str:
@@ -87,7 +116,7 @@ def _chosen(path: Path, found: Mapping[str, Any], wanted: str | None, usual: str
 def _guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
     try:
         return reader(path)
-    except (InputError, MissingPackageError):
+    except (FemsubError, MemoryError):
         raise
     except Exception as error:  # what a reader meets in a damaged file can be anything: struct.error, zlib.error, ...
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
@@ -104,100 +133,68 @@ def _starts(path: Path, banner: bytes) -> bool:
         return file.read(len(banner)).lower() == banner
 
 
-def _matrix_market(path: Path) -> Any:
-    from scipy.io import mminfo, mmread
-
-    rows, columns, _, layout, _, symmetry = mminfo(path)
-    if layout == "array":  # SciPy (1.17) counts the entries of sparse matrices, but fills up dense ones with zeros
-        half = rows * (rows + 1) // 2 - (rows if symmetry == "skew-symmetric" else 0)
-        wanted = rows * columns if symmetry == "general" else half
-        found = _lines_of_data(path) - 1  # the first tells the shape
-        if found < wanted:
-            raise InputError(f"{path} is cut short: it announces {rows} x {columns}, so {wanted} entries, but has {found}; "
-                             "write it again")
-    return mmread(path)
-
-
-def _lines_of_data(path: Path) -> int:
-    count = 0
+def _npy(path: Path) -> Any:
     with open(path, "rb") as file:
-        while (line := file.readline()).startswith(b"%") or not line.strip():
-            if not line:
-                return 0
-        while block := file.read(1 << 24):
-            count += block.count(b"\n") - block.count(b"\n\n")
-    return count + 1
+        shape, _, kind = _array_header(path, path.name, file)
+        size, wanted = path.stat().st_size - file.tell(), int(np.prod(shape, dtype=object)) * kind.itemsize
+    if size != wanted:
+        raise InputError(f"{path} announces {wanted} bytes of numbers, but has {size}; it is cut short or damaged")
+    if kind.kind not in NUMBERS or not 1 <= len(shape) <= 2:
+        raise InputError(f"{path} holds {_kind_name(kind)} of the shape {shape}, not a matrix of numbers")
+    check_room(path, wanted)
+    return np.load(path, allow_pickle=False)
+
+
+def _kind_name(kind: np.dtype[Any]) -> str:
+    return {"M": "dates", "m": "spans of time", "U": "text", "S": "text", "V": "records", "O": "Python objects"}.get(
+        kind.kind, f"numbers ({kind})")
+
+
+def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, order and type that the head of a .npy file tells."""
+    version = np.lib.format.read_magic(file)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version == (3, 0):  # only for names of records in Unicode
+        raise InputError(f"{path}: {name} holds records, not a matrix of numbers")
+    if version not in readers:
+        raise InputError(f"{path}: {name} has the unknown version {version}")
+    shape, order, kind = readers[version](file)
+    if any(part < 0 for part in shape):
+        raise InputError(f"{path}: {name} announces the shape {shape}; it is damaged")
+    return shape, order, kind
 
 
 def _npz(path: Path) -> Any:
     if not zipfile.is_zipfile(path):
         raise InputError(f"{path} is not a whole .npz file; it may be cut short, write it again")
+    kinds: dict[str, np.dtype[Any]] = {}
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        check_room(path, sum(entry.file_size for entry in entries))
+        for entry in entries:
+            name = entry.filename.removesuffix(".npy")
+            if name in kinds or name == entry.filename:
+                raise InputError(f"{path} is damaged: {entry.filename!r} stands in it twice, or is no .npy file")
+            with archive.open(entry) as file:
+                shape, _, kinds[name] = _array_header(path, entry.filename, file)
+                wanted = file.tell() + int(np.prod(shape, dtype=object)) * kinds[name].itemsize
+            if kinds[name].kind != "O" and wanted != entry.file_size:
+                raise InputError(f"{path} is damaged: {entry.filename} announces {wanted} bytes, but has {entry.file_size}")
     with np.load(path, allow_pickle=False) as file:
-        if {"format", "shape", "data"} <= set(file.files):
-            return sp.load_npz(path)
-        return {name: file[name] for name in file.files if file[name].ndim == 2 and file[name].dtype.kind in "biufc"}
+        if {"format", "shape", "data"} <= set(kinds):
+            return _checked_sparse(path, file, kinds)
+        return {name: value for name in kinds if kinds[name].kind in NUMBERS and (value := file[name]).ndim == 2}
 
 
-def _npy(path: Path) -> Any:
-    return np.load(path, allow_pickle=False)
-
-
-def _matlab(path: Path) -> Any:
-    with open(path, "rb") as file:
-        start = file.read(520)
-    if b"\x89HDF\r\n" in (start[:6], start[512:518]):
-        return _matlab_hdf(path)
-    from scipy.io import loadmat
-
-    return {name: value for name, value in loadmat(path).items() if not name.startswith("__") and value_is_matrix(value)}
-
-
-def value_is_matrix(value: Any) -> bool:
-    """A sparse matrix or a table of numbers: MATLAB's texts, structs and cells are something else."""
-    return sp.issparse(value) or (isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "biufc")
-
-
-def _matlab_hdf(path: Path) -> dict[str, Any]:
-    try:
-        import h5py
-    except ImportError as error:
-        raise MissingPackageError(f"{path} is a MATLAB 7.3 file, which needs h5py: pip install h5py, or in MATLAB "
-                                  "save(..., '-v7')") from error
-    found: dict[str, Any] = {}
-    with h5py.File(path, "r") as file:
-        for name, item in file.items():
-            rows = item.attrs.get("MATLAB_sparse")
-            if rows is not None:
-                starts = item["jc"][()].astype(np.int64)
-                data = item["data"][()] if "data" in item else np.zeros(0)
-                index = item["ir"][()].astype(np.int64) if "ir" in item else np.zeros(0, dtype=np.int64)
-                found[name] = sp.csc_array((data, index, starts), shape=(int(rows), len(starts) - 1))
-            elif isinstance(item, h5py.Dataset) and item.ndim == 2 and item.dtype.kind in "biuf" \
-                    and item.attrs.get("MATLAB_class", b"double") not in (b"char", b"cell", "char", "cell"):
-                found[name] = item[()].T  # MATLAB stores by columns
+def _checked_sparse(path: Path, file: Any, kinds: Mapping[str, np.dtype[Any]]) -> Matrix:
+    """A matrix of `scipy.sparse.save_npz`; SciPy itself looks at few of the indices, and converting wrong ones crashes."""
+    wrong = [name for name, kind in kinds.items() if kind.kind not in {"format": "SU", "data": NUMBERS, "_is_array": "b"}.get(
+        name, "iu")]
+    shape = file["shape"] if not wrong else np.zeros(0)
+    if wrong or shape.shape != (2,) or shape.min() < 0:
+        raise InputError(f"{path} is damaged: {wrong[0] if wrong else 'shape'} of its sparse matrix is not what it should be")
+    check_extent(path, (int(shape[0]), int(shape[1])), file["data"].size)
+    found = sp.load_npz(path)
+    if found.format in ("csr", "csc", "bsr"):
+        found.check_format(full_check=True)
     return found
-
-
-def _op4(path: Path) -> dict[str, Any]:
-    import warnings
-
-    with warnings.catch_warnings():
-        # a premature end is only a warning there; a name that is no identifier is harmless
-        warnings.filterwarnings("error", "Premature end-of-file")
-        warnings.filterwarnings("ignore", "Output4 file has matrix name")
-        names, matrices, *_ = op4_module().load(str(path), into="list", sparse=None)
-    found: dict[str, Any] = {}
-    for name, matrix in zip(names, matrices, strict=True):
-        if name in found:
-            raise InputError(f"{path} holds two matrices called {name!r}; give each a name of its own")
-        found[name] = matrix
-    return found
-
-
-def op4_module() -> Any:
-    """pyyeti's module for OP4 files."""
-    try:
-        from pyyeti.nastran import op4
-    except ImportError as error:
-        raise MissingPackageError("Nastran OP4 files need pyyeti: pip install femsub[nastran]") from error
-    return op4

@@ -14,7 +14,8 @@ import scipy.sparse as sp
 
 from femsub.errors import InputError, unknown_name
 from femsub.files import Writer, write_whole
-from femsub.matrixfiles import op4_module, read_matrix
+from femsub.matrixfiles import read_matrix
+from femsub.op4files import op4_module
 from femsub.pencil import Matrix
 from femsub.substructure import ReducedSubstructure, Substructure
 from femsub.textmatrices import read_dofs, write_dofs

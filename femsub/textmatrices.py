@@ -6,6 +6,7 @@ import csv
 import io
 import re
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,6 +21,7 @@ from femsub.pencil import Array, Matrix
 #: directions 1 to 6 of Abaqus, CalculiX and Nastran; others (8 pressure, 11 temperature, ...) are called 'dof8'
 DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
 HELD = 1e36  # what Abaqus writes on the diagonal of K for a DOF that a boundary condition holds
+LARGEST = 1e15  # node numbers are below: a double and 100 times it as an integer are exact
 AS_WRITTEN = "*MATRIX OUTPUT with FORMAT=MATRIX INPUT or COORDINATE"
 
 
@@ -37,6 +39,16 @@ def read_text_matrix(path: Path) -> TextMatrix:
     Lines are 'row node, row DOF, column node, column DOF, value' (Abaqus, FORMAT=MATRIX INPUT) or 'row column value',
     counted from 1 (Abaqus, FORMAT=COORDINATE; CalculiX, SOLVER=MATRIXSTORAGE). A file that holds one triangle is mirrored.
 
+    ===================  =======================================================================================
+    it reads             both kinds of lines, with blanks or commas; comments (**) and empty lines; Fortran's
+                         exponents 2.5D+03 and 2.5+103
+    it refuses           a word that is not a number, NaN and Inf, lines of another length, an entry twice, half
+                         of a pair beside whole ones, a row without its diagonal, a last line without its end, a
+                         row number far beyond the entries
+    it cannot know       whether a digit is wrong; whether lines are gone, where one triangle lost entries beside
+                         the diagonal or the last rows are gone: the file tells no count (M and K are compared)
+    ===================  =======================================================================================
+
     Raises
     ------
     InputError
@@ -50,8 +62,9 @@ def read_text_matrix(path: Path) -> TextMatrix:
     places, values = table[:, :-1], table[:, -1]
     if not np.isfinite(values).all():
         raise InputError(f"{path} holds a NaN or Inf, first in data line {int(np.argmin(np.isfinite(values))) + 1}")
-    if not (np.isfinite(places).all() and (places == np.floor(places)).all()):
-        where = int(np.argmin((places == np.floor(places)).all(axis=1)))
+    sound = (places == np.floor(places)) & (np.abs(places) < LARGEST)  # NaN is neither
+    if not sound.all():
+        where = int(np.argmin(sound.all(axis=1)))
         raise InputError(f"{path}: the place of an entry must be whole numbers, but data line {where + 1} has "
                          f"{', '.join(f'{value:g}' for value in places[where])}")
     numbers = places.astype(np.int64)
@@ -60,6 +73,7 @@ def read_text_matrix(path: Path) -> TextMatrix:
             raise InputError(f"{path}: rows and columns count from 1, but data line {int(numbers.min(axis=1).argmin()) + 1} "
                              f"has {numbers.min()}; {AS_WRITTEN}")
         size = int(numbers.max())
+        check_extent(path, (size, size), len(values))
         return TextMatrix(_unfolded(path, numbers[:, 0] - 1, numbers[:, 1] - 1, values, size, None), None)
     if numbers[:, [1, 3]].min() < 0 or numbers[:, [1, 3]].max() > 99:
         raise InputError(f"{path}: the second and fourth number of a line must be DOF such as 1 to 6; {AS_WRITTEN}")
@@ -107,23 +121,42 @@ def _check_diagonal(path: Path, rows: Array, columns: Array, size: int, labels: 
 
 
 def _table(path: Path) -> Array:
+    heading = 0
     with open(path, encoding="ascii", errors="replace") as file:
         first = ""
         for first in file:  # ends at the first line of data
             if first.strip() and not first.startswith("**"):
                 break
+            heading += 1
     if first.startswith("*") and not first.startswith("**"):
         raise InputError(f"{path} holds keywords ({first.strip()[:40]}); only matrices of *MATRIX GENERATE are read: "
                          f"{AS_WRITTEN}")
-    return _loaded(path, path, "," if "," in first else None)
+    delimiter = "," if "," in first else None
+    try:
+        return _loaded(path, path, delimiter, skip=heading)
+    except InputError:  # as a file with comments between its lines, or with exponents of Fortran
+        return _loaded(path, _tidied(path, heading), delimiter)
 
 
-def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float) -> Array:
+def _tidied(path: Path, heading: int) -> Iterator[str]:
+    with open(path, "rb") as file:
+        for number, line in enumerate(file):
+            if number >= heading and not line.startswith(b"**"):
+                yield fortran_mended(line).decode("utf-8", "replace")
+
+
+def fortran_mended(text: bytes) -> bytes:
+    """2.5D+03 and 2.5+103 as 2.5e+03 and 2.5e+103; of three digits Fortran leaves out the letter."""
+    text = re.sub(rb"(?<=[\d.])[dD](?=[+-]?\d)", b"e", text)
+    return re.sub(rb"(\d\.\d*|\.\d+)([+-]\d{3})(?!\d)", rb"\1e\2", text)
+
+
+def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float, skip: int = 0) -> Array:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # a file without data: found below
             table = np.loadtxt(source, dtype=dtype, delimiter=delimiter, ndmin=2 if dtype is float else 1, encoding="utf-8",
-                               **({"comments": "*"} if dtype is float else {"comments": None, "quotechar": '"'}))
+                               skiprows=skip, comments=None, quotechar=None if dtype is float else '"')
     except (ValueError, UnicodeDecodeError) as error:
         reason = str(error).split(";")[0].rstrip(".")
         if found := re.search(r"could not convert string (.+) to \w+ at row (\d+)", reason):
@@ -136,6 +169,13 @@ def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float) 
     if not table.size:
         raise InputError(f"{path} is empty")
     return table
+
+
+def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = False) -> None:
+    """Refuses a size (rows or columns, if dense their product) so far beyond the entries that a digit of it must be wrong."""
+    if (shape[0] * shape[1] if dense else max(shape)) > 10_000_000 + 100 * count or max(shape) >= 2 ** 31:
+        raise InputError(f"{path} announces a matrix of {shape[0]} x {shape[1]}, but holds {count} entries: one of these must be "
+                         "wrong; write it again")
 
 
 def check_end(path: Path) -> None:
@@ -167,7 +207,9 @@ def dof_map(labels: Array) -> DofMap:
 def read_dofs(path: Path, labels: tuple[str, ...] | None = None) -> DofMap:
     """A DOF map from text, one line per DOF: 'node.direction' (CalculiX' .dof) or 'node,component[,x[,y[,z]]]'.
 
-    Components are names ('uz') or directions from 1 (3); a first line that starts with 'node' is a heading.
+    Components are names ('uz') or directions from 1 (3); a first line that starts with 'node' is a heading. Refused are a
+    node or direction that is no whole number, a place that is no finite number, and the same motion of a node twice. Whether
+    lines are gone, only the size of the matrices tells.
 
     Raises
     ------
@@ -176,23 +218,32 @@ def read_dofs(path: Path, labels: tuple[str, ...] | None = None) -> DofMap:
     """
     if not path.is_file():
         raise InputError(f"dofs: there is no file {path}")
-    with open(path, encoding="utf-8", errors="replace") as file:
-        text = file.read()
+    check_end(path)
+    text = path.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
     heading, _, rest = text.partition("\n")
     body = rest if heading.lower().lstrip("\ufeff ").startswith("node") else text
     first = body.lstrip().partition("\n")[0]
     try:
         if "," not in first:
-            cells = _loaded(path, io.StringIO(body), None, "U32")
+            cells = _loaded(path, io.StringIO(body), None, _text_type(body))
+            if cells.ndim != 1:
+                raise InputError("each line must be one word, 'node.direction'")
             parts = np.char.partition(cells, ".")
             return dof_map(np.stack([_whole(path, parts[:, 0]), _whole(path, parts[:, 2])], axis=1))
         width = len(next(csv.reader([first])))
-        table = _loaded(path, io.StringIO(body), ",", [("node", "U24"), ("component", "U24"), *(
+        if not 2 <= width <= 5:
+            raise InputError(f"the first line has {width} values; a line is 'node,component' or 'node,component,x,y,z'")
+        word = _text_type(body)
+        table = _loaded(path, io.StringIO(body), ",", [("node", word), ("component", word), *(
             (axis, float) for axis in ("x", "y", "z")[:width - 2])])
         nodes, components = _whole(path, table["node"]), np.char.strip(table["component"])
         points = np.stack([table[axis] for axis in ("x", "y", "z")[:width - 2]], axis=1) if width > 2 else None
+        if points is not None and not np.isfinite(points).all():
+            raise InputError(f"the place of data line {int(np.argmin(np.isfinite(points).all(axis=1))) + 1} is not finite")
+        if (components == "").any():
+            raise InputError(f"data line {int(np.argmax(components == '')) + 1} has no component")
         if np.char.isdecimal(components).all():
-            plain = dof_map(np.stack([nodes, components.astype(np.int64)], axis=1))
+            plain = dof_map(np.stack([nodes, _whole(path, components)], axis=1))
             return DofMap(plain.nodes, plain.components, plain.labels, points)
         found = set(components.tolist())
         if labels and found <= set(labels):
@@ -209,13 +260,23 @@ def read_dofs(path: Path, labels: tuple[str, ...] | None = None) -> DofMap:
         raise InputError(message if message.startswith(str(path)) else f"{path}: {message}") from None
 
 
+def _text_type(text: str) -> str:
+    """NumPy's type for words as long as the longest line: shorter ones would lose their ends in silence."""
+    return f"U{max(8, max(map(len, text.splitlines()), default=0))}"
+
+
 def _whole(path: Path, cells: Array) -> Array:
     try:
-        return np.char.strip(cells).astype(np.int64)
-    except ValueError:
-        bad = next(str(cell) for cell in cells if not re.fullmatch(r"\s*[-+]?\d+\s*", str(cell)))
-        raise InputError(f"{path}: {bad!r} is not a node or direction; a line is 'node.direction', as 12.3, or "
-                         "'node,component', as 12,uz") from None
+        plain = np.char.strip(cells).astype("S")  # Python takes digits of other scripts, and 1_0, for numbers
+        if (np.char.find(plain, b"_") < 0).all():
+            found = plain.astype(np.int64)
+            if (np.abs(found) < LARGEST).all():
+                return found
+    except (ValueError, OverflowError):
+        pass
+    bad = next(str(cell) for cell in cells if not re.fullmatch(r"\s*[-+]?[0-9]{1,15}\s*", str(cell)))
+    raise InputError(f"{path}: {bad!r} is not a node or direction; a line is 'node.direction', as 12.3, or "
+                     "'node,component', as 12,uz")
 
 
 def write_dofs(file: BinaryIO, dofs: DofMap) -> None:

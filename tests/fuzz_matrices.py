@@ -28,8 +28,8 @@ def read_component(path: Path) -> Any:
     if dofs is not None:
         content["dofs"] = [dofs.nodes, dofs.components, dofs.labels, dofs.points]
     if reduced:
-        content |= {key: getattr(model, key) for key in ("V", "kinds", "full_interface", "cutoff", "method", "dropped", "port_error",
-                                                         "factorisations")}
+        content |= {key: getattr(model, key) for key in ("V", "kinds", "full_interface", "cutoff", "method", "dropped",
+                                                         "port_error", "factorisations")}
     return content
 
 
