@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import BinaryIO, TypeAlias
 
-Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content into an open temporary file
+Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content into an open temporary file, and may read it
+
+
+def content_hash(file: BinaryIO) -> str:
+    """SHA-256 of what an open file holds from its start on."""
+    digest = hashlib.sha256()
+    file.seek(0)
+    while block := file.read(1 << 20):
+        digest.update(block)
+    return digest.hexdigest()
 
 
 def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
@@ -28,7 +38,7 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
             path.parent.mkdir(parents=True, exist_ok=True)
             handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
             waiting.append((temporary, path))
-            with os.fdopen(handle, "wb") as file:
+            with os.fdopen(handle, "w+b") as file:
                 writer(file)
             os.chmod(temporary, 0o666 & ~_umask())
         folder.mkdir(parents=True, exist_ok=True)

@@ -20,16 +20,26 @@ SYMMETRIES = ("general", "symmetric", "skew-symmetric", "hermitian")
 BLOCK = 1 << 22  # bytes that are checked at a time
 
 _DIGIT, _MINUS, _PLUS, _POINT, _EXPONENT, _BLANK, _END, _OTHER = range(8)
-_FOLLOWERS = {_DIGIT: {_DIGIT, _POINT, _EXPONENT, _BLANK, _END}, _MINUS: {_DIGIT, _POINT}, _PLUS: {_DIGIT},
-              _POINT: {_DIGIT, _EXPONENT, _BLANK, _END}, _EXPONENT: {_DIGIT, _MINUS, _PLUS},
-              _BLANK: {_DIGIT, _MINUS, _POINT, _BLANK, _END}, _END: {_DIGIT, _MINUS, _POINT, _BLANK, _END}, _OTHER: set()}
 _KIND = bytes(_DIGIT if byte in b"0123456789" else {b"-"[0]: _MINUS, b"+"[0]: _PLUS, b"."[0]: _POINT, b"e"[0]: _EXPONENT,
               b"E"[0]: _EXPONENT, b" "[0]: _BLANK, b"\t"[0]: _BLANK, b"\n"[0]: _END}.get(byte, _OTHER) for byte in range(256))
-_PAIRS = bytes(8 * first + second for first, followers in _FOLLOWERS.items() for second in followers)
+
+
+def _pairs(followers: dict[int, set[int]]) -> bytes:
+    return bytes(8 * first + second for first, seconds in followers.items() for second in seconds)
+
+
+#: what may follow what
+_NEIGHBOURS = _pairs({
+    _DIGIT: {_DIGIT, _POINT, _EXPONENT, _BLANK, _END}, _MINUS: {_DIGIT, _POINT}, _PLUS: {_DIGIT},
+    _POINT: {_DIGIT, _EXPONENT, _BLANK, _END}, _EXPONENT: {_DIGIT, _MINUS, _PLUS},
+    _BLANK: {_DIGIT, _MINUS, _POINT, _BLANK, _END}, _END: {_DIGIT, _MINUS, _POINT, _BLANK, _END}})
+#: the same in lines without their digits and signs: blanks, then one point at most, then one 'e' at most
+_MARKS = {"real": _pairs({_END: {_END, _BLANK, _POINT, _EXPONENT}, _BLANK: {_END, _BLANK, _POINT, _EXPONENT},
+                          _POINT: {_EXPONENT, _END}, _EXPONENT: {_END}}),
+          "integer": _pairs({_END: {_END, _BLANK}, _BLANK: {_END, _BLANK}})}
 #: 1 where a pair of neighbours begins a word, 2 where it ends the last word of a line
 _EDGES = bytes(1 if pair // 8 in (_BLANK, _END) and pair % 8 in (_DIGIT, _MINUS, _POINT) else
                2 if pair // 8 in (_DIGIT, _POINT) and pair % 8 == _END else 0 for pair in range(256))
-_SKELETON = bytes.maketrans(b"\tE", b" e")
 _REAL, _WHOLE = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", rb"[+-]?\d+"
 
 
@@ -68,6 +78,9 @@ def read_market(path: Path) -> Matrix:
     try:
         found = mmread(path if mended is None else mended)
     except (ValueError, OverflowError) as error:
+        if mended is None:  # name the word, if it is one: a line too short, a point without digits
+            content = path.read_bytes()[header.start:]
+            _line_by_line(path, _without_plus(fortran_mended(_tidy(content))), header, header.lines)
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}; it may be cut short or damaged, write it again") \
             from None
     if not sp.issparse(found):
@@ -109,8 +122,8 @@ def _header(path: Path) -> _Header:
         size = file.seek(0, io.SEEK_END) - start
     sizes = line.split()
     if not re.fullmatch(rb"(\d{1,18} ){3}" if layout == "coordinate" else rb"(\d{1,18} ){2}", b" ".join(sizes) + b" "):
-        raise InputError(f"{path}: line {lines} must tell rows, columns{' and entries' if layout == 'coordinate' else ''}, but is "
-                         f"{line.decode('ascii', 'replace').strip()!r:.100}")
+        told = "rows, columns and entries" if layout == "coordinate" else "rows and columns"
+        raise InputError(f"{path}: line {lines} must tell {told}, but is {line.decode('ascii', 'replace').strip()!r:.100}")
     rows, columns = int(sizes[0]), int(sizes[1])
     if symmetry != "general" and rows != columns:
         raise InputError(f"{path} is {symmetry}, but has {rows} rows and {columns} columns")
@@ -119,15 +132,15 @@ def _header(path: Path) -> _Header:
     else:
         count = rows * columns if symmetry == "general" else rows * (rows + 1) // 2 - (rows if symmetry[:4] == "skew" else 0)
     if count * (6 if layout == "coordinate" else 2) > size:  # '1 1 1' and '1' with the end of the line
-        raise InputError(f"{path} is a Truncated file, cut short: it announces {rows} x {columns} with {count} entries, but only {size} bytes "
-                         "follow; write it again")
+        raise InputError(f"{path} is a Truncated file, cut short: it announces {rows} x {columns} with {count} entries, "
+                         f"but only {size} bytes follow; write it again")
     check_extent(path, (rows, columns), count)
     return _Header(layout, field, symmetry, (rows, columns), count, start, lines)
 
 
 def _checked(path: Path, header: _Header) -> io.BytesIO | None:
     """Checks each word behind the header. None if SciPy can read the file, else it mended, with exponents as SciPy knows them."""
-    found, line, mended = 0, header.lines, None
+    found, mended = 0, None
     with open(path, "rb") as file:
         file.seek(header.start)
         while block := file.read(BLOCK) + file.readline():
@@ -137,7 +150,10 @@ def _checked(path: Path, header: _Header) -> io.BytesIO | None:
                 text = _tidy(_without_plus(fortran_mended(block)))
                 count = _lines_of_numbers(text, header)
                 if count is None:
-                    count = _line_by_line(path, text, header, line)
+                    place = file.tell() - len(block)
+                    file.seek(header.start)
+                    count = _line_by_line(path, text, header, header.lines + file.read(place - header.start).count(b"\n"))
+                    file.seek(place + len(block))
                 if mended is None:
                     place = file.tell()
                     file.seek(0)
@@ -147,7 +163,6 @@ def _checked(path: Path, header: _Header) -> io.BytesIO | None:
             if mended is not None:
                 mended.write(text)
             found += count
-            line += block.count(b"\n")
     if found != header.entries:
         short = "is a Truncated file, cut short" if found < header.entries else "is damaged"
         raise InputError(f"{path} {short}: it announces {header.shape[0]} x {header.shape[1]} with {header.entries} entries, but "
@@ -175,17 +190,21 @@ def _lines_of_numbers(block: bytes, header: _Header) -> int | None:
     """
     if header.field == "complex":
         return None
-    kinds: Array = np.frombuffer((b"\n" + block).translate(_KIND), dtype=np.uint8)
-    pairs = ((kinds[:-1] << 3) | kinds[1:]).tobytes()
-    if pairs.translate(None, _PAIRS):
+    neighbours = _neighbours((b"\n" + block).translate(_KIND))
+    if neighbours.translate(None, _NEIGHBOURS):
         return None
-    edges = pairs.translate(_EDGES)
-    lines = edges.count(b"\2")
-    if edges.count(b"\1") != lines * (3 if header.layout == "coordinate" else 1):
+    edges: Array = np.frombuffer(neighbours.translate(_EDGES), dtype=np.uint8)
+    lines = int(np.count_nonzero(edges == 2))
+    if np.count_nonzero(edges == 1) != lines * (3 if header.layout == "coordinate" else 1):
         return None
-    shape = re.compile(rb" *\.?e?" if header.field == "real" else rb" *")
-    shapes = set(block.translate(_SKELETON, b"0123456789+-").split(b"\n"))
-    return lines if all(shape.fullmatch(one) for one in shapes) else None
+    marks = _neighbours((b"\n" + block).translate(_KIND, b"0123456789+-"))
+    return None if marks.translate(None, _MARKS[header.field]) else lines
+
+
+def _neighbours(kinds: bytes) -> bytes:
+    """One byte for each pair of neighbouring bytes below 8."""
+    numbers: Array = np.frombuffer(kinds, dtype=np.uint8)
+    return ((numbers[:-1] << 3) | numbers[1:]).tobytes()
 
 
 def _line_by_line(path: Path, block: bytes, header: _Header, line: int) -> int:

@@ -85,8 +85,8 @@ def compressed_columns(path: Path, name: str, values: Array, rows: Array, starts
         raise InputError(f"{path}: {name!r} has {min(len(rows), values.size)} of {count} entries; it is damaged or cut short")
     rows, values = rows[:count], values.ravel()[:count]
     if count and not 0 <= rows.min() <= rows.max() < shape[0]:
-        raise InputError(f"{path}: {name!r} has entries in rows {int(rows.min()) + 1} to {int(rows.max()) + 1}, but {shape[0]} rows; "
-                         "it is damaged")
+        raise InputError(f"{path}: {name!r} has entries in rows {int(rows.min()) + 1} to {int(rows.max()) + 1}, but {shape[0]} "
+                         "rows; it is damaged")
     rising = np.diff(rows) > 0
     inner = starts[(starts > 0) & (starts < count)]  # a new column may begin with any row
     rising[inner - 1] = True
@@ -220,7 +220,7 @@ def _array(path: Path, data: memoryview, order: str) -> tuple[str, Matrix] | Non
     is_complex = bool(flags & _COMPLEX)
     wanted = (5 if flags & 0xFF == _SPARSE else 3) + is_complex
     if len(items) != wanted or items[0].kind != 5 or items[1].kind not in (1, 2):
-        raise InputError(f"{path} is damaged: an array has {len(items)} parts instead of {wanted}, or others than size, name, ...")
+        raise InputError(f"{path} is damaged: an array has {len(items)} parts, not {wanted}, or others than size, name, ...")
     dims = _numbers(path, items[0], order).tolist()
     name = bytes(items[1].data).decode("latin-1")
     if len(dims) != 2 or not name:  # MATLAB's own workspace of functions has no name

@@ -13,14 +13,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import InputError, unknown_name
-from femsub.files import Writer, write_whole
-from femsub.matrixfiles import read_matrix
+from femsub.files import Writer, content_hash, write_whole
+from femsub.matrixfiles import read_together
+from femsub.modelindex import HASHES, INDEX, VERSION, read_index
 from femsub.op4files import op4_module
 from femsub.pencil import Matrix
 from femsub.substructure import ReducedSubstructure, Substructure
 from femsub.textmatrices import read_dofs, write_dofs
 
-INDEX = "model.json"  # what a folder of `write_matrices` says of itself
 FORMATS = ("mtx", "npz", "mat", "op4")
 
 
@@ -38,13 +38,14 @@ def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx")
         has M, D, K, V, ports and interface (counted from 1) in model.mat, 'op4' (Nastran) M, D, K, V and ports in model.op4.
 
     Beside them stand model.json (interface from 0, names of ports and their number of columns, the kind of each column
-    of V, cut-off, ...) and, where the model knows it, dofs.csv with node, component, x, y, z of each DOF: of a reduced
-    model those of the rows of V. `read_component(folder)` gives the model back to the last digit.
+    of V, cut-off, a hash of each file, ...) and, where the model knows it, dofs.csv with node, component, x, y, z of each
+    DOF: of a reduced model those of the rows of V. `read_component(folder)` gives the model back to the last digit.
 
     Raises
     ------
     InputError
-        An unknown format, or a folder that cannot be written. Each file is written whole or not at all.
+        An unknown format, or a folder that cannot be written. Each file is written whole or not at all; where the process
+        is killed between two of them, `read_component` refuses the folder, since model.json has the hash of each file.
     MissingPackageError
         'op4' without pyyeti.
     """
@@ -59,7 +60,7 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     if format not in FORMATS:
         raise unknown_name("format", format, FORMATS)
     parts: dict[str, Matrix] = {"M": model.M, "D": model.D, "K": model.K}
-    about: dict[str, Any] = {"femsub": 1, "name": model.name, "interface": model.interface.tolist(),
+    about: dict[str, Any] = {"femsub": VERSION, "name": model.name, "interface": model.interface.tolist(),
                              "ports": {port: 0 if w.ndim == 1 else w.shape[1] for port, w in model.ports.items()}}
     dofs = model.dofs
     if isinstance(model, ReducedSubstructure):
@@ -67,7 +68,8 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
         about["reduced"] = {"interface": model.full_interface.tolist(), "kinds": model.kinds, "method": model.method,
                             "dropped": model.dropped,
                             "cutoff": None if np.isinf(model.cutoff) else model.cutoff,
-                            "port_error": {port: float(error) for port, error in model.port_error.items()},
+                            "port_error": {port: float(error) if np.isfinite(error) else None
+                                           for port, error in model.port_error.items()},
                             "factorisations": model.factorisations}
     if model.ports:
         parts["ports"] = np.column_stack(list(model.ports.values()))
@@ -85,9 +87,22 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     if dofs is not None:
         about["dofs"], known = "dofs.csv", dofs
         writers["dofs.csv"] = lambda file: write_dofs(file, known)
-    text = json.dumps(about, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    writers[INDEX] = lambda file: file.write(text.encode())
-    return writers
+    hashes: dict[str, str] = {}
+
+    def write_index(file: BinaryIO) -> None:  # the last: it tells which files belong together
+        text = json.dumps(about | {HASHES: hashes}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        file.write(text.encode())
+
+    return {name: _hashed(name, writer, hashes) for name, writer in writers.items()} | {INDEX: write_index}
+
+
+def _hashed(name: str, writer: Writer, hashes: dict[str, str]) -> Writer:
+    """The writer, which also notes the hash of what it wrote."""
+    def write(file: BinaryIO) -> None:
+        writer(file)
+        hashes[name] = content_hash(file)
+
+    return write
 
 
 def _single_writer(part: Matrix, file_name: str) -> Writer:
@@ -130,26 +145,67 @@ def _op4_writer(parts: Mapping[str, Matrix]) -> Writer:
 
 
 def read_model(folder: Path) -> Substructure:
-    """What `write_matrices` wrote into a folder; no such folder, or a damaged one, is an InputError."""
+    """What `write_matrices` wrote into a folder, to the last digit.
+
+    ===================  =======================================================================================
+    it reads             folders of this version, in each of the four formats, full and reduced models
+    it refuses           a file that is not the one model.json was written with (each has its hash there): damaged,
+                         changed, or of another model, as a write that was killed leaves it; a file outside the
+                         folder; entries of model.json that are missing, of another kind, or do not fit the
+                         matrices; another version, or one without hashes
+    it cannot know       whether an entry of model.json itself was changed to another possible one
+    ===================  =======================================================================================
+
+    Raises
+    ------
+    InputError
+        See the table; no such folder.
+    """
     path = folder / INDEX
     if not path.is_file():
         raise InputError(f"K is missing: name its file (and {folder} is no folder of write_matrices: it holds no {INDEX})")
-    try:
-        about = json.loads(path.read_text(encoding="utf-8"))
-        files, widths, reduced = about["files"], about["ports"], about.get("reduced")
-        part = {key: read_matrix(folder / file) for key, file in files.items()}
-        found = read_dofs(folder / about["dofs"], tuple(about["labels"])) if "dofs" in about else None
-        columns, start = {}, 0
-        for port, width in widths.items():
-            columns[port] = part["ports"][:, start] if width == 0 else part["ports"][:, start:start + width]
-            start += max(width, 1)
-        if reduced is None:
-            return Substructure(part["M"], part["K"], part["D"], about["interface"], columns, about["name"], found)
-        return ReducedSubstructure(
-            part["M"], part["K"], part["D"], columns, about["name"], V=np.array(part["V"]), kinds=reduced["kinds"],
-            full_interface=np.array(reduced["interface"], dtype=np.intp),
-            cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"],
-            dropped=reduced["dropped"], port_error=reduced["port_error"], factorisations=reduced["factorisations"],
-            full_dofs=found)
-    except (KeyError, TypeError, IndexError, json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is damaged ({type(error).__name__}: {error}); write the model again") from None
+    about = read_index(path)
+    part = _matrices(folder, about["files"])
+    found = read_dofs(folder / about["dofs"], tuple(about["labels"])) if "dofs" in about else None
+    columns, start, width = {}, 0, sum(max(width, 1) for width in about["ports"].values())
+    if width and part["ports"].shape[1] != width:
+        raise InputError(f"{path} is damaged: its ports have {width} columns, but there are {part['ports'].shape[1]}")
+    for port, width in about["ports"].items():
+        columns[port] = part["ports"][:, start] if width == 0 else part["ports"][:, start:start + width]
+        start += max(width, 1)
+    reduced = about.get("reduced")
+    if reduced is None:
+        return Substructure(part["M"], part["K"], part["D"], about["interface"], columns, about["name"], found)
+    V = np.array(part["V"])
+    interface = np.array(reduced["interface"], dtype=np.intp)
+    if V.shape[1] != part["M"].shape[0] or len(reduced["kinds"]) != V.shape[1] or (found and found.size != V.shape[0]):
+        raise InputError(f"{path} is damaged: V is {V.shape[0]} x {V.shape[1]}, but M has {part['M'].shape[0]} rows, "
+                         f"{len(reduced['kinds'])} kinds are listed"
+                         + (f", and the DOF map has {found.size}" if found else "") + "; write the model again")
+    if interface.max(initial=-1) >= V.shape[0] or len(set(reduced["interface"])) < len(interface) \
+            or not set(reduced["port_error"]) <= set(columns):
+        raise InputError(f"{path} is damaged: its interface or its errors of ports are not the model's; write the model again")
+    model = ReducedSubstructure(
+        part["M"], part["K"], part["D"], columns, about["name"], V=V, kinds=reduced["kinds"], full_interface=interface,
+        cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"], dropped=reduced["dropped"],
+        port_error={port: np.inf if error is None else error for port, error in reduced["port_error"].items()},
+        factorisations=reduced["factorisations"], full_dofs=found)
+    if model.interface.tolist() != about["interface"]:
+        raise InputError(f"{path} is damaged: its interface {about['interface']} is not that of V; write the model again")
+    return model
+
+
+def _matrices(folder: Path, places: Mapping[str, str]) -> dict[str, Matrix]:
+    """Each file is read once; V and ports are tables of real, finite numbers."""
+    files: dict[str, dict[str, str | None]] = {}
+    for key, place in places.items():
+        file, _, name = place.partition(":")
+        files.setdefault(file, {})[key] = name or None
+    part: dict[str, Matrix] = {}
+    for file, names in files.items():
+        part |= dict(zip(names, read_together(folder / file, names.values()), strict=True))
+    for key in part.keys() & {"V", "ports"}:
+        table = part[key]
+        if sp.issparse(table) or table.ndim != 2 or table.dtype.kind not in "biuf" or not np.isfinite(table).all():
+            raise InputError(f"{folder / places[key]} is no table of finite numbers for {key}; write the model again")
+    return part

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,82 @@ def read_component(path: Path) -> Any:
     return content
 
 
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:\d+\.\d*|\.\d+)[+-]\d{3}", re.ASCII)
+WHOLE = re.compile(r"[+-]?\d+", re.ASCII)
+
+
+def _value(word: str) -> float:
+    if not NUMBER.fullmatch(word):
+        raise ValueError(word)
+    value = float(re.sub(r"(?<=[\d.])([+-]\d{3})$", r"e\1", re.sub("[dD]", "e", word)))
+    if not math.isfinite(value):
+        raise ValueError(word)
+    return value
+
+
+def _entries(lines: list[list[str]], shape: tuple[int, int], mirror: float) -> Any:
+    """A sparse matrix of [row, column, value]; mirror is the factor of the other triangle, 0 for none."""
+    dense, seen = {}, set()
+    for words in lines:
+        row, column, value = int(words[0]), int(words[1]), _value(words[2])
+        places = {(row, column): value} if not mirror or row == column else {(row, column): value, (column, row): mirror * value}
+        if seen & set(places) or not (1 <= row <= shape[0] and 1 <= column <= shape[1]):
+            raise ValueError(words)
+        seen |= set(places)
+        dense |= places
+    rows, columns = (np.array([place[axis] - 1 for place in dense], dtype=int) for axis in (0, 1))
+    return sp.csr_array((np.array(list(dense.values()), dtype=float), (rows, columns)), shape=shape)
+
+
+def honest_market(path: Path) -> Any:
+    """What a Matrix Market file says, word by word; None if it says nothing."""
+    try:
+        first, *rest = path.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n").split("\n")
+        words = first.lower().split()
+        kind, field, symmetry = words[2:]
+        mirror = {"general": 0, "symmetric": 1, "hermitian": 1, "skew-symmetric": -1}[symmetry]
+        if words[:2] != ["%%matrixmarket", "matrix"] or field not in ("real", "integer"):
+            return None
+        while rest[0].startswith("%") or not rest[0].split():
+            rest.pop(0)
+        sizes = [int(word) for word in rest.pop(0).split() if WHOLE.fullmatch(word) or int("x")]
+        lines = [line.split() for line in rest if line.split()]
+        if field == "integer" and not all(WHOLE.fullmatch(words[-1]) for words in lines):
+            return None
+        if (mirror and sizes[0] != sizes[1]) or {len(words) for words in lines} != {3 if kind == "coordinate" else 1}:
+            return None
+        if kind == "coordinate":
+            if len(lines) != sizes[2] or not all(WHOLE.fullmatch(word) for words in lines for word in words[:2]):
+                return None
+            found = _entries(lines, (sizes[0], sizes[1]), mirror)
+            return None if mirror < 0 and found.diagonal().any() else found
+        places = [(row + 1, column + 1) for column in range(sizes[1]) for row in
+                  range(0 if not mirror else column + (mirror < 0), sizes[0])]
+        whole = [[str(row), str(column), *words] for (row, column), words in zip(places, lines, strict=True)]
+        return _entries(whole, (sizes[0], sizes[1]), mirror).toarray() if kind == "array" else None
+    except (ValueError, KeyError, IndexError):
+        return None
+
+
+def honest_text(path: Path) -> Any:
+    """What a file of Abaqus or CalculiX says, of one triangle or both; None if it says nothing."""
+    try:
+        text = path.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
+        lines = [re.split(r"\s*,\s*|\s+", line.strip()) for line in text.split("\n") if line.split() and line[:2] != "**"]
+        names: list[Any] = [[(_value(a), _value(b)) for a, b in zip(words[:-1:2], words[1:-1:2], strict=True)] if len(words) == 5
+                            else [_value(words[0]), _value(words[1])] for words in lines]
+        order = sorted({name for pair in names for name in pair})
+        if len(lines[0]) == 3:
+            order = list(range(1, int(max(order)) + 1))
+        place = {name: str(number) for number, name in enumerate(order, 1)}
+        whole = [[place[row], place[column], words[-1]] for (row, column), words in zip(names, lines, strict=True)]
+        one = _entries(whole, (len(order), len(order)), 0)
+        pairs = {(row, column) for row, column, _ in whole if row != column}
+        return one if pairs and all((column, row) in pairs for row, column in pairs) else _entries(whole, one.shape, 1)
+    except (ValueError, KeyError, IndexError):
+        return None
+
+
 def model() -> fs.Substructure:
     """24 DOF with unsymmetric D, two ports, names and places of its DOF."""
     n, rng = 24, np.random.default_rng(3)
@@ -49,6 +127,7 @@ def subjects(folder: Path) -> list[Subject]:
     assert dofs is not None
     read, words = "fuzz_matrices:read_matrix", (b"%%MatrixMarket", b"matrix", b"coordinate", b"array", b"real", b"complex",
                                                 b"integer", b"pattern", b"general", b"symmetric", b"skew-symmetric", b"hermitian")
+    market = {"vocabulary": words, "header": 60, "honest": honest_market}
     made = []
 
     def add(name: str, file: str, **how: Any) -> Path:
@@ -57,10 +136,10 @@ def subjects(folder: Path) -> list[Subject]:
         made.append(Subject(name, path, **{"reader": read, **how}))
         return path
 
-    scipy.io.mmwrite(add("mtx", "a/K.mtx", vocabulary=words, header=60), K, precision=17, symmetry="general")
-    scipy.io.mmwrite(add("mtx-symmetric", "b/K.mtx", vocabulary=words, header=60), K, precision=17, symmetry="symmetric")
-    scipy.io.mmwrite(add("mtx-array", "c/K.mtx", vocabulary=words, header=60), K.toarray(), precision=17)
-    scipy.io.mmwrite(add("mtx-integer", "d/K.mtx", vocabulary=words, header=60), sp.coo_array((10 * K).astype(int)))
+    scipy.io.mmwrite(add("mtx", "a/K.mtx", **market), K, precision=17, symmetry="general")
+    scipy.io.mmwrite(add("mtx-symmetric", "b/K.mtx", **market), K, precision=17, symmetry="symmetric")
+    scipy.io.mmwrite(add("mtx-array", "c/K.mtx", **market), K.toarray(), precision=17)
+    scipy.io.mmwrite(add("mtx-integer", "d/K.mtx", **market), sp.coo_array((10 * K).astype(int)))
     binary = {"text": False, "strict": frozenset({"cut"})}
     sums = {"text": False, "strict": frozenset({"cut", "bytes", "bits"})}
     sp.save_npz(add("npz", "e/K.npz", **sums), K)
@@ -73,8 +152,8 @@ def subjects(folder: Path) -> list[Subject]:
         scipy.io.savemat(add(f"{name}-4", f"h/{name}-4.mat", **binary), {"K": content}, format="4")
     scipy.io.savemat(add("mat-mixed", "h/mixed.mat", **binary), {"K": K, "text": "hello", "s": {"a": 1.0, "b": [1, 2]},
                                                                  "c": np.array(["x", "yz"], dtype=object)})
-    abaqus(add("abaqus", "j/K.mtx"), K, dofs)
-    numbered(add("calculix", "j/K.sti"), K, sp.triu, "%20.13e")
+    abaqus(add("abaqus", "j/K.mtx", honest=honest_text), K, dofs)
+    numbered(add("calculix", "j/K.sti", honest=honest_text), K, sp.triu, "%20.13e")
     try:
         from pyyeti.nastran import op4
 
