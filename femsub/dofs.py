@@ -59,7 +59,8 @@ class DofMap:
         twice = ordered[1:][ordered[1:] == ordered[:-1]]
         if len(twice):
             raise InputError(f"DOF map: {labels[int(twice[0] % len(labels))]} at node {twice[0] // len(labels)} is listed twice")
-        for key, value in (("nodes", numbers.astype(np.int64)), ("components", kinds.astype(np.int8 if len(labels) < 128 else np.int32)),
+        small = np.int8 if len(labels) <= np.iinfo(np.int8).max else np.int32
+        for key, value in (("nodes", numbers.astype(np.int64)), ("components", kinds.astype(small)),
                            ("labels", tuple(labels)), ("points", where)):
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False

@@ -45,18 +45,19 @@ def read_badly(path: Path) -> object:
 def test_the_harness_finds_each_kind_of_fault(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("1 2 3\n4 5 6\n")
     subject = Subject("bad", tmp_path / "a.txt", "test_fuzz_matrices:read_badly")
-    report = fuzz([subject], count=150, seed=2, folder=tmp_path / "damaged", seconds=1)
+    report = fuzz([subject], count=100, seed=2, folder=tmp_path / "damaged", seconds=0.5)
     assert {"raised", "crash", "memory", "hang", "wrong content", "refused"} <= set(report.counts["bad"])
     kept = list((tmp_path / "damaged").glob("bad-*"))
-    assert len(kept) == len(report.findings) == report.total - sum(report.counts["bad"][key] for key in ("refused", "same", "other"))
+    fine = sum(report.counts["bad"][key] for key in ("refused", "same", "other"))
+    assert len(kept) == len(report.findings) == report.total - fine
 
 
-@pytest.mark.parametrize(("what", "count"), [("write", 40), ("run", 12)])
+@pytest.mark.parametrize(("what", "count"), [("write", 30), ("run", 10)])
 def test_killed_while_it_writes(tmp_path: Path, what: str, count: int) -> None:
     """What is read back is one model or the other, or refused."""
     script = Path(__file__).with_name("killing.py")
-    done = subprocess.run([sys.executable, str(script), what, str(tmp_path / "out"), str(count), "1"], capture_output=True, text=True,
-                          check=False)
+    done = subprocess.run([sys.executable, str(script), what, str(tmp_path / "out"), str(count), "1"], capture_output=True,
+                          text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert sum(found.values()) == count and {"model 0", "model 1"} <= set(found) <= {"model 0", "model 1", "refused"}
