@@ -25,7 +25,7 @@ HDF = b"\x89HDF\r\n"
 _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
 _SPARSE, _MATRIX, _PACKED = 5, 14, 15
-_COMPLEX = 0x0800  # in the flags of an array
+_COMPLEX, _LOGICAL = 0x0800, 0x0200  # in the flags of an array
 _OLD = ("f8", "f4", "i4", "i2", "u2", "u1")  # number types of version 4
 
 
@@ -219,7 +219,7 @@ def _array(path: Path, data: memoryview, order: str) -> tuple[str, Matrix] | Non
         items.append(item)
     is_complex = bool(flags & _COMPLEX)
     wanted = (5 if flags & 0xFF == _SPARSE else 3) + is_complex
-    if len(items) != wanted or items[0].kind != 5 or items[1].kind not in (1, 2):
+    if len(items) != wanted or items[0].kind not in (5, 6) or items[1].kind not in (1, 2, 16):
         raise InputError(f"{path} is damaged: an array has {len(items)} parts, not {wanted}, or others than size, name, ...")
     dims = _numbers(path, items[0], order).tolist()
     name = bytes(items[1].data).decode("latin-1")
@@ -228,7 +228,10 @@ def _array(path: Path, data: memoryview, order: str) -> tuple[str, Matrix] | Non
     if min(dims) < 0:
         raise InputError(f"{path} is damaged: {name!r} has the size {dims[0]} x {dims[1]}")
     shape = int(dims[0]), int(dims[1])
-    values = _numbers(path, items[-1 - is_complex], order)
+    first = items[-1 - is_complex]
+    if flags & 0xFF == _SPARSE and flags & _LOGICAL and first.kind == 9:  # MATLAB calls them doubles, and writes bytes
+        first = first._replace(kind=2)
+    values = _numbers(path, first, order)
     if is_complex:
         imaginary = _numbers(path, items[-1], order)
         if len(imaginary) != len(values):

@@ -97,6 +97,8 @@ def honest_text(path: Path) -> Any:
     try:
         text = path.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
         lines = [re.split(r"\s*,\s*|\s+", line.strip()) for line in text.split("\n") if line.split() and line[:2] != "**"]
+        if {len(words) for words in lines} not in ({3}, {5}):
+            return None
         names: list[Any] = [[(_value(a), _value(b)) for a, b in zip(words[:-1:2], words[1:-1:2], strict=True)] if len(words) == 5
                             else [_value(words[0]), _value(words[1])] for words in lines]
         order = sorted({name for pair in names for name in pair})

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import struct
 import subprocess
 import sys
+import warnings
 import zipfile
 import zlib
 from pathlib import Path
@@ -271,6 +273,30 @@ def test_matlab_7_3_with_wrong_indices(tmp_path: Path) -> None:
                 group[name] = part if name == "data" else np.array(part, np.uint64)
         with pytest.raises(fs.InputError, match=r"K\.mat"):
             fs.read_matrix(tmp_path / "K.mat")
+
+
+def matlabs_own() -> list[Path]:
+    """What MATLAB itself wrote, of every version, in SciPy's tests (which not every package of it brings along)."""
+    return sorted((Path(scipy.io.__file__).parent / "matlab" / "tests" / "data").glob("*.mat"))
+
+
+@pytest.mark.parametrize("path", matlabs_own(), ids=lambda path: path.name)
+def test_files_of_matlab_itself(path: Path) -> None:
+    """Where SciPy reads a file, the same numbers; where it refuses one, nothing but a refusal or what h5py reads."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            content = scipy.io.loadmat(path)
+        except Exception:
+            content = {}
+    wanted = {name: value for name, value in content.items() if not name.startswith("__") and (
+        sp.issparse(value) or (isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "biufc"))}
+    for name, value in wanted.items():
+        read, value = (part.toarray() if sp.issparse(part) else part for part in (fs.read_matrix(path, name), value))
+        assert np.array_equal(read, value, equal_nan=True)
+    if not wanted:
+        with contextlib.suppress(fs.FemsubError):
+            fs.read_matrix(path)
 
 
 # --- OP4 ------------------------------------------------------------------------------------------------------------------
