@@ -35,7 +35,8 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
 
     ==============  ==========================================================================================================
     reads           what meshio reads: VTU, VTK, MED, XDMF, SU2, Ansys .msh, Medit, ...
-    refuses         VTK and SU2 with more or fewer points or cells than their headers say, or sizes beyond the file's own;
+    refuses         VTU, VTK and SU2 with more or fewer points or cells than their headers say, or sizes beyond the file's own;
+                    in their text, and XDMF's, what begins as a number and is none;
                     VTU in several pieces; SU2 with lines that do not belong, or a last line that does not end; Ansys files
                     without an end
     cannot know     for the other formats, what meshio does not check; whether arrays are missing at a cut file's end
@@ -47,8 +48,8 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
         What is refused, or what meshio says.
     """
     suffix = path.suffix.lower()
-    raw = path.read_bytes() if suffix in (".vtk", ".su2", ".vtu") else b""
-    points, cells = {".vtk": _vtk, ".su2": _su2, ".vtu": _vtu}.get(suffix, _nothing)(path, raw)
+    raw = path.read_bytes() if suffix in (".vtk", ".su2", ".vtu", ".xdmf", ".xmf") else b""
+    points, cells = {".vtk": _vtk, ".su2": _su2, ".vtu": _xml, ".xdmf": _xml, ".xmf": _xml}.get(suffix, _nothing)(path, raw)
     what = f"{path} cannot be read as a mesh"
     if suffix == ".msh" and _is_ansys(path):
         with _Ending(io.FileIO(path)) as file:
@@ -112,6 +113,7 @@ def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
     """Points and cells that the header of a legacy VTK file promises; no size in it may be beyond the file's."""
     if b"ASCII" in [line.strip().upper() for line in raw.split(b"\n", 3)[2:3]]:
         _ended(path, raw)
+        _all_numbers(path, raw[raw.find(b"\nDATASET"):])
     counts: dict[bytes, int] = {}
     for match in _VTK_COUNTS.finditer(raw):
         numbers = [int(word) for word in match[0].split()[1:] if word.isdigit()]
@@ -122,6 +124,11 @@ def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
                              "or damaged?")
         counts.setdefault(key, numbers[0] if numbers else -1)
     return counts.get(b"POINTS"), counts.get(b"CELL_TYPES")
+
+
+#: begins as a number, but is none
+_NO_NUMBER = re.compile(rb"(?<!\S)(?=[+\-.]?[+\-.\d])(?![+-]?[nNiI])(?![+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?!\S))\S+"
+                        rb"|(?<!\S)(?:[+\-.?#](?!\S)|[\x80-\xff]\S*)")
 
 
 def _ended(path: Path, raw: bytes) -> None:
@@ -136,13 +143,25 @@ def _su2(path: Path, raw: bytes) -> tuple[int | None, int | None]:
         if int(count) > len(raw):
             raise InputError(f"{path} says {key.decode()}= {int(count)}, but has {len(raw)} bytes: is it cut short or damaged?")
     _ended(path, raw)
+    _all_numbers(path, raw)
     if len(re.findall(rb"^[ \t]*MARKER_TAG", raw, flags=re.MULTILINE)) != sum(
             int(count) for count in re.findall(rb"^[ \t]*NMARK[ \t]*=[ \t]*(\d{1,9})", raw, flags=re.MULTILINE)):
         raise InputError(f"{path} has another number of markers than NMARK says: is it cut short or damaged?")
     return sum(sizes[b"NPOIN"]) if b"NPOIN" in sizes else None, sum(sizes.get(b"NELEM", [0]) + sizes.get(b"MARKER_ELEMS", []))
 
 
-def _vtu(path: Path, raw: bytes) -> tuple[int | None, int | None]:
+def _all_numbers(path: Path, data: bytes) -> None:
+    """NumPy takes 1 for 1e and 0 for 0x10, and drops what is behind: whatever begins as a number must be one."""
+    for word in _NO_NUMBER.finditer(data):
+        line = data[data.rfind(b"\n", 0, word.start()) + 1:(data.find(b"\n", word.start()) + 1 or len(data) + 1) - 1].strip()
+        if not re.match(rb"[a-zA-Z%]|\S+ \d+ \d+ [a-zA-Z]", line):  # a keyword or the name of an array
+            raise InputError(f"{path} has {word[0].decode('latin-1'):.30} where a number belongs")
+
+
+def _xml(path: Path, raw: bytes) -> tuple[int | None, int | None]:
+    for head, data in re.findall(rb"<Data(?:Array|Item)\b([^>]*)>([^<]*)", raw):
+        if re.search(rb'format="(ascii|xml)"', head, flags=re.IGNORECASE):
+            _all_numbers(path, data)
     if raw.count(b"<Piece ") > 1:
         raise InputError(f"{path} holds several pieces, of which meshio keeps one: merge them (ParaView: Merge Blocks)")
     piece = re.search(rb"<Piece [^>]*>", raw)

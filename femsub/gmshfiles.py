@@ -1,4 +1,4 @@
-"""Gmsh's .msh of versions 2 and 4.1, in text and in binary: nodes, elements and physical groups, each counted.
+"""Gmsh's .msh of versions 2 and 4, in text and in binary: nodes, elements and physical groups, each counted.
 
 meshio reads these too, but keeps one physical group of an entity that has several without names, takes UTF-8 only, and believes
 whatever the file says of its sizes.
@@ -17,7 +17,7 @@ from femsub.gmshstore import Found, Numbers
 from femsub.pencil import Array
 
 BODIES = ("point", "line", "surface", "volume")
-VERSIONS = ("2", "2.0", "2.1", "2.2", "4", "4.1")
+VERSIONS = ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1")
 #: Gmsh's number of a kind: its name, nodes and dimension
 _KINDS = {15: ("vertex", 1, 0), 1: ("line", 2, 1), 8: ("line3", 3, 1), 2: ("triangle", 3, 2), 9: ("triangle6", 6, 2),
           3: ("quad", 4, 2), 16: ("quad8", 8, 2), 10: ("quad9", 9, 2), 4: ("tetra", 4, 3), 11: ("tetra10", 10, 3),
@@ -29,19 +29,17 @@ _ORDER = {"tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8], "hexahedron20": _HEXA, "hex
 
 
 def is_gmsh(path: Path) -> bool:
-    """Whether a .msh is Gmsh's, of a version that is read here."""
+    """Whether a .msh is Gmsh's: Ansys has others of that name."""
     with path.open("rb") as file:
-        head = file.read(4096)
-    version = re.search(rb"\$MeshFormat\s+(\S+)", head)
-    return version is not None and version[1].decode("latin-1") in VERSIONS
+        return b"$MeshFormat" in file.read(4096)
 
 
 def read_gmsh(path: Path) -> tuple[Any, list[str]]:
     """A meshio.Mesh with the physical groups as `cell_sets`: by name, or by dimension and tag (surface-8).
 
     ==============  ==========================================================================================================
-    reads           versions 2.0 to 2.2 and 4.1, text and binary; elements up to second order; any number of physical groups of
-                    an entity; names in UTF-8 or Latin-1; node and element data that `write_mesh` wrote
+    reads           versions 2.0 to 2.2, 4.0 and 4.1, text and binary; elements up to second order; any number of physical
+                    groups of an entity; names in UTF-8 or Latin-1; node and element data that `write_mesh` wrote
     refuses         sections that do not end or hold less or more than they say; nodes given twice, or not at all; partitioned
                     meshes; elements of third order and above; another byte order
     cannot know     whether whole sections are missing at the end (Gmsh's own files end with $Elements)
@@ -84,7 +82,10 @@ def _format(found: Found, section: str, raw: bytes, start: int) -> int:
     words = raw[start:max(end, start)].split()
     if len(words) < 3 or words[1] not in (b"0", b"1") or words[2] not in (b"4", b"8"):
         raise found.wrong(f"its format is {b' '.join(words)!r}")
-    found.version, found.binary, found.words = words[0].decode("latin-1")[0], words[1] == b"1", f"<u{words[2].decode()}"
+    found.version = words[0].decode("latin-1")
+    if found.version not in VERSIONS:
+        raise found.wrong(f"version {found.version} is not read; {', '.join(VERSIONS)} are")
+    found.binary, found.words = words[1] == b"1", f"<u{words[2].decode()}"
     if found.binary and raw[end + 1:end + 5] != b"\x01\0\0\0":
         raise found.wrong("its binary numbers are in another byte order")
     return _skipped(found, section, raw, end)
@@ -114,7 +115,7 @@ def _entities(found: Found, section: str, raw: bytes, start: int) -> int:
     for dimension, count in enumerate(numbers.take("n", 4).tolist()):
         for _ in range(count):
             tag = numbers.one("i")
-            numbers.take("d", 3 if dimension == 0 else 6)  # where it is
+            numbers.take("d", 3 if dimension == 0 and found.version != "4.0" else 6)  # where it is
             found.entities[dimension, tag] = np.abs(numbers.take("i", numbers.one("n"))).tolist()
             if dimension:
                 numbers.take("i", numbers.one("n"))  # what bounds it
@@ -122,7 +123,7 @@ def _entities(found: Found, section: str, raw: bytes, start: int) -> int:
 
 
 def _nodes(found: Found, section: str, raw: bytes, start: int) -> int:
-    if found.version == "2":
+    if found.version[0] == "2":
         numbers, count = _counted(found, section, raw, start, float)
         if found.binary:
             rows = numbers.records([("tag", "<i4"), ("x", "<f8", (3,))], count)
@@ -134,11 +135,16 @@ def _nodes(found: Found, section: str, raw: bytes, start: int) -> int:
                 raise found.wrong("a node's number is not whole")
         return numbers.done()
     numbers = Numbers(found, section, raw, start)
-    blocks, total, _, _ = numbers.take("n", 4).tolist()
+    blocks, total = numbers.take("n", 2 if found.version == "4.0" else 4)[:2].tolist()
     tags, points = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for _ in range(blocks):
         dimension, _, parametric = numbers.take("i", 3).tolist()
         count = numbers.one("n")
+        if found.version == "4.0":
+            rows = numbers.records([("tag", "<i4"), ("x", "<f8", (3,))], count) if found.binary else numbers.take("d", 4 * count)
+            tags.append((rows["tag"] if found.binary else rows[::4]).astype(np.int64))
+            points.append(rows["x"] if found.binary else rows.reshape(count, 4)[:, 1:])
+            continue
         tags.append(numbers.take("n", count))
         width = 3 + (min(max(dimension, 0), 3) if parametric else 0)
         points.append(numbers.take("d", width * count).reshape(count, width)[:, :3])
@@ -161,16 +167,18 @@ def _counted(found: Found, section: str, raw: bytes, start: int, kind: type) -> 
 
 
 def _elements(found: Found, section: str, raw: bytes, start: int) -> int:
-    if found.version == "2":
+    if found.version[0] == "2":
         numbers, total = _counted(found, section, raw, start, np.int64)
         found.blocks = list(_runs_binary(found, numbers, total) if found.binary else _runs(found, numbers, total))
     else:
         numbers = Numbers(found, section, raw, start, np.int64)
-        blocks, total, _, _ = numbers.take("n", 4).tolist()
+        early = found.version == "4.0"
+        blocks, total = numbers.take("n", 2 if early else 4)[:2].tolist()
         for _ in range(blocks):
             dimension, tag, kind = numbers.take("i", 3).tolist()
+            dimension, tag = (tag, dimension) if early else (dimension, tag)
             count, size = numbers.one("n"), _size(found, kind)
-            table = numbers.take("n", count * (1 + size)).reshape(count, 1 + size)
+            table = numbers.take("i" if early else "n", count * (1 + size)).reshape(count, 1 + size)
             if dimension != _KINDS[kind][2]:
                 raise found.wrong(f"a {_KINDS[kind][0]} belongs to an entity of dimension {dimension}")
             if found.entities and (dimension, tag) not in found.entities:

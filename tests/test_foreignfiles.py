@@ -84,6 +84,8 @@ def test_cut_files_of_ansys_end(tmp_path: Path) -> None:
     ("vtk42", ".vtk", "CELLS 2 18", "CELLS 2 9", ""),
     ("vtk42", ".vtk", "CELL_TYPES 2", "CELL_TYPES 1", ""),
     ("vtk42", ".vtk", "POINTS 12", "POINTS 99999999999", "says POINTS 99999999999 double, but has"),
+    ("vtk42", ".vtk", "POINTS 12 double\n0.0 ", "POINTS 12 double\n1e ", "has 1e where a number belongs"),
+    ("su2", ".su2", "NELEM= 2\n12 0", "NELEM= 2\n12 0x10", "has 0x10 where a number belongs"),
     ("vtu", ".vtu", 'NumberOfCells="2"', 'NumberOfCells="3"', ""),
     ("vtu", ".vtu", 'NumberOfPoints="12"', 'NumberOfPoints="13"', ""),
 ])

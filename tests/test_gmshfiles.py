@@ -89,13 +89,13 @@ def test_version_2(tmp_path: Path) -> None:
     assert mesh.nodes("surface-7").tolist() == [0, 1, 2] and mesh.repairs == ()
 
 
-@pytest.mark.parametrize("form", ["gmsh22", "gmsh"])
+@pytest.mark.parametrize("form", ["2.2", "4.0", "4.1"])
 @pytest.mark.parametrize("binary", [False, True])
 @pytest.mark.parametrize("kind", ["hexahedron", "hexahedron20", "hexahedron27", "tetra", "tetra10"])
 def test_what_meshio_writes(kind: str, binary: bool, form: str, tmp_path: Path) -> None:
     mesh = fs.annulus(1.0, 3.0, 0.5, (2, 8, 1), kind)
     path = tmp_path / "m.msh"
-    meshio.write(path, meshio.Mesh(mesh.points, [(kind, mesh.cells)]), file_format=form, binary=binary)
+    meshio.gmsh.write(path, meshio.Mesh(mesh.points, [(kind, mesh.cells)]), fmt_version=form, binary=binary)
     back = fs.read_mesh(path)
     assert np.array_equal(back.cells, mesh.cells) and np.allclose(back.points, mesh.points, rtol=1e-15, atol=1e-15)
 
