@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from femsub.errors import InputError, unknown_name
 from femsub.pencil import Array
 
+LARGEST = 10 ** 15  # node numbers are below: together with a motion they are one integer
 TRANSLATIONS = ("ux", "uy", "uz")
 
 
@@ -32,7 +34,8 @@ class DofMap:
     Raises
     ------
     InputError
-        Lengths that do not fit, a component without a label, the same motion of the same node twice.
+        Lengths that do not fit, a component without a label, the same motion of the same node twice, a node number of more
+        than 15 digits, points that are no finite real numbers.
     """
 
     nodes: Array
@@ -51,9 +54,9 @@ class DofMap:
         if len(kinds) and not 0 <= kinds.min() <= kinds.max() < len(labels):
             raise InputError(f"components must be 0 to {len(labels) - 1}, one for each of {', '.join(labels)}, but one is "
                              f"{kinds[(kinds < 0) | (kinds >= len(labels))][0]}")
-        where = None if points is None else np.asarray(points, dtype=float)
-        if where is not None and (where.ndim != 2 or len(where) != len(numbers)):
-            raise InputError(f"points must have {len(numbers)} rows, one per DOF, but their shape is {where.shape}")
+        if len(numbers) and max(-int(numbers.min()), int(numbers.max())) >= LARGEST:
+            raise InputError(f"nodes of a DOF map must be below {LARGEST:.0e}, but run from {numbers.min()} to {numbers.max()}")
+        where = None if points is None else _places(points, len(numbers))
         pairs = numbers.astype(np.int64) * len(labels) + kinds
         ordered = np.sort(pairs)
         twice = ordered[1:][ordered[1:] == ordered[:-1]]
@@ -99,3 +102,17 @@ class DofMap:
     def _sorted(self) -> tuple[Array, Array]:
         order = np.argsort(self.nodes, kind="stable")
         return self.nodes[order], order
+
+
+def _places(points: Any, count: int) -> Array:
+    try:
+        raw = np.asarray(points)
+        found: Array = np.array(raw, dtype=float) if raw.dtype.kind in "biuf" else np.full(raw.shape, np.nan)
+    except (TypeError, ValueError):
+        raise InputError("points must be a table of coordinates with one row per DOF") from None
+    if found.ndim != 2 or len(found) != count:
+        raise InputError(f"points must have {count} rows, one per DOF, but their shape is {found.shape}")
+    if not np.isfinite(found).all():
+        raise InputError(f"points must be finite real numbers, but those of DOF {int(np.argmin(np.isfinite(found).all(axis=1)))} "
+                         "(counted from 0) are not")
+    return found

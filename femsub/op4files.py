@@ -17,6 +17,7 @@ from femsub.errors import InputError, MissingPackageError
 from femsub.pencil import Matrix
 from femsub.textmatrices import check_extent
 
+_INTEGER = re.compile(rb" *-?\d+ *")
 BIG = 65536  # rows from which the sparse format is the one for big matrices
 
 
@@ -189,7 +190,7 @@ def _numbered(file: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
 
 
 def _integer(path: Path, number: int, cell: bytes) -> int:
-    if not re.fullmatch(rb" *-?\d+ *", cell):
+    if not _INTEGER.fullmatch(cell):
         raise InputError(f"{path}, line {number}: {cell.decode('ascii', 'replace')!r} is not a whole number")
     return int(cell)
 

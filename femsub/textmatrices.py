@@ -14,14 +14,13 @@ from typing import Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.dofs import DofMap
+from femsub.dofs import LARGEST, DofMap
 from femsub.errors import InputError
 from femsub.pencil import Array, Matrix
 
 #: directions 1 to 6 of Abaqus, CalculiX and Nastran; others (8 pressure, 11 temperature, ...) are called 'dof8'
 DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
 HELD = 1e36  # what Abaqus writes on the diagonal of K for a DOF that a boundary condition holds
-LARGEST = 1e15  # node numbers are below: a double and 100 times it as an integer are exact
 AS_WRITTEN = "*MATRIX OUTPUT with FORMAT=MATRIX INPUT or COORDINATE"
 
 

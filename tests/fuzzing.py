@@ -129,7 +129,7 @@ def _feed(content: Any, update: Callable[[bytes], object]) -> None:
     import scipy.sparse as sp
 
     if sp.issparse(content):
-        entries = sp.csr_array(content)
+        entries = sp.csr_array(content, copy=True)  # a model's own are read-only
         entries.sum_duplicates()
         entries.eliminate_zeros()
         update(b"sparse")

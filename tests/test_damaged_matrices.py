@@ -348,3 +348,13 @@ def test_long_names_of_motions_and_many_of_them(tmp_path: Path) -> None:
     assert model.dofs is not None and model.dofs.name(299) == f"{labels[299]} at node 1"
     fs.write_matrices(tmp_path / "out", model)
     assert fs.read_component(tmp_path / "out").dofs.name(299) == model.dofs.name(299)
+
+
+@pytest.mark.parametrize(("nodes", "points", "words"), [
+    ([1, 2 ** 62], None, "must be below"), (np.array([1, 2 ** 63], dtype=np.uint64), None, "must be below"),
+    ([1, 2], [[0.0], [np.nan]], "those of DOF 1"), ([1, 2], [[0.0], [1j]], "finite real numbers"),
+    ([1, 2], [["0"], ["1"]], "finite real numbers"), ([1, 2], [[0.0], [1.0, 2.0]], "table of coordinates"),
+    ([1, 2], [0.0, 1.0], "their shape is")])
+def test_dof_maps_made_by_hand(nodes: Any, points: Any, words: str) -> None:
+    with pytest.raises(fs.InputError, match=words):
+        fs.DofMap(nodes, [0, 0], points=points)
