@@ -84,6 +84,8 @@ def honest_market(path: Path) -> Any:
                 return None
             found = _entries(lines, (sizes[0], sizes[1]), mirror)
             return None if mirror < 0 and found.diagonal().any() else found
+        if sizes[0] * sizes[1] > 1e5:
+            return None
         places = [(row + 1, column + 1) for column in range(sizes[1]) for row in
                   range(0 if not mirror else column + (mirror < 0), sizes[0])]
         whole = [[str(row), str(column), *words] for (row, column), words in zip(places, lines, strict=True)]
@@ -102,6 +104,8 @@ def honest_text(path: Path) -> Any:
         names: list[Any] = [[(_value(a), _value(b)) for a, b in zip(words[:-1:2], words[1:-1:2], strict=True)] if len(words) == 5
                             else [_value(words[0]), _value(words[1])] for words in lines]
         order = sorted({name for pair in names for name in pair})
+        if len(lines[0]) == 3 and max(order) > 1e5:
+            return None
         if len(lines[0]) == 3:
             order = list(range(1, int(max(order)) + 1))
         place = {name: str(number) for number, name in enumerate(order, 1)}
