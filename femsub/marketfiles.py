@@ -40,7 +40,7 @@ _MARKS = {"real": _pairs({_END: {_END, _BLANK, _POINT, _EXPONENT}, _BLANK: {_END
 #: 1 where a pair of neighbours begins a word, 2 where it ends the last word of a line
 _EDGES = bytes(1 if pair // 8 in (_BLANK, _END) and pair % 8 in (_DIGIT, _MINUS, _POINT) else
                2 if pair // 8 in (_DIGIT, _POINT) and pair % 8 == _END else 0 for pair in range(256))
-_REAL, _WHOLE = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", rb"[+-]?\d+"
+_REAL, _WHOLE = rb"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|(?i:nan|inf))", rb"[+-]?\d+"
 
 
 class _Header(NamedTuple):
@@ -59,8 +59,8 @@ def read_market(path: Path) -> Matrix:
     ===================  =======================================================================================
     it reads             real, integer and complex; general, symmetric, skew-symmetric and hermitian, of which
                          the file holds one triangle (either one); Fortran's exponents 2.5D+03 and 2.5+103
-    it refuses           a word that is not a number, with its line; NaN and Inf; more or fewer lines than the
-                         header announces; an entry listed twice, so both triangles of a symmetric matrix; an
+    it refuses           a word that is not a number, with its line; 1e400; more or fewer lines than the header
+                         announces; an entry listed twice, so both triangles of a symmetric matrix; an
                          index out of range; 'pattern', which holds no values; sizes far beyond the entries
     it cannot know       whether a digit is wrong; whether a comment (%) holds what was meant as data
     ===================  =======================================================================================
@@ -83,15 +83,14 @@ def read_market(path: Path) -> Matrix:
             _line_by_line(path, _without_plus(fortran_mended(_tidy(content))), header, header.lines)
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}; it may be cut short or damaged, write it again") \
             from None
+    finite = np.isfinite(found.data if sp.issparse(found) else found)
+    # NaN that a program wrote is left to who uses the matrix; a number that is too large is not Inf
+    if not finite.all() and (mended is None or not re.search(rb"(?i)nan|inf", mended.getbuffer()[header.start:])):
+        row, column = (int(found.row[np.argmin(finite)]), int(found.col[np.argmin(finite)])) if sp.issparse(found) else \
+            np.argwhere(~finite)[0].tolist()
+        raise InputError(f"{path} holds a number too large for a double in row {row + 1}, column {column + 1}")
     if not sp.issparse(found):
-        finite = np.isfinite(found)
-        if not finite.all():
-            row, column = np.argwhere(~finite)[0]
-            raise InputError(f"{path} holds a NaN or Inf in row {row + 1}, column {column + 1}")
         return found
-    if not np.isfinite(found.data).all():
-        where = int(np.argmin(np.isfinite(found.data)))
-        raise InputError(f"{path} holds a NaN or Inf in row {found.row[where] + 1}, column {found.col[where] + 1}")
     matrix = sp.csr_array(found)
     if matrix.nnz < found.nnz:
         _refuse_twice(path, header, found)

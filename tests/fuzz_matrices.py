@@ -39,7 +39,9 @@ NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:\d+\.\
 WHOLE = re.compile(r"[+-]?\d+", re.ASCII)
 
 
-def _value(word: str) -> float:
+def _value(word: str, spelled: bool = False) -> float:
+    if spelled and re.fullmatch(r"(?i)[+-]?(nan|inf)", word):
+        return float(word)
     if not NUMBER.fullmatch(word):
         raise ValueError(word)
     value = float(re.sub(r"(?<=[\d.])([+-]\d{3})$", r"e\1", re.sub("[dD]", "e", word)))
@@ -48,11 +50,11 @@ def _value(word: str) -> float:
     return value
 
 
-def _entries(lines: list[list[str]], shape: tuple[int, int], mirror: float) -> Any:
+def _entries(lines: list[list[str]], shape: tuple[int, int], mirror: float, spelled: bool = True) -> Any:
     """A sparse matrix of [row, column, value]; mirror is the factor of the other triangle, 0 for none."""
     dense, seen = {}, set()
     for words in lines:
-        row, column, value = int(words[0]), int(words[1]), _value(words[2])
+        row, column, value = int(words[0]), int(words[1]), _value(words[2], spelled)
         places = {(row, column): value} if not mirror or row == column else {(row, column): value, (column, row): mirror * value}
         if seen & set(places) or not (1 <= row <= shape[0] and 1 <= column <= shape[1]):
             raise ValueError(words)
@@ -110,9 +112,9 @@ def honest_text(path: Path) -> Any:
             order = list(range(1, int(max(order)) + 1))
         place = {name: str(number) for number, name in enumerate(order, 1)}
         whole = [[place[row], place[column], words[-1]] for (row, column), words in zip(names, lines, strict=True)]
-        one = _entries(whole, (len(order), len(order)), 0)
+        one = _entries(whole, (len(order), len(order)), 0, False)
         pairs = {(row, column) for row, column, _ in whole if row != column}
-        return one if pairs and all((column, row) in pairs for row, column in pairs) else _entries(whole, one.shape, 1)
+        return one if pairs and all((column, row) in pairs for row, column in pairs) else _entries(whole, one.shape, 1, False)
     except (ValueError, KeyError, IndexError):
         return None
 

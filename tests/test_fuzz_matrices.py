@@ -15,7 +15,7 @@ import femsub as fs
 
 
 def test_damaged_matrices_and_models(tmp_path: Path) -> None:
-    report = fuzz(fuzz_matrices.subjects(tmp_path / "valid"), count=12, seed=1, folder=tmp_path / "damaged")
+    report = fuzz(fuzz_matrices.subjects(tmp_path / "valid"), count=12, seed=1, folder=tmp_path / "damaged", seconds=30)
     assert not report.findings, str(report)
     endings = {ending for counter in report.counts.values() for ending in counter}
     assert report.total >= 250 and {"refused", "same", "meant"} <= endings
@@ -45,7 +45,7 @@ def read_badly(path: Path) -> object:
 def test_the_harness_finds_each_kind_of_fault(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("1 2 3\n4 5 6\n")
     subject = Subject("bad", tmp_path / "a.txt", "test_fuzz_matrices:read_badly")
-    report = fuzz([subject], count=100, seed=2, folder=tmp_path / "damaged", seconds=0.5)
+    report = fuzz([subject], count=60, seed=32, folder=tmp_path / "damaged", seconds=2)
     assert {"raised", "crash", "memory", "hang", "wrong content", "refused"} <= set(report.counts["bad"])
     kept = list((tmp_path / "damaged").glob("bad-*"))
     fine = sum(report.counts["bad"][key] for key in ("refused", "same", "other"))
