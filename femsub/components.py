@@ -44,6 +44,9 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
 
     DOF that an Abaqus boundary condition holds (1e36 on the diagonal of K) are taken out; the rest keeps its names.
 
+    What each kind of file may hold, what is refused and what no reader can know stands at `read_matrix`, of a folder at
+    `femsub.modelfiles.read_model`.
+
     Raises
     ------
     InputError
