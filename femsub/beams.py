@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -10,13 +9,13 @@ import numpy as np
 
 from femsub.bending import hermite_matrices
 from femsub.dofs import DofMap
-from femsub.errors import ConditionWarning, InputError, InputTypeError, unknown_name
+from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.meshes import real_numbers
-from femsub.partition import component, gathered
-from femsub.pencil import EPS, Array, finite_number, whole_number
+from femsub.partition import component, free_to_lift, gathered, tell_rounding
+from femsub.pencil import Array, finite_number, whole_number
 from femsub.substructure import Substructure
 
-FINEST = 1e14  # (length / shortest element)⁴ from which `beam` warns: 3,162 equal elements
+ROUNDING = 0.05  # see `tell_rounding`: 540 equal elements
 LABELS = ("w", "w,x")
 #: which of w and w,x a support holds
 SUPPORTS: dict[str, tuple[int, ...]] = {"free": (), "pinned": (0,), "guided": (1,), "clamped": (0, 1)}
@@ -56,7 +55,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     Warns
     -----
     ConditionWarning
-        An element is so short that rounding shows in the lowest frequencies.
+        Elements are so short that rounding may take 1e-6 of the lowest frequencies or more: how much.
 
     Raises
     ------
@@ -73,19 +72,22 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     bending = _per_element("E", E, m) * _per_element("I", I, m)
     mass = _per_element("rho", rho, m) * _per_element("A", A, m)
     bed = _per_element("foundation", foundation, m, zero=True)
-    h = np.diff(x)
-
-    fineness = (x[-1] / float(h.min())) ** 4
-    if fineness > FINEST:
-        warnings.warn(f"{name!r} has elements of {h.min() / x[-1]:.1e} of its length: its stiffness is conditioned as the fourth "
-                      f"power of that, and rounding may take {EPS * fineness:.0e} of the lowest frequencies; take longer "
-                      "elements", ConditionWarning, stacklevel=2)
+    h = np.diff(x) if np.ndim(elements) else np.full(m, x[-1] / m)  # one number for all, which differences are not
 
     def matrices(part: slice) -> tuple[Array, Array]:
         stiffness, unit = hermite_matrices(h[part])
-        return (bending[part, None, None] * stiffness + bed[part, None, None] * unit, mass[part, None, None] * unit)
+        return bending[part, None, None] * stiffness, mass[part, None, None] * unit
 
-    K, M = gathered(2 * np.arange(m)[:, None] + np.arange(4), 2 * (m + 1), matrices)
+    def bedding(part: slice) -> tuple[Array]:
+        return (bed[part, None, None] * hermite_matrices(h[part])[1],)
+
+    places, size = 2 * np.arange(m)[:, None] + np.arange(4), 2 * (m + 1)
+    K, M = gathered(places, size, matrices)
+    K = free_to_lift(K, np.arange(size) % 2 == 0)
+    whole = 1 / (float(np.sum(h / bending)) * x[-1] ** 2)  # about a third of a tip's stiffness, 3EI/L³
+    tell_rounding(K, np.arange(size) % 2 == 0, whole, ROUNDING, name, "take longer elements")
+    if bed.any():
+        K = K + gathered(places, size, bedding)[0]
     held = [2 * _node(x, place, "supports") + dof for place, kind in _mapping("supports", supports).items()
             for dof in _held(kind)]
     dofs = DofMap(np.repeat(np.arange(1, m + 2), 2), np.tile([0, 1], m + 1), LABELS, np.repeat(x, 2)[:, None])

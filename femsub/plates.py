@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,16 +21,16 @@ from femsub.bending import (
 )
 from femsub.dofs import DofMap
 from femsub.elements import skfem
-from femsub.errors import ConditionWarning, InputError, InputTypeError, unknown_name
+from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.meshchecks import refuse_spoilt
 from femsub.meshes import Mesh
-from femsub.partition import component, gathered
+from femsub.partition import component, gathered, tell_rounding
 from femsub.patches import Patch, patch, sides_of
-from femsub.pencil import EPS, Array, Matrix, finite_number
+from femsub.pencil import Array, Matrix, finite_number
 from femsub.substructure import Substructure
 
 SUPPORTS = ("free", "simply supported", "clamped")
-FINEST = 1e14  # (length / shortest side)⁴ from which `plate` warns
+ROUNDING = 0.7  # see `tell_rounding`
 SKEW = 1e-6  # so much of its side may a corner lie off the rectangle
 
 
@@ -74,7 +73,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     Warns
     -----
     ConditionWarning
-        A cell is so narrow that rounding shows in the lowest frequencies.
+        Cells are so small or narrow that rounding may take 1e-6 of the lowest frequencies or more: how much.
 
     Raises
     ------
@@ -102,12 +101,14 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
             raise InputTypeError(f"{key} must map names, e.g. {{'edge': ...}}, not {type(named).__name__}")
     if isinstance(interface, str):
         raise InputTypeError(f"interface must be a sequence of set names, e.g. ({interface!r},), not {interface!r}")
-    layout.check_fineness(name)
     K, M = layout.gathered(steel.nu)
+    K = bending * K
+    sides = np.ptp(layout.plane, axis=0)
+    tell_rounding(K, layout.deflections, bending * sides.prod() / sides.max() ** 4, ROUNDING, name, "take larger cells")
     held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in (supports or {}).items()),
                            np.zeros(0, dtype=int)])
     return component(
-        bending * K, steel.rho * h * M, held, {repr(where): layout.all_of(mesh.nodes(where)) for where in interface},
+        K, steel.rho * h * M, held, {repr(where): layout.all_of(mesh.nodes(where)) for where in interface},
         {port: layout.column(where, port, held) for port, where in (ports or {}).items()}, layout.dofs(), rayleigh, name)
 
 
@@ -138,15 +139,11 @@ class _Layout:
     def size(self) -> int:
         return len(self.plane) + self.grid.facets.shape[1] if self.triangles else 4 * len(self.plane)
 
-    def check_fineness(self, name: str) -> None:
-        """Warns where the stiffness of the smallest cells drowns that of the whole plate."""
-        ends = self.plane[self.mesh.cells]
-        edges = np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)
-        fineness = (np.ptp(self.plane, axis=0).max() / edges.min()) ** 4
-        if fineness > FINEST:
-            warnings.warn(f"{name!r} has cells with a side of {edges.min():.1e}: its stiffness is conditioned as the fourth "
-                          f"power of its length over that, and rounding may take {EPS * fineness:.0e} of the lowest "
-                          "frequencies; take larger cells", ConditionWarning, stacklevel=3)
+    @property
+    def deflections(self) -> Array:
+        """Which DOF are w, bool (size,)."""
+        every = np.arange(self.size)
+        return every < len(self.plane) if self.triangles else every % 4 == 0
 
     def gathered(self, nu: float) -> tuple[Matrix, Matrix]:
         """K and M for unit bending stiffness and unit mass per area."""
