@@ -72,10 +72,13 @@ def test_inertia_counts_the_eigenvalues_below(n: int) -> None:
         assert factorise(sub.K - middle**2 * sub.M, "symmetric").negative_pivots == count
 
 
-def test_a_tree_is_factorised_without_fill(n: int = 2000) -> None:
-    sub = fs.chain(n)
-    handle = Factor(sub.K, "symmetric")
-    assert handle._factor.getMumpsInfog(29) == 2 * n - 1  # entries of D and of L below it
+def test_a_tree_is_factorised_without_fill() -> None:
+    """Of a chain L has two entries a column. MUMPS counts the zeros of the small fronts that it merges, too, how many depends on
+    its version (none in 5.5, five a column in 5.7): they stay in proportion to n, and fill would not.
+    """
+    entries = [Factor(fs.chain(n).K, "symmetric")._factor.getMumpsInfog(29) for n in (2000, 16000)]
+    assert 2 * 2000 - 1 <= entries[0] <= 10 * 2000
+    assert entries[1] <= 1.02 * 8 * entries[0]
 
 
 def test_a_thousand_factors_do_not_grow_the_memory() -> None:
