@@ -76,7 +76,8 @@ def test_a_tree_is_factorised_without_fill() -> None:
     """Of a chain L has two entries a column. MUMPS counts the zeros of the small fronts that it merges, too, how many depends on
     its version (none in 5.5, five a column in 5.7): they stay in proportion to n, and fill would not.
     """
-    entries = [Factor(fs.chain(n).K, "symmetric")._factor.getMumpsInfog(29) for n in (2000, 16000)]
+    handles = [Factor(fs.chain(n).K, "symmetric") for n in (2000, 16000)]
+    entries = [handle._factor.getMumpsInfog(29) for handle in handles]
     assert 2 * 2000 - 1 <= entries[0] <= 10 * 2000
     assert entries[1] <= 1.02 * 8 * entries[0]
 
