@@ -1,4 +1,4 @@
-"""The command line: `femsub scenes`, `femsub run SCENE [--out DIR]`."""
+"""The command line: `femsub scenes`, `femsub run SCENE [--out DIR]`, `femsub doctor`."""
 
 from __future__ import annotations
 
@@ -24,17 +24,23 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("scene", help="a name from `femsub scenes`, or the path of a TOML file")
     run.add_argument("--out", metavar="DIR", help="write results.json, results.csv and figures there; else nothing is written")
     run.add_argument("--no-figures", action="store_true", help="draw nothing")
+    commands.add_parser("doctor", help="what is installed, what it runs on, and what is wrong with it")
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line; 0 if all went well, 2 with one line on stderr where the input was wrong, 1 else."""
+    """Runs the command line; 0 if all went well, 2 with one line on stderr where the input was wrong, 1 else.
+
+    `doctor` ends with 1 if something is wrong.
+    """
     options = _parser().parse_args(arguments)
     if options.command == "scenes":
         for name, (_, line) in SCENES.items():
             print(f"{name:<16} {line}")
         return 0
     try:
+        if options.command == "doctor":
+            return _doctor()
         return _run(options)
     except InputError as error:
         return _fail(error, 2)
@@ -47,6 +53,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 141
     except KeyboardInterrupt:
         return _fail("interrupted; nothing was written", INTERRUPTED)
+
+
+def _doctor() -> int:
+    try:
+        from femsub.doctor import report
+    except ImportError as error:  # NumPy or SciPy itself
+        return _fail(f"{error}; install what femsub needs: scripts/setup, or pip install femsub", 1)
+    return report()
 
 
 def _run(options: argparse.Namespace) -> int:
