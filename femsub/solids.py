@@ -44,9 +44,9 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
         named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, as far as they are not held.
     ports : mapping of str to (set, direction)
         Where a belt or a force acts: w with wᵀu the average motion of a set along 'x', 'y', 'z', 'normal', against one of
-        them ('-x', '-normal', ...), or along a vector, which is brought to unit length. The average is over what the set is made of: the faces of the surface within a set
-        of nodes; if these lack some of the nodes, the cells within it; else its edges; single nodes. A group of cells is
-        averaged over its volume. A set of several of these is refused.
+        them ('-x', '-normal', ...), or along a vector, which is brought to unit length. The average is over what the set is
+        made of: the faces of the surface within a set of nodes; if these lack some of the nodes, the cells within it; else
+        its edges; single nodes. A group of cells is averaged over its volume. A set of several of these is refused.
     rayleigh : (alpha, beta), optional
         α in 1 per unit of time, β in units of time; every other damping by `damped`.
     name : str
