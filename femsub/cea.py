@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from femsub.bands import in_band
 from femsub.eigen import check_band
 from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModesError
 from femsub.factor import QUADRATIC, SMALL
@@ -187,7 +188,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         else:
             values, X, Y, certified, proof = solve_band(pencil, box, certify)
     if box is not None:
-        keep = inside(values, box)
+        keep = in_band(values, box[2:], box[:2])
         order = np.flatnonzero(keep)[np.argsort(values[keep].imag, kind="stable")]
     else:
         order = _nearest(values, count)
@@ -253,12 +254,6 @@ def _certified(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) ->
     with np.errstate(divide="ignore"):
         condition = np.where(sensitivity * size > 0, scale * np.linalg.norm(X, axis=0) * length / (sensitivity * size), np.inf)
     return ComplexModes(values, X, pencil.backward_error(values, X, residual), bar, rigid, none, condition=condition)
-
-
-def inside(values: Array, box: tuple[float, float, float, float]) -> Array:
-    """Which eigenvalues lie in the rectangle (re_lo, re_hi, im_lo, im_hi), edges included."""
-    a, b, lo, hi = box
-    return (values.real >= a) & (values.real <= b) & (values.imag >= lo) & (values.imag <= hi)
 
 
 def _rectangle(band: Any, re: Any) -> tuple[float, float, float, float]:

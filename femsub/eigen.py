@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.bands import in_band
 from femsub.dense_modes import dense_modes, negative_eigenvalues, orthonormalise
 from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, inertia
@@ -248,7 +249,7 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
         return lowest_modes(ShiftInvert(model.K, model.M), whole_number("count", count))
     lo, hi = check_band(band)
     modes = modes_below(model.K, model.M, hi)
-    inside = modes.frequencies >= lo
+    inside = in_band(modes.frequencies, (lo, hi))
     return replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
                    rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside])
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from femsub.bands import in_band
 from femsub.pencil import EPS, Array
 
 SHARE = 0.7  # a band ends below so much of the cut-off: the terms left out of a series in (ω/ω_cut)² then stay below a half
@@ -83,8 +84,7 @@ def moving(values: Array, bar: Array) -> Array:
 
 def within(values: Array, band: tuple[float, float]) -> Array:
     """Which λ have lo ≤ Im λ ≤ hi and |Re λ| ≤ hi."""
-    low = np.where(np.abs(values.imag) <= REAL * np.abs(values), 0.0, values.imag)
-    return (low >= band[0]) & (values.imag <= band[1]) & (np.abs(values.real) <= band[1])
+    return in_band(values, band, (-band[1], band[1]))
 
 
 def paired(exact: Array, found: Array) -> tuple[Array, Array]:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from femsub.cea import ComplexModes, inside
+from femsub.bands import in_band
+from femsub.cea import ComplexModes
 from femsub.pencil import Array, Matrix
 from femsub.substructure import ReducedSubstructure, Substructure
 
@@ -106,7 +107,7 @@ def extra_eigenvalues(full: ComplexModes, reduced: ComplexModes, band: tuple[flo
     """Eigenvalues of a reduced model in the band, below its cut-off, that match none of the full model."""
     shown = ~reduced.rigid & (reduced.eigenvalues.imag >= 0)
     reference, values = full.eigenvalues[~full.rigid & (full.eigenvalues.imag >= 0)], reduced.eigenvalues[shown]
-    counted = ~reduced.above_cutoff[shown] & inside(values, (-band[1], band[1], *band))
+    counted = ~reduced.above_cutoff[shown] & in_band(values, band, (-band[1], band[1]))
     counted[match(reference, values)[1]] = False
     return int(counted.sum())
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from femsub import condensed, qep, splitting
 from femsub._slepc import Factor, quadratic_modes
+from femsub.bands import in_band
 from femsub.counting import missed_eigenvalues
 from femsub.eigen import NormalModes, lowest_modes, modes_below, modes_under
 from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
@@ -206,7 +207,7 @@ def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> tuple[Array, A
     if winding and reference is not None:
         disc = values[np.abs(values) <= radius]
         _certify(pencil, _clear_of(values, box), disc, reference[0], reference[1].frequencies)
-    keep = (values.real >= a) & (values.real <= b) & (values.imag >= lo) & (values.imag <= hi)
+    keep = in_band(values, (lo, hi), (a, b))
     values, X = values[keep], X[:, keep]
     return values, X, problem.left(values, X, ask), proof is not None or (winding and reference is not None), proof
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from femsub.cea import ComplexModes, complex_modes, inside
+from femsub.bands import in_band
+from femsub.cea import ComplexModes, complex_modes
 from femsub.contacts import project
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.factor import complex_solve, factorise
@@ -264,7 +265,7 @@ def _compare(full: Substructure, model: Substructure, ours: Spectrum, theirs: Sp
     extra = increase.copy()
     extra[to[fit & grows[at]]] = False
     if limits is not None:
-        extra &= inside(others, (-limits[1], limits[1], *limits))
+        extra &= in_band(others, limits, (-limits[1], limits[1]))
     norm, error, sizes = (np.linalg.norm(part, axis=(1, 2)) for part in (h, other - h, other))
     with np.errstate(divide="ignore", invalid="ignore"):
         even = np.nan_to_num(error / (norm + sizes))
