@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.errors import InputError, MissingPackageError, NotConvergedError, SingularMatrixError
+from femsub.errors import BreakdownError, InputError, MissingPackageError, NotConvergedError, SingularMatrixError
 from femsub.graph import good_order
 from femsub.heap import give_back_freed_memory
 from femsub.pencil import EPS, Array, Difference, Matrix, equilibrated, upper
@@ -231,7 +231,7 @@ def _solve(solver: Any) -> None:
     try:
         solver.solve()
     except PETSc.Error as error:
-        raise NotConvergedError(f"{type(solver).__name__} failed ({_last_line(error)})") from None
+        raise BreakdownError(f"{type(solver).__name__} failed ({_last_line(error)})") from None
 
 
 def _start_vector(stack: ExitStack, like: Any, seed: int) -> Any:

@@ -183,8 +183,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         from femsub.pep import solve_band, solve_count
 
         if box is None:
-            values, X, Y, proof = solve_count(pencil, count or 0, certify)
-            certified = proof is not None
+            values, X, Y, certified, proof = solve_count(pencil, count or 0, certify)
         else:
             values, X, Y, certified, proof = solve_band(pencil, box, certify)
     if box is not None:

@@ -10,14 +10,16 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from femsub.errors import NotConvergedError
+from femsub.eigen import NormalModes, modes_below, modes_under
+from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.pencil import Array, Matrix, Pencil
 
 MOST = 600  # contour points after which the phase is called untraceable
+Box = tuple[float, float, float, float]
 NEAR = 1e-7  # share of an edge over which the slope of the phase is taken
 
 
-def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], known: Array, reference: Matrix,
+def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix,
                        undamped: Array) -> int:
     """How many eigenvalues of P lie in a rectangle (re_lo, re_hi, im_lo, im_hi) and are not among the known ones.
 
@@ -53,6 +55,48 @@ def missed_eigenvalues(pencil: Pencil, box: tuple[float, float, float, float], k
 
     turn = sum(_turned(phase, start, end) for start, end in pairwise(corners))
     return round(turn / np.pi) if lo == 0 else round(turn / (2 * np.pi))
+
+
+def missed_around(pencil: Pencil, box: Box, values: Array, radius: float, reference: tuple[Matrix, NormalModes]) -> int:
+    """How many eigenvalues are missing in a rectangle a little larger than this, clear of those known (Im λ ≥ 0) in a disc."""
+    disc = values[np.abs(values) <= radius]
+    both = np.append(disc, disc[disc.imag != 0].conj())
+    return missed_eigenvalues(pencil, _clear_of(values, box), both, reference[0], reference[1].frequencies)
+
+
+def _clear_of(values: Array, box: Box) -> Box:
+    """The rectangle with each edge moved out by up to 2 %, to where the known eigenvalues leave the widest gap."""
+    a, b, lo, hi = box
+    moves = np.linspace(0.002, 0.02, 10) * hi
+
+    def best(edges: Array, coordinates: Array) -> float:
+        return float(edges[np.argmax(np.abs(edges[:, None] - coordinates).min(axis=1))])
+
+    coordinates = values.imag
+    low = max(best(lo - moves, coordinates), lo / 2) if lo > 0 else 0.0
+    return best(a - moves, values.real), best(b + moves, values.real), low, best(hi + moves, coordinates)
+
+
+def undamped_reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Matrix, NormalModes] | None:
+    """A symmetric K0 close to K with its undamped modes below a frequency; only their number with shapes=False.
+
+    Their number is a first guess of how many eigenvalues a disc holds, their frequencies are what the independent
+    count is compared with. K0 is the symmetric part of K, lifted by a multiple of M where friction has made that
+    indefinite. None where M is not symmetric positive semidefinite.
+    """
+    if not pencil.symmetric[0]:
+        return None
+    symmetric = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) / 2
+    for lift in (0.0, 1e-3, 1e-2, 1e-1, 1.0):
+        K = symmetric + lift * radius**2 * pencil.M if lift else symmetric
+        try:
+            if shapes:
+                return K, modes_below(K, pencil.M, radius)
+            count = modes_under(K, pencil.M, radius**2)
+            return K, NormalModes(np.zeros(0), np.zeros((pencil.size, 0)), 0, np.zeros(0), (radius, count))
+        except (SingularMatrixError, MissedModesError, InputError):
+            continue
+    return None
 
 
 def _turned(phase: Callable[[complex], float], start: complex, end: complex) -> float:

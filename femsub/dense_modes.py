@@ -6,7 +6,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.errors import NotConvergedError, SingularMatrixError
-from femsub.pencil import Array, Matrix
+from femsub.pencil import EPS, Array, Matrix
 
 ORTHOGONAL = 1e-12  # deviation of ΦᵀMΦ from I from which modes are orthogonalised once more
 ROWS = 20_000  # of Φ, worked on at a time
@@ -15,8 +15,8 @@ ROWS = 20_000  # of Φ, worked on at a time
 def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
     """All finite λ (k,) and φ (n, k) of dense Kφ = λMφ, K definite, ΦᵀMΦ = I.
 
-    The lower half (on a logarithmic scale) comes from Mφ = θKφ, the upper from Kφ = λMφ, since each loses digits towards
-    its far end.
+    The lower part comes from Mφ = θKφ, the upper from Kφ = λMφ, since each loses digits towards its far end. They meet in
+    a gap of the spectrum, see `_seam`.
 
     Raises
     ------
@@ -36,10 +36,23 @@ def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
     except la.LinAlgError:  # M is only semidefinite
         values, upper = np.zeros(low), np.zeros((len(K), low))
     else:
-        low = int(np.count_nonzero(theta > np.sqrt(theta[0] / values[-1])))
+        low = _seam(values, theta)
     values[:low], upper[:, :low] = 1 / theta[:low], x[:, :low] / np.sqrt(theta[:low])
     orthonormalise(upper, M)
     return values, upper
+
+
+def _seam(values: Array, theta: Array) -> int:
+    """How many modes to take from Mφ = θKφ, where Kφ = λMφ has the rest; `values` are λ, `theta` θ = 1/λ, (n,) each.
+
+    With p of them, vectors at the seam are off by eps/gap · λ_p/λ_1 from below and eps/gap · λ_n/λ_p+1 from above: in a
+    cluster each part would come with its own choice of vectors. The p with the least is taken; 0 and n have no seam.
+    """
+    top, bottom, tiny = float(values[-1]), 1 / float(theta[0]), np.finfo(float).tiny
+    below, above = np.maximum(values[:-1], bottom), np.maximum(values[1:], bottom)
+    gap = np.minimum(1 - below / above, 1 - np.maximum(theta[1:], 0.0) / np.maximum(theta[:-1], tiny))
+    loss = np.maximum(below / bottom, top / above) / np.maximum(gap, EPS)
+    return int(np.argmin(np.concatenate([[top / bottom], loss, [top / bottom]])))
 
 
 def orthonormalise(shapes: Array, M: Matrix) -> None:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.bands import in_band
+from femsub.bands import EDGE, in_band, widened
 from femsub.dense_modes import dense_modes, negative_eigenvalues, orthonormalise
-from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.errors import ConditionWarning, FemsubError, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import SMALL, inertia
 from femsub.pencil import EPS, Array, Difference, Matrix, whole_number
 from femsub.phases import phase
@@ -29,6 +29,8 @@ ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
 BLOCK_TOLERANCE = 1e-9  # asked of block Lanczos, which ends with a step of inverse iteration
 HEAVY = 100  # nonzeros of the factor per row from which blocks of solves pay
 LOST = 0.1  # of ω² that rounding in K may take before it is warned of
+BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # by which a limit is moved up, relatively, until no mode is at it
+GAP = 1e-6  # between neighbouring ω², relative: less makes them a cluster, within which no inertia is counted
 DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
 
 
@@ -46,7 +48,10 @@ class NormalModes:
     residual : ndarray, shape (k,)
         ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, free of units.
     counted : tuple (limit, count)
-        An independent count: so many modes lie below the frequency `limit`, and all are here.
+        An independent count: so many modes, from 0 on and rigid ones included, lie below the frequency `limit`, and all of them
+        were found. The limit lies behind the modes listed, or just below the last of them where these cut a cluster.
+    unlisted : int
+        How many of those found are not listed, since they lie outside of the band that was asked.
     confirmed : bool
         Whether that count was made yet, or is what was found, see `confirm`.
     factorisations : int
@@ -64,6 +69,7 @@ class NormalModes:
     factorisations: int = 1
     confirmed: bool = True
     rounding: Array = field(default_factory=lambda: np.zeros(0))
+    unlisted: int = 0
 
     @property
     def frequencies(self) -> Array:
@@ -74,8 +80,9 @@ class NormalModes:
         elastic = self.frequencies[self.rigid:]
         span = f", ω {elastic[0]:.5g} to {elastic[-1]:.5g} rad/time" if len(elastic) else ""
         worst = f"{self.residual.max():.0e}" if len(self.residual) else "none"
+        beside = f", {self.unlisted} of them outside of the band" if self.unlisted else ""
         return (f"NormalModes: {self.rigid} rigid and {len(elastic)} elastic{span}; largest residual {worst}; "
-                f"{self.counted[1]} counted below {self.counted[0]:.5g}")
+                f"{self.counted[1]} counted below {self.counted[0]:.5g}{beside}")
 
 
 def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: NormalModes | None = None,
@@ -232,7 +239,8 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     count : int, optional
         Elastic modes wanted; the rigid-body modes of a floating part come on top.
     band : (lo, hi), optional
-        All modes with lo ≤ ω ≤ hi in radians per unit of time instead, rigid-body modes included if lo = 0.
+        All modes with lo ≤ ω ≤ hi in radians per unit of time instead, rigid-body modes included if lo = 0. Those on an
+        edge are in, and so are those beyond it by less than 1e-9 of ω (`bands.in_band`), which is room for rounding.
 
     Raises
     ------
@@ -248,40 +256,42 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     if count is not None:
         return lowest_modes(ShiftInvert(model.K, model.M), whole_number("count", count))
     lo, hi = check_band(band)
-    modes = modes_below(model.K, model.M, hi)
+    modes = modes_below(model.K, model.M, widened(hi))
     inside = in_band(modes.frequencies, (lo, hi))
     return replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
-                   rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside])
+                   rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],
+                   unlisted=int(np.count_nonzero(~inside)))
 
 
 def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None) -> NormalModes:
-    """All modes with ω < limit; their number is the inertia of K - limit² M, known before the search begins, and the proof."""
+    """All modes with ω < limit; their number is the inertia of K - limit² M, known before the search begins, and the proof.
+
+    Where a mode lies at the limit, within rounding, the limit moves a little up.
+    """
     handle = handle or ShiftInvert(K, M)
-    below = _inertia(K, M, limit)
-    count = max(0, below - handle.rigid.shape[1])
-    modes = lowest_modes(handle, count, certify=False)
-    if count and modes.frequencies[-1] > limit * (1 + 1e-7):  # one was missed: a count in between fetches it
-        modes = lowest_modes(handle, count)
-    if len(modes.eigenvalues) and modes.frequencies[-1] > limit * (1 + 1e-7):
-        raise MissedModesError(f"{below} modes were counted below ω = {limit:.6g}, but the last of as many that were found "
-                               f"is at {modes.frequencies[-1]:.6g}: a mode was missed, or lies on the edge of the band")
-    return replace(modes, counted=(limit, below), confirmed=True)
+    for beyond in BEYOND:
+        reach = limit * (1 + beyond)
+        try:
+            below = modes_under(K, M, reach**2)
+        except SingularMatrixError as error:
+            last: FemsubError = error
+            continue
+        count = below - handle.rigid.shape[1]
+        modes = lowest_modes(handle, max(0, count), certify=False)
+        if count > 0 and modes.frequencies[-1] > reach:  # one was missed, or lies on the edge: a count in between tells
+            modes = lowest_modes(handle, count, known=modes)
+        highest = float(modes.frequencies.max(initial=0.0))
+        if count >= 0 and highest < reach * (1 - EDGE):
+            return replace(modes, counted=(reach, below), confirmed=True)
+        last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the last of as many that were found is "
+                                f"at {highest:.9g}: move the band a little")
+    raise last
 
 
 @phase("certificate")
 def modes_under(K: Matrix, M: Matrix, value: float) -> int:
     """How many ω² lie below `value`: the inertia of K - value M, by a factorisation of its own."""
     return inertia(Difference(K, M, value))
-
-
-def _inertia(K: Matrix, M: Matrix, limit: float) -> int:
-    """The number of modes with ω ≤ limit; a mode that is just there, within rounding, counts as below."""
-    for above in (1e-9, 1e-8, 1e-7):
-        try:
-            return modes_under(K, M, (limit * (1 + above)) ** 2)
-        except SingularMatrixError as error:
-            last = error
-    raise last
 
 
 def check_band(band: object) -> tuple[float, float]:
@@ -311,17 +321,17 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[A
 
 
 def _limit(values: Array, count: int) -> tuple[float, int]:
-    """The widest gap behind the `count` wanted ones, and how many lie below it: the inertia is counted there.
+    """Where the inertia is counted, and how many of the values, ascending, lie below.
 
-    Where all of the rest is one cluster that is cut off, the limit is just above it: what the cluster still hides will
-    be counted, and fetched.
+    In the widest gap behind the `count` wanted ones. Where there is none, since they cut a cluster, just below that: no
+    mode lies lower than those found, and of equal ones any are as good.
     """
     if len(values) > count:
         tail = values[count - 1:] if count else np.append(0.0, values)
         gaps = np.diff(tail) / tail[1:]
         at = int(np.argmax(gaps))
-        if gaps[at] > 1e-6:
+        if gaps[at] > GAP:
             return float((tail[at] + tail[at + 1]) / 2), at + count
-    return float(values[-1] * (1 + 1e-6)), len(values)
-
-
+    below = np.flatnonzero(np.diff(values[:count]) > GAP * values[1:count])
+    first = int(below[-1]) + 1 if len(below) else 0
+    return float(values[first] * (1 - GAP / 2)), first

@@ -26,6 +26,10 @@ class NotConvergedError(FemsubError, ArithmeticError):
     """An iteration stopped before its tolerance; the message holds both figures."""
 
 
+class BreakdownError(NotConvergedError):
+    """An eigensolver broke off within an iteration, which hangs on where it started: from another start it may go through."""
+
+
 class MissedModesError(FemsubError, ArithmeticError):
     """Fewer modes were found than an independent count says there are."""
 

@@ -3,24 +3,39 @@
 from __future__ import annotations
 
 from copy import copy
+from typing import NamedTuple
 
 import numpy as np
 
 from femsub import condensed, qep, splitting
 from femsub._slepc import Factor, quadratic_modes
-from femsub.bands import in_band
-from femsub.counting import missed_eigenvalues
-from femsub.eigen import NormalModes, lowest_modes, modes_below, modes_under
-from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.bands import EDGE, in_band
+from femsub.counting import missed_around, undamped_reference
+from femsub.eigen import lowest_modes
+from femsub.errors import BreakdownError, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import QUADRATIC
-from femsub.pencil import Array, Matrix, Pencil
+from femsub.multiplicity import clear_radius, distinct, joined
+from femsub.pencil import Array, Pencil
 from femsub.shift_invert import ShiftInvert
 
 MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
-TOLERANCES = (1e-14, 1e-12)  # tried in turn; TOAR's own estimate is optimistic, at 1e-12 by five digits where K is singular
+# Tolerance and what is added to the seed of the start vector, tried in turn; TOAR's own estimate is optimistic, at 1e-12 by
+# five digits where K is singular.
+ATTEMPTS = ((1e-14, 0), (1e-12, 0), (1e-12, 100))
+FETCHES = 3  # more searches, each from another start, for eigenvalues that the count says are missing
 KEPT = 200_000  # up to so many DOF a second factor may stay in memory for a count, which is made unasked
 Box = tuple[float, float, float, float]
 Proof = condensed.Count | None
+
+
+class Found(NamedTuple):
+    """λ (k,), X and Y (n, k), whether an independent argument says that none is missing, and the count in a disc if that does."""
+
+    values: Array
+    X: Array
+    Y: Array
+    certified: bool
+    proof: Proof
 
 
 class Shifted:
@@ -75,25 +90,38 @@ class Shifted:
             raise SingularMatrixError("K is singular and no DOF has both mass and stiffness: no shift can be chosen")
         return 1e-2 * float(np.sqrt((stiffness[loaded] / mass[loaded]).min()))
 
-    def nearest(self, count: int) -> tuple[Array, Array]:
-        """At least `count` eigenvalues nearest to the shift (of a pair only Im λ ≥ 0 is listed), with shapes."""
+    def nearest(self, count: int, seed: int = 1) -> tuple[Array, Array]:
+        """At least `count` eigenvalues nearest to the shift (of a pair only Im λ ≥ 0 is listed), with shapes, none twice."""
         pencil = self.pencil
         matrices = (pencil.M, pencil.D, pencil.K)
-        for tol in TOLERANCES:
+        for tol, start in ATTEMPTS:
             try:
                 values, X = quadratic_modes(self.factor, matrices, self.shift, min(count, 2 * pencil.size), tol=tol,
-                                            scale=self.scale)
+                                            scale=self.scale, seed=seed + start)
                 break
-            except NotConvergedError:
-                if tol == TOLERANCES[-1]:
+            except NotConvergedError as error:
+                # Only a breakdown hangs on the start.
+                if (tol, start) == ATTEMPTS[-1] or (tol == ATTEMPTS[-1][0] and not isinstance(error, BreakdownError)):
                     raise
+        values, X = distinct(values, X)
         if self.rigid.shape[1]:
             values, X = self._zeros(values, X)
         elif self.shift:
             still = np.flatnonzero(np.abs(values) < 1e-5 * self.shift)
             scale = np.linalg.norm(abs(pencil.K) @ np.abs(X[:, still]), axis=0)
-            values[still[np.linalg.norm(pencil.K @ X[:, still], axis=0) <= 1e-9 * scale]] = 0.0
+            still = still[np.linalg.norm(pencil.K @ X[:, still], axis=0) <= 1e-9 * scale]
+            both = still[values[still].imag != 0]  # stand for their conjugates, which are 0 as well
+            values[still] = 0.0
+            if len(both):
+                values, X = np.append(values, values[both]), np.hstack([X, X[:, both].conj()])
         return values, X / np.linalg.norm(X, axis=0)
+
+    def gathered(self, count: int, searches: int) -> tuple[Array, Array]:
+        """What several searches, each from another start, find together."""
+        values, X = self.nearest(count)
+        for seed in range(2, searches + 1):
+            values, X = joined(values, X, *self.nearest(count, seed))
+        return values, X
 
     def _zeros(self, values: Array, X: Array) -> tuple[Array, Array]:
         """Puts exact zeros for the eigenvalues of rigid-body motion, which come out as a broken-up multiple eigenvalue.
@@ -114,11 +142,11 @@ class Shifted:
         shapes = Z[:, np.arange(number) % Z.shape[1]]
         return np.append(values[keep], np.zeros(number)), np.hstack([X[:, keep], shapes])
 
-    def left(self, values: Array, X: Array, ask: int) -> Array:
+    def left(self, values: Array, X: Array, ask: int, searches: int) -> Array:
         """Left vectors y, yᴴP(λ) = 0: x̄ for a symmetric pencil, else from the transposed one, matched by λ.
 
-        `ask` eigenvalues next to the shift were asked for until these were found among them. Where no counterpart is
-        found the column is zero, which makes its error bar infinite.
+        `ask` eigenvalues next to the shift were asked for, in so many `searches`, until these were found among them. Where no
+        counterpart is found the column is zero, which makes its error bar infinite.
         """
         if all(self.pencil.symmetric):
             return X.conj()
@@ -127,7 +155,7 @@ class Shifted:
             other.pencil = self.pencil.transposed()
         else:
             other = Shifted(self.pencil.transposed())
-        found, vectors = other.nearest(ask)
+        found, vectors = other.gathered(ask, searches)
         Y = np.zeros_like(X)
         free = np.ones(len(found), dtype=bool)
         for j in np.argsort(np.abs(values)):
@@ -139,77 +167,126 @@ class Shifted:
         return Y
 
 
-def solve_count(pencil: Pencil, count: int, certify: bool | None) -> tuple[Array, Array, Array, Proof]:
-    """λ, X, Y of at least `count` eigenvalues nearest to 0, conjugates included, and the proof that none is nearer."""
+def solve_count(pencil: Pencil, count: int, certify: bool | None) -> Found:
+    """At least `count` eigenvalues nearest to 0, conjugates included, and the proof that none is nearer."""
     problem = Shifted(pencil)
     parts = splitting.split(pencil) if certify or (certify is None and pencil.size <= KEPT) else None
     # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for. A count needs a gap
     # behind the last, and hence the next.
     ask = count + (0 if problem.shift == 0 else 12) + (0 if parts is None else 2)
-    fetched = 0
+    search = _Search(problem)
     while True:
         try:
-            values, X = problem.nearest(ask)
+            values, X = search.found(ask)
         except NotConvergedError:
             if parts is None or certify:
                 raise
             parts, ask = None, ask - 2  # what was not asked for must not be what fails
             continue
         reach = np.abs(values - problem.shift).max() - problem.shift
-        total = len(values) + np.count_nonzero(values.imag)
-        sure = np.abs(values) <= reach * (1 + 1e-9)
-        if np.count_nonzero(sure) + np.count_nonzero(values[sure].imag) < count and total < 2 * pencil.size:
+        sure = np.abs(values) <= reach * (1 + EDGE)
+        if _listed(values[sure]) < count and _listed(values) < 2 * pencil.size and ask < 2 * pencil.size:
             ask = min(2 * ask, 2 * pencil.size)
             continue
         near, Xn = values[sure], X[:, sure]
         order = np.argsort(np.abs(near), kind="stable")
         listed = np.cumsum(1 + (near[order].imag != 0))
         order = order[:int(np.searchsorted(listed, count)) + 1]
-        if parts is None:
-            proof = None
-            break
-        proof = _confirmed(problem, parts, _edge(parts, _gap_behind(np.abs(near), len(order))), values, X)
+        proof = None
+        if parts is not None:
+            proof = _confirmed(problem, parts, _edge(parts, clear_radius(np.sort(np.abs(near)), len(order))), values, X)
         if proof is None or (missed := proof.number - _number(values, proof.radius)) == 0:
             break
-        ask, fetched = _fetch(ask, missed, fetched, proof)
+        if missed < 0 or search.exhausted:
+            return _complete(pencil, proof, missed)
+        ask = search.more(ask, missed)
     values, X = near[order], Xn[:, order]
-    return *_with_conjugates(values, X, problem.left(values, X, ask)), proof
+    return Found(*_with_conjugates(values, X, search.left(values, X)), proof is not None, proof)
 
 
-def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> tuple[Array, Array, Array, bool, Proof]:
-    """λ, X, Y of all eigenvalues in a rectangle with Im λ ≥ 0; whether their number was confirmed, and by a disc around it."""
+def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> Found:
+    """All eigenvalues in a rectangle with Im λ ≥ 0."""
     problem = Shifted(pencil)
     a, b, lo, hi = box
     radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
     parts = None if certify is False else splitting.split(pencil)
     at = None if parts is None else _edge(parts, radius)
     winding = at is None and (pencil.size <= QUADRATIC if certify is None else certify)
-    reference = _reference(pencil, radius, winding) if at is None else None
+    reference = undamped_reference(pencil, radius, winding) if at is None else None
     ask = 2 * (at.below if at else reference[1].counted[1] if reference else 10) + 12
-    most, fetched, proof = min(pencil.size, MOST), 0, None
+    most, search = min(pencil.size, MOST), _Search(problem)
     while True:
         if ask > most:
-            if pencil.size <= QUADRATIC:  # more than half of all: those of LAPACK are complete
-                return (*qep.solve(pencil.dense()), True, None)
+            if pencil.size <= QUADRATIC:  # more than half of all
+                return _complete(pencil)
             raise InputError(
                 f"the disc around 0 that holds the band has about {ask} eigenvalues, and with a real shift all of them would "
                 f"have to be found ({MOST} at most); lower the band, narrow re=(a, b), or reduce the model")
-        values, X = problem.nearest(ask)
-        if np.abs(values - problem.shift).max() < radius and len(values) + np.count_nonzero(values.imag) < 2 * pencil.size:
+        values, X = search.found(ask)
+        if np.abs(values - problem.shift).max() < radius and _listed(values) < 2 * pencil.size:
             ask = min(2 * ask, most) if ask < most else most + 1
             continue
         proof = None if parts is None or at is None else _confirmed(problem, parts, at, values, X)
-        if proof is None or (missed := proof.number - _number(values, proof.radius)) == 0:
+        missed = proof.number - _number(values, proof.radius) if proof else 0
+        if proof is None and (pencil.size <= QUADRATIC if certify is None else certify):
+            reference = reference if winding else undamped_reference(pencil, radius, True)
+            winding = True
+            if reference is not None:
+                try:
+                    missed = missed_around(pencil, box, values, radius, reference)
+                except NotConvergedError:
+                    if pencil.size > QUADRATIC:
+                        raise
+                    return _complete(pencil)
+        if not missed:
             break
-        ask, fetched = _fetch(ask, missed, fetched, proof)
-    if proof is None and not winding and (pencil.size <= QUADRATIC if certify is None else certify):
-        winding, reference = True, _reference(pencil, radius, True)
-    if winding and reference is not None:
-        disc = values[np.abs(values) <= radius]
-        _certify(pencil, _clear_of(values, box), disc, reference[0], reference[1].frequencies)
+        if missed < 0 or search.exhausted:
+            return _complete(pencil, proof, missed)
+        ask = search.more(ask, missed)
     keep = in_band(values, (lo, hi), (a, b))
-    values, X = values[keep], X[:, keep]
-    return values, X, problem.left(values, X, ask), proof is not None or (winding and reference is not None), proof
+    again = keep & (values.imag != 0) & in_band(values.conj(), (lo, hi), (a, b))  # a double real one that rounding made a pair
+    order = np.append(np.flatnonzero(keep), np.flatnonzero(again))
+    values, X = values[order], X[:, order]
+    if again.any():
+        values[-again.sum():], X[:, -again.sum():] = values[-again.sum():].conj(), X[:, -again.sum():].conj()
+    return Found(values, X, search.left(values, X), proof is not None or (winding and reference is not None), proof)
+
+
+class _Search:
+    """Eigenvalues nearest to the shift, by one search after another, each from a start of its own."""
+
+    def __init__(self, problem: Shifted) -> None:
+        self.problem, self.searches, self.ask = problem, 1, 0
+        self.pool: tuple[Array, Array] = np.zeros(0), np.zeros((0, 0))
+
+    @property
+    def exhausted(self) -> bool:
+        return self.searches > FETCHES
+
+    def found(self, ask: int) -> tuple[Array, Array]:
+        self.ask = ask
+        new = self.problem.nearest(ask, self.searches)
+        self.pool = joined(*self.pool, *new) if self.searches > 1 else new
+        return self.pool
+
+    def more(self, ask: int, missed: int) -> int:
+        """How many to ask for in a new search where so many are missing."""
+        self.searches += 1
+        return min(ask + 2 * missed + 10, 2 * self.problem.pencil.size)
+
+    def left(self, values: Array, X: Array) -> Array:
+        return self.problem.left(values, X, self.ask, self.searches)
+
+
+def _complete(pencil: Pencil, proof: Proof = None, missed: int = 0) -> Found:
+    """All by LAPACK, which is complete; for a large pencil the error that tells what is missing."""
+    if pencil.size <= QUADRATIC:
+        return Found(*qep.solve(pencil.dense()), True, None)
+    if proof is None:
+        raise MissedModesError(f"the winding number of det P says that {missed} eigenvalues around the band are missing; shift "
+                               "the band a little, or narrow re=(a, b)")
+    raise MissedModesError(f"an independent count says that {proof.number} eigenvalues lie in |λ| < {proof.radius:.6g}, but "
+                           f"{proof.number - missed} were found; ask for more or fewer, or for another band")
 
 
 def _edge(parts: splitting.Split, radius: float) -> condensed.Edge | None:
@@ -245,71 +322,12 @@ def _confirmed(problem: Shifted, parts: splitting.Split, at: condensed.Edge | No
 
 
 def _number(values: Array, radius: float) -> int:
-    inside = values[np.abs(values) < radius]
-    return len(inside) + int(np.count_nonzero(inside.imag))
+    return _listed(values[np.abs(values) < radius])
 
 
-def _fetch(ask: int, missed: int, fetched: int, proof: condensed.Count) -> tuple[int, int]:
-    """How many to ask for next where some are missing, and how often that was done."""
-    if missed < 0 or fetched == 2:
-        raise MissedModesError(f"an independent count says that {proof.number} eigenvalues lie in |λ| < {proof.radius:.6g}, but "
-                               f"{proof.number - missed} were found; ask for more or fewer, or for another band")
-    return ask + 2 * missed + 10, fetched + 1
-
-
-def _gap_behind(size: Array, count: int) -> float:
-    """A radius with at least the `count` nearest inside: in the widest gap among those that follow, or just behind all."""
-    tail = np.sort(size)[count - 1:]
-    if len(tail) == 1 or tail[-1] == 0:
-        return float(tail[-1] * (1 + 1e-6))
-    ratios = tail[1:] / np.maximum(tail[:-1], 1e-3 * tail[-1])
-    at = int(np.argmax(ratios))
-    return float(np.sqrt(max(tail[at], 1e-3 * tail[-1]) * tail[at + 1]))
-
-
-def _reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Matrix, NormalModes] | None:
-    """A symmetric K0 close to K with its undamped modes below a frequency; only their number with shapes=False.
-
-    Their number is a first guess of how many eigenvalues a disc holds, their frequencies are what the independent
-    count is compared with. K0 is the symmetric part of K, lifted by a multiple of M where friction has made that
-    indefinite. None where M is not symmetric positive semidefinite.
-    """
-    if not pencil.symmetric[0]:
-        return None
-    symmetric = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) / 2
-    for lift in (0.0, 1e-3, 1e-2, 1e-1, 1.0):
-        K = symmetric + lift * radius**2 * pencil.M if lift else symmetric
-        try:
-            if shapes:
-                return K, modes_below(K, pencil.M, radius)
-            count = modes_under(K, pencil.M, radius**2)
-            return K, NormalModes(np.zeros(0), np.zeros((pencil.size, 0)), 0, np.zeros(0), (radius, count))
-        except (SingularMatrixError, MissedModesError, InputError):
-            continue
-    return None
-
-
-def _certify(pencil: Pencil, contour: Box, values: Array, reference: Matrix, undamped: Array) -> None:
-    both = np.append(values, values[values.imag != 0].conj())
-    missed = missed_eigenvalues(pencil, contour, both, reference, undamped)
-    if missed:
-        a, b, lo, hi = contour
-        raise MissedModesError(
-            f"the winding number of det P says that {missed} eigenvalues in Re λ = {a:.5g} … {b:.5g}, Im λ = {lo:.5g} … "
-            f"{hi:.5g} are missing; shift the band a little, or narrow re=(a, b)")
-
-
-def _clear_of(values: Array, box: Box) -> Box:
-    """The rectangle with each edge moved out by up to 2 %, to where the known eigenvalues leave the widest gap."""
-    a, b, lo, hi = box
-    moves = np.linspace(0.002, 0.02, 10) * hi
-
-    def best(edges: Array, coordinates: Array) -> float:
-        return float(edges[np.argmax(np.abs(edges[:, None] - coordinates).min(axis=1))])
-
-    coordinates = values.imag
-    low = max(best(lo - moves, coordinates), lo / 2) if lo > 0 else 0.0
-    return best(a - moves, values.real), best(b + moves, values.real), low, best(hi + moves, coordinates)
+def _listed(values: Array) -> int:
+    """How many eigenvalues these stand for, those with Im λ > 0 for two each."""
+    return len(values) + int(np.count_nonzero(values.imag))
 
 
 def _with_conjugates(values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array]:

@@ -200,10 +200,10 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
     nearest = pep.Shifted.nearest
     with monkeypatch.context() as patched:  # what is not asked for must not be what fails
 
-        def stubborn(self: pep.Shifted, count: int) -> tuple[np.ndarray, np.ndarray]:
+        def stubborn(self: pep.Shifted, count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
             if count > 12:
                 raise fs.NotConvergedError(f"0 of {count} complex modes converged")
-            return nearest(self, count)
+            return nearest(self, count, seed)
 
         patched.setattr(pep.Shifted, "nearest", stubborn)
         assert not fs.complex_modes(sub, BELT, count=12).certified

@@ -111,7 +111,9 @@ def test_band(n: int) -> None:
     exact = fs.chain_frequencies(n)
     modes = fs.normal_modes(fs.chain(n), band=(0.1, 0.4))
     assert np.allclose(modes.frequencies, exact[(exact >= 0.1) & (exact <= 0.4)], rtol=1e-11)
-    assert modes.counted == (0.4, int((exact < 0.4).sum()))
+    below = int((exact < 0.4).sum())
+    assert modes.counted == (pytest.approx(0.4, rel=1e-5), below) and modes.unlisted == int((exact < 0.1).sum())
+    assert f"{below} counted below 0.4, {modes.unlisted} of them outside of the band" in repr(modes)
 
 
 @pytest.mark.parametrize("n", [20, 300])

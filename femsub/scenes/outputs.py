@@ -67,6 +67,8 @@ def _modes(work: Work) -> Result:
     said = table(["mode", "ω", "residual"], [[row["mode"], row["omega"], row["residual"]] for row in rows], ["d", ".6g", ".0e"])
     limit, count = found.counted
     proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
+    if found.unlisted:
+        proof += f", {found.unlisted} of them outside of the band"
     head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {proof}"
     data = {"rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
     shapes = work.field(found.shapes)
