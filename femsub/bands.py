@@ -7,7 +7,8 @@ import numpy as np
 from femsub.pencil import Array
 
 EDGE = 1e-9  # of |λ| that an eigenvalue may lie beyond an edge, and still be in the band: room for its rounding
-DOUBLE = 1e-6  # of |λ| up to which two eigenvalues are taken for one that rounding has split: in the band both are, or none
+DOUBLE = 1e-6  # of |λ| up to which two eigenvalues are taken for one that rounding has split: if one is in, so is the other
+LEAST = 1e-2  # of the band's upper end: the size of smaller eigenvalues in these two, since at 0 an eigenvalue is all rounding
 Range = tuple[float, float]
 
 
@@ -15,9 +16,9 @@ def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
     """lo ≤ ω ≤ hi, or lo ≤ Im λ ≤ hi and, with `re` = (a, b), a ≤ Re λ ≤ b: which values are in the band, bool, shape (k,).
 
     The edges belong to the band. What lies on an edge is off it by rounding, hence EDGE |λ| beyond an edge is in as well.
-    Rounding splits a double eigenvalue by the square root of its size: of values that are DOUBLE |λ| apart at the most
-    each may lie beyond an edge by as much as they are apart. With a complex λ its conjugate counts as such a
-    neighbour: a double real eigenvalue may have become a pair a ± bi with a small b.
+    Rounding splits a double eigenvalue by the square root of its size, hence what is at most DOUBLE |λ| from one that is in is
+    in, too. The conjugate of a complex λ counts as such a neighbour: a double real eigenvalue may have become a pair a ± bi
+    with a small b. In both a |λ| below LEAST hi counts as LEAST hi.
 
     Parameters
     ----------
@@ -25,12 +26,12 @@ def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
         Real: frequencies ω. Complex: eigenvalues λ, with both members of a pair or only those with Im λ ≥ 0.
     band, re : (lo, hi)
     """
-    size = np.abs(values)
+    size = np.maximum(np.abs(values), LEAST * band[1] if np.isfinite(band[1]) else 0.0)
     outside = distance_outside(values, band, re)
     result = outside <= EDGE * size
-    if (~result & (outside <= DOUBLE * size)).any():
-        apart = _apart(values)
-        result |= outside <= np.where(apart <= DOUBLE * size, apart, 0.0)
+    beside = np.flatnonzero(~result & (outside <= DOUBLE * size))
+    if len(beside) and result.any():
+        result[beside] = _distance(values[beside], values[result]) <= DOUBLE * size[beside]
     return result
 
 
@@ -48,12 +49,11 @@ def widened(limit: float) -> float:
     return limit * (1 + 4 * DOUBLE)
 
 
-def _apart(values: Array) -> Array:
-    """The distance of each value to the nearest other one, conjugates included, shape (k,); inf where there is none."""
+def _distance(values: Array, others: Array) -> Array:
+    """From each value to the nearest of the others and of their conjugates, shape (k,)."""
     from scipy.spatial import cKDTree
 
-    apart = np.full(len(values), np.inf)
-    if len(values) > 1:
-        points = np.stack([values.real, values.imag], axis=1)
-        apart = np.asarray(cKDTree(points).query(points, k=2)[0][:, 1])
-    return np.minimum(apart, np.where(values.imag != 0, 2 * np.abs(values.imag), np.inf))
+    def plane(points: Array) -> Array:
+        return np.stack([points.real, points.imag], axis=1)
+
+    return np.asarray(cKDTree(plane(np.append(others, others.conj()))).query(plane(values))[0])

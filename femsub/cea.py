@@ -135,7 +135,9 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     count : int, optional
         Eigenvalues nearest to 0, both conjugates listed; a pair is never split, so one more may come.
     band : (lo, hi), optional
-        Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time.
+        Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. Those on an edge are in, and so are
+        those beyond it by less than 1e-9 of |λ|, which is room for rounding. If one of a double eigenvalue that rounding has
+        split (by up to 1e-6 of |λ|) is in, so is the other (`bands.in_band`).
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     certify : bool, optional
@@ -250,7 +252,7 @@ def _certified(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) ->
     none = np.zeros(len(values), dtype=bool)
     size = np.abs(values)
     scale = size**2 * pencil.norms[0] + size * pencil.norms[1] + pencil.norms[2]
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         condition = np.where(sensitivity * size > 0, scale * np.linalg.norm(X, axis=0) * length / (sensitivity * size), np.inf)
     return ComplexModes(values, X, pencil.backward_error(values, X, residual), bar, rigid, none, condition=condition)
 

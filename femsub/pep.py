@@ -19,9 +19,10 @@ from femsub.pencil import Array, Pencil
 from femsub.shift_invert import ShiftInvert
 
 MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
-# Tolerance and what is added to the seed of the start vector, tried in turn; TOAR's own estimate is optimistic, at 1e-12 by
-# five digits where K is singular.
-ATTEMPTS = ((1e-14, 0), (1e-12, 0), (1e-12, 100))
+# Tolerance, what is added to the seed of the start, and what to the number asked for, relatively; tried in turn. TOAR's own
+# estimate is optimistic, at 1e-12 by five digits where K is singular. Where it breaks off, in reordering a Schur form with
+# equal eigenvalues, another start and a larger space get it by.
+ATTEMPTS = ((1e-14, 0, 0.0), (1e-12, 0, 0.0), (1e-12, 100, 0.15), (1e-12, 200, 0.3))
 FETCHES = 3  # more searches, each from another start, for eigenvalues that the count says are missing
 KEPT = 200_000  # up to so many DOF a second factor may stay in memory for a count, which is made unasked
 Box = tuple[float, float, float, float]
@@ -94,14 +95,16 @@ class Shifted:
         """At least `count` eigenvalues nearest to the shift (of a pair only Im λ ≥ 0 is listed), with shapes, none twice."""
         pencil = self.pencil
         matrices = (pencil.M, pencil.D, pencil.K)
-        for tol, start in ATTEMPTS:
+        for tol, start, room in ATTEMPTS:
+            ask = min(count + int(np.ceil(room * count)), 2 * pencil.size)
             try:
-                values, X = quadratic_modes(self.factor, matrices, self.shift, min(count, 2 * pencil.size), tol=tol,
-                                            scale=self.scale, seed=seed + start)
+                values, X = quadratic_modes(self.factor, matrices, self.shift, ask, tol=tol, scale=self.scale, seed=seed + start)
                 break
-            except NotConvergedError as error:
-                # Only a breakdown hangs on the start.
-                if (tol, start) == ATTEMPTS[-1] or (tol == ATTEMPTS[-1][0] and not isinstance(error, BreakdownError)):
+            except BreakdownError:
+                if (tol, start, room) == ATTEMPTS[-1]:
+                    raise
+            except NotConvergedError:
+                if tol == ATTEMPTS[-1][0]:
                     raise
         values, X = distinct(values, X)
         if self.rigid.shape[1]:
@@ -179,6 +182,8 @@ def solve_count(pencil: Pencil, count: int, certify: bool | None) -> Found:
         try:
             values, X = search.found(ask)
         except NotConvergedError:
+            if pencil.size <= QUADRATIC:
+                return _complete(pencil)
             if parts is None or certify:
                 raise
             parts, ask = None, ask - 2  # what was not asked for must not be what fails
@@ -222,7 +227,12 @@ def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> Found:
             raise InputError(
                 f"the disc around 0 that holds the band has about {ask} eigenvalues, and with a real shift all of them would "
                 f"have to be found ({MOST} at most); lower the band, narrow re=(a, b), or reduce the model")
-        values, X = search.found(ask)
+        try:
+            values, X = search.found(ask)
+        except NotConvergedError:
+            if pencil.size <= QUADRATIC:
+                return _complete(pencil)
+            raise
         if np.abs(values - problem.shift).max() < radius and _listed(values) < 2 * pencil.size:
             ask = min(2 * ask, most) if ask < most else most + 1
             continue
