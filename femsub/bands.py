@@ -30,8 +30,10 @@ def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
     outside = distance_outside(values, band, re)
     result = outside <= EDGE * size
     beside = np.flatnonzero(~result & (outside <= DOUBLE * size))
-    if len(beside) and result.any():
-        result[beside] = _distance(values[beside], values[result]) <= DOUBLE * size[beside]
+    if len(beside):
+        mirrored = values.conj()
+        members = np.append(values[result], mirrored[distance_outside(mirrored, band, re) <= EDGE * size])
+        result[beside] = _distance(values[beside], members) <= DOUBLE * size[beside]
     return result
 
 
@@ -50,10 +52,10 @@ def widened(limit: float) -> float:
 
 
 def _distance(values: Array, others: Array) -> Array:
-    """From each value to the nearest of the others and of their conjugates, shape (k,)."""
+    """From each value to the nearest of the others, inf if there are none, shape (k,)."""
     from scipy.spatial import cKDTree
 
-    def plane(points: Array) -> Array:
-        return np.stack([points.real, points.imag], axis=1)
-
-    return np.asarray(cKDTree(plane(np.append(others, others.conj()))).query(plane(values))[0])
+    if not len(others):
+        return np.full(len(values), np.inf)
+    points, tree = (np.stack([part.real, part.imag], axis=1) for part in (values, others))
+    return np.asarray(cKDTree(tree).query(points)[0])
