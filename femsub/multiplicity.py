@@ -2,16 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.bands import DOUBLE
+from femsub.errors import NotConvergedError
 from femsub.pencil import Array
 
 SAME = 1e-10  # |Δλ| / |λ| up to which one eigenvalue may have been found twice: a defective one is split by more
 PARALLEL = 1e-6  # what a unit vector leaves of another one that is the same: two of a double eigenvalue leave more
 NEW = 1e-3  # share of a shape that no shape of the cluster has, by which it is one more
+FETCHES = 3  # more searches, each from another start, for eigenvalues that are missing
+
+
+class Search:
+    """Eigenvalues nearest to a shift by one search after another, each from a start of its own, and what they found together.
+
+    `nearest` (number, seed) → λ (k,), X (n, k) makes a search; `searches` is how many there were, `ask` the last number.
+    """
+
+    def __init__(self, nearest: Callable[[int, int], tuple[Array, Array]], size: int) -> None:
+        self.nearest, self.size, self.searches, self.ask = nearest, size, 1, 0
+        self.pool: tuple[Array, Array] = np.zeros(0), np.zeros((size, 0))
+
+    @property
+    def exhausted(self) -> bool:
+        return self.searches > FETCHES
+
+    def found(self, ask: int) -> tuple[Array, Array]:
+        """λ and X with so many asked for."""
+        if ask != self.ask:
+            new = self.nearest(ask, self.searches)
+            self.pool = joined(*self.pool, *new) if self.searches > 1 else new
+            self.ask = ask
+        return self.pool
+
+    def more(self, ask: int, missed: int) -> int:
+        """How many to ask for in a new search where so many are missing."""
+        self.searches, self.ask = self.searches + 1, 0
+        return min(ask + 2 * missed + 10, 2 * self.size)
+
+    def settled(self) -> bool:
+        """Whether there is no more to find in clusters, which nobody counts: none is there, or another search finds the same."""
+        values, X = self.pool
+        if self.exhausted or not clusters(values[values != 0], DOUBLE):
+            return True
+        self.searches += 1
+        with suppress(NotConvergedError):
+            self.pool = joined(values, X, *self.nearest(self.ask, self.searches))
+        return len(self.pool[0]) == len(values)
 
 
 def distinct(values: Array, X: Array) -> tuple[Array, Array]:

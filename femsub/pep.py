@@ -14,7 +14,7 @@ from femsub.counting import missed_around, undamped_reference
 from femsub.eigen import lowest_modes
 from femsub.errors import BreakdownError, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.factor import QUADRATIC
-from femsub.multiplicity import clear_radius, distinct, joined
+from femsub.multiplicity import Search, clear_radius, distinct, joined
 from femsub.pencil import Array, Pencil
 from femsub.shift_invert import ShiftInvert
 
@@ -23,7 +23,6 @@ MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hou
 # estimate is optimistic, at 1e-12 by five digits where K is singular. Where it breaks off, in reordering a Schur form with
 # equal eigenvalues, another start and a larger space get it by.
 ATTEMPTS = ((1e-14, 0, 0.0), (1e-12, 0, 0.0), (1e-12, 100, 0.15), (1e-12, 200, 0.3))
-FETCHES = 3  # more searches, each from another start, for eigenvalues that the count says are missing
 KEPT = 200_000  # up to so many DOF a second factor may stay in memory for a count, which is made unasked
 Box = tuple[float, float, float, float]
 Proof = condensed.Count | None
@@ -177,7 +176,7 @@ def solve_count(pencil: Pencil, count: int, certify: bool | None) -> Found:
     # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for. A count needs a gap
     # behind the last, and hence the next.
     ask = count + (0 if problem.shift == 0 else 12) + (0 if parts is None else 2)
-    search = _Search(problem)
+    search = Search(problem.nearest, pencil.size)
     while True:
         try:
             values, X = search.found(ask)
@@ -200,13 +199,17 @@ def solve_count(pencil: Pencil, count: int, certify: bool | None) -> Found:
         proof = None
         if parts is not None:
             proof = _confirmed(problem, parts, _edge(parts, clear_radius(np.sort(np.abs(near)), len(order))), values, X)
-        if proof is None or (missed := proof.number - _number(values, proof.radius)) == 0:
+        if proof is None:
+            if search.settled():
+                break
+            continue
+        if (missed := proof.number - _number(values, proof.radius)) == 0:
             break
         if missed < 0 or search.exhausted:
             return _complete(pencil, proof, missed)
         ask = search.more(ask, missed)
     values, X = near[order], Xn[:, order]
-    return Found(*_with_conjugates(values, X, search.left(values, X)), proof is not None, proof)
+    return Found(*_with_conjugates(values, X, problem.left(values, X, search.ask, search.searches)), proof is not None, proof)
 
 
 def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> Found:
@@ -219,7 +222,7 @@ def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> Found:
     winding = at is None and (pencil.size <= QUADRATIC if certify is None else certify)
     reference = undamped_reference(pencil, radius, winding) if at is None else None
     ask = 2 * (at.below if at else reference[1].counted[1] if reference else 10) + 12
-    most, search = min(pencil.size, MOST), _Search(problem)
+    most, search = min(pencil.size, MOST), Search(problem.nearest, pencil.size)
     while True:
         if ask > most:
             if pencil.size <= QUADRATIC:  # more than half of all
@@ -249,43 +252,18 @@ def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> Found:
                         raise
                     return _complete(pencil)
         if not missed:
-            break
+            if proof or (winding and reference is not None) or search.settled():
+                break
+            continue
         if missed < 0 or search.exhausted:
             return _complete(pencil, proof, missed)
         ask = search.more(ask, missed)
     keep = in_band(values, (lo, hi), (a, b))
-    again = keep & (values.imag != 0) & in_band(values.conj(), (lo, hi), (a, b))  # a double real one that rounding made a pair
-    order = np.append(np.flatnonzero(keep), np.flatnonzero(again))
-    values, X = values[order], X[:, order]
-    if again.any():
-        values[-again.sum():], X[:, -again.sum():] = values[-again.sum():].conj(), X[:, -again.sum():].conj()
-    return Found(values, X, search.left(values, X), proof is not None or (winding and reference is not None), proof)
-
-
-class _Search:
-    """Eigenvalues nearest to the shift, by one search after another, each from a start of its own."""
-
-    def __init__(self, problem: Shifted) -> None:
-        self.problem, self.searches, self.ask = problem, 1, 0
-        self.pool: tuple[Array, Array] = np.zeros(0), np.zeros((0, 0))
-
-    @property
-    def exhausted(self) -> bool:
-        return self.searches > FETCHES
-
-    def found(self, ask: int) -> tuple[Array, Array]:
-        self.ask = ask
-        new = self.problem.nearest(ask, self.searches)
-        self.pool = joined(*self.pool, *new) if self.searches > 1 else new
-        return self.pool
-
-    def more(self, ask: int, missed: int) -> int:
-        """How many to ask for in a new search where so many are missing."""
-        self.searches += 1
-        return min(ask + 2 * missed + 10, 2 * self.problem.pencil.size)
-
-    def left(self, values: Array, X: Array) -> Array:
-        return self.problem.left(values, X, self.ask, self.searches)
+    values, X = values[keep], X[:, keep]
+    pair = (values.imag != 0) & in_band(values.conj(), (lo, hi), (a, b))  # a double real one, which rounding has split
+    values, X = np.append(values, values[pair].conj()), np.hstack([X, X[:, pair].conj()])
+    certified = proof is not None or (winding and reference is not None)
+    return Found(values, X, problem.left(values, X, search.ask, search.searches), certified, proof)
 
 
 def _complete(pencil: Pencil, proof: Proof = None, missed: int = 0) -> Found:
