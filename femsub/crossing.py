@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
+from femsub.bands import in_band, widened
 from femsub.pencil import EPS, Array
 from femsub.qep import ModalForm
 
@@ -97,8 +98,8 @@ class PortFunction:
         return np.unique(points[(points >= edges[0]) & (points <= edges[1])])
 
     def crossings(self, lo: float, hi: float) -> tuple[Array, Array]:
-        """(ω, c) of all crossings with lo ≤ ω ≤ hi and c < 0, largest c first."""
-        omega = self.grid(lo, hi)
+        """(ω, c) of all crossings with lo ≤ ω ≤ hi and c < 0, largest c first; what `in_band` says of the edges."""
+        omega = self.grid(lo * lo / widened(lo) if lo else lo, widened(hi))  # a root on an edge needs a change of sign around it
         if len(omega) < 2:
             return np.zeros(0), np.zeros(0)
         imag = self.approximate(omega).imag
@@ -124,7 +125,7 @@ class PortFunction:
                 continue
             width = float(widths[j])
             root = self._polish(float(roots[j]), width)
-            if root is not None and lo <= root[0] * (1 + 1e-9) and root[0] <= hi * (1 + 1e-9):
+            if root is not None and in_band(np.array([root[0]]), (lo, hi))[0]:
                 found.append(root)
         found.sort(key=lambda pair: (-pair[1], pair[0]))
         omegas = np.array([pair[0] for pair in found])

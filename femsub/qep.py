@@ -94,7 +94,7 @@ def _undamped(still: Array, M: Array, K: Array) -> tuple[Array, Array, int]:
         return values, shapes, 0
     Z, lowest = _rigid(still, M, values, shapes, low)
     if still is not K:
-        Z, free = _unresisted(K - still, Z)
+        Z, free = unresisted(K - still, Z)
         Z = Z[:, free]
     r = Z.shape[1]
     if 0 < r < len(values):
@@ -155,7 +155,7 @@ def _unbraked(D: Array, shapes: Array, rigid: int) -> tuple[Array, Array]:
     C = shapes.T @ (D @ shapes)
     if not rigid:
         return shapes, C
-    z, free = _unresisted(D, shapes[:, :rigid])
+    z, free = unresisted(D, shapes[:, :rigid])
     shapes = np.hstack([z, shapes[:, rigid:]])
     C = shapes.T @ (D @ shapes)
     C[:, free] = 0.0
@@ -164,9 +164,9 @@ def _unbraked(D: Array, shapes: Array, rigid: int) -> tuple[Array, Array]:
     return shapes, C
 
 
-def _unresisted(A: Array, Z: Array) -> tuple[Array, Array]:
+def unresisted(A: Array, Z: Array) -> tuple[Array, Array]:
     """The motions Z (n, r) turned so that A resists few of them, and the numbers of those with Az = 0."""
-    Z = Z @ np.linalg.svd(A @ Z)[2].T
+    Z = Z @ np.linalg.svd(A @ Z, full_matrices=False)[2].T
     scale = np.linalg.norm(abs(A) @ abs(Z).sum(axis=1))  # of all: one that is at rest where the dashpot is has no scale
     return Z, np.flatnonzero(np.linalg.norm(A @ Z, axis=0) <= RIGID * scale)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from femsub.bands import in_band
 from femsub.border import dense_border, sparse_border
 from femsub.cea import complex_modes
 from femsub.eigen import check_band
@@ -138,11 +139,11 @@ def _check_model(name: str, model: object, force: object) -> None:
 
 
 def _leading(values: Array, band: tuple[float, float]) -> tuple[float, float]:
-    values = values[(values.imag >= band[0]) & (values.imag <= band[1]) & (np.abs(values) > 0)]
+    values = values[in_band(values, band) & (np.abs(values) > 0)]
     if len(values) == 0:
         return -np.inf, np.nan
     at = int(np.argmax(values.real))
-    return float(values[at].real), float(values[at].imag)
+    return float(values[at].real), abs(float(values[at].imag))
 
 
 def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.0,
@@ -185,7 +186,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
                          "frequencies may lose their stability?")
     limits = default_band(model) if band is None else check_band(band)
     if sparse and band is not None:
-        found = sparse_border(model, w, limits, bracketing=method == "bracketing" or w.shape[1] > 1)
+        found = sparse_border(model, w, limits, method)
     else:
-        found = dense_border(model.pencil, w, limits, bracketing=method == "bracketing" or w.shape[1] > 1)
+        found = dense_border(model.pencil, w, limits, method)
     return CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)
