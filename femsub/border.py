@@ -17,9 +17,10 @@ from femsub.errors import NotConvergedError, UnstableModelError
 from femsub.factor import complex_solve
 from femsub.friction import contact_damping
 from femsub.pencil import EPS, Array, Pencil, is_symmetric
-from femsub.qep import eigenvalues, unresisted
+from femsub.qep import unresisted
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import Substructure
+from femsub.threads import one_thread
 
 ROUNDS = 8  # in which the basis of a large model may grow
 BESIDE = 1e-2  # of a band's edges, up to which a pair that crosses on an edge is followed on both sides of the border
@@ -27,11 +28,15 @@ BESIDE = 1e-2  # of a band's edges, up to which a pair that crosses on an edge i
 
 def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
     """The border of a small model, every mode of which is at hand; by `method` 'auto' a root, if the contact has one column."""
-    model = Model(pencil.dense(), W)
+    with one_thread(pencil.size):
+        return _dense_border(Model(pencil.dense(), W), band, method)
+
+
+def _dense_border(model: Model, band: Band, method: str) -> Border:
     start = _at_rest(model, band)
     if start is not None:
         return start
-    if method == "bracketing" or W.shape[1] > 1:
+    if method == "bracketing" or model.W.shape[1] > 1:
         border = bracketed(model, band)
         if np.isfinite(border.c) and border.omega > 0:
             border = replace(border, growth=_verify(model, border.c, border.omega))
@@ -52,7 +57,7 @@ def _at_rest(model: Model, band: Band) -> Border | None:
     undamped = model.undamped(values, q) & (np.abs(values.real) <= 1e3 * model.noise)
     growing = [values[(values.real > (0.0 if model.symmetric else model.noise)) & ~undamped]]
     if band[0] == 0:
-        every = eigenvalues(form)
+        every = model.decomposition(0.0)[0]
         growing.append(every[(every.imag == 0) & (every.real > 1e3 * model.noise)])
     unstable = np.concatenate(growing)
     if len(unstable):
@@ -68,7 +73,7 @@ def _at_rest(model: Model, band: Band) -> Border | None:
 
 def _rooted(model: Model, band: Band) -> Border:
     """The first root of the scalar function at which a pair begins to grow, or rigid motion that does so before."""
-    function = PortFunction.of(model.form, model.W[:, 0])
+    function = PortFunction.of(model.form, model.W[:, 0], model.decomposition(0.0))
     omega, c = function.crossings(*band)
     drift = model.drift if band[0] == 0 else None
     limit = -np.inf if drift is None else drift.c

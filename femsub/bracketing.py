@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg as la
 
 from femsub.bands import in_band
 from femsub.contact_model import TOGETHER, Band, Border, Model
@@ -82,7 +81,7 @@ def _step(model: Model, stable: float, band: Band, furthest: float) -> float:
 def _foretold(model: Model, c: float, band: Band) -> float:
     """The nearest c below at which, by first order, a pair in the band crosses; -inf if none is on its way."""
     n, r = len(model.form.omega), model.form.rigid
-    values, left, right = la.eig(model.form.state(model.form.C + c * model.contact), left=True, right=True)
+    values, left, right = model.decomposition(c)
     keep = (values.imag > 0) & in_band(values, band)
     values, left, right = values[keep], left[:, keep], right[:, keep]
     b, d = right[n - r:], left[n - r:]

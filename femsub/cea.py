@@ -16,6 +16,7 @@ from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
 from femsub.pencil import EPS, Array, Pencil, whole_number
 from femsub.substructure import Substructure
+from femsub.threads import one_thread
 
 LOUD = 1e-9  # a backward error above this is warned of
 CLUSTER = 1e-7  # eigenvalues closer than this, relatively, get their left vectors as a group
@@ -178,7 +179,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     if small or (count is None and box is None) or ((count or 0) > pencil.size / 2 and pencil.size <= QUADRATIC):
         from femsub.qep import solve
 
-        values, X, Y = solve(pencil.dense())
+        with one_thread(pencil.size):
+            values, X, Y = solve(pencil.dense())
         _check_complete(pencil, values)
         certified, proof = True, None
     else:

@@ -14,6 +14,7 @@ from femsub.qep import definite_form
 
 TOGETHER = 1e-9  # pairs whose c agree to this, relatively, cross together
 MARGIN = 1e-3  # each border is verified on the pencil at c(1 ∓ MARGIN)
+KEPT = 3  # decompositions of one model
 FELT = 1e-10  # of ‖W‖‖q‖ that a shape moves the contact by, at least
 NO_RATIO = 2e-13  # twice a damping ratio of the size of rounding
 REAL = 1e-6  # |Im c| ≤ REAL |Re c|, or c is no border
@@ -55,14 +56,22 @@ class Model:
         power, turn = np.linalg.eigh(blocks)
         self.power, self.strokes = power[power != 0], (lower @ turn[:, power != 0]).T @ form.shapes
         self.size = float(np.linalg.norm(form.state(), 2)) if len(form.omega) <= 300 else float(form.omega.max())
+        self._known: dict[float, tuple[Array, Array, Array]] = {}
+
+    def decomposition(self, c: float) -> tuple[Array, Array, Array]:
+        """λ, left and right vectors of the state matrix at contact coefficient c; those asked for last are kept."""
+        if c not in self._known:
+            if len(self._known) >= KEPT:
+                self._known.pop(next(iter(self._known)))
+            self._known[c] = la.eig(self.form.state(self.form.C + c * self.contact), left=True, right=True, check_finite=False)
+        return self._known[c]
 
     def spectrum(self, c: float, band: Band, real: bool = False) -> tuple[Array, Array]:
         """λ with Im λ > 0 (with real=True: ≥ 0) in the band at contact coefficient c, (k,), and modal shapes q (n, k).
 
         For symmetric matrices Re λ is taken from its energy, see `qep.with_energy`.
         """
-        C = self.form.C + c * self.contact
-        values, right = np.linalg.eig(self.form.state(C))
+        values, _, right = self.decomposition(c)
         keep = ((values.imag >= 0) if real else (values.imag > 0)) & in_band(values, band)
         values, q = values[keep], right[len(self.form.omega) - self.form.rigid:, keep]
         if self.form.H is None and (self.form.sign[self.form.rigid:] > 0).all() and self.symmetric:

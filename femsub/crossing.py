@@ -33,9 +33,10 @@ class PortFunction:
     residues: Array
 
     @classmethod
-    def of(cls, form: ModalForm, w: Array) -> PortFunction:
+    def of(cls, form: ModalForm, w: Array, decomposition: tuple[Array, Array, Array] | None = None) -> PortFunction:
+        """Of a port (n,); λ, left and right vectors of the state matrix may be given where they are at hand."""
         n, r = len(form.omega), form.rigid
-        values, left, right = la.eig(form.state(), left=True, right=True, check_finite=False)
+        values, left, right = decomposition or la.eig(form.state(), left=True, right=True, check_finite=False)
         scale = np.einsum("ij,ij->j", left.conj(), right)
         with np.errstate(divide="ignore", invalid="ignore"):
             residues = (left[n - r:].conj().T @ w) * (w @ right[n - r:]) / scale

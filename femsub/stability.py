@@ -17,6 +17,7 @@ from femsub.friction import Belt
 from femsub.pencil import Array, finite_number
 from femsub.qep import definite_form, eigenvalues
 from femsub.substructure import Substructure
+from femsub.threads import one_thread
 
 SMALL = 150  # up to so many DOF a sparse model is treated as dense
 
@@ -117,11 +118,12 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     limits = default_band(model) if band is None else check_band(band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
     if not model.pencil.is_sparse or model.size <= QUADRATIC:
-        form = definite_form(model.pencil)
-        amplitude = form.shapes.T @ w
-        for i, slope in enumerate(values):
-            spectrum = eigenvalues(form, form.C + force * slope * (amplitude @ amplitude.T))
-            growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
+        with one_thread(model.size):
+            form = definite_form(model.pencil)
+            amplitude = form.shapes.T @ w
+            for i, slope in enumerate(values):
+                spectrum = eigenvalues(form, form.C + force * slope * (amplitude @ amplitude.T))
+                growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
     else:
         if band is None:
             raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time")
