@@ -42,6 +42,7 @@ _HOME = {
     "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
     "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
     "MissingPackageError": "errors", "NotEnoughMemoryError": "errors", "FemsubWarning": "errors", "PortWarning": "errors",
+    "CutoffWarning": "errors",
     "ConditionWarning": "errors",
 }
 
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from femsub.eigen import NormalModes, normal_modes
     from femsub.errors import (
         ConditionWarning,
+        CutoffWarning,
         FemsubError,
         FemsubWarning,
         InputError,

@@ -44,9 +44,9 @@ def _dense_border(model: Model, band: Band, method: str) -> Border:
         border = _rooted(model, band)
     already = model.growth(border.c * (1 - MARGIN), band) if np.isfinite(border.c) else 0.0
     if already > 1e2 * model.noise:
-        raise NotConvergedError(f"at c = {border.c:.9g} (ω = {border.omega:.6g}) the model is unstable already: Re λ = {already:.3g} "
-                                "just before; a pair that lost its stability outside of the band has moved into it, or one "
-                                "was overlooked: widen the band, or use method='bracketing'")
+        raise NotConvergedError(f"at c = {border.c:.9g} (ω = {border.omega:.6g}) the model is unstable already: Re λ = "
+                                f"{already:.3g} just before; a pair that lost its stability outside of the band has moved into "
+                                "it, or one was overlooked: widen the band, or use method='bracketing'")
     return border
 
 
@@ -129,7 +129,6 @@ def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto
     previous = np.nan
     for _ in range(ROUNDS):
         border = dense_border(basis.pencil, basis.W, band, method)
-        # Rigid motion is in the basis from the start, and so is the border of its drift.
         if not np.isfinite(border.c) or border.c == 0 or border.omega == 0 or abs(border.c - previous) <= 1e-10 * abs(border.c):
             break
         previous = border.c
@@ -138,6 +137,9 @@ def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto
         raise NotConvergedError(f"the border moved from {previous:.9g} to {border.c:.9g} in the last of {ROUNDS} rounds; "
                                 "narrow the band")
     border = replace(border, shape=basis.V @ border.shape)
+    if border.omega == 0 and border.c < 0:  # rigid motion is in the basis from the start: what oscillates is still to be refined
+        later = sparse_border(model, W, (BESIDE * basis.lowest, band[1]), method)
+        return later if later.c > border.c * (1 - TOGETHER) else border
     return border if not np.isfinite(border.c) or border.c == 0 else _verified(model.pencil, W, border, band)
 
 
@@ -161,6 +163,7 @@ class _Growing:
         self.loose = loose[1]
         self.V = np.hstack([loose[0], modes.shapes[:, modes.rigid:], statics[:, massive]])
         self.K = np.diag(np.concatenate([modes.eigenvalues, stiffness[massive]]))
+        self.lowest = float(modes.frequencies[modes.rigid:].min(initial=limit))
 
     @property
     def W(self) -> Array:
@@ -201,17 +204,14 @@ def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
     """Re λ of the full model at c(1 ∓ 1e-3) by PEP; an error where they contradict the border."""
     growth = []
     followed = (min(band[0], (1 - BESIDE) * border.omega), max(band[1], (1 + BESIDE) * border.omega))
-    for side, factor in enumerate((1 - MARGIN, 1 + MARGIN)):
+    for factor in (1 - MARGIN, 1 + MARGIN):
         modes = complex_modes(pencil.with_damping(contact_damping(W, border.c * factor)), band=followed,
                               re=(-0.2 * band[1], 0.2 * band[1]), certify=False)
         values, bars = modes.eigenvalues, modes.error_bar
-        crossing = ~modes.rigid if border.omega else ~modes.rigid & (values.imag == 0)
-        if not crossing.any():
+        if modes.rigid.all():
             raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} could not be verified on the full "
                                     f"model: it has no eigenvalue there at {factor:g} c; narrow the band")
-        # A pair is looked for at iω, and the real λ of rigid motion where the basis has it, which holds that motion.
-        wanted = 1j * border.omega if border.omega else border.growth[side]
-        at = int(np.argmin(np.where(crossing, np.abs(values - wanted), np.inf)))
+        at = int(np.argmin(np.abs(values - 1j * border.omega) + np.where(modes.rigid, np.inf, 0.0)))
         growth.append(float(values[at].real))
         # Real eigenvalues that grow are what became of a pair that crossed outside of the band.
         early = modes.unstable[values[modes.unstable].imag > 0] if factor < 1 else np.zeros(0, dtype=int)

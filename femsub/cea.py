@@ -48,7 +48,8 @@ class ComplexModes:
     above_cutoff : ndarray of bool, shape (k,)
         Beyond the reduction's cut-off: shown, but without a say in `is_stable`.
     searched : (re_lo, re_hi, lo, hi) or None
-        The rectangle that was searched, when a band was asked.
+        The rectangle that was searched, when a band was asked: of a reduced model up to its cut-off, since what lies above
+        is not the component's. Eigenvalues listed from above it are `above_cutoff`.
     certified : bool
         Whether an independent argument says that none is missing: all eigenvalues were computed, or the winding
         number of det P around the rectangle, or the count in a disc (see `counted`), agrees with their number.
@@ -203,6 +204,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
                       f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",
                       FemsubWarning, stacklevel=2)
     beyond = result.frequencies > cutoff * (1 + 1e-9)
+    box = None if box is None else (*box[:3], min(box[3], cutoff))
     counted = None if proof is None else (proof.radius, proof.number)
     return replace(result, above_cutoff=beyond, searched=box, certified=certified, counted=counted)
 

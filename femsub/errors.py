@@ -54,6 +54,10 @@ class PortWarning(FemsubWarning):
     """A port's static response is poorly represented by a reduction basis."""
 
 
+class CutoffWarning(FemsubWarning):
+    """An answer of a reduced model rests on modes so near to its cut-off that they may be far from the component's."""
+
+
 class ConditionWarning(FemsubWarning):
     """Rounding has taken so much of a result that it deserves no trust."""
 

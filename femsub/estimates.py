@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from femsub.bands import in_band
+from femsub.bands import EDGE, in_band
+from femsub.eigen import check_band
+from femsub.errors import InputError
 from femsub.pencil import EPS, Array
+from femsub.substructure import Substructure
 
 SHARE = 0.7  # a band ends below so much of the cut-off: the terms left out of a series in (ω/ω_cut)² then stay below a half
 REAL = 1e-7  # |Im λ| / |λ| below which λ is real: rounding makes pairs of two equal ones
@@ -70,6 +74,28 @@ class Estimate:
             told += f", {self.unmatched} λ without a counterpart"
         return (f"Estimate: {told}, {self.tol:g} asked from {self.band[0]:.5g} to {self.band[1]:.5g} rad/time: "
                 f"{'met' if self.met else 'not met'} with {self.modes} modes (cut-off {self.cutoff:.4g})")
+
+
+def usable_band(model: Substructure, band: Any = None) -> tuple[float, float]:
+    """(lo, hi) in which a model's modes may be asked for a verdict: hi ≤ the cut-off; by default all up to there.
+
+    Above it a reduced model has shapes of the reduction, which may be hardly damped, and not those of the component. So a
+    band that reaches above is refused, here, for whoever asks: an answer for a part of it would pass for one for all of it.
+    Up to SHARE of the cut-off, errors are small by rule; between the two they need not be.
+
+    Raises
+    ------
+    InputError
+        No band; one that ends above the cut-off.
+    """
+    if band is None:
+        return 0.0, float(model.cutoff)
+    lo, hi = check_band(band)
+    if hi > model.cutoff * (1 + EDGE):
+        raise InputError(f"band=({lo:.6g}, {hi:.6g}) reaches above the cut-off of {model.name!r}, {model.cutoff:.6g} rad/time: "
+                         "up there its modes are those of the reduction, not of the component; keep more modes, or end the band "
+                         f"at the cut-off ({SHARE:g} of it, {SHARE * model.cutoff:.5g}, for errors that are small by rule)")
+    return lo, hi
 
 
 def upper(values: Array) -> Array:

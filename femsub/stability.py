@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,8 +11,8 @@ import numpy as np
 from femsub.bands import in_band
 from femsub.border import dense_border, sparse_border
 from femsub.cea import complex_modes
-from femsub.eigen import check_band
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import CutoffWarning, InputError, InputTypeError
+from femsub.estimates import SHARE, usable_band
 from femsub.factor import QUADRATIC
 from femsub.friction import Belt
 from femsub.pencil import Array, finite_number
@@ -35,7 +36,7 @@ class StabilitySweep:
     omega : ndarray, shape (m,)
         Im λ of that mode.
     band : (lo, hi)
-        What was looked at. Modes of a reduced model above its cut-off are not.
+        What was looked at: of a reduced model no more than what lies below its cut-off.
     """
 
     slopes: Array
@@ -58,13 +59,14 @@ class CriticalSlope:
         c / force; 0.0 for an undamped mode that feels the belt (or one whose damping ratio is rounding: a slope that
         turned no more than 1e-13 of it), -inf where stability is never lost.
     omega : float
-        Frequency of the (lowest) pair on the axis, NaN for -inf.
+        Frequency of the (lowest) pair on the axis, NaN for -inf. 0.0 where it is no pair, but a real λ that passes 0: a
+        rigid-body motion that has lost its damping and begins to drift. What oscillates is then found with a band from above 0.
     shape : ndarray of complex, shape (n,) or (r,)
         Its eigenvector, in the coordinates of the model.
     crossing : ndarray
         The frequencies of all pairs that cross together at this slope.
     band : (lo, hi)
-        The frequencies looked at.
+        The frequencies looked at: of a reduced model no more than what lies below its cut-off.
     growth : (float, float)
         Re λ of the pair at 0.999 c and at 1.001 c, computed from the pencil: the verification.
     method : str
@@ -87,12 +89,10 @@ class CriticalSlope:
         if np.isinf(self.slope):
             return f"CriticalSlope: none, stability is never lost in the {where}"
         more = f", {len(self.crossing)} pairs cross together" if len(self.crossing) > 1 else ""
+        if self.omega == 0:
+            more = f" (rigid motion drifts: a real λ passes 0{', and ' * (len(self.crossing) > 1)}" + \
+                   (f"{len(self.crossing) - 1} pairs cross with it" if len(self.crossing) > 1 else "") + ")"
         return f"CriticalSlope: {self.slope:.9g} at ω = {self.omega:.6g} rad/time{more} ({where}, by {self.method})"
-
-
-def default_band(model: Substructure) -> tuple[float, float]:
-    """All of a model, and for a reduced one what lies below its cut-off."""
-    return 0.0, float(model.cutoff)
 
 
 def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "belt", *, force: float = 1.0,
@@ -105,7 +105,7 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     Raises
     ------
     InputError
-        An unknown port, slopes that are not finite, a missing band.
+        An unknown port, slopes that are not finite, a missing band, or one that reaches above the model's cut-off.
     """
     _check_model("sweep", model, force)
     try:
@@ -115,7 +115,7 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
         raise InputError("slopes must be a flat, non-empty sequence of finite numbers")
     w = model.port(port).reshape(model.size, -1)
-    limits = default_band(model) if band is None else check_band(band)
+    limits = usable_band(model, band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
     if not model.pencil.is_sparse or model.size <= QUADRATIC:
         with one_thread(model.size):
@@ -163,8 +163,9 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
         Normal force F; the slope returned is c/F.
     band : (lo, hi), optional
         Only pairs with lo ≤ Im λ ≤ hi may cross. By default all of a dense (or small sparse) model, and of a reduced
-        one those below its cut-off: what lies above are shapes of the reduction, which may be hardly damped. Required
-        for a sparse model above 2,000 DOF.
+        one those below its cut-off: what lies above are shapes of the reduction, which may be hardly damped, and a band
+        that reaches there is refused. Required for a sparse model above 2,000 DOF. With lo = 0 rigid motion that loses its
+        damping counts, too (ω = 0).
     method : {'auto', 'scalar', 'bracketing'}
 
     Raises
@@ -172,9 +173,16 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     UnstableModelError
         The model is unstable at c = 0; the λ is shown.
     InputError
-        An unknown port or method, a force that is not positive, a missing band.
+        An unknown port or method, a force that is not positive, a missing band, or one that reaches above the cut-off.
     NotConvergedError
-        A crossing found as a root could not be verified on the pencil, or rounding may move it by more than 1e-3.
+        A crossing found as a root could not be verified on the pencil, or rounding may move it by more than 1e-3; or a pair
+        that lost its stability outside of the band has moved into it before.
+
+    Warns
+    -----
+    CutoffWarning
+        The border of a reduced model lies above 0.7 of its cut-off, where its modes may be far off; or none was found in a
+        band that reaches above that.
     """
     _check_model("critical_slope", model, force)
     if method not in ("auto", "scalar", "bracketing"):
@@ -186,9 +194,15 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     if sparse and band is None and model.size > QUADRATIC:
         raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time: which "
                          "frequencies may lose their stability?")
-    limits = default_band(model) if band is None else check_band(band)
+    limits = usable_band(model, band)
     if sparse and band is not None:
         found = sparse_border(model, w, limits, method)
     else:
         found = dense_border(model.pencil, w, limits, method)
+    sure = SHARE * model.cutoff
+    if found.omega > sure or (np.isinf(found.c) and limits[1] > sure):
+        what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
+            f"no border was found, but the band, which ends at {limits[1]:.5g}, reaches"
+        warnings.warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
+                      "reduced model may be far from the component's: keep more modes to be sure", CutoffWarning, stacklevel=2)
     return CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)

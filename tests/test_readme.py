@@ -42,6 +42,18 @@ def test_the_example_prints_what_its_comments_say() -> None:
     assert [round(float(word), 6) for word in lines[2].split()] == [-0.025567, -0.025567]
 
 
+def test_your_own_matrices_lose_their_stability_where_the_full_model_does() -> None:
+    code = next(block for block in blocks("python") if "sp.diags_array" in block)
+    names: dict[str, object] = {}
+    exec(code, names)
+    sub, rom, band = names["sub"], names["rom"], names["band"]
+    exact, found = fs.critical_slope(sub, band=band), fs.critical_slope(rom, band=band)
+    assert found.slope == pytest.approx(exact.slope, rel=1e-3) and round(found.slope, 4) == -0.0235
+    assert found.omega == pytest.approx(exact.omega, rel=1e-6) and round(found.omega) == 316
+    with pytest.raises(ValueError, match="cut-off"):
+        fs.critical_slope(fs.reduce(sub, fs.CraigChang(modes=20)), band=band)
+
+
 @pytest.mark.parametrize("text", blocks("toml"))
 def test_scene_files(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     sub = fs.chain(10)
