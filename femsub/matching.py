@@ -8,6 +8,7 @@ import numpy as np
 
 from femsub.bands import in_band
 from femsub.cea import ComplexModes
+from femsub.friction import Belt
 from femsub.pencil import Array, Matrix
 from femsub.substructure import ReducedSubstructure, Substructure
 
@@ -17,7 +18,7 @@ CLUSTER = 1e-3  # |Δλ| / |λ| up to which modes count as one subspace
 
 
 class SpectrumErrors(NamedTuple):
-    """Largest relative error of λ and of Re λ over matched eigenvalues, how many have none, and the smallest MAC."""
+    """Largest errors of λ, over |λ|, and of Re λ over matched eigenvalues, how many have none, and the smallest MAC."""
 
     eigenvalue: float
     growth: float
@@ -55,13 +56,18 @@ def _energy(x: Array, Mx: Array) -> Array:
 
 
 def spectrum_errors(full: ComplexModes, reduced: ComplexModes,
-                    models: tuple[Substructure, Substructure] | None = None) -> SpectrumErrors:
+                    models: tuple[Substructure, Substructure] | None = None, scale: Array | None = None) -> SpectrumErrors:
     """Errors over the eigenvalues of the full model with Im λ ≥ 0, rigid motion apart.
+
+    That of Re λ is over `scale`, one figure for each eigenvalue of the full model, such as `turnover`: Re λ itself, which
+    stands in where there is none, vanishes at the border of stability. Where both it and the difference are within the
+    error bars there is nothing to compare.
 
     With the two `models` shapes count as well: where frequencies lie close they decide which belongs to which, and the
     smallest MAC is given (else NaN), for clusters that of the subspace.
     """
     (reference, x), (values, y) = (_shown(modes) for modes in (full, reduced))
+    bars, other = (modes.error_bar[_counted(modes)] for modes in (full, reduced))
     if len(reference) == 0:
         return SpectrumErrors(0.0, 0.0, 0, 1.0 if models else np.nan)
     penalty: Array | float = 0.0
@@ -74,9 +80,10 @@ def spectrum_errors(full: ComplexModes, reduced: ComplexModes,
     missing = len(reference) - int(near.sum())
     if not near.any():
         return SpectrumErrors(np.nan, np.nan, missing, np.nan)
-    real = np.abs(reference[at].real)
-    growth = np.abs(values[to].real - reference[at].real)
-    growth = np.divide(growth, real, out=np.zeros_like(real), where=real > 0)
+    size = np.abs(reference.real) if scale is None else np.maximum(scale[_counted(full)], np.abs(reference.real))
+    growth, noise = np.abs(values[to].real - reference[at].real), np.nan_to_num(bars[at] + other[to], posinf=0.0)
+    size = np.maximum(size[at], noise)
+    growth = np.divide(growth, size, out=np.zeros_like(size), where=(size > noise) | (growth > noise))
     mac = _least_mac(models, reference[at[near]], x[:, at[near]], y[:, to[near]]) if models else np.nan
     return SpectrumErrors(float(error[near].max()), float(growth[near].max()), missing, mac)
 
@@ -98,8 +105,26 @@ def _least_mac(models: tuple[Substructure, Substructure], values: Array, x: Arra
     return max(least, 0.0)
 
 
+def turnover(model: Substructure, contacts: Belt | None, modes: ComplexModes) -> Array:
+    """(|xᴴDx| + F|μ'| |Wᵀx|²) / 2xᴴMx: the rates at which D takes power and a belt feeds it, without their cancellation.
+
+    Of a complex λ of a symmetric pencil Re λ is the difference of the two, which vanishes at the border of stability.
+    Without a belt the figure is |Re λ|.
+    """
+    x = modes.shapes
+    taken = np.abs(np.einsum("ij,ij->j", x.conj(), model.D @ x).real)
+    if contacts is not None and contacts.slope is not None:
+        W = model.port(contacts.port).reshape(model.size, -1)
+        taken = taken + abs(contacts.force * contacts.slope) * (np.abs(W.T @ x) ** 2).sum(axis=0)
+    return taken / (2 * np.maximum(_energy(x, model.M @ x), np.finfo(float).tiny))
+
+
+def _counted(modes: ComplexModes) -> Array:
+    return np.asarray(~modes.rigid & (modes.eigenvalues.imag >= 0))
+
+
 def _shown(modes: ComplexModes) -> tuple[Array, Array]:
-    keep = ~modes.rigid & (modes.eigenvalues.imag >= 0)
+    keep = _counted(modes)
     return modes.eigenvalues[keep], modes.shapes[:, keep]
 
 

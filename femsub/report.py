@@ -109,6 +109,11 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
 
 
+def known(value: float) -> float | None:
+    """A figure, or None, which a table shows as "-", where there is none."""
+    return None if np.isnan(value) else value
+
+
 def machine() -> dict[str, Any]:
     """What the seconds were measured on."""
     import scipy

@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.bands import in_band
 from femsub.bases import CraigBampton, CraigChang, reduce
 from femsub.cea import ComplexModes, complex_modes
 from femsub.eigen import NormalModes, all_modes, check_band, normal_modes
-from femsub.errors import FemsubError, InputError, InputTypeError, PortWarning
+from femsub.errors import CutoffWarning, FemsubError, InputError, InputTypeError, PortWarning
 from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
-from femsub.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors
+from femsub.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors, turnover
 from femsub.pencil import Array, whole_number
 from femsub.phases import timed
-from femsub.stability import critical_slope
+from femsub.stability import CriticalSlope, critical_slope
 from femsub.studyresults import PHASES, Row, Study, Timing, with_front
 from femsub.substructure import ReducedSubstructure, Substructure
 
@@ -80,27 +81,32 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     tell = progress or (lambda _: None)
     costs = _measured(sub, methods, belt, (lo, hi), ports, repeats, tell)
     models, spectra = [sub, *costs.models], costs.spectra
+    reasons = [""] * len(models)
     if slopes is None:
         tell(f"{sub.name}: critical slopes")
-        slopes = [_slope(model, place, force, (lo, hi)) for model in models]
+        borders = [_border(model, place, force, (lo, hi)) for model in models]
+        slopes, reasons = [np.nan if border is None else border.slope for border, _ in borders], [reason for _, reason in borders]
     elif len(slopes) != len(models):
         raise InputError(f"slopes must be {len(models)}, of the full model and of each method, not {len(slopes)}")
     tell(f"{sub.name}: undamped frequencies")
     own = _frequencies(sub, (lo, hi))
+    rates = turnover(sub, belt, spectra[0])
     rows = []
     for i, model in enumerate(models):
-        found = spectrum_errors(spectra[0], spectra[i], (sub, model))
+        found = spectrum_errors(spectra[0], spectra[i], (sub, model), rates)
+        growth, stable = _judged(spectra[i], (lo, hi))
         taken = costs.phases[i]
         rows.append(Row(
             type(methods[i - 1]).__name__ if i else "full", model.modes if isinstance(model, ReducedSubstructure) else 0,
             model.size, found.eigenvalue, found.growth, relative_error(slopes[i], slopes[0]), found.missing, slopes[i],
-            _growth(spectra[i], hi),
+            growth,
             Timing.of([sum(one.values()) for one in taken]), Timing.of(costs.solving[i]),
             model.port_error.get(place, 0.0) if isinstance(model, ReducedSubstructure) else 0.0, model.cutoff,
             extra_eigenvalues(spectra[0], spectra[i], (lo, hi)),
             frequency_error(own, all_frequencies(model)) if i else 0.0, found.mac,
-            {name: Timing.of([one.get(name, 0.0) for one in taken]) for name in PHASES} if i else {}, _megabytes(model)))
-    return Study(sub.name, (lo, hi), repeats, rows[0], with_front(rows[1:]), assembly)
+            {name: Timing.of([one.get(name, 0.0) for one in taken]) for name in PHASES} if i else {}, _megabytes(model),
+            stable=stable, reason=reasons[i]))
+    return Study(sub.name, (lo, hi), repeats, rows[0], with_front(rows[1:], hi), assembly)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,18 +169,31 @@ def _megabytes(model: Substructure) -> float:
                for part in parts) / 1e6
 
 
-def _growth(modes: ComplexModes, hi: float) -> float:
-    within = ~modes.rigid & (modes.frequencies <= hi)
-    return float(modes.eigenvalues.real[within].max(initial=-np.inf))
+def _judged(modes: ComplexModes, band: tuple[float, float]) -> tuple[float, bool | None]:
+    """The largest Re λ in a band and below the cut-off, and whether what is there is stable."""
+    keep = np.flatnonzero(~modes.rigid & ~modes.above_cutoff & in_band(modes.eigenvalues, band))
+    votes = [modes.stable[i] for i in keep]
+    stable = False if False in votes else (True if votes and None not in votes else None)
+    return float(modes.eigenvalues.real[keep].max(initial=-np.inf)), stable
 
 
-def _slope(model: Substructure, port: str, force: float, band: tuple[float, float]) -> float:
-    if port not in model.ports or force == 0:
-        return np.nan
+def border_or_reason(search: Callable[[], CriticalSlope]) -> tuple[CriticalSlope | None, str]:
+    """The critical slope; or None and the reason why there is none to be had, such as a band that the model does not reach.
+
+    For tables of many models, in which one that has no answer must not take those of the others away.
+    """
     try:
-        return float(critical_slope(model, port, force=force, band=band))
-    except FemsubError:
-        return np.nan
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CutoffWarning)  # the error is measured beside it
+            return search(), ""
+    except FemsubError as error:
+        return None, str(error)
+
+
+def _border(model: Substructure, port: str, force: float, band: tuple[float, float]) -> tuple[CriticalSlope | None, str]:
+    if port not in model.ports or force == 0:
+        return None, ""
+    return border_or_reason(lambda: critical_slope(model, port, force=force, band=band))
 
 
 def _clocked(call: Callable[..., Any], *arguments: Any, **options: Any) -> tuple[Any, float]:

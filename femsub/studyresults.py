@@ -10,6 +10,8 @@ import numpy as np
 
 from femsub.errors import InputError
 
+APART = 1.25  # factor in time, beyond the spread of the runs, below which two models are equally quick
+VERDICT = {True: "yes", False: "no", None: "?"}
 PHASES = ("factorisation", "basis", "certificate", "projection")  # of a reduction
 
 
@@ -37,16 +39,19 @@ class Row:
     error_eigenvalue : float
         max |λ_reduced - λ_full| / |λ_full| over matched pairs.
     error_growth : float
-        max |Re λ_reduced - Re λ_full| / |Re λ_full|, the same pairs.
+        max |Re λ_reduced - Re λ_full| over the rate at which the full model's damping takes power from the mode and the belt
+        feeds it (`matching.turnover`), the same pairs: of Re λ, their difference, the share would be without bound at the
+        border of stability. Without a belt it is |Re λ_full|.
     error_slope : float
-        |c_reduced - c_full| / |c_full| of the critical slope.
+        |c_reduced - c_full| / |c_full| of the critical slope; NaN where the model's cut-off is below the band, or no slope
+        was to be had (see `reason`).
     missing : int
         Eigenvalues of the full model in the band whose counterpart is more than half of |λ| away; they have no part in
         the errors.
     slope : float
         The critical slope.
     growth : float
-        The largest Re λ in the band.
+        The largest Re λ in the band and below the cut-off.
     reduction, solution : Timing
         Seconds to reduce, and to compute the complex modes in the band.
     port_error : float
@@ -65,7 +70,13 @@ class Row:
     memory : float
         MB that the model's matrices take (M, D, K and V).
     pareto : bool
-        No other reduced model is both as quick (reduction and solution) and as right (error_growth).
+        No other reduced model is both as quick and as right (error_growth). One is quicker than another if its
+        slowest run (reduction and solution) is by a quarter quicker than the other's quickest; else the one of fewer DOF is,
+        since noise of milliseconds decides nothing.
+    stable : bool or None
+        The verdict in the band: True, False, or None where it is undecided within the error bars.
+    reason : str
+        Why there is no critical slope.
     """
 
     method: str
@@ -87,11 +98,17 @@ class Row:
     phases: Mapping[str, Timing] = field(default_factory=dict)
     memory: float = 0.0
     pareto: bool = False
+    stable: bool | None = None
+    reason: str = ""
 
     @property
     def seconds(self) -> float:
         """Reduction and solution together, medians."""
         return self.reduction.median + self.solution.median
+
+    def quicker(self, other: Row) -> bool:
+        """Whether its slowest run, reduction and solution, is by a quarter quicker than the other's quickest."""
+        return APART * (self.reduction.most + self.solution.most) < other.reduction.least + other.solution.least
 
     @property
     def sound(self) -> bool:
@@ -132,17 +149,22 @@ class Study:
 
         That is error_growth ≤ tolerance, nothing missing, nothing in the band that the full model has not, and the whole
         band below its cut-off (above it, modes decide nothing). Of these the fewest DOF: they are solved soonest, and
-        that does not hang on the noise of the clock. Among equals the shortest reduction.
+        that does not hang on the noise of the clock. Among equals the one with the smallest error, unless it clearly takes
+        longer.
         """
         if not isinstance(tolerance, (int, float)) or not 0 < tolerance < np.inf:
             raise InputError(f"tolerance must be a positive number, such as 1e-3, not {tolerance!r}")
         fit = [row for row in self.rows if row.error_growth <= tolerance and row.sound and row.cutoff >= self.band[1]]
-        return min(fit, key=lambda row: (row.size, row.reduction.median), default=None)
+        least = min((row.size for row in fit), default=0)
+        fit = [row for row in fit if row.size == least]
+        return min((row for row in fit if not any(other.quicker(row) for other in fit)), key=lambda row: row.error_growth,
+                   default=None)
 
     def recommendation(self, tolerance: float = 1e-3) -> str:
         """`recommended` in words."""
         row = self.recommended(tolerance)
-        where = f"{100 * tolerance:.3g} % of the growth rates from {self.band[0]:.4g} to {self.band[1]:.4g} rad/time"
+        where = (f"{100 * tolerance:.3g} % of the rates of damping and growth from {self.band[0]:.4g} to {self.band[1]:.4g} "
+                 "rad/time")
         if row is None:
             whole = [row for row in self.rows if row.sound and row.error_growth > tolerance]
             near = min(whole, key=lambda row: row.error_growth, default=None)
@@ -151,33 +173,57 @@ class Study:
             return f"for {where} none of these models will do{nearest}: keep more modes, or lower the band"
         faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
         return (f"for {where} take {row.method} with {row.modes} modes ({row.size} DOF): {_seconds(row.reduction.median)} to "
-                f"reduce, {_seconds(row.solution.median)} to solve, {float(f'{faster:.2g}'):g} times faster than the full model")
+                f"reduce, {_seconds(row.solution.median)} to solve, {float(f'{faster:.2g}'):g} times faster than the full model"
+                f"{self._verdicts(row)}")
+
+    def _verdicts(self, row: Row) -> str:
+        if row.stable == self.full.stable:
+            return ""
+        said = {True: "stable", False: "unstable", None: "undecided within the error bars"}
+        return (f"; mind that the full model is {said[self.full.stable]} and this one {said[row.stable]}: the border is nearer "
+                "than the error")
 
     def __str__(self) -> str:
         head = (f"  {'method':<14}{'DOF':>7}{'err ω':>9}{'err λ':>9}{'err Re λ':>10}{'err slope':>10}{'1 - MAC':>9}{'missing':>9}"
-                f"{'reduce':>11}{'solve':>11}{'MB':>10}")
+                f"{'stable':>8}{'reduce':>11}{'solve':>11}{'MB':>10}")
         built = "" if np.isnan(self.assembly) else f", assembled in {_seconds(self.assembly)}"
         lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time, medians of {self.repeats}{built}", head]
         for row in (self.full, *self.rows):
-            errors = "".join(f"{value:>{width}.1e}" for value, width in (
+            errors = "".join(f"{'-':>{width}}" if np.isnan(value) else f"{value:>{width}.1e}" for value, width in (
                 (row.error_frequency, 9), (row.error_eigenvalue, 9), (row.error_growth, 10), (row.error_slope, 10),
                 (1 - row.mac, 9)))
             lines.append(f"{'* ' if row.pareto else '  '}{row.method:<14}{row.size:>7}{errors}{row.missing:>9}"
-                         f"{_seconds(row.reduction.median):>11}{_seconds(row.solution.median):>11}{row.memory:>10.3g}")
+                         f"{VERDICT[row.stable]:>8}{_seconds(row.reduction.median):>11}{_seconds(row.solution.median):>11}{row.memory:>10.3g}")
         if any(row.pareto for row in self.rows):
-            lines.append("* no other is both as quick and as right in Re λ")
+            lines.append("* no other is both as quick (or as small, where the runs' times overlap) and as right in Re λ")
+        short = [row for row in self.rows if row.cutoff < self.band[1]]
+        if short:
+            lines.append(f"no critical slope where the band reaches above the cut-off: {reaching(short)}")
+        lines += [f"no critical slope of {row.method} with {row.size} DOF: {row.reason}" for row in (self.full, *self.rows)
+                  if row.reason and row not in short]
         return "\n".join(lines)
 
 
-def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
-    """The rows with `pareto` set: of those in which nothing is missing, the ones that no other beats in seconds and in error."""
-    found = []
-    for row in rows:
-        better = [other for other in rows if other.sound and other.seconds <= row.seconds
-                  and other.error_growth <= row.error_growth
-                  and (other.seconds, other.error_growth) != (row.seconds, row.error_growth)]
-        found.append(replace(row, pareto=row.sound and not better))
-    return tuple(found)
+def reaching(rows: Sequence[Row]) -> str:
+    """'CraigBampton with 2, 3 DOF (cut-off 0.49, 0.8)', method by method."""
+    methods = {row.method: [other for other in rows if other.method == row.method] for row in rows}
+    return "; ".join(f"{method} with {', '.join(str(row.size) for row in those)} DOF (cut-off "
+                     f"{', '.join(f'{row.cutoff:.4g}' for row in those)})" for method, those in methods.items())
+
+
+def with_front(rows: Sequence[Row], hi: float = 0.0) -> tuple[Row, ...]:
+    """The rows with `pareto` set: of those in which nothing is missing and whose cut-off is not below the band's upper end
+    `hi`, the ones that no other beats in time or size and in error.
+    """
+    fit = [row for row in rows if row.sound and row.cutoff >= hi]
+    return tuple(replace(row, pareto=row in fit and not any(_beats(other, row) for other in fit)) for row in rows)
+
+
+def _beats(other: Row, row: Row) -> bool:
+    quicker, slower = other.quicker(row), row.quicker(other)
+    as_quick = quicker or (not slower and other.size <= row.size)
+    better = quicker or (not slower and other.size < row.size) or other.error_growth < row.error_growth
+    return as_quick and other.error_growth <= row.error_growth and better
 
 
 def _seconds(value: float) -> str:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.matching import match, spectrum_errors
+from femsub.matching import match, spectrum_errors, turnover
 from femsub.phases import timed
-from femsub.studyresults import Row, Timing, with_front
+from femsub.studyresults import Row, Study, Timing, with_front
 
 
 def test_spectra_are_matched_as_sets(rng: np.random.Generator) -> None:
@@ -103,3 +103,54 @@ def test_the_front_leaves_out_what_is_beaten_in_both() -> None:
     rows = [Row("CraigChang", 4, 5, 0.0, error, 0.0, missing, 0.0, 0.0, time[turn], time[0], 0.0)
             for turn, error, missing in ((0, 1e-2, 0), (1, 1e-3, 0), (2, 1e-2, 0), (2, 1e-4, 1), (2, 1e-3, 0))]
     assert [row.pareto for row in with_front(rows)] == [True, True, False, False, False]
+
+
+def test_the_error_of_the_growth_rate_does_not_blow_up_at_the_border() -> None:
+    sub = fs.chain(10, belt=2)
+    border = float(fs.critical_slope(sub))
+    for factor in (0.5, 1.0, 1.5):
+        found = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), belt=fs.Belt(slope=factor * border), repeats=1)
+        row = found.rows[0]
+        assert row.error_eigenvalue < 2e-3 and row.error_growth < 5e-3  # at the border it was 1e+05
+    at = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.2), belt=fs.Belt(slope=border), repeats=1)  # the first pair only
+    assert at.rows[0].error_growth < 1e-5 and at.recommended() is at.rows[0]
+    assert at.full.stable is None or abs(at.full.growth) < 1e-12
+    if at.rows[0].stable != at.full.stable:
+        assert "the border is nearer than the error" in at.recommendation()
+    beyond = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), belt=fs.Belt(slope=1.5 * border), repeats=1)
+    assert beyond.full.stable is beyond.rows[0].stable is False
+
+
+def test_without_a_belt_the_scale_of_the_growth_rate_is_itself() -> None:
+    sub = fs.chain(10, belt=2)
+    modes = fs.complex_modes(sub)
+    assert np.allclose(turnover(sub, None, modes), np.abs(modes.eigenvalues.real), rtol=1e-9)
+    belt = fs.Belt(slope=float(fs.critical_slope(sub)))
+    assert turnover(sub, belt, fs.complex_modes(sub, belt)).min() > 1e-5  # as large as the damping, where Re λ is 0
+
+
+def test_what_lies_above_the_cut_off_has_no_slope_and_no_star() -> None:
+    sub = fs.chain(10, belt=2)
+    found = fs.study(sub, [fs.CraigBampton(1), fs.CraigChang(2), fs.CraigChang(6)], band=(0.0, 0.75), repeats=1)
+    assert [np.isnan(row.error_slope) for row in found.rows] == [True, True, False]
+    assert [row.pareto for row in found.rows] == [False, False, True]
+    assert all("cut-off" in row.reason for row in found.rows[:2]) and "above the cut-off" in str(found)
+
+
+def test_noise_of_milliseconds_does_not_move_the_star(rng: np.random.Generator) -> None:
+    """Timings drawn anew, as from run to run: the same rows are starred, and the same one is recommended."""
+    sizes, errors = (5, 5, 8, 8, 12), (1e-2, 1e-3, 1e-4, 1e-4, 1e-5)
+    stars, best = set(), set()
+    for _ in range(20):
+        seconds = [Timing.of(0.01 * (1 + rng.random(9))) for _ in sizes]
+        rows = [Row("CraigChang", 4, size, 0.0, error, 0.0, 0, 0.0, 0.0, time, time, 0.0)
+                for size, error, time in zip(sizes, errors, seconds, strict=True)]
+        found = Study("x", (0.0, 1.0), 3, rows[0], with_front(rows, 1.0))
+        stars.add(tuple(row.pareto for row in found.rows))
+        chosen = found.recommended()
+        best.add(None if chosen is None else (chosen.size, chosen.error_growth))
+    assert stars == {(False, True, True, True, True)} and best == {(5, 1e-3)}
+    slow, quick = Timing(3.0, 2.9, 3.1), Timing(0.1, 0.09, 0.11)  # where the difference is real it decides
+    rows = [Row("CraigChang", 4, 5, 0.0, 1e-3, 0.0, 0, 0.0, 0.0, slow, slow, 0.0),
+            Row("CraigBampton", 4, 6, 0.0, 1e-3, 0.0, 0, 0.0, 0.0, quick, quick, 0.0)]
+    assert [row.pareto for row in with_front(rows)] == [False, True]

@@ -10,16 +10,17 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub.bases import METHODS, reduce
-from femsub.cea import complex_modes
+from femsub.cea import ComplexModes, complex_modes
 from femsub.chains import chain
 from femsub.eigen import check_band
 from femsub.errors import InputError, PortWarning
 from femsub.friction import LAWS, Belt
 from femsub.matching import relative_error
-from femsub.report import machine, table
+from femsub.report import known, machine, table
 from femsub.scene import Result, Scene
+from femsub.scenes.outputs import comparable
 from femsub.stability import critical_slope, sweep
-from femsub.studies import study
+from femsub.studies import border_or_reason, study
 from femsub.substructure import ReducedSubstructure, Substructure
 
 Progress = Callable[[str], None]
@@ -150,23 +151,29 @@ def _friction(scene: ChainScene, slope: float, progress: Progress) -> Part:
 
 def _critical(scene: ChainScene, slope: float, progress: Progress) -> Part:
     rows: list[dict[str, Any]] = []
-    band = (scene.band[0], scene.band[1])
     for belt in scene.belts:
         for widened in _interfaces(scene, belt):
             sub = scene.model(belt, widened)
-            exact = critical_slope(sub, band=band, force=scene.force)
+            exact = _border(scene, sub)
             for method in scene.methods:
                 rom = scene.reduced(sub, method, scene.size)
-                found = critical_slope(rom, band=band, force=scene.force)
+                found = _border(scene, rom)
                 rows.append({"belt": belt, "interface": _masses(sub.interface + 1), "method": method, "size": rom.size,
-                             "slope": found.slope, "omega": found.omega, "full": exact.slope,
-                             "error": relative_error(found.slope, exact.slope), "port_error": rom.port_error["belt"]})
+                             "slope": found[0], "omega": found[1], "full": exact[0], "error": relative_error(found[0], exact[0]),
+                             "port_error": rom.port_error["belt"], "reason": found[2] or exact[2]})
     lines = [table(["belt", "interface", "model", "DOF", "critical slope", "full model", "rel. error", "static port error"],
-                   [[f"m{row['belt']}", row["interface"], SHORT[row["method"]], row["size"], row["slope"], row["full"],
-                     row["error"], row["port_error"]] for row in rows],
+                   [[f"m{row['belt']}", row["interface"], SHORT[row["method"]], row["size"], known(row["slope"]),
+                     known(row["full"]), known(row["error"]), row["port_error"]] for row in rows],
                    ["s", "s", "s", "d", ".6f", ".6f", ".1e", ".1e"])]
+    lines += dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"])
     head = f"Critical slopes dμ/dv in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time"
     return {"rows": rows}, "\n".join([head, *lines]), None
+
+
+def _border(scene: ChainScene, model: Substructure) -> tuple[float, float, str]:
+    """Critical slope and frequency in the scene's band; NaN and the reason where there is none to be had."""
+    found, reason = border_or_reason(lambda: critical_slope(model, band=(scene.band[0], scene.band[1]), force=scene.force))
+    return (np.nan, np.nan, reason) if found is None else (found.slope, found.omega, "")
 
 
 def _interfaces(scene: ChainScene, belt: int) -> list[bool]:
@@ -183,8 +190,9 @@ def _belt_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
             for belt in scene.belts:
                 sub = scene.model(belt, widened)
                 model = sub if kind == "full" else scene.reduced(sub, kind, scene.size)
-                growth.append(sweep(model, slopes, force=scene.force, band=band).growth)
-                border.append(float(critical_slope(model, force=scene.force, band=band)))
+                reached = band[1] <= model.cutoff  # else its modes above the cut-off would have a say
+                growth.append(sweep(model, slopes, force=scene.force, band=band).growth if reached else np.full(60, np.nan))
+                border.append(_border(scene, model)[0])
             panels.append({"model": kind, "interface": "{m1, belt}" if widened else _masses(scene.interface),
                            "growth": np.array(growth), "critical_slope": border})
     found = {"slopes": slopes, "belts": scene.belts, "panels": panels}
@@ -198,18 +206,17 @@ def _belt_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
 
 def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
     curves: list[dict[str, Any]] = []
-    band = (scene.band[0], scene.band[1])
     for widened in _interfaces(scene, scene.belt):
         sub = scene.model(scene.belt, widened)
-        exact = float(critical_slope(sub, force=scene.force, band=band))
+        exact = _border(scene, sub)[0]
         for method in scene.methods:
             sizes = [size for size in scene.sizes if size >= len(sub.interface)]
-            found = [float(critical_slope(scene.reduced(sub, method, size), force=scene.force, band=band)) for size in sizes]
+            found = [_border(scene, scene.reduced(sub, method, size))[0] for size in sizes]
             curves.append({"interface": _masses(sub.interface + 1), "method": method, "sizes": sizes, "slope": found,
                            "full": exact, "error": [relative_error(value, exact) for value in found]})
     lines = [table(["interface", "model", *(f"{size} DOF" for size in scene.sizes)],
                    [[curve["interface"], SHORT[curve["method"]],
-                     *(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size) for size in scene.sizes)]
+                     *(known(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size, np.nan)) for size in scene.sizes)]
                     for curve in curves], ["s", "s", *[".1e"] * len(scene.sizes)])]
 
     def draw() -> Any:
@@ -219,7 +226,8 @@ def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
     rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
              "full": curve["full"], "error": error} for curve in curves
             for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
-    head = f"Relative error of the critical slope, belt under m{scene.belt}"
+    head = (f"Relative error of the critical slope in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time, belt under "
+            f"m{scene.belt} (-: the band reaches above the model's cut-off)")
     return {"curves": curves, "rows": rows}, "\n".join([head, *lines]), draw
 
 
@@ -230,23 +238,30 @@ def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
         sub = scene.model(scene.belt, widened)
         candidates: list[tuple[str, Substructure]] = [("full", sub)]
         candidates += [(method, scene.reduced(sub, method, scene.size)) for method in scene.methods]
+        exact: ComplexModes | None = None
         for kind, model in candidates:
             band = (0.0, 1.5 * scene.band[1]) if kind == "full" and scene.n > 300 else None
             modes = complex_modes(model, belt, band=band)
-            models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size, "growth": modes.growth,
-                           "is_stable": modes.is_stable, "eigenvalues": modes.eigenvalues, "error_bar": modes.error_bar,
+            exact = modes if exact is None else exact
+            limit = min(model.cutoff, float(exact.frequencies.max(initial=0.0)))
+            models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size,
+                           **comparable(exact, modes, limit), "is_stable": modes.is_stable, "eigenvalues": modes.eigenvalues,
+                           "error_bar": modes.error_bar,
                            "backward_error": modes.backward_error, "above_cutoff": modes.above_cutoff, "cutoff": model.cutoff})
-    said = table(["interface", "model", "DOF", "largest Re λ", "stable", "largest backward error"],
-                 [[m["interface"], SHORT.get(m["model"], m["model"]), m["size"], m["growth"], str(m["is_stable"]),
-                   float(m["backward_error"].max(initial=0.0))] for m in models], ["s", "s", "d", ".4f", "s", ".0e"])
+    said = table(["interface", "model", "DOF", "up to ω", "eigenvalues", "full has", "largest Re λ", "full has", "stable",
+                  "largest backward error"],
+                 [[m["interface"], SHORT.get(m["model"], m["model"]), m["size"], m["up_to"], m["counted"], m["full_counted"],
+                   known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
+                   float(m["backward_error"].max(initial=0.0))] for m in models],
+                 ["s", "s", "d", ".4g", "d", "d", ".4f", ".4f", "s", ".0e"])
 
     def draw() -> Any:
         from femsub.figures import eigenvalue_figure
         panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
         return eigenvalue_figure(panels, SHORT, f"belt under m{scene.belt}, dμ/dv = {slope:.4g}")
 
-    rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "growth": m["growth"],
-             "is_stable": m["is_stable"]} for m in models]
+    rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "up_to": m["up_to"],
+             "growth": m["growth"], "full_growth": m["full_growth"], "is_stable": m["is_stable"]} for m in models]
     head = f"Complex modes, belt under m{scene.belt}, dμ/dv = {slope:.5g}"
     return {"belt": scene.belt, "models": models, "rows": rows}, f"{head}\n{said}", draw
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from femsub.bands import in_band
 from femsub.cea import ComplexModes, complex_modes
 from femsub.matching import relative_error
 from femsub.pencil import Array
-from femsub.report import machine, table
+from femsub.report import known, machine, table
 from femsub.scene import Result
 from femsub.scenes.component import SHORT, ComponentScene, Progress, Work
 from femsub.scenes.joined import joined_interface
 from femsub.stability import critical_slope
-from femsub.studies import study
+from femsub.studies import border_or_reason, study
 from femsub.substructure import ReducedSubstructure, Substructure
 
 DRAWN = 6  # of the normal modes
@@ -104,16 +106,21 @@ def _critical(work: Work) -> Result:
     rows: list[dict[str, Any]] = []
     for name, modes, model in models:
         work.tell(f"critical slope, {name} with {model.size} DOF")
-        found = critical_slope(model, band=band, force=work.scene.force)
-        full = rows[0]["slope"] if rows else found.slope
-        rows.append({"model": name, "modes": modes, "size": model.size, "slope": found.slope, "omega": found.omega,
-                     "error": relative_error(found.slope, full), "port_error": _port_error(model)})
+        found, reason = border_or_reason(partial(critical_slope, model, band=band, force=work.scene.force))
+        slope, omega = (np.nan, np.nan) if found is None else (found.slope, found.omega)
+        full = rows[0]["slope"] if rows else slope
+        rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
+                     "error": relative_error(slope, full), "port_error": _port_error(model), "reason": reason})
     work.slopes = [row["slope"] for row in rows]
     said = table(["model", "modes", "DOF", "critical slope", "at ω", "rel. error", "static port error"],
                  [[SHORT.get(row["model"], row["model"]), row["modes"] if row["model"] != "full" else None, row["size"],
-                   row["slope"], row["omega"], row["error"], row["port_error"]] for row in rows],
+                   known(row["slope"]), known(row["omega"]), known(row["error"]), row["port_error"]] for row in rows],
                  ["s", "d", "d", ".6g", ".5g", ".1e", ".1e"])
-    return Result({"critical-slope": rows}, rows, f"Critical slopes dμ/dv in the band\n{said}", {})
+    notes = [f"{SHORT.get(row['model'], row['model'])} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
+    if any(row["omega"] == 0 for row in rows):
+        notes.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
+                     f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * band[1]:.3g}, {band[1]:.6g}]")
+    return Result({"critical-slope": rows}, rows, "\n".join(["Critical slopes dμ/dv in the band", said, *notes]), {})
 
 
 def _port_error(model: Substructure) -> float:
@@ -133,17 +140,20 @@ def _eigenvalues(work: Work) -> Result:
         item = {"model": name, "modes": modes, "size": model.size, "growth": found.growth, "is_stable": found.is_stable,
                 "eigenvalues": found.eigenvalues, "error_bar": found.error_bar, "certified": found.certified,
                 "backward_error": found.backward_error, "above_cutoff": found.above_cutoff, "cutoff": model.cutoff}
+        item |= comparable(exact, found, min(band[1], model.cutoff))
         if isinstance(model, ReducedSubstructure) and at is not None and len(found):
             item["shape_error"] = _shape_error(work.sub, model.expand(_counterpart(found, exact, at)[1]), exact.shapes[:, at])
         spectra.append(item)
-    said = table(["model", "modes", "DOF", "largest Re λ", "stable", "eigenvalues", "above cut-off", "shape error"],
-                 [[SHORT.get(m["model"], m["model"]), m["modes"] if m["model"] != "full" else None, m["size"], m["growth"],
-                   str(m["is_stable"]), len(m["eigenvalues"]), int(np.sum(m["above_cutoff"])), m.get("shape_error")]
-                  for m in spectra], ["s", "d", "d", ".6g", "s", "d", "d", ".1e"])
+    said = table(["model", "modes", "DOF", "up to ω", "eigenvalues", "full has", "largest Re λ", "full has", "stable",
+                  "above cut-off", "shape error"],
+                 [[SHORT.get(m["model"], m["model"]), m["modes"] if m["model"] != "full" else None, m["size"], m["up_to"],
+                   m["counted"], m["full_counted"], known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
+                   int(np.sum(m["above_cutoff"])), m.get("shape_error")]
+                  for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", "d", ".1e"])
     proof = "certified as complete" if exact.certified else "completeness not certified"
     head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: {proof})"
-    rows = [{"model": m["model"], "modes": m["modes"], "size": m["size"], "growth": m["growth"], "is_stable": m["is_stable"],
-             "shape_error": m.get("shape_error")} for m in spectra]
+    rows = [{"model": m["model"], "modes": m["modes"], "size": m["size"], "up_to": m["up_to"], "growth": m["growth"],
+             "full_growth": m["full_growth"], "is_stable": m["is_stable"], "shape_error": m.get("shape_error")} for m in spectra]
     data: dict[str, Any] = {"eigenvalues": spectra}
     kept = work.scene.modes
     panels = [{**m, "panel": f"{modes} modes"} for modes in dict.fromkeys([kept[0], kept[len(kept) // 2], kept[-1]])
@@ -160,6 +170,18 @@ def _eigenvalues(work: Work) -> Result:
         drawings, files = drawings | shown.drawings, dict(shown.files)
         said = f"{said}\n{told}"
     return Result(data, rows, f"{head}\n{said}", drawings, files)
+
+
+def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[str, Any]:
+    """Of a model and of the full one: the eigenvalues with 0 ≤ Im λ ≤ limit, its cut-off, and the largest Re λ among them.
+
+    What the full model has beyond the cut-off of a reduced one is no part of the comparison.
+    """
+    data: dict[str, Any] = {"up_to": limit}
+    for name, modes in (("", found), ("full_", exact)):
+        keep = ~modes.rigid & (modes.eigenvalues.imag >= 0) & in_band(modes.eigenvalues, (0.0, limit))
+        data |= {f"{name}counted": int(keep.sum()), f"{name}growth": float(modes.eigenvalues.real[keep].max(initial=-np.inf))}
+    return data
 
 
 def _least_stable(modes: ComplexModes) -> int | None:
