@@ -8,6 +8,7 @@ import numpy as np
 
 from femsub.bands import in_band
 from femsub.cea import ComplexModes
+from femsub.estimates import upper
 from femsub.friction import Belt
 from femsub.pencil import Array, Matrix
 from femsub.substructure import ReducedSubstructure, Substructure
@@ -120,7 +121,7 @@ def turnover(model: Substructure, contacts: Belt | None, modes: ComplexModes) ->
 
 
 def _counted(modes: ComplexModes) -> Array:
-    return np.asarray(~modes.rigid & (modes.eigenvalues.imag >= 0))
+    return np.asarray(~modes.rigid & upper(modes.eigenvalues))
 
 
 def _shown(modes: ComplexModes) -> tuple[Array, Array]:
@@ -130,8 +131,8 @@ def _shown(modes: ComplexModes) -> tuple[Array, Array]:
 
 def extra_eigenvalues(full: ComplexModes, reduced: ComplexModes, band: tuple[float, float]) -> int:
     """Eigenvalues of a reduced model in the band, below its cut-off, that match none of the full model."""
-    shown = ~reduced.rigid & (reduced.eigenvalues.imag >= 0)
-    reference, values = full.eigenvalues[~full.rigid & (full.eigenvalues.imag >= 0)], reduced.eigenvalues[shown]
+    shown = _counted(reduced)
+    reference, values = full.eigenvalues[_counted(full)], reduced.eigenvalues[shown]
     counted = ~reduced.above_cutoff[shown] & in_band(values, band, (-band[1], band[1]))
     counted[match(reference, values)[1]] = False
     return int(counted.sum())

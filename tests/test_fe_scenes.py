@@ -292,3 +292,44 @@ def test_critical_slopes_are_sought_once(tmp_path: Path, monkeypatch: pytest.Mon
     data = run(scene, lambda _: None).data
     assert len(sought) == len(data["critical-slope"]) == len(data["error-time"])
     assert [row["slope"] for row in data["error-time"]] == [row["slope"] for row in data["critical-slope"]]
+
+
+FREE = """scene = "solid"
+mesh = "free.vtu"
+methods = ["CC"]
+modes = [10]
+contact = "top"
+direction = "y"
+slope = -0.01
+repeats = 1
+figures = false
+"""
+
+
+def test_an_unsupported_solid_drifts_first_and_writes_all_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fs.write_mesh(str(tmp_path / "free.vtu"), fs.block((0.1, 0.06, 0.01), (4, 3, 1), "hexahedron20"), {})
+    assert main(["run", scene_file(tmp_path, FREE), "--out", str(tmp_path / "out")]) == 0
+    data, said = json.loads((tmp_path / "out" / "results.json").read_text()), capsys.readouterr().out
+    full, rom = data["critical-slope"]
+    assert full["omega"] == rom["omega"] == 0.0 and full["slope"] < 0 and rom["error"] < 1e-6
+    assert "band = [lo, hi] with lo above 0" in said
+    assert data["error-time"][1]["missing"] == 0  # of five equal real eigenvalues, which rounding may make a pair
+    rows = {row["model"]: row for row in data["eigenvalues"]}
+    assert rows["CraigChang"]["counted"] == rows["full"]["counted"] == rows["full"]["full_counted"]
+    # the advice: a band from above zero
+    band = f"band = [{1e-3 * data['band'][1]}, {data['band'][1]}]\noutputs = ['critical-slope']\n"
+    assert main(["run", scene_file(tmp_path, FREE + band), "--out", str(tmp_path / "other")]) == 0
+    rows = json.loads((tmp_path / "other" / "results.json").read_text())["critical-slope"]
+    assert all(row["omega"] != 0 and float(row["slope"]) < full["slope"] and not row["reason"] for row in rows)
+
+
+def test_a_model_without_a_slope_takes_nothing_from_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = 'scene = "beam"\nelements = 40\nmodes = [2, 12]\nrepeats = 1\nfigures = false\n'
+    assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
+    data, said = json.loads((tmp_path / "out" / "results.json").read_text()), capsys.readouterr().out
+    slopes = {(row["model"], row["modes"]): row for row in data["critical-slope"]}
+    assert slopes["CraigBampton", 2]["slope"] is None and "cut-off" in slopes["CraigBampton", 2]["reason"]
+    assert slopes["CraigChang", 12]["error"] < 1e-3 and slopes["CraigChang", 12]["reason"] == ""
+    assert "reaches above the cut-off" in said
+    few = next(row for row in data["eigenvalues"] if (row["model"], row["modes"]) == ("CraigBampton", 2))
+    assert few["up_to"] == few["cutoff"] < data["band"][1] and few["full_counted"] < data["eigenvalues"][0]["counted"]

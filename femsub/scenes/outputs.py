@@ -10,6 +10,7 @@ import numpy as np
 
 from femsub.bands import in_band
 from femsub.cea import ComplexModes, complex_modes
+from femsub.estimates import upper
 from femsub.matching import relative_error
 from femsub.pencil import Array
 from femsub.report import known, machine, table
@@ -179,7 +180,7 @@ def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[s
     """
     data: dict[str, Any] = {"up_to": limit}
     for name, modes in (("", found), ("full_", exact)):
-        keep = ~modes.rigid & (modes.eigenvalues.imag >= 0) & in_band(modes.eigenvalues, (0.0, limit))
+        keep = ~modes.rigid & upper(modes.eigenvalues) & in_band(modes.eigenvalues, (0.0, limit))
         data |= {f"{name}counted": int(keep.sum()), f"{name}growth": float(modes.eigenvalues.real[keep].max(initial=-np.inf))}
     return data
 
