@@ -12,6 +12,7 @@ import numpy as np
 from femsub.bands import in_band
 from femsub.eigen import check_band
 from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModesError
+from femsub.evidence import CERTIFIED, CONFIRMED, NOT_CHECKED
 from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
 from femsub.pencil import EPS, Array, Pencil, whole_number
@@ -50,12 +51,15 @@ class ComplexModes:
     searched : (re_lo, re_hi, lo, hi) or None
         The rectangle that was searched, when a band was asked: of a reduced model up to its cut-off, since what lies above
         is not the component's. Eigenvalues listed from above it are `above_cutoff`.
+    evidence : str
+        That none is missing: 'certified' where all eigenvalues were computed, or inertia alone counts them; 'confirmed' where
+        a determinant sampled on a contour agrees with their number, its winding number around the rectangle or the count
+        in a disc (see `counted`); 'not checked' otherwise.
     certified : bool
-        Whether an independent argument says that none is missing: all eigenvalues were computed, or the winding
-        number of det P around the rectangle, or the count in a disc (see `counted`), agrees with their number.
+        Whether there is evidence of either kind.
     counted : (radius, number) or None
-        An independent count, see `condensed.count`: so many eigenvalues lie in |λ| < radius, conjugates included, and all
-        have been found. The disc holds the rectangle searched, and its unstable part.
+        The independent count in a disc, see `condensed.count`: so many eigenvalues lie in |λ| < radius, conjugates included,
+        and all have been found. The disc holds the rectangle searched, and its unstable part.
     """
 
     eigenvalues: Array
@@ -68,6 +72,7 @@ class ComplexModes:
     certified: bool = False
     counted: tuple[float, int] | None = None
     condition: Array = field(default_factory=lambda: np.zeros(0))
+    evidence: str = NOT_CHECKED
 
     @property
     def stable(self) -> tuple[bool | None, ...]:
@@ -115,10 +120,9 @@ class ComplexModes:
         verdict = {True: "stable", False: f"unstable ({len(self.unstable)} of them grow)",
                    None: "stability undecided within the error bars"}[self.is_stable]
         worst = f"{self.backward_error.max():.0e}" if len(self) else "none"
-        proof = "complete" if self.certified else "completeness not certified"
         beyond = f", {int(self.above_cutoff.sum())} above the cut-off" if self.above_cutoff.any() else ""
         return (f"ComplexModes: {len(self)} eigenvalues{beyond}, {verdict}, largest Re λ {self.growth:.6g}; "
-                f"backward error {worst}, {proof}")
+                f"backward error {worst}, completeness {self.evidence}")
 
 
 def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] | None = None, *,
@@ -183,7 +187,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         with one_thread(pencil.size):
             values, X, Y = solve(pencil.dense())
         _check_complete(pencil, values)
-        certified, proof = True, None
+        certified, proof, evidence = True, None, CERTIFIED
     else:
         from femsub.pep import solve_band, solve_count
 
@@ -191,6 +195,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
             values, X, Y, certified, proof = solve_count(pencil, count or 0, certify)
         else:
             values, X, Y, certified, proof = solve_band(pencil, box, certify)
+        evidence = proof.evidence if proof is not None else CONFIRMED if certified else NOT_CHECKED
     if box is not None:
         keep = in_band(values, box[2:], box[:2])
         order = np.flatnonzero(keep)[np.argsort(values[keep].imag, kind="stable")]
@@ -206,7 +211,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     beyond = result.frequencies > cutoff * (1 + 1e-9)
     box = None if box is None else (*box[:3], min(box[3], cutoff))
     counted = None if proof is None else (proof.radius, proof.number)
-    return replace(result, above_cutoff=beyond, searched=box, certified=certified, counted=counted)
+    return replace(result, above_cutoff=beyond, searched=box, certified=certified, counted=counted, evidence=evidence)
 
 
 def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexModes:

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.errors import SingularMatrixError
+from femsub.evidence import CERTIFIED, CONFIRMED
 from femsub.factor import counting, factorise, inertia
 from femsub.pencil import Array, Difference
 from femsub.splitting import Split
@@ -60,7 +61,7 @@ def edge(parts: Split, radius: float) -> Edge:
 
 @dataclass(frozen=True)
 class Count:
-    """`number` eigenvalues with |λ| < radius, conjugates included; proved where `margin` < 1.
+    """`number` eigenvalues with |λ| < radius, conjugates included; it holds where `margin` < 1.
 
     `size` is that of the projected pencil, `solves` the right-hand sides it took.
     """
@@ -70,6 +71,11 @@ class Count:
     margin: float
     size: int
     solves: int
+
+    @property
+    def evidence(self) -> str:
+        """By inertia alone where there are no contacts; else the margin is known at the points sampled only."""
+        return CONFIRMED if self.size else CERTIFIED
 
     @property
     def proved(self) -> bool:

@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from femsub.bands import EDGE, in_band, widened
 from femsub.dense_modes import dense_modes, negative_eigenvalues, orthonormalise
 from femsub.errors import ConditionWarning, FemsubError, InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.evidence import CERTIFIED, NOT_CHECKED
 from femsub.factor import SMALL, inertia
 from femsub.pencil import EPS, Array, Difference, Matrix, whole_number
 from femsub.phases import phase
@@ -70,6 +71,11 @@ class NormalModes:
     confirmed: bool = True
     rounding: Array = field(default_factory=lambda: np.zeros(0))
     unlisted: int = 0
+
+    @property
+    def evidence(self) -> str:
+        """That none is missing: 'certified', by inertia, once counted; see `femsub.evidence`."""
+        return CERTIFIED if self.confirmed else NOT_CHECKED
 
     @property
     def frequencies(self) -> Array:

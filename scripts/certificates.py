@@ -106,7 +106,8 @@ def measure(name: str, repeats: int) -> Row:
     kind, size, way = MODELS[name]
     if way in METHODS:
         sub = models.build(kind, size)
-        return summary({"model": name, "dof": sub.size, "eigenvalues": METHODS[way].modes, "certified": True},
+        return summary({"model": name, "dof": sub.size, "eigenvalues": METHODS[way].modes, "certified": True,
+                        "evidence": "certified"},
                        [reduction(sub, way) for _ in range(repeats)])
     sub, belt = models.build(kind, size), fs.Belt(slope=models.KINDS[kind].slope or -0.02)
     count = 20 + 2 * models.KINDS[kind].rigid
@@ -123,7 +124,8 @@ def measure(name: str, repeats: int) -> Row:
         runs.append(seconds)
         if sum(seconds.values()) > LONG:
             break
-    row = summary({"model": name, "dof": sub.size, "eigenvalues": len(found), "certified": found.certified}, runs)
+    row = summary({"model": name, "dof": sub.size, "eigenvalues": len(found), "certified": found.certified,
+                   "evidence": found.evidence}, runs)
     return row | refinement(sub, belt, top) if way == "band" else row
 
 
@@ -160,8 +162,8 @@ def main() -> None:
         if folder:
             report.write(Result({"machine": report.machine(), "rows": rows}, rows, "", {}), folder, False, "certificates")
     report.progress_done()
-    shown = ("model", "dof", "eigenvalues", "solution", *KINDS, "ratio", "refine", "moved")
-    formats = ("s", "d", "d", ".4g", ".3g", ".3g", ".3g", ".3g", ".1%", ".3g", ".1e")
+    shown = ("model", "dof", "eigenvalues", "evidence", "solution", *KINDS, "ratio", "refine", "moved")
+    formats = ("s", "d", "d", "s", ".4g", ".3g", ".3g", ".3g", ".3g", ".1%", ".3g", ".1e")
     print(report.table(shown, [[row.get(key) for key in shown] for row in rows], formats))
 
 

@@ -347,3 +347,21 @@ def test_refinement_refuses_what_does_not_belong_together() -> None:
         fs.refine(rom, small, sub, BELT)  # type: ignore[arg-type]
     with pytest.raises(fs.NotConvergedError, match="after 1 steps with an error of"):
         fs.refine(sub, small, rom, BELT, steps=1, tol=1e-12)
+
+
+def test_one_word_for_each_quality_of_evidence() -> None:
+    sub = fs.chain(400, belt=2)
+    proportional = sub.with_damping(0.01 * sub.M)
+    everywhere = sub.with_damping(sp.diags_array(0.1 * np.random.default_rng(1).random(400)))
+    band, belt = (0.0, 0.05), fs.Belt(slope=-0.01)
+    for model, contact, ask, word in (
+            (fs.chain(10, belt=2), belt, {}, "certified"),  # all are computed
+            (proportional, None, {"band": band}, "certified"),  # by inertia alone
+            (proportional, belt, {"band": band}, "confirmed"),  # a contact: a determinant on a circle
+            (sub, belt, {"count": 12}, "confirmed"),
+            (everywhere, belt, {"band": band}, "confirmed"),  # the winding number of det P
+            (sub, belt, {"band": band, "certify": False}, "not checked")):
+        modes = fs.complex_modes(model, contact, **ask)
+        assert modes.evidence == word and modes.certified == (word != "not checked")
+        assert f"completeness {word}" in repr(modes)
+    assert fs.normal_modes(sub, count=5).evidence == "certified"

@@ -72,8 +72,8 @@ def _modes(work: Work) -> Result:
     proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
     if found.unlisted:
         proof += f", {found.unlisted} of them outside of the band"
-    head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {proof}"
-    data = {"rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
+    head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}"
+    data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
     shapes = work.field(found.shapes)
     if shapes is None or not work.scene.figures:
         return Result({"modes": data}, rows, f"{head}\n{said}", {})
@@ -140,6 +140,7 @@ def _eigenvalues(work: Work) -> Result:
     for name, modes, model, found in models:
         item = {"model": name, "modes": modes, "size": model.size, "growth": found.growth, "is_stable": found.is_stable,
                 "eigenvalues": found.eigenvalues, "error_bar": found.error_bar, "certified": found.certified,
+                "evidence": found.evidence,
                 "backward_error": found.backward_error, "above_cutoff": found.above_cutoff, "cutoff": model.cutoff}
         item |= comparable(exact, found, min(band[1], model.cutoff))
         if isinstance(model, ReducedSubstructure) and at is not None and len(found):
@@ -151,8 +152,7 @@ def _eigenvalues(work: Work) -> Result:
                    m["counted"], m["full_counted"], known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
                    int(np.sum(m["above_cutoff"])), m.get("shape_error")]
                   for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", "d", ".1e"])
-    proof = "certified as complete" if exact.certified else "completeness not certified"
-    head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: {proof})"
+    head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: completeness {exact.evidence})"
     rows = [{"model": m["model"], "modes": m["modes"], "size": m["size"], "up_to": m["up_to"], "growth": m["growth"],
              "full_growth": m["full_growth"], "is_stable": m["is_stable"], "shape_error": m.get("shape_error")} for m in spectra]
     data: dict[str, Any] = {"eigenvalues": spectra}
