@@ -55,10 +55,6 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
         if np.isinf(found.slope):
             raise InputError(f"{model.name!r} has no Hopf point: steady sliding never loses its stability, whatever the slope "
                              "(the belt acts where the damping cannot be overcome)")
-        if found.omega == 0:
-            raise InputError(f"{model.name!r} begins to drift at F μ' = {found.slope:.6g}, before anything oscillates: rigid motion "
-                             "that loses its damping is no Hopf point; name the frequency at which the branch is to begin "
-                             "(start=ω), or hold the part")
         if len(found.crossing) > 1 and found.slope < 0:
             raise InputError(f"{len(found.crossing)} pairs cross together at F μ' = {found.slope:.6g} (ω = "
                              f"{', '.join(f'{omega:.5g}' for omega in found.crossing)}): as many branches begin at this point, "

@@ -176,9 +176,3 @@ def test_what_a_point_leaves_out_is_computed_once(monkeypatch: pytest.MonkeyPatc
     monkeypatch.undo()
     for point in found.points:  # one turned in phase: the same to rounding, and to the samples of that phase
         assert point.truncation == pytest.approx(plain(Balance(point.contact, point.flexibility), point.orbit)[0], rel=1e-3)
-
-
-def test_drift_is_no_hopf_point() -> None:
-    sub = fs.damped(fs.chain(10, belt=10, damping=0.0, fixed=False), rayleigh=(1e-4, 0.05))
-    with pytest.raises(ValueError, match="begins to drift at"):
-        fs.branch(sub, BELT, "slope")
