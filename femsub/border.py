@@ -23,6 +23,7 @@ from femsub.substructure import Substructure
 from femsub.threads import one_thread
 
 ROUNDS = 8  # in which the basis of a large model may grow
+NEXT = 1e-3  # of an edge of the band, up to which an undamped mode may cross on it
 BESIDE = 1e-2  # of a band's edges, up to which a pair that crosses on an edge is followed on both sides of the border
 
 
@@ -123,9 +124,12 @@ def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto
 
     It starts as the undamped modes up to 1.5 times the band with the static responses of the contact and of dashpots
     (a Craig-Chang basis, in which Ω is known to rounding), and takes in the full model's response to the contact,
-    (-ω²M + iωD + K)⁻¹W, at each border found.
+    (-ω²M + iωD + K)⁻¹W, at each border found. So it does at an edge of the band with a mode next to it: of a border there it
+    is to be known whether it belongs to the band.
     """
     basis = _Growing(model, W, 1.5 * band[1])
+    beside = [np.abs(basis.frequencies - edge).min(initial=np.inf) <= NEXT * edge for edge in band]
+    basis.grow(np.array(band)[beside])
     previous = np.nan
     for _ in range(ROUNDS):
         border = dense_border(basis.pencil, basis.W, band, method)
@@ -138,7 +142,7 @@ def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto
                                 "narrow the band")
     border = replace(border, shape=basis.V @ border.shape)
     if border.omega == 0 and border.c < 0:  # rigid motion is in the basis from the start: what oscillates is still to be refined
-        later = sparse_border(model, W, (BESIDE * basis.lowest, band[1]), method)
+        later = sparse_border(model, W, (BESIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method)
         return later if later.c > border.c * (1 - TOGETHER) else border
     return border if not np.isfinite(border.c) or border.c == 0 else _verified(model.pencil, W, border, band)
 
@@ -163,7 +167,7 @@ class _Growing:
         self.loose = loose[1]
         self.V = np.hstack([loose[0], modes.shapes[:, modes.rigid:], statics[:, massive]])
         self.K = np.diag(np.concatenate([modes.eigenvalues, stiffness[massive]]))
-        self.lowest = float(modes.frequencies[modes.rigid:].min(initial=limit))
+        self.frequencies = modes.frequencies[modes.rigid:]
 
     @property
     def W(self) -> Array:
@@ -179,6 +183,8 @@ class _Growing:
         return Pencil(np.eye(len(self.K)), D, self.K)
 
     def grow(self, omega: Array) -> None:
+        if not len(omega):
+            return
         new = np.hstack([complex_solve(self.full.at(1j * value), self.load) for value in omega])
         new = np.hstack([new.real, new.imag])
         new = new[:, np.linalg.norm(new, axis=0) > 0]
