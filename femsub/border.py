@@ -124,12 +124,11 @@ def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto
 
     It starts as the undamped modes up to 1.5 times the band with the static responses of the contact and of dashpots
     (a Craig-Chang basis, in which Ω is known to rounding), and takes in the full model's response to the contact,
-    (-ω²M + iωD + K)⁻¹W, at each border found. So it does at an edge of the band with a mode next to it: of a border there it
+    (-ω²M + iωD + K)⁻¹W, at each border found. So it does at an edge of the band where a pair may cross: of a border there it
     is to be known whether it belongs to the band.
     """
     basis = _Growing(model, W, 1.5 * band[1])
-    beside = [np.abs(basis.frequencies - edge).min(initial=np.inf) <= NEXT * edge for edge in band]
-    basis.grow(np.array(band)[beside])
+    basis.grow(np.array([edge for edge in band if 0 < edge < np.inf and _may_cross(basis, edge)]))
     previous = np.nan
     for _ in range(ROUNDS):
         border = dense_border(basis.pencil, basis.W, band, method)
@@ -145,6 +144,14 @@ def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto
         later = sparse_border(model, W, (BESIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method)
         return later if later.c > border.c * (1 - TOGETHER) else border
     return border if not np.isfinite(border.c) or border.c == 0 else _verified(model.pencil, W, border, band)
+
+
+def _may_cross(basis: _Growing, edge: float) -> bool:
+    """Whether a pair may cross at a frequency next to an edge: a mode is there, or a root of the scalar function."""
+    if np.abs(basis.frequencies - edge).min(initial=np.inf) <= NEXT * edge:
+        return True
+    model = Model(basis.pencil, basis.W)
+    return any(len(PortFunction.of(model.form, w).crossings((1 - BESIDE) * edge, (1 + BESIDE) * edge)[0]) for w in model.W.T)
 
 
 class _Growing:
