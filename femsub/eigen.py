@@ -18,6 +18,7 @@ from femsub.dense_modes import dense_modes, negative_eigenvalues, orthonormalise
 from femsub.errors import ConditionWarning, FemsubError, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.evidence import CERTIFIED, NOT_CHECKED
 from femsub.factor import SMALL, inertia
+from femsub.massless import massless_apart
 from femsub.pencil import EPS, Array, Difference, Matrix, whole_number
 from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
@@ -125,6 +126,10 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
         held = M @ handle.rigid
         lowest = handle.lowest if np.isfinite(handle.lowest) else float(np.trace(K) / np.trace(M))
         K = K + 0.25 * lowest * (held @ held.T)
+    turn = None
+    if handle.finite < np.count_nonzero(M.diagonal()):  # massless motion that no DOF by itself shows
+        turn, M = massless_apart(M, handle.finite)
+        K = turn.T @ K @ turn
     massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
     lift = np.zeros((0, len(massive)))
     if len(bare):
@@ -142,6 +147,7 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     keep = slice(rigid, rigid + count)
     shapes = np.zeros((handle.K.shape[0], count))
     shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
+    shapes = shapes if turn is None else turn @ shapes
     shapes = handle.deflate(shapes)
     shapes /= np.sqrt(np.einsum("ij,ij->j", shapes, handle.M @ shapes))
     return _result(handle, values[keep], shapes, (np.inf, len(values)))

@@ -18,6 +18,7 @@ from femsub.qep import solve
 
 MARGIN = 1.01  # on each figure: where all modes are at hand it is the error itself, and rounding would take it below that
 DEPENDENT = 1e-13  # share of a static shape's energy below which what the modes leave of it is rounding
+NOISE = 1e-13  # of the motion in a static response, which is what rounding may leave in place of none
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +51,25 @@ class Nested:
 
     @cached_property
     def rest(self) -> slice:
-        """The columns of Ξ; empty where the modes are all there are."""
+        """The columns of Ξ."""
         return slice(self._first + self.modes, len(self.M))
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether the modes are all there are: Ξ is empty then, or what massless DOF add to them."""
+        return not self.M.diagonal()[self.rest].any()
 
     def cutoff(self, count: int) -> float:
         """The frequency of the first mode that `count` modes leave out, as far as it is known here."""
         if count < self.modes:
             return float(np.sqrt(self.values[count]))
-        return np.inf if self.rest.start == self.rest.stop else float(np.sqrt(self.values[-1]))
+        return np.inf if self.complete or not self.modes else float(np.sqrt(self.values[-1]))
 
     def basis(self, count: int) -> Array:
         """T (R, r): the reduced model with the `count` lowest elastic modes in the coordinates of U.
 
-        The static shapes of F less `count` modes are Ξ(ΞᵀKΞ)⁻¹ΞᵀF and the left-out φ_k (φ_kᵀF)/ω_k².
+        The static shapes of F less `count` modes are Ξ(ΞᵀKΞ)⁻¹ΞᵀF and the left-out φ_k (φ_kᵀF)/ω_k². Those that move mass by
+        rounding only move none.
         """
         first, kept = self._first, self._first + count
         shapes = np.zeros(self.loads.shape)
@@ -74,7 +81,14 @@ class Nested:
         scale = np.where(whole > 0, whole, 1.0) ** -0.5
         share, vectors = np.linalg.eigh(energy * np.outer(scale, scale))
         good = share > DEPENDENT
-        shapes = shapes @ (scale[:, None] * vectors[:, good] / np.sqrt(share[good]))
+        change = scale[:, None] * vectors[:, good] / np.sqrt(share[good])
+        mass = self.M.diagonal()[first:]
+        inertia, turn = np.linalg.eigh((shapes[first:] @ change).T @ (mass[:, None] * (shapes[first:] @ change)))
+        change = change @ turn
+        motion = np.sqrt(mass @ shapes[first:] ** 2 + ((held / self.values[:count, None]) ** 2).sum(axis=0))
+        massless = inertia <= np.maximum(1e-14 * inertia.max(initial=0.0), (NOISE * (np.abs(change).T @ motion)) ** 2)
+        shapes = shapes @ change
+        shapes[np.ix_(first + np.flatnonzero(mass), massless)] = 0.0
         return np.hstack([np.eye(len(self.M))[:, :kept], shapes])
 
     def projected(self, T: Array) -> tuple[Array, Array]:
@@ -116,7 +130,7 @@ class Nested:
         kept = self._first + self.modes
         ritz = all_modes(self.K[:kept, :kept], self.M[:kept, :kept])
         q, r = ritz.shapes[:self.constraint], ritz.rigid
-        if self.rest.start == self.rest.stop:
+        if self.complete:
             return ritz.frequencies[r:]
         stiffness = self.K.diagonal()[self.rest]
         inertia = self.M.diagonal()[self.rest]

@@ -12,8 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import SingularMatrixError
-from femsub.factor import Handle, factorise, inertia
+from femsub.factor import Handle, factorise
 from femsub.graph import smooth_shape
+from femsub.massless import SINGULAR, rank_of_mass
 from femsub.pencil import EPS, Array, Difference, Matrix
 from femsub.phases import phase
 
@@ -23,7 +24,6 @@ GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one 
 LARGE = 10_000  # DOF from which the first shift is worth a look at the graph
 COLUMNS = 64  # right-hand sides of an elastic solve held at a time, with four temporaries each
 COUNTED = 3000  # DOF up to which the rank of M is counted
-SINGULAR = 1e-14  # eigenvalues of M, scaled to a unit diagonal, that are rounding
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -164,7 +164,7 @@ class ShiftInvert:
     @cached_property
     def finite(self) -> int:
         """How many finite ω² there are: the rank of M. Each DOF with mass has one, unless some move one mass together (then
-        M, scaled to a unit diagonal, has eigenvalues at 0, counted by inertia up to COUNTED DOF).
+        M, scaled to a unit diagonal, has eigenvalues at 0, counted up to COUNTED DOF).
         """
         massive = np.flatnonzero(self.M.diagonal())
         M = self.M[massive][:, massive] if len(massive) < self.M.shape[0] else self.M
@@ -174,7 +174,7 @@ class ShiftInvert:
         try:
             factorise(above, "definite").close()
         except SingularMatrixError:
-            return len(massive) - inertia(above)
+            return rank_of_mass(M)
         return len(massive)
 
     @property

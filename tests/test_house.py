@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parent.parent / "femsub"
 LAYERS = {
     "errors": 0, "files": 0, "phases": 0, "heap": 0, "threads": 0, "evidence": 0,
     "pencil": 1, "studyresults": 1, "modelindex": 1,
-    "graph": 2, "meshtext": 2, "bands": 2,
+    "graph": 2, "meshtext": 2, "bands": 2, "massless": 2,
     "friction": 3, "_slepc": 3, "dofs": 3, "elements": 3, "splitting": 3, "attractors": 3, "inpdecks": 3, "inpstore": 3,
     "gmshstore": 3, "multiplicity": 3,
     "memory": 4, "meshes": 4, "factor": 4, "dense_modes": 4, "substructure": 4, "bending": 4, "textmatrices": 4,

@@ -17,6 +17,7 @@ from femsub.shift_invert import ShiftInvert
 
 COLUMNS = 64  # of V, worked on at a time
 DEPENDENT = 1e-13  # share of a column's static energy below which what is left of it is rounding
+NOISE = 1e-13  # of the motion in a static response, which is what rounding may leave in place of none
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,39 +115,55 @@ def kept_modes(handle: ShiftInvert, count: int) -> Kept:
         return Kept(lowest_modes(handle, count, defer=True), count, np.inf)
 
 
-def independent(handle: ShiftInvert, shapes: Array, forces: Array, static: Array,
-                kept: Array) -> tuple[Array, Array, Array, int]:
-    """Static shapes Ψ (n, s) made M- and K-orthogonal: ΨC with CᵀEC = diag(k), CᵀMC = diag(m) and m = 1.
+def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
+                values: Array) -> tuple[Array, Array, Array, int]:
+    """Static shapes Ψ (n, s) made M- and K-orthogonal: ΨC with CᵀEC = diag(k), CᵀMC = diag(m), m = 1 or exactly 0.
 
     Parameters
     ----------
     handle : K and M
-    shapes : Ψ, the response to `forces` without the share of the modes
+    rest : Ψ, the response to `forces` without the share of the modes
     forces : F with E = ΨᵀKΨ = ΨᵀF, which holds no cancellation
-    static : the energy of each column's whole static response, of which Ψ is what the modes do not hold
-    kept : the modes Φ (n, m); at most n - m columns can be independent of them
+    kept, values : the modes Φ (n, m) and ω² (m,), 0 for rigid ones
 
     Returns
     -------
     shapes, k, m, dropped
-        Where a column moves no mass, k = 1 and m = 0 instead.
+        Where a column moves no mass, k = 1 and m = 0. That is so of what massless DOF add to the modes: with all modes
+        kept their mass is rounding, and one that was scaled to m = 1 would be nothing else.
     """
-    given, room = shapes.shape[1], len(shapes) - kept.shape[1]
+    given, room = rest.shape[1], len(rest) - kept.shape[1]
+    static, motion = _whole(handle, rest, forces, kept, values)
     scale = np.where(static > 0, static, 1.0) ** -0.5
-    share, vectors = np.linalg.eigh(block_energy(shapes, forces) * np.outer(scale, scale))
+    share, vectors = np.linalg.eigh(block_energy(rest, forces) * np.outer(scale, scale))
     keep = np.flatnonzero(share > DEPENDENT)[::-1][:max(room, 0)]
     change = scale[:, None] * vectors[:, keep] / np.sqrt(share[keep])
-    inertia, rotation = np.linalg.eigh(change.T @ (shapes.T @ (handle.M @ shapes)) @ change)
+    inertia, rotation = np.linalg.eigh(change.T @ (rest.T @ (handle.M @ rest)) @ change)
     order = np.argsort(-inertia)
-    inertia, shapes = inertia[order], shapes @ (change @ rotation[:, order])
-    count = int(np.count_nonzero(inertia > 1e-14 * inertia.max(initial=0.0)))
+    inertia, change = inertia[order], change @ rotation[:, order]
+    shapes = rest @ change
+    least = np.maximum(1e-14 * max(inertia.max(initial=0.0), 1 / values.max(initial=np.inf)),
+                       (NOISE * (abs(change).T @ motion)) ** 2)
+    # no more columns can have mass than there are finite modes beside those kept
+    count = int(np.count_nonzero((inertia > least)[:max(handle.finite - kept.shape[1], 0)]))
     unit = np.where(np.arange(len(inertia)) < count, inertia, 1.0)
     shapes, stiffness = shapes / np.sqrt(unit), 1 / unit
     if count:
         noise = EPS / float(share[keep].min())
         shapes[:, :count], stiffness[:count] = _again(handle, shapes[:, :count], stiffness[:count], noise, kept)
-    mass = np.where(np.arange(len(inertia)) < count, 1.0, np.maximum(inertia, 0.0))
-    return shapes, stiffness, mass, given - len(keep)
+    return shapes, stiffness, np.where(np.arange(len(inertia)) < count, 1.0, 0.0), given - len(keep)
+
+
+def _whole(handle: ShiftInvert, rest: Array, forces: Array, kept: Array, values: Array) -> tuple[Array, Array]:
+    """Of the whole static responses, of which Ψ is what the modes do not hold: the energy, and the size of the motion.
+
+    The size, sqrt(Σ m_ii x_i²), is what the rounding of each entry is measured against: without cancellation in M.
+    """
+    elastic = values > 0
+    share = (kept[:, elastic].T @ forces) / values[elastic, None]
+    energy = np.einsum("ij,ij->j", rest, forces) + values[elastic] @ share**2
+    mass = handle.M.diagonal()
+    return energy, np.sqrt(mass @ rest**2 + (mass @ kept[:, elastic] ** 2) @ share**2)
 
 
 def _again(handle: ShiftInvert, x: Array, stiffness: Array, noise: float, kept: Array) -> tuple[Array, Array]:

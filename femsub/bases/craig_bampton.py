@@ -63,13 +63,12 @@ class CraigBampton(Extent):
         V[:, :n_b] = parts.constraint
         del parts  # of a large interface, the second set would cost as much as all that follows
         V[i, n_b:r] = modes.shapes
-        static, probes = np.split(_solved(handle, [extra[i], *(w[i] for w in ports.values())]), [extra.shape[1]], axis=1)
+        probes = _solved(handle, [w[i] for w in ports.values()])
         rest = handle.elastic_solve(extra[i], modes.shapes)
         handle.release()
         confirm(handle, modes.found)
 
-        whole = np.einsum("ij,ij->j", static, extra[i])
-        residual, stiffness, inertia, dropped = independent(handle, rest, extra[i], whole, modes.shapes)
+        residual, stiffness, inertia, dropped = independent(handle, rest, extra[i], modes.shapes, modes.values)
         V = V[:, :r + len(stiffness)]
         V[i, r:] = residual
         # ΨᵀK_iiΦ = 0 and ΦᵀK_iiΦ = Ω²; the condensed stiffness needs no second product with K_ii.
@@ -79,6 +78,8 @@ class CraigBampton(Extent):
         K[n_b:, n_b:] = np.diag(diagonal)
         M = projected(sub.M, V)
         M = (M + M.T) / 2
+        massless = r + np.flatnonzero(inertia == 0)
+        M[:, massless] = M[massless] = 0.0
         M[n_b:, n_b:] = np.diag(np.concatenate([np.ones(len(modes.values)), inertia]))
         kinds = ("constraint",) * n_b + ("rigid",) * modes.rigid + ("fixed-interface",) * modes.elastic
         errors = _port_errors(ports, i, probes, V, K[:n_b, :n_b], diagonal)
@@ -164,7 +165,7 @@ def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array) -> Array
 
 
 def _solved(handle: ShiftInvert, loads: list[Array]) -> Array:
-    joined = np.hstack(loads)
+    joined = np.hstack(loads) if loads else np.zeros((handle.K.shape[0], 0))
     return handle.elastic_solve(joined) if handle.floating else handle.factor.solve(joined)
 
 

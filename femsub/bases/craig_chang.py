@@ -57,7 +57,7 @@ class CraigChang(Extent):
         missing = np.einsum("ij,ij->j", rest, loads)
         whole = missing + np.einsum("ij,ij->j", held, held / elastic[:, None])
 
-        residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, whole[:s], modes.shapes)
+        residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, modes.shapes, modes.values)
         kinds = ("rigid",) * modes.rigid + ("free",) * modes.elastic + ("residual attachment",) * len(stiffness)
         errors, at = {}, s
         for name, w in ports.items():

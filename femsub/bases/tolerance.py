@@ -93,14 +93,13 @@ class Search:
     def _space(self, loads: Array, rest: Array) -> tuple[Nested, Span]:
         parts, found, rigid = self.parts, self.found, self.found.rigid
         elastic = found.eigenvalues[rigid:]
-        held = found.shapes[:, rigid:].T @ loads
-        whole = np.einsum("ij,ij->j", rest, loads) + np.einsum("ij,ij->j", held, held / elastic[:, None])
-        static, stiffness, mass, _ = independent(parts.handle, rest, loads, whole, found.shapes)
+        static, stiffness, mass, _ = independent(parts.handle, rest, loads, found.shapes, found.eigenvalues)
         span = Span(parts, found.shapes, static)
         n_c = parts.constraint.shape[1]
         M = np.diag(np.concatenate([np.zeros(n_c), np.ones(rigid + len(elastic)), mass]))
         K = np.diag(np.concatenate([np.zeros(n_c + rigid), elastic, stiffness]))
         M[:, :n_c] = span.dot(parts.inertia)
+        M[n_c + rigid + len(elastic) + np.flatnonzero(mass == 0), :n_c] = 0.0
         M[:n_c] = M[:, :n_c].T
         M[:n_c, :n_c] = (M[:n_c, :n_c] + M[:n_c, :n_c].T) / 2
         K[:n_c, :n_c] = parts.condensed

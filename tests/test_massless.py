@@ -1,0 +1,241 @@
+"""Reductions of components with massless DOF, with all and nearly all modes kept, against references of their own."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+
+import femsub as fs
+
+CLOSE = 1e-7  # of ω², relatively
+MODELS = 60  # of which `test_random_massless_models` takes; `sweep(range(500))` is the long run
+LARGEST = 1e6  # a column of V, in units of the largest motion that the full model's modes and static shapes have
+
+
+@dataclass(frozen=True)
+class Massless:
+    """M = LLᵀ (n, n) of known rank k, L (n, k); K regular on the null space of M."""
+
+    seed: int
+    kind: str
+    L: np.ndarray
+    K: np.ndarray
+    D: np.ndarray
+    floating: bool
+    interface: list[int]
+    ports: dict[str, np.ndarray]
+    sparse: bool
+
+    @property
+    def M(self) -> np.ndarray:
+        return self.L @ self.L.T
+
+    @property
+    def sub(self) -> fs.Substructure:
+        M, K, D = (sp.csr_array(part) if self.sparse else part for part in (self.M, self.K, self.D))
+        return fs.Substructure(M, K, D, self.interface, self.ports)
+
+
+def finite(K: np.ndarray, L: np.ndarray, s: float | None = None) -> np.ndarray:
+    """All finite ω², ascending: those of the k x k matrix Lᵀ(K + sM)⁻¹L, k the rank of M = LLᵀ, are 1/(ω² + s).
+
+    Without s, between the lowest elastic and the highest, where neither end loses many digits.
+    """
+    if s is None:
+        first = finite(K, L, 1e-3 * np.trace(K) / np.trace(L @ L.T))
+        s = float(np.sqrt(first[-1] * first[first > 1e-10 * first[-1]][0]))
+    flexible = L.T @ la.solve(K + s * (L @ L.T), L, assume_a="sym")
+    return np.sort(1 / la.eigvalsh((flexible + flexible.T) / 2) - s)
+
+
+def root(M: np.ndarray) -> np.ndarray:
+    """L (r, k) with LLᵀ = M, of which eigenvalues that are rounding beside the entries have been left out."""
+    unit = np.where(M.diagonal() > 0, M.diagonal(), 1.0) ** 0.5
+    values, vectors = la.eigh(M / np.outer(unit, unit))
+    keep = values > 1e-13 * max(values[-1], 1.0)
+    return np.where(M.diagonal()[:, None] > 0, unit[:, None] * vectors[:, keep] * np.sqrt(values[keep]), 0.0)
+
+
+def model(seed: int) -> Massless:
+    """A chain with side springs, held or floating; M diagonal with zeros, rank-deficient, or consistent with zeros."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 15)) if rng.random() < 0.85 else int(rng.integers(101, 140))
+    spread = rng.choice([0.0, 0.7, 3.0])
+    K = np.zeros((n, n))
+    bars = [(j, j + 1) for j in range(n - 1)]
+    bars += [tuple(rng.choice(n, 2, replace=False)) for _ in range(int(rng.integers(0, 3)))]
+    for i, j in bars:
+        k = float(np.exp(spread * rng.uniform(-1, 1)))
+        K[[i, j], [i, j]] += k
+        K[[i, j], [j, i]] -= k
+    floating = bool(rng.random() < 0.35)
+    if not floating:
+        for j in {0, *rng.choice(n, int(rng.integers(0, 2)), replace=False)}:
+            K[j, j] += float(np.exp(spread * rng.uniform(-1, 1)))
+    kind = str(rng.choice(["diagonal", "shared", "consistent"], p=[0.6, 0.2, 0.2]))
+    masses = np.exp(rng.choice([0.0, 1.0]) * rng.uniform(-1, 1, n)) * rng.choice([1.0, 1.0, 2.0], n)
+    bare = rng.choice(n, int(rng.integers(1, max(2, (2 * n) // 3))), replace=False)
+    if kind == "diagonal":
+        L = np.delete(np.diag(np.sqrt(masses)), bare, axis=1)
+    elif kind == "shared":  # fewer masses than DOF, each moved by several
+        L = np.zeros((n, n - len(bare)))
+        for column in L.T:
+            rows = rng.choice(n, min(n, int(rng.integers(1, 4))), replace=False)
+            column[rows] = rng.choice([1.0, 0.5, 2.0], len(rows))
+    else:  # linear elements of mass, some of them without
+        elements = rng.choice(n - 1, max(1, (n - 1) - len(bare)), replace=False)
+        L = np.zeros((n, 2 * len(elements)))
+        for at, j in enumerate(elements):
+            L[j:j + 2, 2 * at:2 * at + 2] = np.sqrt(masses[j]) * la.cholesky(np.array([[2.0, 1.0], [1.0, 2.0]]) / 6, lower=True)
+    units = float(rng.choice([1.0, 1.0, 1e8])), float(rng.choice([1.0, 1.0, 1e-3]))
+    K *= units[0]
+    L = root(L @ L.T) * np.sqrt(units[1])
+    interface = sorted(int(j) for j in rng.choice(n, int(rng.integers(1, 3)), replace=False))
+    ports = {"unit": np.eye(n)[int(rng.integers(n))]}
+    if rng.random() < 0.5:
+        ports["several"] = np.where(rng.random((n, 2)) < 3 / n, rng.choice([1.0, 0.5, -1.0], (n, 2)), 0.0)
+        ports["several"][int(rng.integers(n)), :] = 1.0
+    damping = rng.choice(["none", "stiffness", "dashpots"])
+    size = np.sqrt(units[0] * units[1])
+    D = {"none": 0.0 * K, "stiffness": 0.02 * K * size / units[0],
+         "dashpots": np.diag(np.where(rng.random(n) < 0.4, 0.1 * size, 0.0))}[str(damping)]
+    return Massless(seed, kind, L, K, D, floating, interface, ports, bool(n > 60 or rng.random() < 0.3))
+
+
+def regular(given: Massless) -> bool:
+    """Whether no motion is free of both mass and stiffness, and none of the mass goes with none of the stiffness."""
+    pencil = given.K / np.trace(given.K) + given.M / np.trace(given.M)
+    return bool(la.eigvalsh(pencil)[0] > 1e-9 / len(pencil)) and np.linalg.matrix_rank(given.L) == given.L.shape[1]
+
+
+def tasks(given: Massless) -> Iterator[tuple[str, object, bool, int]]:
+    """Name, method, ports and how many modes are left out (-1: a tolerance)."""
+    interior = np.setdiff1d(np.arange(len(given.K)), given.interface)
+    held = np.linalg.matrix_rank(given.L[interior])
+    rigid = int(given.floating)
+    for kind, most in ((fs.CraigBampton, held), (fs.CraigChang, given.L.shape[1] - rigid)):
+        for left in range(min(3, most + 1)):
+            for ports in (False, True):
+                yield f"{kind.__name__}({most - left} of {most}), ports={ports}", kind(int(most - left)), ports, left
+        omega = np.sqrt(finite(given.K, given.L)[rigid:])
+        if len(omega):
+            for share, tol in ((0.45, 1e-3), (1.2, 1e-6)):
+                hi = float(omega[0] + share * (omega[-1] - omega[0]))
+                yield f"{kind.__name__}({share}, {tol})", kind(band=(0.0, hi), tol=tol), True, -1
+
+
+def faults(given: Massless, method: object, ports: bool, left: int) -> str:
+    """What is wrong with the reduced model, or nothing."""
+    sub, full, rigid = given.sub, finite(given.K, given.L), int(given.floating)
+    rom = fs.reduce(sub, method, ports=ports)
+    V = rom.V
+    if not all(np.isfinite(part).all() for part in (V, rom.M, rom.K, rom.D)):
+        return "not finite"
+    for name, part, whole in (("M", rom.M, given.M), ("K", rom.K, given.K), ("D", rom.D, given.D)):
+        scale = np.sqrt(np.einsum("ij,ij->j", abs(V), abs(whole) @ abs(V)) + np.abs(whole).max() * (V**2).sum(axis=0))
+        if (np.abs(V.T @ whole @ V - part) > 1e-9 * np.outer(scale, scale) + 1e-300).any():
+            return f"{name} is not its projection"
+    # in units of the full model's own modes and static shapes
+    inverse = la.pinvh(given.K)
+    largest = max(np.abs(inverse).max() ** 0.5 * full[-1] ** 0.5, 1.0) * max(1.0, np.linalg.norm(given.L, axis=0).min() ** -1)
+    if np.abs(V).max() > LARGEST * largest:
+        return f"a column of V of {np.abs(V).max():.1e}, {largest:.1e} is usual"
+    # K is regular on what has no mass
+    if la.eigvalsh(rom.M / max(rom.M.max(), 1e-300))[0] < -1e-12:
+        return "M is indefinite"
+    found = finite(rom.K, root(rom.M), float(np.sqrt(full[rigid] * full[-1])) if len(full) > rigid else None)
+    tiny = 1e-9 * full[-1]
+    low = min(len(found), len(full))
+    if left >= 0 and (found[:low] < full[:low] * (1 - CLOSE) - tiny * CLOSE * 10).any():
+        return "a mode below the full model's"
+    if left == 0:
+        if len(found) < len(full):
+            return f"{len(found)} of {len(full)} finite modes"
+        if np.abs(found[:len(full)] / np.maximum(full, tiny) - 1)[rigid:].max(initial=0.0) > CLOSE:
+            return f"the spectrum is off by {np.abs(found[:len(full)] / np.maximum(full, tiny) - 1)[rigid:].max():.1e}"
+        if len(found) > len(full):
+            return f"{len(found)} finite modes, the full model has {len(full)}"
+    if ports:
+        loads = np.hstack([w.reshape(len(V), -1) for w in given.ports.values()] + [np.eye(len(V))[:, given.interface]])
+        s = float(full[rigid:].min(initial=full[-1]))
+        for value, close in ((0.0, 1e-8), (-s, np.inf if left > 0 else 1e-8)):
+            if given.floating and value == 0.0 or left < 0:
+                continue
+            exact = loads.T @ la.solve(given.K - value * given.M, loads)
+            near = (V.T @ loads).T @ la.solve(rom.K - value * rom.M, V.T @ loads)
+            if np.abs(near - exact).max() > close * np.abs(exact).max():
+                return f"the response at {value:.2g} is off by {np.abs(near - exact).max() / np.abs(exact).max():.1e}"
+    if left < 0:
+        hi = method.band[1]  # type: ignore[attr-defined]
+        if not rom.estimate.met:
+            return "the estimate is not met"
+        inside = np.sqrt(full[rigid:])
+        inside = inside[inside <= hi]
+        got = np.sqrt(np.maximum(found[rigid:], 0.0))[:len(inside)]
+        if len(got) < len(inside) or (np.abs(got / inside - 1) > rom.estimate.tol).any():
+            return f"an ω off by {np.abs(got / inside[:len(got)] - 1).max():.1e} for {rom.estimate.tol:g}"
+        missed = damped_error(given, rom, hi)
+        if missed > rom.estimate.tol:
+            return f"a λ off by {missed:.1e} for {rom.estimate.tol:g}"
+    return ""
+
+
+def complex_spectrum(M: np.ndarray, D: np.ndarray, K: np.ndarray, s: float) -> np.ndarray:
+    """λ of λ²M + λD + K, from the eigenvalues 1/(λ - s) of (A - sB)⁻¹B, of which those at infinity are 0."""
+    n = len(M)
+    eye, zero = np.eye(n), np.zeros((n, n))
+    A, B = np.block([[zero, eye], [-K / s**2, -D / s]]), np.block([[eye, zero], [zero, M]])
+    z = la.eigvals(la.solve(A - B, B))
+    z = z[np.abs(z) > 1e-7 * np.abs(z).max()]
+    return s * (1 + 1 / z)
+
+
+def damped_error(given: Massless, rom: fs.ReducedSubstructure, hi: float) -> float:
+    """The largest relative error of a λ of the full model with 0 < Im λ ≤ hi and |Re λ| ≤ hi."""
+    if not given.D.any():
+        return 0.0
+    exact, found = complex_spectrum(given.M, given.D, given.K, hi), complex_spectrum(rom.M, rom.D, rom.K, hi)
+    wanted = exact[(exact.imag > 1e-3 * np.abs(exact)) & (exact.imag <= hi) & (np.abs(exact.real) <= hi)]
+    wanted = wanted[np.abs(wanted) > 1e-4 * hi]
+    return float(max((np.abs(found - value).min() / abs(value) for value in wanted), default=0.0))
+
+
+def sweep(seeds: range) -> tuple[Counter[str], list[str]]:
+    """How many models and reductions there were, and what was wrong with which."""
+    counts: Counter[str] = Counter()
+    wrong: list[str] = []
+    seed = seeds.start
+    while counts["models"] < len(seeds):
+        given, seed = model(seed), seed + 1
+        if not regular(given):
+            continue
+        counts["models"] += 1
+        counts[given.kind] += 1
+        counts["floating" if given.floating else "held"] += 1
+        for name, method, ports, left in tasks(given):
+            counts["reductions"] += 1
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", fs.PortWarning)
+                    fault = faults(given, method, ports, left)
+            except fs.FemsubError as error:
+                counts["refused"] += 1
+                fault = f"refused: {error}"
+            except Exception as error:  # noqa: BLE001 - a traceback is what is looked for
+                fault = f"{type(error).__name__}: {error}"
+            if fault:
+                wrong.append(f"{given.seed} ({len(given.K)} DOF, {given.kind}, floating={given.floating}) {name}: {fault}")
+    return counts, wrong
+
+
+def test_random_massless_models() -> None:
+    counts, wrong = sweep(range(MODELS))
+    assert not wrong, "\n".join(wrong)
+    assert counts["models"] == MODELS and counts["reductions"] > 8 * MODELS
