@@ -124,7 +124,7 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     rigid = handle.rigid.shape[1]
     if rigid:
         held = M @ handle.rigid
-        lowest = handle.lowest if np.isfinite(handle.lowest) else float(np.trace(K) / np.trace(M))
+        lowest = handle.lowest_elastic() if handle.elastic else float(np.trace(K) / np.trace(M))
         K = K + 0.25 * lowest * (held @ held.T)
     turn = None
     if handle.finite < np.count_nonzero(M.diagonal()):  # massless motion that no DOF by itself shows
@@ -136,7 +136,7 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
         lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
         K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
     K = (K + K.T) / 2
-    values, moving = dense_modes(K, M)
+    values, moving = dense_modes(K, M) if len(massive) else (np.zeros(0), np.zeros((0, 0)))
     count = len(values) - rigid if count is None else count
     if len(values) < rigid + count:  # the rank of M seen with K is less than that of M by itself
         raise InputError(f"{count} elastic modes were asked for, but only {len(values) - rigid} can be told from infinite ones")

@@ -27,7 +27,8 @@ class Nested:
 
     CᵀK[Φ Ξ] = 0, ΦᵀKΦ = diag(values), ΦᵀMΞ = ΦᵀKΞ = 0, ΞᵀKΞ diagonal. `loads` = UᵀF (R, s) are the forces whose static
     response belongs to every reduced model; all K⁻¹F and, for C, all K⁻¹MC lie in the span of U. D is None without damping.
-    `rounding` (n_c, n_c) is what CᵀKC may be off by: stiff springs leave few digits of a soft interface's stiffness.
+    `rounding` (n_c, n_c) is what CᵀKC may be off by: stiff springs leave few digits of a soft interface's stiffness. Mass per
+    stiffness below `lightest` times that of the modes does not count (see `bases.basis.lightest`).
     """
 
     M: Array
@@ -39,6 +40,7 @@ class Nested:
     loads: Array
     rounding: Array
     symmetric: bool = True
+    lightest: float = 1e-14
 
     @property
     def modes(self) -> int:
@@ -86,8 +88,9 @@ class Nested:
         inertia, turn = np.linalg.eigh((shapes[first:] @ change).T @ (mass[:, None] * (shapes[first:] @ change)))
         change = change @ turn
         motion = np.sqrt(mass @ shapes[first:] ** 2 + ((held / self.values[:count, None]) ** 2).sum(axis=0))
-        massless = inertia <= np.maximum(1e-14 * inertia.max(initial=0.0), (NOISE * (np.abs(change).T @ motion)) ** 2)
-        shapes = shapes @ change
+        top = np.append(inertia, 1 / self.values[count - 1:count]).max(initial=0.0)
+        massless = inertia <= np.maximum(self.lightest * top, (NOISE * (np.abs(change).T @ motion)) ** 2)
+        shapes = shapes @ (change / np.sqrt(np.where(massless, 1.0, inertia)))
         shapes[np.ix_(first + np.flatnonzero(mass), massless)] = 0.0
         return np.hstack([np.eye(len(self.M))[:, :kept], shapes])
 

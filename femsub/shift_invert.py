@@ -139,7 +139,7 @@ class ShiftInvert:
             raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding: "
                                       "is it the stiffness of a stable component, written with all its digits?")
         if not len(rest) and count < self.finite:
-            rest = self._lowest_elastic()
+            return self.lowest_elastic()
         self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
 
@@ -149,17 +149,25 @@ class ShiftInvert:
         """
         if self.K.diagonal().all():
             return x
-        weighted = np.sqrt(self.M.diagonal())[:, None] * np.abs(x)
-        return np.where((weighted > 0) & (weighted < 8 * EPS * np.linalg.norm(weighted, axis=0)), 0.0, x)
+        mass = self.M.diagonal()
+        weighted = np.sqrt(mass)[:, None] * np.abs(x)
+        x = np.where((weighted > 0) & (weighted < 8 * EPS * np.linalg.norm(weighted, axis=0)), 0.0, x)
+        # DOF without mass follow the others: where no force of these reaches any of them, they are at rest
+        moved = np.where(mass[:, None] > 0, x, 0.0)
+        at_rest = ~(self.K @ moved)[mass == 0].any(axis=0)
+        return np.where(at_rest, moved, x)
 
-    def _lowest_elastic(self) -> Array:
-        """Ritz values where rigid motion drowned all else: with σ far below the elastic modes of a small component, one
-        solve leaves less of these than rounding.
+    def lowest_elastic(self) -> float:
+        """ω² of the first elastic mode by subspace iteration beside the rigid ones.
+
+        The search for rigid motion gives it only roughly: with σ far below the elastic modes of a small component, one solve
+        leaves less of these than rounding.
         """
         x = np.random.default_rng(5).standard_normal((self.K.shape[0], 2))
         for _ in range(10):
             x = _normalised(self.deflate(self.factor.solve(self.M @ x)), self.M)
-        return np.linalg.eigvalsh(x.T @ (self.K @ x))
+        self.lowest = float(np.linalg.eigvalsh(x.T @ (self.K @ x))[0])
+        return self.lowest
 
     @cached_property
     def finite(self) -> int:

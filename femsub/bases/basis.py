@@ -142,7 +142,8 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     order = np.argsort(-inertia)
     inertia, change = inertia[order], change @ rotation[:, order]
     shapes = rest @ change
-    least = np.maximum(1e-14 * max(inertia.max(initial=0.0), 1 / values.max(initial=np.inf)),
+    top = np.append(inertia, 1 / values[-1:][values[-1:] > 0]).max(initial=0.0)  # that of the highest mode, too
+    least = np.maximum(lightest(handle) * top,
                        (NOISE * (abs(change).T @ motion)) ** 2)
     # no more columns can have mass than there are finite modes beside those kept
     count = int(np.count_nonzero((inertia > least)[:max(handle.finite - kept.shape[1], 0)]))
@@ -152,6 +153,16 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
         noise = EPS / float(share[keep].min())
         shapes[:, :count], stiffness[:count] = _again(handle, shapes[:, :count], stiffness[:count], noise, kept)
     return shapes, stiffness, np.where(np.arange(len(inertia)) < count, 1.0, 0.0), given - len(keep)
+
+
+def lightest(handle: ShiftInvert) -> float:
+    """The mass that counts, per stiffness, beside that of the modes kept.
+
+    A shape of a component without massless DOF is no faster than its highest mode. With them it may be a static
+    deflection that a mode hardly takes part in: made one of unit mass it would be stiffer than all else without bound, and
+    up to the highest mode kept its inertia changes nothing.
+    """
+    return 1e-14 if handle.finite == handle.K.shape[0] else 1e-8
 
 
 def _whole(handle: ShiftInvert, rest: Array, forces: Array, kept: Array, values: Array) -> tuple[Array, Array]:

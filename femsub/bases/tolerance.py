@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.bases.basis import Kept, independent
+from femsub.bases.basis import Kept, independent, lightest
 from femsub.bases.parts import Parts, Span
 from femsub.eigen import NormalModes, all_modes, lowest_modes
 from femsub.errors import NotConvergedError
@@ -105,7 +105,8 @@ class Search:
         K[:n_c, :n_c] = parts.condensed
         inner = [parts.constraint[parts.rows], found.shapes, static]
         forces = np.concatenate([shapes.T @ parts.forces for shapes in inner])
-        return Nested(M, K, None, n_c, rigid, elastic, forces, parts.rounding), span
+        return Nested(M, K, None, n_c, rigid, elastic, forces, parts.rounding,
+                      lightest=lightest(parts.handle)), span
 
     def _residuals(self, plain: Nested, span: Span, band: tuple[float, float]) -> Array:
         """λ²MΞx + λDUx and, for an unsymmetric D, the left ones, less MΦ, F and MC, whose K⁻¹ is in U already; (n_i, k)."""
