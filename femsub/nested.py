@@ -15,6 +15,7 @@ from femsub.eigen import all_modes
 from femsub.estimates import SHARE, Estimate, moving, paired, upper, within
 from femsub.pencil import EPS, Array, Pencil
 from femsub.qep import solve
+from femsub.shift_invert import RIGID
 
 MARGIN = 1.01  # on each figure: where all modes are at hand it is the error itself, and rounding would take it below that
 DEPENDENT = 1e-13  # share of a static shape's energy below which what the modes leave of it is rounding
@@ -178,16 +179,23 @@ class Nested:
         noise += _product(self.rounding, X[:self.constraint], Y[:self.constraint])
         bar = np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0)
         keep = upper(values) & (values != 0)
-        if self.floating:
+        if self.at_zero:
             keep &= moving(values, bar)
+            keep[np.argsort(np.abs(values), kind="stable")[:self.at_zero]] = False
         order = np.flatnonzero(keep)[np.argsort(np.abs(values[keep]), kind="stable")]
         return values[order], bar[order], X[:, order], Y[:, order], slope[order]
 
     @cached_property
-    def floating(self) -> bool:
-        """Whether there is rigid motion, in C or beside it."""
+    def at_zero(self) -> int:
+        """How many λ are 0: for each rigid-body mode, in C or beside it, one, and one more where D does not brake it."""
         kept = self._first + self.modes
-        return self.rigid > 0 or (self.constraint > 0 and all_modes(self.K[:kept, :kept], self.M[:kept, :kept]).rigid > 0)
+        found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept])
+        if self.D is None or not found.rigid:
+            return 2 * found.rigid
+        Z, D = found.shapes[:, :found.rigid], self.D[:kept, :kept]
+        force = np.linalg.svd(Z.T @ D @ Z, compute_uv=False)
+        scale = float(np.linalg.norm(np.abs(Z).T @ np.abs(D) @ np.abs(Z)))
+        return 2 * found.rigid - int(np.count_nonzero(force > RIGID * scale))
 
     @cached_property
     def doubt(self) -> tuple[Array, Array]:

@@ -149,9 +149,11 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     count = int(np.count_nonzero((inertia > least)[:max(handle.finite - kept.shape[1], 0)]))
     unit = np.where(np.arange(len(inertia)) < count, inertia, 1.0)
     shapes, stiffness = shapes / np.sqrt(unit), 1 / unit
+    noise = EPS / float(share[keep].min(initial=1.0))
     if count:
-        noise = EPS / float(share[keep].min())
         shapes[:, :count], stiffness[:count] = _again(handle, shapes[:, :count], stiffness[:count], noise, kept)
+    if count < len(inertia):
+        shapes[:, count:] = _of_unit_energy(handle, shapes[:, count:], noise)
     return shapes, stiffness, np.where(np.arange(len(inertia)) < count, 1.0, 0.0), given - len(keep)
 
 
@@ -184,13 +186,25 @@ def _again(handle: ShiftInvert, x: Array, stiffness: Array, noise: float, kept: 
     """
     x = x - kept @ (kept.T @ (handle.M @ x))
     gram, energy = x.T @ (handle.M @ x), x.T @ (handle.K @ x)
-    lost = EPS * np.einsum("ij,ij->j", abs(x), abs(handle.K) @ abs(x)) / stiffness
-    if lost.max() > noise:
+    if _lost(handle, x, stiffness) > noise:
         energy = np.diag(stiffness)
     root = np.linalg.inv(np.linalg.cholesky((gram + gram.T) / 2))
     energy = root @ energy @ root.T
     values, rotation = np.linalg.eigh((energy + energy.T) / 2)
     return x @ (root.T @ rotation), values
+
+
+def _of_unit_energy(handle: ShiftInvert, x: Array, noise: float) -> Array:
+    """The same of shapes without mass, XᵀKX = I."""
+    if _lost(handle, x, np.ones(x.shape[1])) > noise:
+        return x
+    energy = x.T @ (handle.K @ x)
+    return x @ np.linalg.inv(np.linalg.cholesky((energy + energy.T) / 2)).T
+
+
+def _lost(handle: ShiftInvert, x: Array, stiffness: Array) -> float:
+    """The share of the energies that rounding in the product with K may take."""
+    return float((EPS * np.einsum("ij,ij->j", abs(x), abs(handle.K) @ abs(x)) / stiffness).max())
 
 
 def block_energy(shapes: Array, forces: Array) -> Array:
