@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +54,36 @@ class Estimate:
     eigenvalue_error: Array
     unmatched: int = 0
     searched: int = 0
+
+    def record(self) -> dict[str, Any]:
+        """All of it in numbers and lists, for JSON: λ as pairs (Re, Im), infinity as None."""
+        return {"band": list(self.band), "tol": self.tol, "modes": self.modes,
+                "cutoff": None if np.isinf(self.cutoff) else self.cutoff,
+                "frequencies": self.frequencies.tolist(), "frequency_error": self.frequency_error.tolist(),
+                "eigenvalues": np.stack([self.eigenvalues.real, self.eigenvalues.imag], axis=1).tolist(),
+                "eigenvalue_error": self.eigenvalue_error.tolist(), "unmatched": self.unmatched, "searched": self.searched}
+
+    @classmethod
+    def of_record(cls, record: Mapping[str, Any]) -> Estimate:
+        """That of which `record` was written.
+
+        Raises
+        ------
+        InputError
+            Something is missing, of another kind, or of another length.
+        """
+        try:
+            lo, hi = record["band"]
+            omega, omega_error, parts, error = (np.asarray(record[key], dtype=float) for key in (
+                "frequencies", "frequency_error", "eigenvalues", "eigenvalue_error"))
+            parts = parts.reshape(-1, 2) if parts.size else np.zeros((0, 2))
+            if omega.ndim != 1 or omega.shape != omega_error.shape or error.shape != parts[:, 0].shape:
+                raise ValueError("its lists differ in length")
+            return cls((float(lo), float(hi)), float(record["tol"]), int(record["modes"]),
+                       np.inf if record["cutoff"] is None else float(record["cutoff"]), omega, omega_error,
+                       parts[:, 0] + 1j * parts[:, 1], error, int(record["unmatched"]), int(record["searched"]))
+        except (KeyError, TypeError, ValueError) as problem:
+            raise InputError(f"the estimate is damaged ({type(problem).__name__}: {problem})") from None
 
     @property
     def worst(self) -> float:

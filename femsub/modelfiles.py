@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.errors import InputError, unknown_name
+from femsub.estimates import Estimate
 from femsub.files import Writer, content_hash, write_whole
 from femsub.matrixfiles import read_together
 from femsub.modelindex import HASHES, INDEX, VERSION, read_index
@@ -70,7 +71,8 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
                             "cutoff": None if np.isinf(model.cutoff) else model.cutoff,
                             "port_error": {port: float(error) if np.isfinite(error) else None
                                            for port, error in model.port_error.items()},
-                            "factorisations": model.factorisations}
+                            "factorisations": model.factorisations,
+                            "estimate": None if model.estimate is None else model.estimate.record()}
     if model.ports:
         parts["ports"] = np.column_stack(list(model.ports.values()))
     if dofs is not None:
@@ -189,10 +191,18 @@ def read_model(folder: Path) -> Substructure:
         part["M"], part["K"], part["D"], columns, about["name"], V=V, kinds=reduced["kinds"], full_interface=interface,
         cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"], dropped=reduced["dropped"],
         port_error={port: np.inf if error is None else error for port, error in reduced["port_error"].items()},
-        factorisations=reduced["factorisations"], full_dofs=found)
+        factorisations=reduced["factorisations"], full_dofs=found,
+        estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]))
     if model.interface.tolist() != about["interface"]:
         raise InputError(f"{path} is damaged: its interface {about['interface']} is not that of V; write the model again")
     return model
+
+
+def _estimate(path: Path, record: Any) -> Estimate:
+    try:
+        return Estimate.of_record(record)
+    except InputError as error:
+        raise InputError(f"{path} is damaged: {error}; write the model again") from None
 
 
 def _matrices(folder: Path, places: Mapping[str, str]) -> dict[str, Matrix]:

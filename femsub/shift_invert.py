@@ -23,6 +23,7 @@ ENERGY = 4e-15  # unless φᵀKφ is more than this share of |φ|ᵀ|K||φ|: for
 GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
 LARGE = 10_000  # DOF from which the first shift is worth a look at the graph
 COLUMNS = 64  # right-hand sides of an elastic solve held at a time, with four temporaries each
+CONVERGED = 1e-13  # of an elastic solution, which the next correction would change by less
 COUNTED = 3000  # DOF up to which the rank of M is counted
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
@@ -208,27 +209,34 @@ class ShiftInvert:
 
         Φ is the rigid-body modes, or `kept` (n, m) which must include them: then X is the residual flexibility
         (Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, ch. 17). With σ = 0 one solve does it; with
-        σ < 0 the correction x ← x + (K - σM)⁻¹(b - Kx) contracts by |σ|/(λ + |σ|) with the lowest λ not in Φ.
+        σ < 0 the correction x ← x + (K - σM)⁻¹(b - Kx) contracts by |σ|/(λ + |σ|) with the lowest λ not in Φ. That tells
+        beforehand how many corrections are worth a solve: one or two.
         """
         basis = self.rigid if kept is None else kept
+        lowest = self.lowest  # no mode beside Φ, which is in ascending order, is lower
+        if basis.shape[1] > self.rigid.shape[1]:
+            lowest = float(basis[:, -1] @ (self.K @ basis[:, -1]))
+        rate = -self.sigma / (lowest - self.sigma)
         x = np.empty(B.shape, order="F")
         for start in range(0, B.shape[1], COLUMNS):
             part = slice(start, start + COLUMNS)
-            x[:, part] = self._elastic_block(B[:, part], basis)
+            x[:, part] = self._elastic_block(B[:, part], basis, rate)
         return x
 
-    def _elastic_block(self, B: Array, basis: Array) -> Array:
+    def _elastic_block(self, B: Array, basis: Array, rate: float) -> Array:
         b = B - self.M @ (basis @ (basis.T @ B))
         x = self.deflate(self.factor.solve(b), basis)
         if self.sigma == 0:
             return x
-        size = np.linalg.norm(x, axis=0)
-        for _ in range(30):
+        size, step = np.linalg.norm(x, axis=0), np.ones(x.shape[1])
+        going = size > 0
+        while going.any():
             change = self.deflate(self.factor.solve(b - self.K @ x), basis)
             x = x + change
-            step = np.linalg.norm(change, axis=0)
-            if (step <= 1e-14 * size).all():
-                break
+            before, step = step, np.linalg.norm(change, axis=0) / np.where(size > 0, size, 1.0)
+            going &= step < before / 2  # what does not contract is rounding
+            rate = max(rate, float((step[going] / before[going]).max(initial=0.0)))
+            going &= rate * step > CONVERGED
         return self.deflate(x, basis)
 
 

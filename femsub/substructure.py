@@ -196,6 +196,12 @@ class ReducedSubstructure(Substructure):
         """The number of elastic modes in the basis."""
         return sum(kind in ("fixed-interface", "free") for kind in self.kinds)
 
+    def with_damping(self, D: Any) -> Self:
+        """The same model with another D, shape (r, r); its estimate, which held for the other, is gone."""
+        copy = super().with_damping(D)
+        object.__setattr__(copy, "estimate", None)
+        return copy
+
     def expand(self, q: Array) -> Array:
         """u = V q, shape (r,) or (r, k) to (n,) or (n, k)."""
         q = np.asarray(q)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -276,6 +278,34 @@ def test_what_cannot_be_met_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.bases.tolerance.DENSE", 100)
     with pytest.raises(fs.NotConvergedError, match=r"with \d\d modes Estimate: .* not met .* put the belt's DOF"):
         quietly(fs.chain(400, belt=2), fs.CraigBampton(band=(0.0, 0.1), tol=1e-9))
+
+
+def test_the_estimate_goes_with_another_damping_and_stays_in_files(tmp_path: Path) -> None:
+    sub = fs.chain(60, belt=30)
+    for contacts in (None, fs.Belt(slope=-0.1)):
+        rom = quietly(sub if contacts else sub.with_damping(None), fs.CraigChang(band=(0.0, 0.3), tol=1e-3), contacts=contacts)
+        assert rom.estimate is not None and bool(len(rom.estimate.eigenvalues)) == bool(contacts)
+        for other in (rom.with_damping(0.1 * rom.K), rom.with_damping(None), fs.damped(rom, rayleigh=(0.1, 0.0))):
+            assert other.estimate is None
+        for format in ("mtx", "npz", "mat"):
+            fs.write_matrices(tmp_path / format, rom, format)
+            read = fs.read_component(tmp_path / format)
+            assert read.estimate.record() == rom.estimate.record() and read.estimate.met and repr(read.estimate) == repr(rom.estimate)
+    complete = fs.reduce(fs.Substructure(sub.M, sub.K, None, range(60)), fs.CraigBampton(band=(0.0, 0.5), tol=1e-3))
+    fs.write_matrices(tmp_path, complete)
+    assert np.isinf(fs.read_component(tmp_path).estimate.cutoff)
+    path = tmp_path / "model.json"
+    about = json.loads(path.read_text())
+    for key, value in (("frequencies", [1.0]), ("tol", "small"), ("band", None)):
+        damaged = json.loads(path.read_text())
+        damaged["reduced"]["estimate"][key] = value
+        (tmp_path / "model.json").write_text(json.dumps(damaged))
+        with pytest.raises(fs.InputError, match="estimate is damaged"):
+            fs.read_component(tmp_path)
+        path.write_text(json.dumps(about))
+    del about["reduced"]["estimate"]
+    path.write_text(json.dumps(about))
+    assert fs.read_component(tmp_path).estimate is None
 
 
 def test_a_study_takes_tolerances() -> None:
