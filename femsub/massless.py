@@ -21,21 +21,31 @@ def rank_of_mass(M: Matrix) -> int:
     for part in np.split(rows, np.cumsum(sizes)[:-1]):
         if len(part) > 1:
             block = M[part][:, part]
-            values = _scaled(block.toarray() if sp.issparse(block) else block)[0]
-            rank += int(np.count_nonzero(values > SINGULAR))
+            block = block.toarray() if sp.issparse(block) else block
+            unit = _unit(block)
+            rank += int(np.count_nonzero(np.linalg.eigvalsh(unit[:, None] * block * unit) > SINGULAR))
     return rank
 
 
 def massless_apart(M: Array, rank: int) -> tuple[Array, Array]:
-    """T (n, n) and TᵀMT = diag(m, 0): the first `rank` columns move mass, the others none; T is as regular as M is scaled."""
-    values, vectors, unit = _scaled(M)
-    mass = np.where(np.arange(len(M)) < rank, values[::-1], 0.0)
-    return unit[:, None] * vectors[:, ::-1], np.diag(mass)
+    """T (n, n) and TᵀMT = [[M₁₁, 0], [0, 0]], with M₁₁ of `rank` DOF and, in the last columns, motions that move no mass.
+
+    The first columns are DOF as they are (Cholesky of SMS with pivots): a rotation would mix stiff ones into soft ones.
+    """
+    import scipy.linalg as la
+
+    n, unit = len(M), _unit(M)
+    R, pivots = la.lapack.dpstrf(unit[:, None] * M * unit, tol=0.0)[:2]
+    order = pivots - 1
+    T = np.zeros((n, n))
+    T[order, np.arange(n)] = 1.0
+    null = -la.solve_triangular(R[:rank, :rank], R[:rank, rank:])
+    T[order[:rank], rank:] = unit[order[:rank], None] * null / unit[order[rank:]]
+    mass = np.zeros((n, n))
+    mass[:rank, :rank] = M[np.ix_(order[:rank], order[:rank])]
+    return T, mass
 
 
-def _scaled(M: Array) -> tuple[Array, Array, Array]:
-    """Eigenvalues, ascending, and vectors of SMS, and the diagonal of S; of a DOF without mass s = 1."""
+def _unit(M: Array) -> Array:
     mass = M.diagonal()
-    unit = np.where(mass > 0, mass, 1.0) ** -0.5
-    values, vectors = np.linalg.eigh(unit[:, None] * M * unit)
-    return values, vectors, unit
+    return np.where(mass > 0, mass, 1.0) ** -0.5

@@ -13,9 +13,9 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "femsub"
 
 LAYERS = {
-    "errors": 0, "files": 0, "phases": 0, "heap": 0, "threads": 0, "evidence": 0,
+    "errors": 0, "files": 0, "phases": 0, "heap": 0, "threads": 0, "evidence": 0, "blas": 0,
     "pencil": 1, "studyresults": 1, "modelindex": 1,
-    "graph": 2, "meshtext": 2, "bands": 2, "massless": 2, "estimates": 7,
+    "graph": 2, "meshtext": 2, "bands": 2, "massless": 2,
     "friction": 3, "_slepc": 3, "dofs": 3, "elements": 3, "splitting": 3, "attractors": 3, "inpdecks": 3, "inpstore": 3,
     "gmshstore": 3, "multiplicity": 3,
     "memory": 4, "meshes": 4, "factor": 4, "dense_modes": 4, "substructure": 4, "bending": 4, "textmatrices": 4,
@@ -24,7 +24,7 @@ LAYERS = {
     "lanczos": 5, "condensed": 5, "nastranfiles": 5, "gmshfiles": 5, "foreignfiles": 5, "marketfiles": 5, "matlabfiles": 5,
     "op4files": 5,
     "matrixfiles": 6, "patches": 6, "contacts": 6, "meshfiles": 6, "eigen": 6, "doctor": 6,
-    "counting": 7, "integrators": 7, "second_order": 7, "qep": 7, "dampers": 7,
+    "estimates": 7, "counting": 7, "integrators": 7, "second_order": 7, "qep": 7, "dampers": 7,
     "modelfiles": 8, "transients": 8, "nested": 8, "pep": 8, "crossing": 8, "partition": 8, "contact_model": 8,
     "components": 9, "spectra": 9, "bases": 9, "beams": 9, "plates": 9, "solids": 9, "cea": 9, "compliance": 9,
     "bracketing": 9,

@@ -290,7 +290,7 @@ def test_the_estimate_goes_with_another_damping_and_stays_in_files(tmp_path: Pat
         for format in ("mtx", "npz", "mat"):
             fs.write_matrices(tmp_path / format, rom, format)
             read = fs.read_component(tmp_path / format)
-            assert read.estimate.record() == rom.estimate.record() and read.estimate.met and repr(read.estimate) == repr(rom.estimate)
+            assert read.estimate.record() == rom.estimate.record() and repr(read.estimate) == repr(rom.estimate)
     complete = fs.reduce(fs.Substructure(sub.M, sub.K, None, range(60)), fs.CraigBampton(band=(0.0, 0.5), tol=1e-3))
     fs.write_matrices(tmp_path, complete)
     assert np.isinf(fs.read_component(tmp_path).estimate.cutoff)

@@ -7,18 +7,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.bases.basis import Basis, projected
 from femsub.bases.craig_bampton import CraigBampton
 from femsub.bases.craig_chang import CraigChang
+from femsub.blas import threads_for
 from femsub.errors import InputError, InputTypeError, PortWarning
 from femsub.estimates import SHARE, Estimate
+from femsub.factor import SMALL
 from femsub.friction import Belt
 from femsub.memory import check_memory
 from femsub.pencil import Array
 from femsub.substructure import ReducedSubstructure, Substructure
 
 METHODS: dict[str, type[CraigBampton] | type[CraigChang]] = {"craig-bampton": CraigBampton, "craig-chang": CraigChang}
+FIRST = 100  # modes that a search for their number may well take
 PORT_LIMIT = 0.01  # a port's static response may be wrong by so much in the energy norm before `reduce` warns
 
 __all__ = ["METHODS", "Basis", "CraigBampton", "CraigChang", "Estimate", "reduce"]
@@ -86,7 +90,9 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
                              f"at {sub.cutoff:.5g}: end below {SHARE:g} of that, or reduce the full component")
         damped = pencil if pencil.norms[1] > 0 else None
     check_memory(sub.name, sub.K, static, method.modes or 0, len(sub.interface))
-    basis = method.basis(sub, extra, columns, damped)
+    with threads_for(_work(sub, method.modes, extra.shape[1])):
+        basis = method.basis(sub, extra, columns, damped)
+        D = projected(sub.D, basis.V)
     if not basis.V.shape[1]:
         raise InputError(f"no basis for {sub.name!r}: modes=0 and no interface leave nothing to move; ask for modes, or name "
                          "interface DOF")
@@ -100,10 +106,18 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     return ReducedSubstructure(
-        basis.M, basis.K, projected(sub.D, V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
+        basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, full_interface=sub.interface, cutoff=cutoff, method=basis.method,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
         estimate=estimate)
+
+
+def _work(sub: Substructure, modes: int | None, extra: int) -> float:
+    """About how many multiplications the dense part of a reduction takes, all modes at once or a basis worked on twice."""
+    n, kept = sub.size, FIRST if modes is None else modes
+    if not sp.issparse(sub.K) or n <= SMALL or kept > 0.3 * n:
+        return float(n) ** 3
+    return float(n) * (kept + len(sub.interface) + extra) ** 2
 
 
 def _columns(w: Array) -> Array:
