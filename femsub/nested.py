@@ -217,7 +217,7 @@ class Nested:
         """
         assert self.D is not None
         values, _, X, Y, slope = self.damped(self.modes)
-        if self.rest.start == self.rest.stop:
+        if self.rest.start == self.rest.stop or not self.modes:  # nothing is left out, or nothing that has mass
             return values, np.zeros(len(values))
         pencil = Pencil(self.M, self.D, self.K)
         stiffness = self.K.diagonal()[self.rest, None]

@@ -36,7 +36,8 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
     `CraigBampton(band=(0, hi), tol=1e-3)`, as few as will do: every frequency ω of the undamped model in the band, and
     every complex eigenvalue λ with Im λ and |Re λ| up to hi if the model is damped or has `contacts`, is estimated to be
     within the relative error `tol` of the full model's, and hi is below 0.7 of the cut-off. The estimate takes no
-    solution of the full model; its figures are in ``.estimate`` (see `Nested.bounds` and `Nested.doubt`).
+    solution of the full model; its figures are in ``.estimate`` (see `Nested.bounds` and `Nested.doubt`). DOF that have
+    damping but no mass relax by themselves, with a real λ of their own: that one is held only if they are interface or port.
 
     Parameters
     ----------

@@ -172,11 +172,13 @@ def _whole(handle: ShiftInvert, rest: Array, forces: Array, kept: Array, values:
 
     The size, sqrt(Σ m_ii x_i²), is what the rounding of each entry is measured against: without cancellation in M.
     """
-    elastic = values > 0
-    share = (kept[:, elastic].T @ forces) / values[elastic, None]
-    energy = np.einsum("ij,ij->j", rest, forces) + values[elastic] @ share**2
-    mass = handle.M.diagonal()
-    return energy, np.sqrt(mass @ rest**2 + (mass @ kept[:, elastic] ** 2) @ share**2)
+    kept, values = kept[:, values.searchsorted(0.0, "right"):], values[values > 0]
+    share = (kept.T @ forces) / values[:, None]
+    energy = np.einsum("ij,ij->j", rest, forces) + values @ share**2
+    if not forces.shape[1]:
+        return energy, energy
+    motion = (np.einsum("i,ij,ij->j", handle.M.diagonal(), x, x) for x in (rest, kept))
+    return energy, np.sqrt(next(motion) + next(motion) @ share**2)
 
 
 def _again(handle: ShiftInvert, x: Array, stiffness: Array, noise: float, kept: Array) -> tuple[Array, Array]:

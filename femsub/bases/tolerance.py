@@ -47,6 +47,11 @@ class Search:
     def complete(self) -> bool:
         return self.modes == self.most
 
+    @property
+    def bare(self) -> bool:
+        """Whether some motion has no mass."""
+        return self.parts.handle.finite < self.parts.handle.K.shape[0]
+
     def grow(self, count: int) -> None:
         """More modes beside those at hand; the static shapes lose their share without a further solve."""
         handle, sub = self.parts.handle, self.parts.sub
@@ -118,8 +123,10 @@ class Search:
             sides.append((values[wanted].conj(), Y[:, wanted], self.pencil.D.T))
         blocks = []
         for value, x, D in sides:
-            x = x / np.sqrt(np.abs(np.einsum("ij,ij->j", x.conj(), plain.M @ x)))
             size = np.abs(value)
+            # to equal energy, of motion and of deflection: one that moves no mass would drown all others
+            kinetic, elastic = (np.abs(np.einsum("ij,ij->j", x.conj(), part @ x)) for part in (plain.M, plain.K))
+            x = x / np.sqrt(kinetic + elastic / size**2)
             for part in (np.real, np.imag):
                 static = np.zeros(x.shape)
                 static[plain.rest] = part(x * (value**2 / size))[plain.rest]
@@ -197,9 +204,10 @@ def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
     if search.complete or floor > best.tol or (count >= MOST and size > DENSE):
         where = "all modes" if search.complete else f"{best.modes} modes"
         rounding = f"; rounding alone takes {floor:.1e}" if floor > best.tol else ""
+        bare = ", and those with damping but no mass," if search.complete and search.pencil is not None and search.bare else ""
         raise NotConvergedError(f"{name!r} cannot be reduced to {best.tol:g} from {best.band[0]:.5g} to {best.band[1]:.5g} "
-                                f"rad/time: with {where} {best!r}{rounding}; lower the band, allow more, put the belt's DOF into "
-                                "the interface, or call reduce(..., ports=True)")
+                                f"rad/time: with {where} {best!r}{rounding}; lower the band, allow more, put the belt's "
+                                f"DOF{bare} into the interface, or call reduce(..., ports=True)")
     half = nested.estimate(best.modes // 2, best.band, best.tol, damped=False) if best.modes > 1 else best
     factor = 1.5
     if not best.unmatched and np.isfinite(best.worst):
