@@ -166,9 +166,7 @@ class _Growing:
         braked = np.unique(model.D.nonzero()[1])
         forces = np.hstack([W, _units(model.size, braked if len(braked) <= 12 else braked[:0])])
         rest = handle.elastic_solve(forces, modes.shapes)
-        whole = np.einsum("ij,ij->j", rest, forces) + np.einsum(
-            "ij,ij->j", *(2 * [(modes.shapes.T @ forces)[modes.rigid:] / modes.frequencies[modes.rigid:, None]]))
-        statics, stiffness, mass, _ = independent(handle, rest, forces, whole, modes.shapes)
+        statics, stiffness, mass, _ = independent(handle, rest, forces, modes.shapes, modes.eigenvalues)
         massive = mass > 0
         loose = unresisted(model.D, modes.shapes[:, :modes.rigid])
         self.loose = loose[1]
