@@ -19,11 +19,19 @@ import scipy.sparse as sp
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.factor import factorise
 from femsub.friction import Belt
-from femsub.pencil import Array, Matrix, finite_number
+from femsub.pencil import EPS, Array, Matrix, finite_number
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import ReducedSubstructure, Substructure
 
 STICKING = 3.0  # times ε: sliding slower counts as sticking; the arctan law has reached 80 % of its plateau there
+RESIDUE = 16 * EPS  # of the forces that cancel in an equilibrium is left of it by rounding
+
+
+def sticking_below(belt: Belt, multiple: float = STICKING) -> float:
+    """The |v0 - v| up to which a contact counts as sticking, multiple · ε; NaN for a law without an ε, which says nothing."""
+    eps = getattr(belt.law, "eps", None)
+    usable = isinstance(eps, (int, float, np.integer, np.floating)) and not isinstance(eps, bool) and 0 < eps < np.inf
+    return multiple * float(eps) if usable else np.nan  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,10 +89,23 @@ class Sliding:
         return -self._each("slope", v)
 
     def sticks(self, v: Array) -> Array:
-        """Where |v0 - v| ≤ 3 ε (0 for a law without an ε); bool, (p,) or (p, m) as v."""
-        limits = np.array([STICKING * getattr(self.belts[at].law, "eps", 0.0) for at in self.owner])
+        """Where |v0 - v| ≤ 3 ε, see `sticking_below`; bool, (p,) or (p, m) as v.
+
+        Raises
+        ------
+        InputError
+            A law has no ε, and nothing else says what counts as sticking.
+        """
+        if without := self.without_eps:
+            raise InputError(f"the friction law on {without[0]!r} has no eps, and nothing says what counts as sticking")
+        limits = np.array([sticking_below(self.belts[at]) for at in self.owner])
         speeds = np.array([self.belts[at].speed for at in self.owner], dtype=float)
         return (np.abs(np.asarray(v).T - speeds) <= limits).T
+
+    @property
+    def without_eps(self) -> list[str]:
+        """Ports of the belts whose law has no ε."""
+        return [belt.port for belt in self.belts if np.isnan(sticking_below(belt))]
 
     @cached_property
     def equilibrium(self) -> Array:
@@ -104,6 +125,13 @@ class Sliding:
         handle.release()
         return found
 
+    def pull(self, displacement: Array) -> Array:
+        """W f(0) - K q (n,), what pulls a model at rest towards its equilibrium: 0 where no more than rounding is left of it."""
+        f = self.force(np.zeros(self.columns))
+        left = self.W @ f - self.model.K @ displacement
+        terms = np.abs(self.W) @ np.abs(f) + abs(self.model.K) @ np.abs(displacement)
+        return left if np.abs(left).max() > RESIDUE * terms.max() else np.zeros_like(left)
+
     def impulse(self, size: Mapping[str, float] | float = 1e-3) -> State:
         """q at the sliding equilibrium and q̇ = M⁻¹ W_p J: what a short blow J on a port leaves behind.
 
@@ -120,7 +148,7 @@ class Sliding:
         for port, value in blows.items():
             column = self.model.port(port).reshape(self.model.size, -1).sum(axis=1)
             load = load + column * finite_number(f"impulse on {port!r}", value)
-        return State(self.equilibrium, _mass_solve(self.model.M, load))
+        return State(self.equilibrium, mass_solve(self.model.M, load))
 
     def perturbed(self, displacement: Any = 0.0, velocity: Any = 0.0) -> State:
         """The sliding equilibrium plus what is given in the model's own coordinates, shape (n,) each."""
@@ -168,10 +196,17 @@ def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:
     u = np.asarray(field, dtype=float)
     if M.shape != (rows, rows) or u.ndim == 0 or u.shape[0] != rows:
         raise InputError(f"the basis has {rows} rows, but M is {M.shape} and the field {u.shape}: both belong to the full model")
-    return _mass_solve(rom.M, rom.V.T @ (M @ u))
+    return mass_solve(rom.M, rom.V.T @ (M @ u))
 
 
-def _mass_solve(M: Matrix, load: Array) -> Array:
+def mass_solve(M: Matrix, load: Array) -> Array:
+    """M⁻¹ load.
+
+    Raises
+    ------
+    InputError
+        M is singular.
+    """
     if sp.issparse(M) and M.nnz == np.count_nonzero(M.diagonal()) == M.shape[0]:
         return (load.T / M.diagonal()).T
     try:

@@ -1,17 +1,26 @@
-"""Large sparse models in time: M a + D v + K x = W f(Wᵀv) by PETSc's TSALPHA2, without M⁻¹ and with one solve per step.
+"""Large sparse models in time: M a + D v + K x = W f(Wᵀv) by the generalised-α method, with one solve per step.
 
-The generalised-α method (Chung and Hulbert, J. Appl. Mech. 60 (1993) 371) is of second order, and damps what the step cannot
+The method (Chung and Hulbert, J. Appl. Mech. 60 (1993) 371) is of second order, and damps what the step cannot
 resolve (spectral radius RADIUS at infinity). Each of its steps is an equation in which the contact is of rank p:
 
     S d = -r + W (f(v₁) - f(v₀)),   v₁ = v₀ + s Wᵀd,   S = σM + sD + K,
 
 with r the residual at the predictor, s and σ the shifts of the step. S depends on the step size only and is factorised once
-for each; what is left is p equations for v₁, solved to rounding by Newton's method. PETSc gets this as its nonlinear solver.
+for each; what is left is p equations for v₁, solved to rounding by Newton's method. (PETSc's own TSALPHA2 begins with twice the
+acceleration, as of 3.18, and begins anew after each step that is done again.)
 
-Error control: the local error of the velocities, ‖v₁ - 3v₀ + 3v₋₁ - v₋₂‖/12 in the norm of diag M, is at most
-tol (‖v‖ + v_s). A block of 32 steps in which it is not is done again with half the step (or less), and one in which it never
-exceeds a sixteenth is followed by steps of twice the length. v_s is the belts' speed on the motion M⁻¹w that takes least energy
-for it.
+Error control: the local error of the velocities, e = ‖v₁ - 3v₀ + 3v₋₁ - v₋₂‖/12 in the norm of diag M, is at most
+tol (‖v‖ + min(v_s, V)). A block of 32 steps in which it is not is done again with half the step (or less), and one in which it
+never exceeds a sixteenth is followed by steps of twice the length. v_s is the belts' speed on the motion M⁻¹w that takes least
+energy for it. V is the largest ‖v‖ so far, which fades by half over a block: it carries the control over the turning points of a
+small motion, and at the start it is no less than aᵀMa/sqrt(aᵀKa), the speed that a displacement from equilibrium leads to. What
+rounding alone makes of e counts as no error.
+
+What is integrated is the distance from the start, K x₀ apart: the rounding of a static deflection would otherwise drown a
+motion of 1e-9 of it.
+
+The local errors of all steps over V, added up, are an estimate of the velocities' error at the end (`error`). It is that of a
+motion whose disturbances grow or decay as the motion itself does; on a limit cycle it is mostly a shift in time.
 """
 
 from __future__ import annotations
@@ -21,19 +30,24 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub._slepc import _load
-from femsub.contacts import Sliding, State
+from femsub.contacts import Sliding, State, mass_solve
 from femsub.errors import InputError, NotConvergedError, SingularMatrixError
 from femsub.factor import Handle, factorise
-from femsub.pencil import Array
+from femsub.pencil import EPS, Array
 
 RADIUS = 0.9  # amplification of what oscillates infinitely fast
+STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: where in a step the equation holds
+GAMMA, BETA = 0.5 + INERTIA - STAGE, 0.25 * (1 + INERTIA - STAGE) ** 2
 AT_ONCE = 8  # points of the grid: so many are lost at most by Ctrl-C
 BLOCK = 32  # steps between two decisions on their length
 KEPT, BYTES = (2, 12), 1e9  # factorisations kept, the last ones used: as many as go into so much memory, within limits
+FADE = 0.5 ** (1 / BLOCK)  # of V in each step
+NOISE = 64 * EPS  # of what is added up in a step: rounding
 AT_MOST = 5  # halvings after one look at the error
 HALVINGS = 40  # of the step at a stretch, before giving up
-PREFIX = "femsub_alpha_"
+
+
+Checkpoint = tuple[Array, Array, Array, float, float, float, float, int]  # x, v, a, work, loss, V, error, points shown
 
 
 class AlphaFlow:
@@ -54,6 +68,10 @@ class AlphaFlow:
         self.work = self.loss = 0.0
         self.dt = self.largest = step
         self.speed = _speed(contact, start)
+        self.rest, self.steady = start.displacement, contact.force(np.zeros(contact.columns))
+        self.pull = contact.pull(self.rest)
+        self.shaken = float(np.sqrt(np.square(contact.W @ self.steady) @ (1 / self.weight)))
+        self.moving, self.error = self._moving(start), 0.0
         self.done, self.worst = 0, 0.0  # steps since the last decision on their length, and the largest local error of these
         self.kept = KEPT[0]
         self.factors: dict[tuple[float, float], tuple[Handle, Array, Array]] = {}
@@ -68,20 +86,21 @@ class AlphaFlow:
 
     @property
     def state(self) -> State:
-        return State(*self.reached[:2])
+        x, v = self.reached[:2]
+        return State(self.rest + x, v)
 
     @property
     def balance(self) -> tuple[float, float, float]:
         """Work of the belts and dissipation since the start, and the energy now."""
-        x, v, work, loss, _ = self.reached
+        moved, v, _, work, loss, *_ = self.reached
+        x = self.rest + moved
         return work, loss, float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
 
     def close(self) -> None:
-        """Gives factors and PETSc's objects back."""
+        """Gives the factors back."""
         for handle, _, _ in self.factors.values():
             handle.close()
         self.factors.clear()
-        self.stepper.close()
 
     def advance(self, times: Array) -> tuple[Array, ...]:
         """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n)."""
@@ -99,7 +118,7 @@ class AlphaFlow:
                 history = [*history[-3:], self._step(step)]
                 done += 1
                 if len(history) == 4:
-                    worst = max(worst, self._error(history))
+                    worst = max(worst, self._error(history, step))
                     if worst > self.tol:
                         failed = True
                         break
@@ -119,46 +138,63 @@ class AlphaFlow:
                 if worst < self.tol / 16 and 2 * self.dt <= self.largest * (1 + 1e-9):
                     self.dt *= 2
                 begin, done, worst, halved = self._checkpoint(), 0, 0.0, 0
-                begin = (*begin[:4], len(shown))
+                begin = (*begin[:-1], len(shown))
         self.t, self.done, self.worst, self.reached = float(times[-1]), done, worst, self._checkpoint()
         self.history, self.last = history, last
         return tuple(np.array(part) for part in zip(*shown, strict=True))
 
-    def _checkpoint(self) -> tuple[Array, Array, float, float, int]:
-        x, v = self.stepper.get()
-        return x.copy(), v.copy(), self.work, self.loss, 1
+    def _checkpoint(self) -> Checkpoint:
+        at = self.stepper
+        return at.x, at.v, at.a, self.work, self.loss, self.moving, self.error, 1
 
-    def _back(self, begin: tuple[Array, Array, float, float, int], shown: list[Any]) -> int:
+    def _back(self, begin: Checkpoint, shown: list[Any]) -> int:
         """Back to a checkpoint; returns how many points of the grid are lost with it."""
-        x, v, self.work, self.loss, kept = begin
-        self.stepper.put(x, v)
+        x, v, a, self.work, self.loss, self.moving, self.error, kept = begin
+        self.stepper.put(x, v, a)
         lost = len(shown) - kept
         del shown[kept:]
         return lost
 
     def _seen(self) -> tuple[Array, ...]:
-        x, v = self.stepper.get()
+        x, v = self.rest + self.stepper.x, self.stepper.v
         ports = (self.columns.T @ x, self.columns.T @ v)
-        return (*ports, x.copy(), v.copy()) if self.whole else ports
+        return (*ports, x, v) if self.whole else ports
 
     def _step(self, step: float) -> Array:
-        before = self.stepper.get()[0].copy()
+        before = self.stepper.x
         self.stepper.step(step)
-        x, v = self.stepper.get()
-        moved = x - before
+        v, moved = self.stepper.v, self.stepper.x - before
         self.work += float(self.stepper.force @ (self.contact.W.T @ moved))
         if self.D.nnz:
             self.loss += float(moved @ (self.D @ moved)) / step
         self.steps += 1
         if not np.isfinite(v[0]):
             raise NotConvergedError("alpha met a NaN or Inf: the motion grows without bound, or the friction law is not finite")
-        return v.copy()
+        return v
 
-    def _error(self, v: list[Array]) -> float:
+    def residual(self, x: Array, v: Array, a: Array, force: Array) -> Array:
+        """M a + D v + K (x₀ + x) - W f (n,), x the distance from the start."""
+        self.rhs += 1
+        found = self.M @ a + self.K @ x - self.contact.W @ (force - self.steady) - self.pull
+        return found + self.D @ v if self.D.nnz else found
+
+    def _norm(self, v: Array) -> float:
+        return float(np.sqrt(self.weight @ np.square(v)))
+
+    def _moving(self, start: State) -> float:
+        """V at the start: ‖v‖ and aᵀMa/sqrt(aᵀKa), which is the largest speed of a single mode that starts at rest."""
+        force = self.pull + self.contact.W @ (self.contact.force(self.contact.W.T @ start.velocity) - self.steady)
+        a = force / self.weight
+        stiffness = float(a @ (self.K @ a))
+        return float(np.hypot(self._norm(start.velocity), force @ a / np.sqrt(stiffness) if stiffness > 0 else 0.0))
+
+    def _error(self, v: list[Array], step: float) -> float:
         """Local error of the velocity over its scale: third difference / 12, the trapezoidal rule's."""
-        third = v[3] - v[0] - 3 * (v[2] - v[1])
-        size = np.sqrt(self.weight @ np.square(v[3])) + self.speed
-        return float(np.sqrt(self.weight @ np.square(third))) / 12 / size
+        wrong, size = self._norm(v[3] - v[0] - 3 * (v[2] - v[1])) / 12, self._norm(v[3])
+        noise = NOISE * (2 / step * self._norm(self.stepper.x) + step / 2 * self.shaken)
+        self.moving = max(size, FADE * self.moving)
+        self.error += wrong / (self.moving + noise)
+        return 0.0 if wrong <= noise else wrong / (size + min(self.speed, self.moving))
 
     def factor(self, sigma: float, s: float) -> tuple[Handle, Array, Array]:
         """The factor of S = σM + sD + K, with S⁻¹W and s WᵀS⁻¹W; made when the shifts are new."""
@@ -189,91 +225,40 @@ def _speed(contact: Sliding, start: State) -> float:
 
 
 class Stepper:
-    """PETSc's TSALPHA2 on the vectors of a flow; it is handed the nonlinear solver described above."""
+    """x, v and a of a flow, and one step of the generalised-α method from them.
+
+    The stage is x_α = x₀ + α_f (x₁ - x₀), v_α likewise, a_α = a₀ + α_m (a₁ - a₀), with
+    x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). It starts from M a₀ = what the forces leave, and a step of another length goes on from the
+    a that the last one has left.
+    """
 
     def __init__(self, flow: AlphaFlow, start: State) -> None:
-        PETSc, _ = _load()
-        self.flow, self.petsc, n = flow, PETSc, flow.contact.model.size
-        self.force = np.zeros(flow.contact.columns)
-        self.blank = False  # the stage's vectors are wanted, not the residual
-        options = PETSc.Options()
-        options.setValue(f"{PREFIX}ts_alpha_radius", RADIUS)
-        options.setValue(f"{PREFIX}ts_adapt_type", "none")
-        self.x, self.v, self.residual, self.spare = (PETSc.Vec().createSeq(n, comm=PETSc.COMM_SELF) for _ in range(4))
-        self.x.setArray(start.displacement)
-        self.v.setArray(start.velocity)
-        self.shell = PETSc.Mat().createAIJ((n, n), nnz=1, comm=PETSc.COMM_SELF)  # PETSc wants one; it stays empty
-        self.shell.assemble()
-        self.ts = PETSc.TS().create(PETSc.COMM_SELF)
-        self.ts.setOptionsPrefix(PREFIX)
-        self.ts.setType("alpha2")
-        self.ts.setI2Function(self._function, self.residual)
-        self.ts.setI2Jacobian(self._jacobian, self.shell, self.shell)
-        self.ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-        self.ts.setMaxTime(1e300)
-        self.ts.setMaxSteps(np.iinfo(PETSc.IntType).max)
-        self.ts.setTimeStep(flow.dt)
-        self.ts.setSolution2(self.x, self.v)
-        self.ts.setFromOptions()
-        snes = self.ts.getSNES()
-        snes.setType("python")
-        snes.setPythonContext(self)
-        self.ts.setUp()
+        self.flow, self.x, self.v = flow, np.zeros(len(start.velocity)), start.velocity.copy()
+        contact = flow.contact
+        speeds = contact.W.T @ self.v
+        self.force = contact.force(speeds)
+        self.a = mass_solve(flow.M, -flow.residual(self.x, self.v, np.zeros_like(self.v), self.force))
 
-    def get(self) -> tuple[Array, Array]:
-        """x and v, to be read, until the next step."""
-        return self.x.array_r, self.v.array_r
+    def put(self, x: Array, v: Array, a: Array) -> None:
+        """Another state, to go on from."""
+        self.x, self.v, self.a = x, v, a
 
-    def put(self, x: Array, v: Array) -> None:
-        """Another state, from which the method starts anew."""
-        self.x.setArray(x)
-        self.v.setArray(v)
-        self.ts.restartStep()
-
-    def step(self, size: float) -> None:
-        """One step."""
-        self.ts.setTimeStep(size)
-        self.ts.step()
-
-    def close(self) -> None:
-        """Destroys PETSc's objects."""
-        for thing in (self.ts, self.shell, self.x, self.v, self.residual, self.spare):
-            thing.destroy()
-
-    def _function(self, ts: Any, t: float, X: Any, V: Any, A: Any, F: Any) -> None:
-        if self.blank:
-            return
-        flow = self.flow
-        v = V.array_r
-        self.speeds = flow.contact.W.T @ v
-        self.force = flow.contact.force(self.speeds)
-        self.raw = flow.M @ A.array_r + flow.K @ X.array_r - flow.contact.W @ self.force
-        if flow.D.nnz:
-            self.raw += flow.D @ v
-        F.setArray(self.raw)
-        flow.rhs += 1
-
-    def _jacobian(self, ts: Any, t: float, X: Any, V: Any, A: Any, s: float, sigma: float, J: Any, P: Any) -> bool:
-        self.shifts = sigma, s
-        return True
-
-    def solve(self, snes: Any, b: Any, x: Any) -> None:
-        """What PETSc calls for each stage: one solve with S, p scalar equations, and x is right to rounding."""
-        snes.computeFunction(x, self.spare)
-        snes.computeJacobian(x, self.shell)
-        size = float(np.linalg.norm(self.raw))
-        if size:
-            handle, Z, C = self.flow.factor(*self.shifts)
-            d = handle.solve(-self.raw)
-            before = self.force
-            linear = self.speeds + self.shifts[1] * (self.flow.contact.W.T @ d)
-            self.force = _contact_force(self.flow.contact, linear, self.speeds, before, C)
-            d += Z @ (self.force - before)
-            x.setArray(x.array_r + d * (self.spare.norm() / size))  # PETSc scales residuals by 1/α_f
-        self.blank = True
-        snes.computeFunction(x, self.spare)  # only so that it has the stage's v and a
-        self.blank = False
-        snes.setConvergedReason(self.petsc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
+    def step(self, h: float) -> None:
+        """One step: one solve with S, p scalar equations, and the stage is right to rounding."""
+        flow, contact = self.flow, self.flow.contact
+        part, s, sigma = STAGE * BETA * h * h, GAMMA / (BETA * h), INERTIA / (STAGE * BETA * h * h)
+        # the predictor keeps a
+        speed = self.v + STAGE * h * self.a
+        speeds = contact.W.T @ speed
+        before = contact.force(speeds)
+        residual = flow.residual(self.x + STAGE * (h * self.v + h * h / 2 * self.a), speed, self.a, before)
+        handle, Z, C = flow.factor(sigma, s)
+        d = handle.solve(-residual)
+        self.force = _contact_force(contact, speeds + s * (contact.W.T @ d), speeds, before, C)
+        change = (d + Z @ (self.force - before)) / part  # of a
+        self.x = self.x + h * self.v + h * h * (self.a / 2 + BETA * change)
+        self.v = self.v + h * (self.a + GAMMA * change)
+        self.a = self.a + change
 
 
 def _contact_force(contact: Sliding, linear: Array, guess: Array, before: Array, C: Array) -> Array:

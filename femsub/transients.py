@@ -79,6 +79,10 @@ class Transient:
         False if it was interrupted; what was reached by then is here.
     energy : EnergyBalance
     effort : Effort
+    error : float or None
+        The local errors of the velocities over the size of the motion, added up over the steps: an estimate of the error at the
+        end, where disturbances grow or decay as the motion does. On a limit cycle it is mostly a shift in time. The energy
+        balance knows nothing of it. None for SciPy's integrators, which do not tell their local errors.
     """
 
     contact: Sliding
@@ -92,13 +96,15 @@ class Transient:
     complete: bool
     energy: EnergyBalance
     effort: Effort
+    error: float | None = None
 
     def __repr__(self) -> str:
         shown = f"t = {self.t[0]:g} to {self.t[-1]:g} in {len(self.t)} points" if len(self.t) else "nothing recorded"
         state = "" if self.complete else f", interrupted at t = {self.end:g}"
+        wrong = "" if self.error is None else f"local errors add up to {self.error:.1e} of the motion, "
         return (f"Transient: {self.contact.model.name!r} with {self.contact.model.size} DOF, {shown}{state}; "
                 f"{self.effort.method} at tol = {self.effort.tol:g}, {self.effort.steps} steps, {self.effort.seconds:.2g} s; "
-                f"energy balance to {self.energy.residual:.0e}")
+                f"{wrong}energy balance to {self.energy.residual:.0e}")
 
     @property
     def step(self) -> float:
@@ -162,11 +168,11 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     record : str
         'ports', or 'states' for all coordinates as well (2 n numbers per point).
     tol : float
-        Local error: tol times (value + scale); the scale of velocities is the belts' speed. See `integrators` (default 1e-9)
-        and `second_order` (default 1e-5).
+        Local error: tol times (value + scale); the scale of velocities is the belts' speed, or the motion's where that is
+        smaller. See `integrators` (default 1e-9) and `second_order` (default 1e-5).
     method : str
-        'lsoda', 'dop853', 'radau', 'bdf' (SciPy's) for dense models, 'alpha' (PETSc's) for sparse ones; 'auto' is lsoda for
-        dense models and sparse ones of up to 300 DOF.
+        'lsoda', 'dop853', 'radau', 'bdf' (SciPy's) for dense models, 'alpha' (the generalised-α method) for sparse ones; 'auto'
+        is lsoda for dense models and sparse ones of up to 300 DOF.
     progress : callable, optional
         Is told, now and then, how far the run has come.
 
@@ -206,7 +212,7 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     except KeyboardInterrupt:
         complete = False
     except BaseException:
-        flow.close()  # PETSc's objects refer to each other, and would keep their factors
+        flow.close()  # its factors
         raise
     q, v, *states = (np.concatenate(pieces) for pieces in zip(*parts, strict=True)) if parts else \
         (np.zeros((0, columns.shape[1])),) * 2
@@ -217,7 +223,8 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
                      {name: v[:, at] for name, at in slices.items()}, (states[0], states[1]) if states else None, first,
                      flow.state, flow.t, complete, balance,
-                     Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began))
+                     Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began),
+                     flow.error)
     flow.close()
     return run
 

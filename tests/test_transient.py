@@ -164,6 +164,48 @@ def test_a_large_sparse_model_takes_one_factor_per_step_size() -> None:
     assert np.abs(relative).max() < 5e-3 * np.abs(short.velocity("belt")).max()
 
 
+@pytest.mark.parametrize(("samples", "blow"), [(100, 1e-3), (600, 1e-3), (600, 0.1)])
+def test_alpha_sees_small_motions(samples: int, blow: float) -> None:
+    model = fs.chain(320, belt=20)
+    run = fs.transient(model, BELT, (0, 60), impulse=blow, samples=samples)
+    exact = fs.transient(model, BELT, (0, 60), impulse=blow, samples=samples, method="lsoda", tol=1e-11).velocity("belt")
+    assert run.effort.method == "alpha" and run.effort.jacobians <= 8
+    wrong = np.abs(run.velocity("belt") - exact).max() / np.abs(exact).max()
+    assert run.error is not None and wrong < 0.02 and wrong < run.error < 0.05
+    assert f"local errors add up to {run.error:.1e} of the motion" in repr(run)
+
+
+@pytest.mark.parametrize(("method", "within"), [("alpha", 1e-4), ("lsoda", 1e-4), ("dop853", 1e-4), ("radau", 1e-4)])
+def test_the_motion_after_a_tiny_blow_is_proportional_to_it(method: str, within: float) -> None:
+    """Nothing in the accuracy may depend on the size of the motion while friction is as good as linear."""
+    model = fs.chain(12, belt=3)
+    runs = [fs.transient(model, BELT, (0, 60), impulse=blow, samples=300, method=method).velocity("belt") / blow
+            for blow in (1e-6, 1e-9)]
+    assert np.abs(runs[1] - runs[0]).max() < within * np.abs(runs[0]).max()
+
+
+@pytest.mark.parametrize("method", ["alpha", "lsoda"])
+def test_a_model_at_rest_stays_there_and_costs_nothing(method: str) -> None:
+    for blow in (0.0, 1e-15):
+        run = fs.transient(fs.chain(12, belt=3), BELT, (0, 60), impulse=blow, samples=300, method=method)
+        assert np.abs(run.velocity("belt")).max() < 1e-13 and run.effort.steps <= 600
+
+
+def test_alpha_is_of_second_order_from_its_first_step_on() -> None:
+    from scipy.linalg import expm
+
+    model, belt = fs.chain(5, belt=2, damping=0.1), fs.Belt(force=0.0, speed=0.1, law=LAW)
+    start = fs.State(np.array([1.0, -0.5, 0.2, 0.0, 0.4]), np.array([0.0, 0.3, 0.0, -0.2, 0.1]))
+    A = np.block([[np.zeros((5, 5)), np.eye(5)], [-model.K.toarray(), -model.D.toarray()]])
+    wrong = []
+    for h in (0.04, 0.02):
+        run = fs.transient(model, belt, (0, h), start=start, samples=1, method="alpha")
+        assert run.effort.steps == 1
+        exact = expm(h * A) @ np.concatenate([start.displacement, start.velocity])
+        wrong.append(np.abs(run.final.velocity - exact[5:]).max())
+    assert wrong[1] < wrong[0] / 6  # local error of third order: 8
+
+
 def test_without_a_normal_force_the_chain_rings_down() -> None:
     run = fs.transient(one_mass(0.1), fs.Belt(force=0.0, speed=0.2, law=LAW), (0, 40), impulse=0.01, step=0.1)
     omega = np.sqrt(1 - 0.05**2)
