@@ -65,10 +65,15 @@ class Branch:
         return tuple(point.is_stable for point in self.points)
 
     def at(self, value: float) -> list[LimitCycle]:
-        """The points of the branch next to a value of the parameter, one for each time the branch passes it."""
-        gap = self.values - value
-        passes = np.flatnonzero(gap[1:] * gap[:-1] <= 0)
-        return [self.points[i if abs(gap[i]) <= abs(gap[i + 1]) else i + 1] for i in passes]
+        """The points of the branch next to a value of the parameter, one for each time the branch passes it, none twice.
+
+        A branch that passes the value, turns, and passes it again within two steps has one point there, and lists that one.
+        """
+        gap = np.sign(self.values - value)
+        size = np.abs(self.values - value)
+        passes = np.flatnonzero(gap[1:] * gap[:-1] < 0)  # a point at the value itself belongs to two steps: it is taken apart
+        near = np.concatenate([np.flatnonzero(gap == 0), np.where(size[passes] <= size[passes + 1], passes, passes + 1)])
+        return [self.points[i] for i in np.unique(near)]
 
     def rows(self) -> list[dict[str, Any]]:
         """One row per point, for tables."""

@@ -85,8 +85,8 @@ class LimitCycle:
 
     @cached_property
     def sticking(self) -> float:
-        """Share of the period in which a column sticks, see `Sliding.sticks`."""
-        return float(self.contact.sticks(self._wave).any(axis=0).mean())
+        """Share of the period in which a column sticks, |v0 - v| ≤ 3 ε; NaN where a law has no ε, which says nothing of it."""
+        return np.nan if self.contact.without_eps else float(self.contact.sticks(self._wave).any(axis=0).mean())
 
     def velocity(self, t: Any) -> Array:
         """v(t) = Wᵀq̇, shape of t for one column, (p, *t.shape) for several."""
@@ -135,9 +135,10 @@ class LimitCycle:
     def __repr__(self) -> str:
         verdict = {True: "stable", False: "unstable",
                    None: "stability not computed" if self.floquet is None else "stability undecided"}[self.is_stable]
-        return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking "
-                f"{100 * self.sticking:.3g} %, {verdict}; {self.orbit.harmonics} harmonics, residual "
-                f"{self.residual:.0e}, left out {self.truncation:.0e}")
+        without = self.contact.without_eps
+        sticking = f"unknown (the law on {without[0]!r} has no eps)" if without else f"{100 * self.sticking:.3g} %"
+        return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking {sticking}, {verdict}; "
+                f"{self.orbit.harmonics} harmonics, residual {self.residual:.0e}, left out {self.truncation:.0e}")
 
 
 def static(model: Substructure, load: Array) -> Array:

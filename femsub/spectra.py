@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.contacts import STICKING
+from femsub.contacts import STICKING, sticking_below
 from femsub.errors import InputError
 from femsub.pencil import Array, finite_number, whole_number
 from femsub.transients import Transient
@@ -144,14 +144,14 @@ def rms(t: Array, signal: Array, between: tuple[float, float] | None = None) -> 
 
 def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | None = None, *,
              multiple: float = STICKING, below: float | None = None) -> float:
-    """The share of the time in which |v0 - wᵀq̇| < multiple · ε, or < `below` for a law without an ε."""
+    """The share of the time in which |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without an ε."""
     relative = run.relative_velocity(port)
-    eps = next(getattr(belt.law, "eps", np.nan) for belt in run.contact.belts if belt.port == port)
-    limit = below if below is not None else finite_number("multiple", multiple) * eps
+    belt = next(belt for belt in run.contact.belts if belt.port == port)
+    limit = below if below is not None else sticking_below(belt, finite_number("multiple", multiple))
     if np.isnan(limit):
         raise InputError(f"the friction law on {port!r} has no eps; say by `below` what counts as sticking")
     part = _part(run.t, relative, between, 1)[1]
-    return float(np.mean(np.abs(part) < limit))
+    return float(np.mean(np.abs(part) <= limit))
 
 
 def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = None, *, below: float | None = None) -> Growth:

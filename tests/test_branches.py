@@ -77,6 +77,18 @@ def test_one_oscillator_has_a_hard_onset_with_a_fold(over_speed: Branch) -> None
     assert "fold" in repr(over_speed) and "\n" not in repr(over_speed)
 
 
+def test_a_branch_lists_no_cycle_twice(over_speed: Branch) -> None:
+    top = int(np.argmax(over_speed.values))
+    for at in (0, 5, top, len(over_speed.values) - 1):  # at the very value of a point, which ends one step and begins the next
+        found = over_speed.at(float(over_speed.values[at]))
+        assert sum(point is over_speed.points[at] for point in found) == 1
+        assert len({id(point) for point in found}) == len(found)
+    # just below the turn, where one point is the nearest of both passes
+    value = over_speed.values[top] - 1e-3 * (over_speed.values[top] - over_speed.values[top - 1:top + 2].min())
+    assert over_speed.at(float(value)) == [over_speed.points[top]]
+    assert over_speed.at(float(over_speed.values.max() + 1.0)) == []
+
+
 def test_points_of_a_branch_are_cycles_of_their_own(over_speed: Branch) -> None:
     for at in (20, -5):
         point = over_speed.points[at]

@@ -293,6 +293,31 @@ def test_two_columns_with_stable_sliding_say_so() -> None:
         fs.harmonic_balance(model, fs.Belt(speed=-0.3, law=belt.law), start=0.4)
 
 
+class Tanh:
+    """μ = (0.3 + 0.2 exp(-2|v|)) tanh(v / 0.01), without an ε by name."""
+
+    def value(self, v: np.ndarray) -> np.ndarray:
+        return (0.3 + 0.2 * np.exp(-2 * np.abs(v))) * np.tanh(v / 0.01)
+
+    def slope(self, v: np.ndarray) -> np.ndarray:
+        level, fall = 0.3 + 0.2 * np.exp(-2 * np.abs(v)), -0.4 * np.sign(v) * np.exp(-2 * np.abs(v))
+        return level * 100 / np.cosh(np.clip(v / 0.01, -300, 300)) ** 2 + fall * np.tanh(v / 0.01)
+
+
+def test_sticking_under_a_law_without_eps_is_unknown_not_zero() -> None:
+    sub = fs.chain(2, belt=1, damping=0.05)
+    found = fs.harmonic_balance(sub, fs.Belt(speed=0.1, law=Tanh()))
+    assert found.peak > 0.1  # it sticks: 0 % would be wrong
+    assert np.isnan(found.sticking)
+    assert "sticking unknown (the law on 'belt' has no eps)" in repr(found)
+    run = fs.transient(sub, found.contact.belts[0], (0.0, 2 * found.period), start=found.state(), samples=2000)
+    with pytest.raises(fs.InputError, match="no eps"):
+        fs.sticking(run)
+    assert fs.sticking(run, below=0.03) > 0.1
+    with pytest.raises(fs.InputError, match="no eps"):
+        found.contact.sticks(np.zeros((1, 3)))
+
+
 def test_the_aliasing_told_is_that_of_the_samples_that_were_used() -> None:
     found = cycle("HCB")
     balance, orbit = Balance(found.contact, found.flexibility), found.orbit
