@@ -228,8 +228,8 @@ class Stepper:
     """x, v and a of a flow, and one step of the generalised-α method from them.
 
     The stage is x_α = x₀ + α_f (x₁ - x₀), v_α likewise, a_α = a₀ + α_m (a₁ - a₀), with
-    x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). It starts from M a₀ = what the forces leave, and a step of another length goes on from the
-    a that the last one has left.
+    x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). It starts from M a₀ = what the forces leave, and
+    a step of another length goes on from the a that the last one has left.
     """
 
     def __init__(self, flow: AlphaFlow, start: State) -> None:

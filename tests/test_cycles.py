@@ -5,10 +5,12 @@ from __future__ import annotations
 import functools
 import re
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
 from femsub.balance import Balance, Orbit
@@ -291,6 +293,34 @@ def test_two_columns_with_stable_sliding_say_so() -> None:
     model, belt = two_columns()
     with pytest.raises(fs.InputError, match=r"no amplitude|stable"):
         fs.harmonic_balance(model, fs.Belt(speed=-0.3, law=belt.law), start=0.4)
+
+
+@pytest.mark.parametrize(("n", "place", "damping", "law", "speed", "harmonics"), [
+    (5, 2, 0.1, fs.StribeckArctanOdd(eps=0.01), 0.3, 12), (4, 4, 0.2, fs.StribeckArctan(eps=0.01), 0.15, 20),
+    (3, 2, 0.1, fs.StribeckArctan(eps=0.01), 0.3, 10), (3, 3, 0.1, fs.StribeckArctan(eps=0.005), 0.2, None),
+    (2, 2, 0.05, fs.StribeckArctanOdd(eps=0.01), 0.2, 8)])
+def test_no_multiplier_is_off_by_more_than_its_doubt(n: int, place: int, damping: float, law: fs.StribeckArctan, speed: float,
+                                                     harmonics: int | None) -> None:
+    """Against the variation of the cycle itself, which shooting closes and integrates to 1e-11."""
+    sub, belt = fs.chain(n, belt=place, damping=damping), fs.Belt(speed=speed, law=law)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.FemsubWarning)
+        found = fs.harmonic_balance(sub, belt, harmonics=harmonics)
+    exact, floquet = fs.shoot(sub, belt, found, rtol=1e-11).multipliers, found.floquet
+    assert floquet is not None
+    values, doubts = np.append(floquet.values, floquet.trivial), np.append(floquet.doubts, floquet.error + 1e-8)
+    gap = np.abs(values[:, None] - exact)
+    wrong = gap[linear_sum_assignment(gap)]
+    assert (wrong <= doubts + 1e-8).all() and wrong.max() <= floquet.doubt < 0.05
+    # the orbit's own error is taken out: with few harmonics it would be of the size of what they leave out, and more
+    assert wrong.max() < 0.5 * found.truncation
+
+
+def test_an_orbit_far_from_any_cycle_says_nothing_about_stability() -> None:
+    found = cycle("HCB")
+    rough = replace(found, orbit=Orbit(0.7 * found.orbit.v[:3], 1.05 * found.omega))
+    assert rough.floquet is not None
+    assert rough.is_stable is None and rough.floquet.doubt == np.inf and rough.floquet.unstable == 0
 
 
 class Tanh:
