@@ -18,7 +18,7 @@ from femsub.factor import complex_solve
 from femsub.friction import contact_damping
 from femsub.pencil import EPS, Array, Pencil, is_symmetric
 from femsub.qep import unresisted
-from femsub.shift_invert import ShiftInvert
+from femsub.shift_invert import ShiftInvert, units
 from femsub.substructure import Substructure
 from femsub.threads import one_thread
 
@@ -168,7 +168,7 @@ class _Growing:
         rest = handle.elastic_solve(forces, modes.shapes)
         statics, stiffness, mass, _ = independent(handle, rest, forces, modes.shapes, modes.eigenvalues)
         massive = mass > 0
-        loose = unresisted(model.D, modes.shapes[:, :modes.rigid])
+        loose = unresisted(model.D, modes.shapes[:, :modes.rigid], units(model.M))
         self.loose = loose[1]
         self.V = np.hstack([loose[0], modes.shapes[:, modes.rigid:], statics[:, massive]])
         self.K = np.diag(np.concatenate([modes.eigenvalues, stiffness[massive]]))

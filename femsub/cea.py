@@ -15,7 +15,7 @@ from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModes
 from femsub.evidence import CERTIFIED, CONFIRMED, NOT_CHECKED
 from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
-from femsub.pencil import EPS, Array, Pencil, whole_number
+from femsub.pencil import EPS, Array, Pencil, equilibration, scaled, unit_length, whole_number
 from femsub.substructure import Substructure
 from femsub.threads import one_thread
 
@@ -186,16 +186,20 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
 
         with one_thread(pencil.size):
             values, X, Y = solve(pencil.dense())
+        found = values
         _check_complete(pencil, values)
         certified, proof, evidence = True, None, CERTIFIED
     else:
         from femsub.pep import solve_band, solve_count
 
+        alike = pencil.alike()
         if box is None:
-            values, X, Y, certified, proof = solve_count(pencil, count or 0, certify)
+            values, X, Y, certified, proof, found = solve_count(alike, count or 0, certify)
         else:
-            values, X, Y, certified, proof = solve_band(pencil, box, certify)
+            values, X, Y, certified, proof, found = solve_band(alike, box, certify)
         evidence = proof.evidence if proof is not None else CONFIRMED if certified else NOT_CHECKED
+        if alike is not pencil:
+            X, Y = (unit_length(unit[:, None] * vectors) for unit, vectors in zip(pencil.units[::-1], (X, Y), strict=True))
     if box is not None:
         keep = in_band(values, box[2:], box[:2])
         order = np.flatnonzero(keep)[np.argsort(values[keep].imag, kind="stable")]
@@ -203,7 +207,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         order = _nearest(values, count)
     # Row by row in memory: a sparse product copies anything else into that order first, each time.
     X, Y = (np.ascontiguousarray(vectors[:, order]) for vectors in (X, Y))
-    result = certificates(pencil, values[order], X, Y)
+    result = certificates(pencil, values[order], X, Y, found)
     if result.backward_error.max(initial=0.0) > LOUD:
         warnings.warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
                       f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",
@@ -214,11 +218,13 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     return replace(result, above_cutoff=beyond, searched=box, certified=certified, counted=counted, evidence=evidence)
 
 
-def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexModes:
+def certificates(pencil: Pencil, values: Array, X: Array, Y: Array, found: Array | None = None) -> ComplexModes:
     """Residuals, backward errors and error bars of eigenpairs with their left vectors.
 
+    `found` are all that are known, the neighbours outside of a band or beyond a count among them: by default `values`.
     Where each complex one is followed by its conjugate, as by count, only one of the two is worked out.
     """
+    gaps = _gaps(values, values if found is None else found)
     first = np.flatnonzero(values.imag > 0)
     paired = len(first) > 0 and len(first) == np.count_nonzero(values.imag < 0) and first[-1] + 1 < len(values) \
         and np.array_equal(values[first + 1], values[first].conj()) and np.array_equal(X[:, first + 1], X[:, first].conj())
@@ -226,11 +232,11 @@ def certificates(pencil: Pencil, values: Array, X: Array, Y: Array) -> ComplexMo
         half = np.flatnonzero(values.imag >= 0)
         double = np.sort(np.append(np.arange(len(half)), np.flatnonzero(values.imag[half])))
         regular = len(values) == 2 * len(half)  # then a view of the left vectors, which no product needs in one piece, will do
-        found = _certified(pencil, values[half], X[:, half], Y[:, ::2] if regular else Y[:, half], _gaps(values)[half])
-        return replace(found, eigenvalues=values, shapes=X,
-                       **{name: getattr(found, name)[double] for name in ("backward_error", "error_bar", "rigid", "above_cutoff",
+        both = _certified(pencil, values[half], X[:, half], Y[:, ::2] if regular else Y[:, half], gaps[half])
+        return replace(both, eigenvalues=values, shapes=X,
+                       **{name: getattr(both, name)[double] for name in ("backward_error", "error_bar", "rigid", "above_cutoff",
                                                                           "condition")})
-    return _certified(pencil, values, X, Y, _gaps(values))
+    return _certified(pencil, values, X, Y, gaps)
 
 
 def _certified(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -> ComplexModes:
@@ -246,16 +252,21 @@ def _certified(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) ->
     for group in _clusters(values):
         # In a group of equal eigenvalues any combination of vectors is as good: take the dual left ones.
         gram = Y[:, group].conj().T @ slope[:, group]
-        if np.linalg.cond(gram) < 1 / np.sqrt(EPS):
+        # in no units: unit lengths, where DOF differ in theirs, are of no account
+        if np.linalg.cond(scaled(gram, *equilibration(gram))) < 1 / np.sqrt(EPS):
             dual = Y[:, group] @ np.linalg.inv(gram).conj().T
-            spread[group] = np.einsum("ij,ij->j", np.abs(dual), doubt[:, group])
+            # Rounding mixes them, too: each moves by no more than the sum of its row (Gershgorin).
+            spread[group] = (np.abs(dual).T @ doubt[:, group]).sum(axis=1)
             length[group] = np.linalg.norm(dual, axis=0)
             sensitivity[group] = 1.0
         else:
             sensitivity[group] = 0.0
     bar = np.divide(spread, sensitivity, out=np.full(len(values), np.inf), where=sensitivity > 0)
-    # Where the bar is no longer small next to the gap, the two may coalesce, and the first order says nothing further.
-    bar = np.where(bar > gap / 8, bar + gap, bar)
+    # A neighbour at the distance g: d (g - d) = b g is what the first order b = d leaves of d. Where b is no longer small
+    # next to g, the two may coalesce, and the first order says nothing further.
+    close = bar > gap / 8
+    share = np.divide(bar, gap, out=np.zeros_like(bar), where=~close & (gap > 0))
+    bar = np.where(close, bar + gap, 2 * bar / (1 + np.sqrt(1 - 4 * share)))
     rigid = values == 0
     bar[rigid] = 0.0
     none = np.zeros(len(values), dtype=bool)
@@ -319,14 +330,17 @@ def _nearest(values: Array, count: int | None) -> Array:
     return np.array(result, dtype=int)
 
 
-def _gaps(values: Array) -> Array:
-    """The distance of each eigenvalue to the nearest other one, inf where there is none."""
-    if len(values) < 2:
-        return np.full(len(values), np.inf)
+def _gaps(values: Array, found: Array) -> Array:
+    """The distance of each eigenvalue to the nearest other one of those found, its own conjugate included; inf without one."""
+    if len(values) == 0:
+        return np.zeros(0)
     from scipy.spatial import cKDTree
 
-    points = np.stack([values.real, values.imag], axis=1)
-    return np.asarray(cKDTree(points).query(points, k=2)[0][:, 1])
+    upper, lower = found[found.imag >= 0], found[found.imag < 0].conj()
+    upper = np.append(upper, lower[~np.isin(lower, upper)])  # of a pair one or both may be listed
+    every = np.append(upper, upper[upper.imag > 0].conj())
+    points, asked = (np.stack([part.real, part.imag], axis=1) for part in (every, values))
+    return np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])
 
 
 def _clusters(values: Array) -> list[Array]:

@@ -15,6 +15,8 @@ Array: TypeAlias = np.ndarray
 Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (sparse), both float64
 
 EPS = float(np.finfo(float).eps)
+ROUNDING = 1e-14  # of sqrt(|a_ii a_jj|): what two orders of adding up the same element matrices may differ by
+SPREAD = 16.0  # units of the DOF may differ by so much before a sparse pencil is brought to units of its own
 
 
 def finite_number(name: str, value: Any) -> float:
@@ -95,7 +97,7 @@ def is_symmetric(matrix: Matrix) -> bool:
 
 
 def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
-    """(A + Aᵀ)/2 where |a_ij - a_ji| ≤ 1e-14 sqrt(|a_ii a_jj|) throughout, else A itself; and whether that is symmetric.
+    """(A + Aᵀ)/2 where |a_ij - a_ji| ≤ ROUNDING sqrt(|a_ii a_jj|) throughout, else A itself; and whether that is symmetric.
 
     An assembly adds up the two triangles in different orders: the skew part is then rounding, and would cost all that
     symmetric matrices are spared.
@@ -104,7 +106,7 @@ def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
         return matrix, True
     scale = np.sqrt(np.abs(matrix.diagonal()))
     skew = sp.coo_array(matrix - matrix.T)
-    if (np.abs(skew.data) > 1e-14 * scale[skew.row] * scale[skew.col]).any():
+    if (np.abs(skew.data) > ROUNDING * scale[skew.row] * scale[skew.col]).any():
         return matrix, False
     mean = (matrix + matrix.T) * 0.5
     mean = sp.csr_array(mean) if sp.issparse(mean) else mean
@@ -139,6 +141,20 @@ def equilibrated(A: Matrix) -> tuple[Array, Array, float]:
     rows, columns = equilibration(A)
     size = abs(A)
     return rows, columns, float(np.sqrt(np.max(rows * (size @ columns)) * np.max(columns * (size.T @ rows))))
+
+
+def scaled(A: Matrix, rows: Array, columns: Array) -> Matrix:
+    """r_i a_ij c_j; powers of two change no digit."""
+    if not sp.issparse(A):
+        return rows[:, None] * A * columns
+    data = A.data * np.repeat(rows, np.diff(A.indptr)) * columns[A.indices]
+    return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
+
+
+def unit_length(x: Array) -> Array:
+    """The columns of x (n, k) divided by their lengths; zeros stay."""
+    size = np.linalg.norm(x, axis=0)
+    return x / np.where(size > 0, size, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,6 +257,36 @@ class Pencil:
         copy = object.__new__(Pencil)
         flags = (self.symmetric[0], symmetric, self.symmetric[2])
         copy.__dict__.update({"M": self.M, "D": D, "K": self.K, "symmetric": flags})
+        return copy
+
+    @cached_property
+    def units(self) -> tuple[Array, Array]:
+        """r and c, (n,) each, powers of two: the DOF of diag(r) P(λ) diag(c) are alike in size. r = c unless M is unsymmetric.
+
+        By the stiffness of each DOF, and where one has none by `equilibration` of |K| + ω|D| + ω²|M| with a typical ω.
+        """
+        stiffness = np.abs(self.K.diagonal())
+        if self.symmetric[0] and self.symmetric[2] and stiffness.all():
+            r = c = 2.0 ** np.rint(-np.log2(stiffness) / 2)
+            return r, c
+        mass = np.abs(self.M.diagonal())
+        both = (mass > 0) & (stiffness > 0)
+        omega = float(np.sqrt(np.median(stiffness[both] / mass[both]))) if both.any() else 1.0
+        r, c = equilibration(abs(self.K) + omega * abs(self.D) + omega**2 * abs(self.M))
+        if self.symmetric[0]:  # a congruence, so that M stays symmetric
+            r = c = 2.0 ** np.rint(np.log2(r * c) / 2)
+        return r, c
+
+    def alike(self) -> Pencil:
+        """diag(r) P(λ) diag(c) with the `units` r and c: its λ are those of P, its shapes x / c and y / r.
+
+        The pencil itself where its DOF are alike as they stand, within a factor of 16. Krylov vectors are orthonormal in
+        the units of the DOF: where those differ by 2ᵏ, some 4ᵏ roundings are lost.
+        """
+        if all(unit.max() <= SPREAD * unit.min() for unit in self.units):
+            return self
+        copy = object.__new__(Pencil)
+        copy.__dict__.update({name: scaled(getattr(self, name), *self.units) for name in "MDK"} | {"symmetric": self.symmetric})
         return copy
 
     def at(self, value: complex) -> Matrix:

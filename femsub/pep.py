@@ -29,13 +29,16 @@ Proof = condensed.Count | None
 
 
 class Found(NamedTuple):
-    """λ (k,), X and Y (n, k), whether an independent argument says that none is missing, and the count in a disc if that does."""
+    """λ (k,), X and Y (n, k), whether an independent argument says that none is missing, the count in a disc if that does, and
+    all λ that were found, those beyond the band or the count included.
+    """
 
     values: Array
     X: Array
     Y: Array
     certified: bool
     proof: Proof
+    known: Array
 
 
 class Shifted:
@@ -208,8 +211,9 @@ def solve_count(pencil: Pencil, count: int, certify: bool | None) -> Found:
         if missed < 0 or search.exhausted:
             return _complete(pencil, proof, missed)
         ask = search.more(ask, missed)
-    values, X = near[order], Xn[:, order]
-    return Found(*_with_conjugates(values, X, problem.left(values, X, search.ask, search.searches)), proof is not None, proof)
+    known, values, X = values, near[order], Xn[:, order]
+    return Found(*_with_conjugates(values, X, problem.left(values, X, search.ask, search.searches)), proof is not None, proof,
+                 known)
 
 
 def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> Found:
@@ -259,17 +263,18 @@ def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> Found:
             return _complete(pencil, proof, missed)
         ask = search.more(ask, missed)
     keep = in_band(values, (lo, hi), (a, b))
-    values, X = values[keep], X[:, keep]
+    known, values, X = values, values[keep], X[:, keep]
     pair = (values.imag != 0) & in_band(values.conj(), (lo, hi), (a, b))  # a double real one, which rounding has split
     values, X = np.append(values, values[pair].conj()), np.hstack([X, X[:, pair].conj()])
     certified = proof is not None or (winding and reference is not None)
-    return Found(values, X, problem.left(values, X, search.ask, search.searches), certified, proof)
+    return Found(values, X, problem.left(values, X, search.ask, search.searches), certified, proof, known)
 
 
 def _complete(pencil: Pencil, proof: Proof = None, missed: int = 0) -> Found:
     """All by LAPACK, which is complete; for a large pencil the error that tells what is missing."""
     if pencil.size <= QUADRATIC:
-        return Found(*qep.solve(pencil.dense()), True, None)
+        values, X, Y = qep.solve(pencil.dense())
+        return Found(values, X, Y, True, None, values)
     if proof is None:
         raise MissedModesError(f"the winding number of det P says that {missed} eigenvalues around the band are missing; shift "
                                "the band a little, or narrow re=(a, b)")

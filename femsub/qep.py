@@ -6,8 +6,7 @@ With M positive definite the undamped modes come first: K_s Φ = MΦΩ² with K_
     λ [a; b] = [[0, Ω], [-H Ω⁻¹, -C]] [a; b],   H = ΦᵀKΦ, C = ΦᵀDΦ, a = Ωq, b = λq.
 
 For a symmetric K this matrix is skew up to the damping, hence nearly normal: eigenvalues from 1e-5 to 1e7 keep the
-accuracy that their sensitivity allows. Where M is not definite, the companion form goes to QZ, scaled as proposed by
-Fan, Lin and Van Dooren (SIAM J. Matrix Anal. Appl. 26 (2004) 252).
+accuracy that their sensitivity allows. Where M is not definite, see `singular_mass`.
 """
 
 from __future__ import annotations
@@ -17,10 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg as la
 
+from femsub import singular_mass
 from femsub.dense_modes import dense_modes
 from femsub.errors import InputError, SingularMatrixError
-from femsub.pencil import EPS, Array, Pencil, is_symmetric
+from femsub.pencil import Array, Pencil, is_symmetric, unit_length
 from femsub.shift_invert import RIGID, ShiftInvert, costs_nothing, units
+from femsub.singular_mass import REGULAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
     with np.errstate(all="ignore"):
         try:
             scale = M.diagonal() ** -0.5
-            if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > 1e12:
+            if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
                 return None
             values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K)
         except la.LinAlgError:
@@ -79,7 +80,7 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
     H = None
     if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
         H = shapes.T @ (K @ shapes)
-    shapes, C = _unbraked(pencil.D, shapes, rigid)
+    shapes, C = _unbraked(pencil.D, shapes, rigid, units(M))
     return ModalForm(shapes, omega, np.sign(values), H, C, rigid)
 
 
@@ -94,7 +95,7 @@ def _undamped(still: Array, M: Array, K: Array) -> tuple[Array, Array, int]:
         return values, shapes, 0
     Z, lowest = _rigid(still, M, values, shapes, low)
     if still is not K:
-        Z, free = unresisted(K - still, Z)
+        Z, free = unresisted(K - still, Z, units(M))
         Z = Z[:, free]
     r = Z.shape[1]
     if 0 < r < len(values):
@@ -147,7 +148,7 @@ def _annihilated(K: Array, M: Array, x: Array) -> Array:
     return x[:, :0]
 
 
-def _unbraked(D: Array, shapes: Array, rigid: int) -> tuple[Array, Array]:
+def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array) -> tuple[Array, Array]:
     """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not brake.
 
     Each of these has a double eigenvalue at 0, which rounding in C would break up.
@@ -155,7 +156,7 @@ def _unbraked(D: Array, shapes: Array, rigid: int) -> tuple[Array, Array]:
     C = shapes.T @ (D @ shapes)
     if not rigid:
         return shapes, C
-    z, free = unresisted(D, shapes[:, :rigid])
+    z, free = unresisted(D, shapes[:, :rigid], unit)
     shapes = np.hstack([z, shapes[:, rigid:]])
     C = shapes.T @ (D @ shapes)
     C[:, free] = 0.0
@@ -164,11 +165,11 @@ def _unbraked(D: Array, shapes: Array, rigid: int) -> tuple[Array, Array]:
     return shapes, C
 
 
-def unresisted(A: Array, Z: Array) -> tuple[Array, Array]:
-    """The motions Z (n, r) turned so that A resists few of them, and the numbers of those with Az = 0."""
-    Z = Z @ np.linalg.svd(A @ Z, full_matrices=False)[2].T
-    scale = np.linalg.norm(abs(A) @ abs(Z).sum(axis=1))  # of all: one that is at rest where the dashpot is has no scale
-    return Z, np.flatnonzero(np.linalg.norm(A @ Z, axis=0) <= RIGID * scale)
+def unresisted(A: Array, Z: Array, unit: Array) -> tuple[Array, Array]:
+    """The motions Z (n, r) turned so that A resists few of them, and the numbers of those with Az = 0, in each DOF's `unit`."""
+    Z = Z @ np.linalg.svd(unit[:, None] * (A @ Z), full_matrices=False)[2].T
+    scale = np.linalg.norm(unit * (abs(A) @ abs(Z).sum(axis=1)))  # of all: one at rest where the dashpot is has no scale
+    return Z, np.flatnonzero(np.linalg.norm(unit[:, None] * (A @ Z), axis=0) <= RIGID * scale)
 
 
 def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
@@ -205,12 +206,12 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
 
     Conjugates are exact conjugates. Columns have unit length.
     """
-    bare = _bare(pencil)
+    bare = singular_mass.bare(pencil)
     if len(bare):
-        return _condensed(pencil, bare)
+        return singular_mass.condensed(pencil, bare, solve)
     form = modal_form(pencil)
     if form is None:
-        return _companion(pencil)
+        return singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)
     n, r = pencil.size, form.rigid
     plain = form.H is None and is_symmetric(form.C)
     state = form.state()
@@ -228,51 +229,4 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
     values, X, Y = np.append(values, np.zeros(r)), np.hstack([X, form.shapes[:, :r]]), np.hstack([Y, form.shapes[:, :r]])
     if plain:
         Y = X.conj()
-    return values, _unit(X), _unit(Y)
-
-
-def _bare(pencil: Pencil) -> Array:
-    """DOF with neither mass nor damping, if K can be condensed on them: they have no dynamics of their own."""
-    M, D, K = pencil.M, pencil.D, pencil.K
-    bare = np.flatnonzero(~sum(part.any(axis=axis) for part in (M, D) for axis in (0, 1)).astype(bool))
-    if len(bare) in (0, pencil.size) or np.linalg.cond(K[np.ix_(bare, bare)]) > 1e12:
-        return bare[:0]
-    return bare
-
-
-def _condensed(pencil: Pencil, bare: Array) -> tuple[Array, Array, Array]:
-    """The eigenpairs of the rest with K_mm - K_mb K_bb⁻¹ K_bm, and what the bare DOF do with them, right and left."""
-    rest = np.setdiff1d(np.arange(pencil.size), bare)
-    K = pencil.K
-    right = -np.linalg.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, rest)])
-    left = -np.linalg.solve(K[np.ix_(bare, bare)].T, K[np.ix_(rest, bare)].T)
-    stiffness = K[np.ix_(rest, rest)] + K[np.ix_(rest, bare)] @ right
-    values, x, y = solve(Pencil(pencil.M[np.ix_(rest, rest)], pencil.D[np.ix_(rest, rest)], stiffness))
-    X, Y = (np.zeros((pencil.size, len(values)), dtype=complex) for _ in range(2))
-    X[rest], X[bare], Y[rest], Y[bare] = x, right @ x, y, left @ y
-    return values, _unit(X), _unit(Y)
-
-
-def _companion(pencil: Pencil) -> tuple[Array, Array, Array]:
-    mass, damping, stiffness = pencil.norms
-    gamma = np.sqrt(stiffness / mass) if stiffness > 0 and mass > 0 else 1.0
-    delta = 2 / (stiffness + gamma * damping) if stiffness + gamma * damping > 0 else 1.0
-    n = pencil.size
-    eye, zero = np.eye(n), np.zeros((n, n))
-    A = np.block([[zero, eye], [-delta * pencil.K, -delta * gamma * pencil.D]])
-    B = np.block([[eye, zero], [zero, delta * gamma**2 * pencil.M]])
-    (alpha, beta), left, right = la.eig(A, B, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
-    finite = np.abs(beta) > 10 * n * EPS * np.abs(alpha)
-    finite[1:] = np.where(alpha.imag[1:] < 0, finite[:-1], finite[1:])  # LAPACK lists pairs side by side, Im λ > 0 first
-    values = gamma * alpha[finite] / beta[finite]
-    top, bottom = right[:n, finite], right[n:, finite]
-    X = np.where(np.linalg.norm(top, axis=0) >= np.linalg.norm(bottom, axis=0), top, bottom)
-    Y = left[n:, finite]
-    second = np.flatnonzero(values.imag < 0)  # QZ's pairs are conjugates only to rounding
-    values[second], X[:, second], Y[:, second] = (part[..., second - 1].conj() for part in (values, X, Y))
-    return values, _unit(X), _unit(Y)
-
-
-def _unit(x: Array) -> Array:
-    size = np.linalg.norm(x, axis=0)
-    return x / np.where(size > 0, size, 1.0)
+    return values, unit_length(X), unit_length(Y)

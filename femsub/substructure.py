@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,14 +13,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.dofs import DofMap
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name
 from femsub.friction import Belt
 from femsub.pencil import Array, Matrix, Pencil
 
 if TYPE_CHECKING:
     from femsub.estimates import Estimate
 
-SYMMETRY = 1e-9  # the largest |A - Aᵀ| taken for rounding, relative to the largest |A|
+SYMMETRY = 1e-9  # the largest |a_ij - a_ji| taken for rounding, relative to sqrt(|a_ii a_jj|): stiff DOF elsewhere say nothing
+UNUSUAL = 1e-13  # from here on that is warned of: assemblies round off less, products of matrices may round off more
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,8 +31,9 @@ class Substructure:
     Parameters
     ----------
     M, K : array_like or sparse, shape (n, n)
-        Mass and stiffness, symmetric (to 1e-9 of their largest entry; rounding is averaged away), in consistent
-        units. Sparse matrices stay sparse (CSR). No negative mass; massless DOF are welcome.
+        Mass and stiffness, symmetric, in consistent units. A difference of a_ij and a_ji up to 1e-9 of
+        sqrt(|a_ii a_jj|) is taken for rounding and averaged away, with a warning above 1e-13. Sparse matrices stay
+        sparse (CSR). No negative mass; massless DOF are welcome.
     D : array_like or sparse, shape (n, n), optional
         Damping, symmetric or not.
     interface : sequence of int
@@ -47,6 +50,11 @@ class Substructure:
     InputError, InputTypeError
         Unsymmetric or negative M, unsymmetric K, NaN, sizes that do not fit, an interface DOF twice or out of
         range, an unusable port.
+
+    Warns
+    -----
+    FemsubWarning
+        M or K is unsymmetric by more than an assembly rounds off.
     """
 
     M: Matrix
@@ -211,15 +219,21 @@ class ReducedSubstructure(Substructure):
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:
-    skew = abs(matrix - matrix.T)
-    largest = float(skew.max())
-    if largest > SYMMETRY * float(abs(matrix).max()):
-        skew = skew.tocoo() if sp.issparse(skew) else sp.coo_array(skew)
-        where = int(skew.data.argmax())
-        row, column = int(skew.row[where]), int(skew.col[where])
-        raise InputError(
-            f"{name} is not symmetric: {name}[{row}, {column}] = {matrix[row, column]:.6g}, but "
-            f"{name}[{column}, {row}] = {matrix[column, row]:.6g}; an unsymmetric matrix belongs to a Pencil(M, D, K)")
+    """(A + Aᵀ)/2 of an A that is symmetric but for rounding, measured DOF by DOF: flutter between two soft DOF is none."""
+    skew, unit = sp.coo_array(matrix - matrix.T), np.sqrt(np.abs(matrix.diagonal()))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(skew.data == 0, 0.0, np.abs(skew.data) / (unit[skew.row] * unit[skew.col]))
+    where = int(share.argmax())
+    row, column = int(skew.row[where]), int(skew.col[where])
+    found = (f"{name} is not symmetric: {name}[{row}, {column}] = {matrix[row, column]:.6g}, but {name}[{column}, {row}] = "
+             f"{matrix[column, row]:.6g}, a difference of {share[where]:.1e} of sqrt({name}[{row}, {row}] "
+             f"{name}[{column}, {column}])")
+    if share[where] > SYMMETRY:
+        raise InputError(f"{found}, where {SYMMETRY:g} may be rounding; an unsymmetric matrix belongs to a Pencil(M, D, K), "
+                         f"friction to a contact; if it is rounding after all, give ({name} + {name}.T) / 2")
+    if share[where] > UNUSUAL:
+        warnings.warn(f"{found}: it is taken for rounding, and averaged away; if it is friction, give a Pencil(M, D, K), else "
+                      f"({name} + {name}.T) / 2", FemsubWarning, stacklevel=5)
     mean = (matrix + matrix.T) * 0.5
     return sp.csr_array(mean) if sp.issparse(mean) else mean
 

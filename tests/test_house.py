@@ -23,7 +23,7 @@ LAYERS = {
     "blocks": 5, "fields": 5, "meshchecks": 5, "inpfiles": 5, "assembly": 5, "surfaces": 5, "shift_invert": 5, "chains": 5,
     "lanczos": 5, "condensed": 5, "nastranfiles": 5, "gmshfiles": 5, "foreignfiles": 5, "marketfiles": 5, "matlabfiles": 5,
     "op4files": 5,
-    "matrixfiles": 6, "patches": 6, "contacts": 6, "meshfiles": 6, "eigen": 6, "doctor": 6,
+    "matrixfiles": 6, "patches": 6, "contacts": 6, "meshfiles": 6, "eigen": 6, "doctor": 6, "singular_mass": 6,
     "estimates": 7, "counting": 7, "integrators": 7, "second_order": 7, "qep": 7, "dampers": 7,
     "modelfiles": 8, "transients": 8, "nested": 8, "pep": 8, "crossing": 8, "partition": 8, "contact_model": 8,
     "components": 9, "spectra": 9, "bases": 9, "beams": 9, "plates": 9, "solids": 9, "cea": 9, "compliance": 9,
