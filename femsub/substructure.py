@@ -225,15 +225,16 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
         share = np.where(skew.data == 0, 0.0, np.abs(skew.data) / (unit[skew.row] * unit[skew.col]))
     where = int(share.argmax())
     row, column = int(skew.row[where]), int(skew.col[where])
+    places = f"{name}[{row}, {row}] {name}[{column}, {column}]"
+    size = f"a difference of {share[where]:.1e} of sqrt({places})" if share[where] < np.inf else f"although {places} = 0"
     found = (f"{name} is not symmetric: {name}[{row}, {column}] = {matrix[row, column]:.6g}, but {name}[{column}, {row}] = "
-             f"{matrix[column, row]:.6g}, a difference of {share[where]:.1e} of sqrt({name}[{row}, {row}] "
-             f"{name}[{column}, {column}])")
+             f"{matrix[column, row]:.6g}, {size}")
     if share[where] > SYMMETRY:
-        raise InputError(f"{found}, where {SYMMETRY:g} may be rounding; an unsymmetric matrix belongs to a Pencil(M, D, K), "
-                         f"friction to a contact; if it is rounding after all, give ({name} + {name}.T) / 2")
+        raise InputError(f"{found}, and {SYMMETRY:g} is the most that passes for rounding; an unsymmetric matrix belongs to a "
+                         f"Pencil(M, D, K), friction to a contact; if it is rounding after all, give ({name} + {name}.T) / 2")
     if share[where] > UNUSUAL:
         warnings.warn(f"{found}: it is taken for rounding, and averaged away; if it is friction, give a Pencil(M, D, K), else "
-                      f"({name} + {name}.T) / 2", FemsubWarning, stacklevel=5)
+                      f"({name} + {name}.T) / 2", FemsubWarning, stacklevel=4)
     mean = (matrix + matrix.T) * 0.5
     return sp.csr_array(mean) if sp.issparse(mean) else mean
 

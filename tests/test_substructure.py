@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -78,6 +79,54 @@ def test_sparse_stays_sparse_and_dense_dense() -> None:
 def test_rounding_in_symmetry_is_averaged_away() -> None:
     sub = fs.Substructure(M, changed(K, (0, 1), -1.0 + 1e-13))
     assert np.array_equal(sub.K, sub.K.T)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+@pytest.mark.parametrize("stiff", [1e4, 1e9, 1e13, 1e18])
+def test_flutter_is_not_averaged_away_beside_a_stiff_dof(stiff: float, sparse: bool) -> None:
+    """What is small next to the largest entry may be all that two soft DOF have: λ² has two complex roots here."""
+    flutter = np.array([[1000.0, 200, 0], [-600, 1010, 0], [0, 0, stiff]])
+    growth = np.sqrt(-1005 + 1j * np.sqrt(4 * 120000 - 100) / 2).real
+    assert fs.complex_modes(fs.Pencil(np.eye(3), None, flutter)).growth == pytest.approx(growth, rel=1e-9)
+    for name, matrices in (("K", (np.eye(3), flutter)), ("M", (flutter + 1e3 * np.eye(3), np.eye(3)))):
+        given = [sp.csr_array(part) if sparse else part for part in matrices]
+        with pytest.raises(fs.InputError, match=rf"{name} is not symmetric.*{name}\[0, 1\] = 200.*difference of .* Pencil"):
+            fs.Substructure(*given)
+
+
+def test_flutter_in_a_file(tmp_path: Path) -> None:
+    from scipy.io import mmwrite
+
+    flutter = np.array([[1000.0, 200, 0], [-600, 1010, 0], [0, 0, 1e13]])
+    for name, part in (("M", np.eye(3)), ("K", flutter)):
+        mmwrite(tmp_path / f"{name}.mtx", sp.coo_array(part), precision=17)
+    with pytest.raises(fs.InputError, match=r"K is not symmetric.*a difference of 8.0e-01 of sqrt.*Pencil.*K.mtx"):
+        fs.read_component(tmp_path / "M.mtx", tmp_path / "K.mtx")
+
+
+def test_no_unit_of_a_dof_changes_what_is_symmetric() -> None:
+    S = np.diag([2.0**-17, 1.0, 2.0**17])
+    for at, value in (((0, 1), 3e-9), ((0, 1), 1e-14), ((1, 2), -1e-14), ((2, 1), 1e-8)):
+        for unit in (np.eye(3), S):
+            wrong = unit @ changed(K, at, K[at] + value) @ unit
+            if abs(value) > 1e-9:
+                with pytest.raises(fs.InputError, match="K is not symmetric"):
+                    fs.Substructure(M, wrong)
+            else:
+                assert np.array_equal(fs.Substructure(M, wrong).K, fs.Substructure(M, wrong).K.T)
+
+
+def test_more_than_an_assembly_rounds_off_is_told() -> None:
+    with pytest.warns(fs.FemsubWarning, match=r"K\[0, 1\] = -1, but .*a difference of 5.0e-12 of .* averaged away") as caught:
+        fs.Substructure(M, changed(K, (0, 1), -1.0 + 1e-11))
+    assert caught[0].filename == __file__
+
+
+def test_a_difference_where_there_is_no_stiffness() -> None:
+    none = np.diag([1.0, 0.0, 0.0])
+    with pytest.raises(fs.InputError, match=r"although K\[1, 1\] K\[2, 2\] = 0"):
+        fs.Substructure(M, changed(none, (1, 2), 1e-20))
+
 
 
 def test_repr_is_one_line_that_tells_the_state() -> None:
