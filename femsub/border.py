@@ -20,7 +20,7 @@ from femsub.pencil import EPS, Array, Pencil, is_symmetric
 from femsub.qep import unresisted
 from femsub.shift_invert import ShiftInvert, units
 from femsub.substructure import Substructure
-from femsub.threads import one_thread
+from femsub.threads import FEW, one_thread
 
 ROUNDS = 8  # in which the basis of a large model may grow
 NEXT = 1e-3  # of an edge of the band, up to which an undamped mode may cross on it
@@ -29,7 +29,7 @@ BESIDE = 1e-2  # of a band's edges, up to which a pair that crosses on an edge i
 
 def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
     """The border of a small model, every mode of which is at hand; by `method` 'auto' a root, if the contact has one column."""
-    with one_thread(pencil.size):
+    with one_thread(pencil.size <= FEW):
         return _dense_border(Model(pencil.dense(), W), band, method)
 
 

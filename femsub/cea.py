@@ -17,7 +17,7 @@ from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
 from femsub.pencil import EPS, Array, Pencil, equilibration, scaled, unit_length, whole_number
 from femsub.substructure import Substructure
-from femsub.threads import one_thread
+from femsub.threads import FEW, one_thread
 
 LOUD = 1e-9  # a backward error above this is warned of
 CLUSTER = 1e-7  # eigenvalues closer than this, relatively, get their left vectors as a group
@@ -184,7 +184,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     if small or (count is None and box is None) or ((count or 0) > pencil.size / 2 and pencil.size <= QUADRATIC):
         from femsub.qep import solve
 
-        with one_thread(pencil.size):
+        with one_thread(pencil.size <= FEW):
             values, X, Y = solve(pencil.dense())
         found = values
         _check_complete(pencil, values)

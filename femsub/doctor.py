@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import platform
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib import metadata
-from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,10 +17,10 @@ from femsub import _slepc
 from femsub.errors import FemsubError
 from femsub.factor import inertia
 from femsub.memory import available
+from femsub.threads import libraries
 
 OPTIONAL = {"matplotlib": "figures", "scikit-fem": "fe", "meshio": "fe", "pyyeti": "nastran"}  # by the extra that brings it
 PACKAGES = {"MUMPS": "mumps", "CHOLMOD": "suitesparse", "METIS": "metis", "Scotch": "ptscotch"}  # as PETSc calls them
-CALLS = ("get_config", "get_corename", "get_num_threads")  # of OpenBLAS
 LITTLE = 2e9  # bytes of memory below which models of some 10,000 solid DOF do not fit
 WRONG = 1e-12  # a relative residual of small systems above which a factorisation is not what it should be
 
@@ -114,9 +110,9 @@ def _blas(found: Findings) -> None:
     """The OpenBLAS libraries in the process, each with its kernels and threads, and whether their products are right."""
     import scipy.linalg  # loads SciPy's own  # noqa: F401
 
-    told = list(_openblas())
-    for library, config, core, threads in told:
-        found.add("BLAS", f"{library}: {config.split(' ')[0]} {config.split(' ')[1]}, kernels {core}, {threads} thread(s)")
+    told = [(Path(one.path).name, " ".join(one.config.split()[:2]), one.core, one.get()) for one in libraries()]
+    for library, version, core, threads in told:
+        found.add("BLAS", f"{library}: {version}, kernels {core}, {threads} thread(s)")
     if not told:
         found.add("BLAS", "no OpenBLAS found in the process")
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -133,22 +129,6 @@ def _blas(found: Findings) -> None:
     if not off <= WRONG:
         found.wrong.append(f"NumPy's BLAS is broken: QᵀQ of a QR decomposition is {off:.0e} off; try OPENBLAS_CORETYPE=Haswell, "
                            "and install NumPy anew")
-
-
-def _openblas() -> Iterator[tuple[str, str, str, int]]:
-    """(library, configuration, core, threads) of each OpenBLAS in this process, where the system lists what is loaded."""
-    maps = Path("/proc/self/maps")
-    if not maps.exists():
-        return
-    loaded = {line.split()[-1] for line in maps.read_text(encoding="utf-8").splitlines()}
-    for path in sorted(path for path in loaded if "openblas" in path.split("/")[-1]):
-        library = ctypes.CDLL(path)
-        for prefix, suffix in product(("", "scipy_"), ("", "64_")):
-            calls: list[Any] = [getattr(library, f"{prefix}openblas_{name}{suffix}", None) for name in CALLS]
-            if all(calls):
-                config, core, threads = calls
-                config.restype = core.restype = ctypes.c_char_p
-                yield Path(path).name, config().decode(), core().decode(), int(threads())
 
 
 def _memory(found: Findings) -> None:

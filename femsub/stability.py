@@ -18,7 +18,7 @@ from femsub.friction import Belt
 from femsub.pencil import Array, finite_number
 from femsub.qep import definite_form, eigenvalues
 from femsub.substructure import Substructure
-from femsub.threads import one_thread
+from femsub.threads import FEW, one_thread
 
 SMALL = 150  # up to so many DOF a sparse model is treated as dense
 
@@ -118,7 +118,7 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     limits = usable_band(model, band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
     if not model.pencil.is_sparse or model.size <= QUADRATIC:
-        with one_thread(model.size):
+        with one_thread(model.size <= FEW):
             form = definite_form(model.pencil)
             amplitude = form.shapes.T @ w
             for i, slope in enumerate(values):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 
 import numpy as np
@@ -12,7 +11,7 @@ import scipy.sparse as sp
 from conftest import lattice, rigid_motions
 
 import femsub as fs
-from femsub import blas
+from femsub import threads
 from femsub._slepc import Factor
 from femsub.eigen import lowest_modes
 from femsub.shift_invert import ShiftInvert
@@ -239,7 +238,7 @@ def test_a_load_that_moves_only_rigidly_ends_no_other_column_early() -> None:
 def test_small_reductions_use_one_blas_thread_and_give_the_others_back(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of NumPy's, SciPy's and PETSc's BLAS stand in each other's way: 0.1 s for 100 DOF, 0.005 s without."""
     fs.reduce(fs.chain(n), fs.CraigBampton(2))  # every library is loaded
-    controls = blas._controls(tuple(name in sys.modules for name in blas.USERS))
+    controls = [(library.get, library.put) for library in threads.libraries()]
     if not controls:
         pytest.skip("no OpenBLAS that can be told its number of threads")
     before, seen = [get() for get, _ in controls], []
@@ -255,5 +254,5 @@ def test_small_reductions_use_one_blas_thread_and_give_the_others_back(n: int, m
     with pytest.raises(fs.InputError):
         fs.reduce(fs.chain(n), fs.CraigBampton(n + 5))
     assert [get() for get, _ in controls] == before
-    with blas.threads_for(1e12):
+    with threads.one_thread(False):
         assert [get() for get, _ in controls] == before

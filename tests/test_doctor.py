@@ -12,6 +12,7 @@ import pytest
 
 from femsub import cli, doctor
 from femsub.errors import MissingPackageError
+from femsub.threads import Library
 
 ROOT = Path(__file__).parent.parent
 
@@ -29,7 +30,8 @@ def test_what_is_wrong_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, 
 
     monkeypatch.setattr("femsub._slepc.versions", missing)
     monkeypatch.setattr(doctor, "available", lambda: 1e8)
-    monkeypatch.setattr(doctor, "_openblas", lambda: iter([("libopenblas.so", "OpenBLAS 0.3.0 x", "Zen", 10_000)]))
+    many = Library("libopenblas.so", "OpenBLAS 0.3.0 x", "Zen", lambda: 10_000, lambda count: None)
+    monkeypatch.setattr(doctor, "libraries", lambda: [many])
     assert cli.main(["doctor"]) == 1
     told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("WRONG")]
     assert len(told) == 3

@@ -12,7 +12,7 @@ import femsub as fs
 from femsub import qep, threads
 
 def counts():
-    return [get() for _, get in threads._libraries(len(set(threads.sys.modules) & threads.BRINGING))]
+    return [library.get() for library in threads.libraries()]
 
 seen = []
 solve = qep.solve
@@ -22,12 +22,12 @@ fs.complex_modes(fs.chain(10))
 assert all(count == 1 for count in seen[0]), seen
 assert counts()[:len(before)] == before, (before, counts())
 try:
-    with threads.one_thread(10):
+    with threads.one_thread(True):
         raise KeyError
 except KeyError:
     pass
 assert counts()[:len(before)] == before
-with threads.one_thread(threads.FEW + 1):
+with threads.one_thread(False):
     assert counts()[:len(before)] == before
 """
 

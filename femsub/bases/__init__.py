@@ -12,7 +12,6 @@ import scipy.sparse as sp
 from femsub.bases.basis import Basis, projected
 from femsub.bases.craig_bampton import CraigBampton
 from femsub.bases.craig_chang import CraigChang
-from femsub.blas import threads_for
 from femsub.errors import InputError, InputTypeError, PortWarning
 from femsub.estimates import SHARE, Estimate
 from femsub.factor import SMALL
@@ -20,6 +19,7 @@ from femsub.friction import Belt
 from femsub.memory import check_memory
 from femsub.pencil import Array
 from femsub.substructure import ReducedSubstructure, Substructure
+from femsub.threads import WORK, one_thread
 
 METHODS: dict[str, type[CraigBampton] | type[CraigChang]] = {"craig-bampton": CraigBampton, "craig-chang": CraigChang}
 FIRST = 100  # modes that a search for their number may well take
@@ -91,7 +91,7 @@ def reduce(sub: Substructure, method: CraigBampton | CraigChang,
                              f"at {sub.cutoff:.5g}: end below {SHARE:g} of that, or reduce the full component")
         damped = pencil if pencil.norms[1] > 0 else None
     check_memory(sub.name, sub.K, static, method.modes or 0, len(sub.interface))
-    with threads_for(_work(sub, method.modes, extra.shape[1])):
+    with one_thread(_work(sub, method.modes, extra.shape[1]) < WORK):
         basis = method.basis(sub, extra, columns, damped)
         D = projected(sub.D, basis.V)
     if not basis.V.shape[1]:
