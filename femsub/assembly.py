@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import finite_number
 from femsub.elements import jacobians, quadrature, reference, shape_functions
 from femsub.errors import InputError
 from femsub.meshes import Mesh
-from femsub.pencil import Array, Matrix, finite_number
+from femsub.pencil import Array, Matrix
 
 CHUNK = 1 << 27  # bytes of element matrices held at a time
 AFFINE = 1e-10  # a Jacobian that varies by less, relatively, within a cell is constant

@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 
 from femsub.bending import hermite_matrices
+from femsub.checks import finite_number, whole_number
 from femsub.dofs import DofMap
 from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.memory import check_room
 from femsub.meshes import real_numbers
 from femsub.partition import component, free_to_lift, gathered, tell_rounding
-from femsub.pencil import Array, finite_number, whole_number
+from femsub.pencil import Array
 from femsub.substructure import Substructure
 
+BYTES = 2000.0  # that an element takes while the matrices are made
 ROUNDING = 0.05  # see `tell_rounding`: 540 equal elements
 LABELS = ("w", "w,x")
 #: which of w and w,x a support holds
@@ -107,9 +110,8 @@ def _nodes(length: Any, elements: Any) -> Array:
         if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=1e-9) or not (np.diff(x) > 0).all():
             raise InputError(f"the places of nodes (elements) must ascend from 0 to the length {size:.6g}, not {elements!r:.80}")
         return x
-    count = whole_number("elements", elements)
-    if count < 1:
-        raise InputError(f"elements must be at least 1, but is {count}")
+    count = whole_number("elements", elements, least=1)
+    check_room(f"a beam of {count:.3g} elements", BYTES * float(count))
     return np.arange(count + 1) * (size / count)
 
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from femsub.checks import choice, finite_number, items, shown, whole_number
 from femsub.elements import KINDS, box
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import InputError, InputTypeError
+from femsub.memory import check_room
 from femsub.meshes import Mesh
-from femsub.pencil import Array, finite_number
+from femsub.pencil import Array
+
+BYTES = 1000.0  # that a cell takes while its mesh is made
 
 
 def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedron20", name: str = "block") -> Mesh:
@@ -107,8 +112,7 @@ def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad
     InputError
         A length that is not positive, a count below 1, another kind.
     """
-    if kind not in ("quad", "triangle"):
-        raise unknown_name("kind of cell of a rectangle", kind, ("quad", "triangle"))
+    choice("kind of cell of a rectangle", kind, ("quad", "triangle"))
     sizes, quads = _lengths("lengths", lengths, 2), _counts(counts, 2)
     nx, ny = quads
     grid = np.stack(np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), indexing="ij"), axis=-1).reshape(-1, 2)
@@ -123,8 +127,7 @@ def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad
 
 def _grid(bricks: Array, kind: str) -> tuple[Array, Array]:
     """Bricks of edge 1: coordinates are whole and half numbers, exactly."""
-    if kind not in KINDS:
-        raise unknown_name("kind of solid element", kind, KINDS)
+    choice("kind of solid element", kind, KINDS)
     nx, ny, nz = (int(count) for count in bricks)
     return box((float(nx), float(ny), float(nz)), (nx, ny, nz), kind)
 
@@ -146,7 +149,9 @@ def _lengths(what: str, values: Sequence[float], size: int) -> Array:
 
 
 def _counts(values: Sequence[int], size: int) -> Array:
-    found = np.array(values)
-    if found.shape != (size,) or not np.issubdtype(found.dtype, np.integer) or found.min() < 1:
-        raise InputError(f"counts must be {size} whole numbers of 1 or more, not {values!r:.60}")
-    return found
+    found = items("counts", values, "whole numbers")
+    if len(found) != size:
+        raise InputError(f"counts must be {size} whole numbers of 1 or more, not {shown(values)}")
+    checked = [whole_number("counts", count, least=1) for count in found]
+    check_room(f"a mesh of {' x '.join(f'{count:.6g}' for count in checked)} cells", BYTES * float(math.prod(checked)))
+    return np.array(checked)

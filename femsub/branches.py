@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 
 from femsub.balance import Orbit
+from femsub.checks import choice, finite_number, listener, truth, whole_number
 from femsub.compliance import Compliance
 from femsub.contacts import Sliding, sliding
 from femsub.continuation import PARAMETERS, Path, Place
 from femsub.cycles import LimitCycle, check_columns, flexibility_of
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import InputError, InputTypeError
 from femsub.friction import Belt
 from femsub.hopf import HopfPoint, begun, hopf_point, limits_of
-from femsub.pencil import Array, whole_number
+from femsub.pencil import Array
 from femsub.specials import SpecialPoint, Tracer
 from femsub.substructure import Substructure
 
@@ -131,13 +132,14 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
     """
     contact = sliding(model, belts, "a branch of limit cycles")
     check_columns(contact, start)
-    if parameter not in PARAMETERS:
-        raise unknown_name("parameter", parameter, PARAMETERS)
-    whole_number("points", points)
+    choice("parameter", parameter, PARAMETERS)
+    whole_number("points", points, least=1)
+    whole_number("harmonics", harmonics, least=1)
+    truth("stability", stability)
+    if not 0 < finite_number("tolerance", tolerance) < 1:
+        raise InputError(f"tolerance must lie between 0 and 1, such as 1e-3, not {tolerance!r}")
     ports = [belt.port for belt in contact.belts]
-    if port is not None and port not in ports:
-        raise unknown_name("belt's port", port, ports)
-    at = 0 if port is None else ports.index(port)
+    at = 0 if port is None else ports.index(choice("belt's port", port, ports))
     belt = contact.belts[at]
     if parameter != "speed" and not belt.speed:
         raise InputError("the belt is at rest and brings no energy: give it a speed")
@@ -145,7 +147,7 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
         raise InputError("the normal force is zero: nothing excites the model; give the belt a force")
     _ = contact.equilibrium  # refuses what floats
     flexibility = flexibility_of(contact, start)
-    tell = progress or (lambda _: None)
+    tell = listener("progress", progress)
     if isinstance(start, LimitCycle):
         value = float(getattr(belt, parameter))
         limits = limits_of(between, parameter, value, belt)

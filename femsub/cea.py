@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from femsub.bands import in_band
+from femsub.checks import whole_number
 from femsub.eigen import check_band
 from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModesError
 from femsub.evidence import CERTIFIED, CONFIRMED, NOT_CHECKED
 from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
-from femsub.pencil import EPS, Array, Pencil, equilibration, scaled, unit_length, whole_number
+from femsub.pencil import EPS, Array, Pencil, equilibration, scaled, unit_length
 from femsub.substructure import Substructure
 from femsub.threads import FEW, one_thread
 

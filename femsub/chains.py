@@ -8,9 +8,13 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import finite_number, items, truth, whole_number
 from femsub.errors import InputError
-from femsub.pencil import Array, finite_number, whole_number
+from femsub.memory import check_room
+from femsub.pencil import Array
 from femsub.substructure import Substructure
+
+BYTES = 200.0  # that a mass takes while the matrices are made
 
 
 def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0, springs: Any = 1.0,
@@ -46,14 +50,13 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     The conference paper in which HCB and CC are compared on n = 10 (its Fig. 1 and eqs. (4), (5)); it prints neither
     d1 nor F. d1 = 0.1 and F = 1 reproduce the axes of its Fig. 4.
     """
-    n = whole_number("n", n)
-    if n < 1:
-        raise InputError(f"n must be at least 1, but is {n}: a chain needs a mass")
+    n = whole_number("n", n, least=1)
+    check_room(f"a chain of {n:.3g} masses", BYTES * float(n))
     mass, spring = _per_mass("masses", masses, n), _per_mass("springs", springs, n)
     if finite_number("damping", damping) < 0:
         raise InputError(f"damping must not be negative, but is {damping!r}; friction is a Belt's affair")
     place = _mass_number("belt", belt, n)
-    if not fixed:
+    if not truth("fixed", fixed):
         spring = spring.copy()
         spring[0] = 0.0
     diagonal = spring + np.append(spring[1:], 0.0)
@@ -62,13 +65,17 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     D = sp.csr_array(([float(damping)], ([0], [0])), shape=(n, n)) if damping else None
     w = np.zeros(n)
     w[place - 1] = 1.0
-    return Substructure(M, K, D, [_mass_number("interface", number, n) - 1 for number in interface], {"belt": w}, name)
+    held = [_mass_number("interface", number, n) - 1 for number in items("interface", interface, "mass numbers")]
+    return Substructure(M, K, D, held, {"belt": w}, name)
 
 
 def chain_frequencies(n: int, count: int | None = None) -> Array:
     """ω_j = 2 sin((2j - 1)π / (4n + 2)), j = 1 … count: the undamped chain of unit masses and springs, fixed at m_1."""
-    j = np.arange(1, (n if count is None else count) + 1)
-    return 2 * np.sin((2 * j - 1) * np.pi / (4 * n + 2))
+    n = whole_number("n", n, least=1)
+    count = n if count is None else whole_number("count", count, 0, n)
+    check_room(f"a list of {count:.3g} frequencies", 24.0 * count)
+    j = np.arange(1, count + 1)
+    return 2 * np.sin((2 * j - 1) * np.pi / (4 * float(n) + 2))
 
 
 def _mass_number(name: str, value: Any, n: int) -> int:

@@ -9,9 +9,10 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
-from femsub.errors import FemsubError, FemsubWarning, InputError
+from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError
 from femsub.scene import SCENES, load
 
+READER_GONE = 141  # the exit status of a command whose output nobody reads any more
 INTERRUPTED = 130  # the exit status of what Ctrl-C ends
 
 
@@ -34,23 +35,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     `doctor` ends with 1 if something is wrong.
     """
     options = _parser().parse_args(arguments)
-    if options.command == "scenes":
-        for name, (_, line) in SCENES.items():
-            print(f"{name:<16} {line}")
-        return 0
     try:
         if options.command == "doctor":
             return _doctor()
+        if options.command == "scenes":
+            _say("\n".join(f"{name:<16} {line}" for name, (_, line) in SCENES.items()))
+            return 0
         return _run(options)
-    except InputError as error:
-        return _fail(error, 2)
-    except (TypeError, FemsubError) as error:
-        if not isinstance(error, FemsubError):
-            raise
-        return _fail(error, 2 if isinstance(error, TypeError) else 1)
+    except FemsubError as error:
+        return _fail(error, 2 if isinstance(error, (InputError, InputTypeError)) else 1)
+    except MemoryError as error:
+        return _fail(f"not enough memory: {error or 'an allocation failed'}; make the model smaller, or take a larger machine", 1)
     except BrokenPipeError:  # `femsub … | head`: the reader has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+        return READER_GONE
     except KeyboardInterrupt:
         return _fail("interrupted; nothing was written", INTERRUPTED)
 
@@ -61,6 +58,17 @@ def _doctor() -> int:
     except ImportError as error:  # NumPy or SciPy itself
         return _fail(f"{error}; install what femsub needs: scripts/setup, or pip install femsub", 1)
     return report()
+
+
+def _say(text: str) -> None:
+    """Prints to stdout, now: what is left in the buffer would fail where nobody can tell of it."""
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more as it ends
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise FemsubError(f"the results could not be printed: {error.strerror}") from None
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -83,9 +91,9 @@ def _run(options: argparse.Namespace) -> int:
             progress_done()
     for text in dict.fromkeys(str(item.message) for item in caught):
         print(f"femsub: warning: {text}", file=sys.stderr)
-    print(result.text)
+    _say(result.text)
     if folder is not None:
-        print(f"\nwritten to {folder}: {', '.join(str(path.relative_to(folder)) for path in written)}")
+        _say(f"\nwritten to {folder}: {', '.join(str(path.relative_to(folder)) for path in written)}")
     if not result.data.get("complete", True):
         return _fail("interrupted; the results are what there was by then, marked as incomplete", INTERRUPTED)
     return 0

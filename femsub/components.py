@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sized
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import mapping, path_of
 from femsub.dofs import DofMap
 from femsub.errors import InputError, InputTypeError
 from femsub.matrixfiles import read_labelled
@@ -53,12 +54,14 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         A file that cannot be read, is cut short or belongs to another model, a DOF that does not exist, matrices that are
         not a component (see `Substructure`). The message names the file.
     """
+    ports = None if ports is None else mapping("ports", ports, "names and columns")
     if K is None:
-        if dofs is not None or ports is not None or list(interface):
+        if dofs is not None or ports is not None or not (isinstance(interface, Sized) and len(interface) == 0):
             raise InputError(f"K is missing: name its file (or, of a folder of write_matrices, {M} alone, which tells interface, "
                              "ports and DOF map itself)")
-        return read_model(Path(M))
-    paths = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path != ""}
+        return read_model(path_of("M", M))
+    named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
+    paths = {key: Path(path) for key, path in named.items()}
     read = {}
     for key, path in paths.items():
         try:
@@ -70,7 +73,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     if dofs is not None and found is not None:
         raise InputError(f"dofs: {paths['K']} names node and DOF of each entry itself; leave the map out")
     if dofs is not None:
-        found = dofs if isinstance(dofs, DofMap) else read_dofs(Path(dofs))
+        found = dofs if isinstance(dofs, DofMap) else read_dofs(path_of("dofs", dofs))
         if found.size != size:
             half = " (of a cyclic symmetric model, CalculiX lists one half only)" if 2 * found.size == size else ""
             raise InputError(f"dofs: the DOF map {'' if isinstance(dofs, DofMap) else dofs} has {found.size} DOF, but "
@@ -103,6 +106,9 @@ def _aligned(paths: Mapping[str, Any], read: Mapping[str, TextMatrix], massless:
                                  f"{matrices['K'].shape[0]} x {matrices['K'].shape[0]} ({paths['K']}): both must be whole, and "
                                  "of the same model")
         return matrices, None
+    if (read["M"].matrix.diagonal() >= HELD).any():
+        raise InputError(f"M holds 1e36 on its diagonal ({paths['M']}), as Abaqus writes it into a stiffness matrix for "
+                         "held DOF: are M and K swapped?")
     held = read["K"].matrix.diagonal() >= HELD
     rows = np.flatnonzero(~held)
     if not len(rows):

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import finite_number
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.factor import factorise
 from femsub.friction import Belt
-from femsub.pencil import EPS, Array, Matrix, finite_number
+from femsub.pencil import EPS, Array, Matrix
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import ReducedSubstructure, Substructure
 

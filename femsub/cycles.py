@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 
 from femsub.balance import Balance, Orbit, coefficients, in_phase
+from femsub.checks import finite_number, whole_number
 from femsub.compliance import Compliance, Fractions, compliance
 from femsub.contacts import Sliding, State, sliding
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
 from femsub.floquet import Multipliers, multipliers
 from femsub.friction import Belt
-from femsub.pencil import Array, whole_number
+from femsub.pencil import Array
 from femsub.starts import harmonics_for, of_signal, orbits
 from femsub.substructure import Substructure
 
+MOST_ASKED = 100_000  # harmonics, each some 16 samples of every column
 MOST = 1500  # harmonics beyond which none are added unasked
 ROUGH = 1e-2  # truncation or aliasing above which a cycle is warned of
 
@@ -183,9 +185,9 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
     """
     contact = sliding(model, belts, "harmonic balance")
     check_columns(contact, start)
-    if harmonics is not None and whole_number("harmonics", harmonics) < 1:
-        raise InputError(f"harmonics must be at least 1, not {harmonics}")
-    if not 0 < tolerance < 1:
+    if harmonics is not None:
+        whole_number("harmonics", harmonics, least=1, most=MOST_ASKED)
+    if not 0 < finite_number("tolerance", tolerance) < 1:
         raise InputError(f"tolerance must lie between 0 and 1, such as 1e-4, not {tolerance!r}")
     if all(belt.force == 0 for belt in contact.belts):
         raise InputError("the normal force is zero: nothing excites the model, and it has no limit cycle; give the belt a force")

@@ -8,9 +8,10 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import finite_number, whole_number
 from femsub.eigen import all_modes, normal_modes
 from femsub.errors import InputError, InputTypeError
-from femsub.pencil import Array, Matrix, finite_number, whole_number
+from femsub.pencil import Array, Matrix
 from femsub.substructure import ReducedSubstructure, Substructure
 
 FILLED = 2000  # DOF up to which modal damping may fill the D of a sparse model

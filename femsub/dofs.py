@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from femsub.checks import items, word
 from femsub.errors import InputError, unknown_name
 from femsub.pencil import Array
 
@@ -45,10 +46,8 @@ class DofMap:
 
     def __init__(self, nodes: Iterable[int] | Array, components: Iterable[int] | Array, labels: Sequence[str] = TRANSLATIONS,
                  points: Array | None = None) -> None:
-        numbers, kinds = (np.asarray(list(part) if not isinstance(part, np.ndarray) else part) for part in (nodes, components))
-        for name, part in (("nodes", numbers), ("components", kinds)):
-            if part.ndim != 1 or not np.issubdtype(part.dtype, np.integer):
-                raise InputError(f"{name} of a DOF map must be a flat sequence of integers")
+        numbers, kinds = _integers("nodes", nodes), _integers("components", components)
+        labels = tuple(word("labels of a DOF map", label) for label in items("labels of a DOF map", labels, "strings"))
         if len(numbers) != len(kinds):
             raise InputError(f"a DOF map needs one node and one component per DOF, but has {len(numbers)} and {len(kinds)}")
         if len(kinds) and not 0 <= kinds.min() <= kinds.max() < len(labels):
@@ -64,7 +63,7 @@ class DofMap:
             raise InputError(f"DOF map: {labels[int(twice[0] % len(labels))]} at node {twice[0] // len(labels)} is listed twice")
         small = np.int8 if len(labels) <= np.iinfo(np.int8).max else np.int32
         for key, value in (("nodes", numbers.astype(np.int64)), ("components", kinds.astype(small)),
-                           ("labels", tuple(labels)), ("points", where)):
+                           ("labels", labels), ("points", where)):
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
             object.__setattr__(self, key, value)
@@ -116,3 +115,16 @@ def _places(points: Any, count: int) -> Array:
         raise InputError(f"points must be finite real numbers, but those of DOF {int(np.argmin(np.isfinite(found).all(axis=1)))} "
                          "(counted from 0) are not")
     return found
+
+
+def _integers(name: str, values: Any) -> Array:
+    found = values if isinstance(values, np.ndarray) else items(f"{name} of a DOF map", values, "whole numbers")
+    try:
+        array = np.asarray(found)
+    except ValueError:  # ragged
+        array = np.zeros((0, 0))
+    if not array.size and array.ndim == 1:
+        return array.astype(np.int64)
+    if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"{name} of a DOF map must be a flat sequence of integers")
+    return array

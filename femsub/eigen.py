@@ -14,12 +14,21 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.bands import EDGE, in_band, widened
+from femsub.checks import shown, whole_number
 from femsub.dense_modes import dense_modes, negative_eigenvalues, orthonormalise
-from femsub.errors import ConditionWarning, FemsubError, InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.errors import (
+    ConditionWarning,
+    FemsubError,
+    InputError,
+    InputTypeError,
+    MissedModesError,
+    NotConvergedError,
+    SingularMatrixError,
+)
 from femsub.evidence import CERTIFIED, NOT_CHECKED
 from femsub.factor import SMALL, inertia
 from femsub.massless import massless_apart
-from femsub.pencil import EPS, Array, Difference, Matrix, whole_number
+from femsub.pencil import EPS, Array, Difference, Matrix
 from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
 
@@ -263,6 +272,8 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     NotConvergedError, MissedModesError
         The solver gave up, or an independent count (the inertia of K - ω²M) contradicts what was found.
     """
+    if not hasattr(model, "K") or not hasattr(model, "M"):
+        raise InputTypeError(f"normal_modes takes a Substructure, not {shown(model)}")
     if (count is None) == (band is None):
         raise InputError("give either count (elastic modes) or band=(lo, hi) in rad per unit of time")
     if count is not None:
@@ -309,9 +320,11 @@ def modes_under(K: Matrix, M: Matrix, value: float) -> int:
 def check_band(band: object) -> tuple[float, float]:
     """A band (lo, hi) with 0 ≤ lo < hi, in radians per unit of time."""
     try:
+        if isinstance(band, (set, dict)):
+            raise TypeError
         lo, hi = (float(edge) for edge in band)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise InputError(f"band must be a pair (lo, hi) in rad per unit of time, not {band!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"band must be a pair (lo, hi) in rad per unit of time, not {shown(band)}") from None
     if not (0 <= lo < hi < np.inf):
         raise InputError(f"band must satisfy 0 <= lo < hi < inf, but is ({lo!r}, {hi!r})")
     return lo, hi

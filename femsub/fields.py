@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from femsub.checks import instance, real_array
 from femsub.dofs import DofMap
-from femsub.errors import InputError
+from femsub.errors import InputError, InputTypeError
 from femsub.meshes import Mesh
 from femsub.pencil import Array
 
@@ -32,7 +33,11 @@ def displacements(mesh: Mesh, dofs: DofMap, u: Array) -> Array:
     InputError
         Rows that do not fit the map, or a node of the map that the mesh has not.
     """
-    values = np.asarray(u)
+    instance("mesh", mesh, Mesh)
+    instance("dofs", dofs, DofMap)
+    values = u if isinstance(u, np.ndarray) else real_array("u", u)
+    if values.dtype.kind not in "iufc":
+        raise InputTypeError(f"u must hold numbers, not {values.dtype}")
     if values.ndim not in (1, 2) or len(values) != dofs.size:
         raise InputError(f"u must have {dofs.size} rows, one per DOF, but its shape is {values.shape}")
     axis = np.array([COMPONENTS.get(label, -1) for label in dofs.labels])[dofs.components]

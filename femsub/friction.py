@@ -16,10 +16,12 @@ from typing import Any, Protocol, Self
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import finite_number, shown
 from femsub.errors import InputError, InputTypeError
-from femsub.pencil import Array, Matrix, finite_number
+from femsub.pencil import EPS, Array, Matrix
 
 Scalar = Callable[[float], float]
+SLOPE_AGREES = 0.01  # relative difference of a law's slope and that of its values that is let pass
 
 
 class FrictionLaw(Protocol):
@@ -62,7 +64,7 @@ class StribeckArctan:
 
     def slope(self, v: Any) -> Any:
         """μ'(v) = c (2/π) ε/(ε² + v²) - d r sign(v) exp(-r|v|); at v = 0 the mean of both sides."""
-        rise = self.coulomb * 2 / np.pi * self.eps / (self.eps**2 + np.square(v))
+        rise = self.coulomb * 2 / np.pi / self.eps / (1 + np.square(v / self.eps))
         return rise - self.drop * self.decay * np.sign(v) * np.exp(-self.decay * np.abs(v))
 
     def scalar(self) -> tuple[Scalar, Scalar]:
@@ -74,7 +76,8 @@ class StribeckArctan:
 
         def slope(v: float) -> float:
             fall = drop * decay * exp(-decay * abs(v)) if v else 0.0
-            return c * eps / (eps * eps + v * v) - math.copysign(fall, v)
+            ratio = v / eps
+            return c / eps / (1 + ratio * ratio) - math.copysign(fall, v)
 
         return value, slope
 
@@ -108,7 +111,7 @@ class StribeckArctanOdd(StribeckArctan):
         """μ'(v), even in v and smooth."""
         level = self.coulomb + self.drop * np.exp(-self.decay * np.abs(v))
         fall = self.drop * self.decay * np.exp(-self.decay * np.abs(v)) * np.arctan(np.abs(v) / self.eps)
-        return 2 / np.pi * (level * self.eps / (self.eps**2 + np.square(v)) - fall)
+        return 2 / np.pi * (level / self.eps / (1 + np.square(v / self.eps)) - fall)
 
     def scalar(self) -> tuple[Scalar, Scalar]:
         """μ and μ' for one Python float."""
@@ -119,7 +122,7 @@ class StribeckArctanOdd(StribeckArctan):
 
         def slope(v: float) -> float:
             more = drop * exp(-decay * abs(v))
-            return two * ((c + more) * eps / (eps * eps + v * v) - decay * more * atan(abs(v) / eps))
+            return two * ((c + more) / eps / (1 + (v / eps) * (v / eps)) - decay * more * atan(abs(v) / eps))
 
         return value, slope
 
@@ -165,7 +168,7 @@ class Belt:
 
     def __post_init__(self) -> None:
         if not isinstance(self.port, str):
-            raise InputError(f"port must be the name of a port, not {self.port!r}")
+            raise InputTypeError(f"port must be the name of a port, not {shown(self.port)}")
         finite_number("force", self.force)
         if self.force < 0:
             raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
@@ -174,19 +177,35 @@ class Belt:
         if self.law is None and self.slope is None:
             raise InputError("a belt needs a friction law with the belt's speed, or a slope: Belt(slope=-0.2677)")
         if self.law is not None:
-            if not callable(getattr(self.law, "slope", None)):
-                raise InputTypeError(f"law must be a friction law, e.g. StribeckArctan(eps=1e-3), not {self.law!r}")
+            if not callable(getattr(self.law, "slope", None)) or not callable(getattr(self.law, "value", None)):
+                raise InputTypeError("law must be a friction law with value(v) and slope(v), e.g. StribeckArctan(eps=1e-3), not "
+                                     f"{shown(self.law)}")
             if self.speed is None:
                 raise InputError("a belt with a friction law needs its speed, e.g. Belt(speed=0.1911, law=...)")
-            slope = float(self.law.slope(self.speed))
-            if self.slope is not None and self.slope != slope:
-                raise InputError(f"slope={self.slope!r} contradicts the law, whose slope at {self.speed!r} is {slope!r}")
+            slope = _consistent_slope(self.law, self.speed)
+            if self.slope is not None and finite_number("slope", self.slope) != slope:
+                raise InputError(f"slope={shown(self.slope)} contradicts the law, whose slope at {self.speed!r} is {slope!r}")
             object.__setattr__(self, "slope", slope)
         finite_number("slope", self.slope)
 
     def damping(self, w: Array) -> Matrix:
         """F μ'(v0) w wᵀ, sparse, shape (n, n), for a port w of shape (n,) or (n, p)."""
         return contact_damping(w, self.force * self.slope)  # type: ignore[operator]
+
+
+def _consistent_slope(law: FrictionLaw, speed: float) -> float:
+    """μ'(v0) of a law, compared with differences of its values μ(v0 ± h) over several steps h."""
+    slope = float(law.slope(speed))
+    if speed == 0 or not np.isfinite(slope):
+        return finite_number("the slope of the law at the belt's speed", slope)
+    steps = abs(speed) * 10.0 ** -np.arange(2.0, 8.0)
+    ahead, behind = (np.array([float(law.value(speed + sign * h)) for h in steps]) for sign in (1.0, -1.0))
+    found = (ahead - behind) / (2 * steps)
+    rounding = 8 * EPS * (np.abs(ahead) + np.abs(behind)) / steps
+    if (np.abs(found - slope) > SLOPE_AGREES * np.maximum(np.abs(found), abs(slope)) + rounding).all():
+        raise InputError(f"the law's slope at the speed {speed:g} is {slope:.6g}, but its values rise by "
+                         f"{found[len(found) // 2]:.6g} per unit of speed there: value and slope contradict each other")
+    return slope
 
 
 def contact_damping(w: Array, coefficient: float) -> Matrix:

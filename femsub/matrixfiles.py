@@ -10,6 +10,7 @@ from typing import IO, Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import path_of, word
 from femsub.errors import FemsubError, InputError
 from femsub.marketfiles import read_market
 from femsub.matlabfiles import check_room, read_matlab
@@ -59,7 +60,7 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
 
 def read_labelled(path: str | Path, variable: str | None = None, usual: str = "") -> TextMatrix:
     """`read_matrix` with the (node, DOF) labels of the rows; of several matrices the one called `usual` is taken."""
-    path, wanted = Path(path), variable
+    path, wanted = path_of("path", path), None if variable is None else word("variable", variable)
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
         path = path.with_name(name)

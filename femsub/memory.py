@@ -67,6 +67,20 @@ def check_columns(name: str, size: int, columns: int) -> None:
                                    "available; lower the band or allow a larger error, or take a larger machine")
 
 
+def check_room(what: str, need: float) -> None:
+    """Compares the bytes that something takes with what is available, before any array of it is made.
+
+    Raises
+    ------
+    NotEnoughMemoryError
+        It takes more: with both figures.
+    """
+    free = available() if need > 1e8 else None
+    if free is not None and need > free:
+        raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB, and {free / 1e9:.0f} GB are available; "
+                                   "make it smaller")
+
+
 def reduction_bytes(K: Matrix, columns: int, modes: int) -> dict[str, float]:
     """Bytes on top of the component itself: for its factor or the one of the count, copies of the matrices, and columns."""
     n = K.shape[0]

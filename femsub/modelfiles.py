@@ -12,7 +12,8 @@ from typing import Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.errors import InputError, unknown_name
+from femsub.checks import choice, instance, path_of
+from femsub.errors import InputError
 from femsub.estimates import Estimate
 from femsub.files import Writer, content_hash, write_whole
 from femsub.matrixfiles import read_together
@@ -50,16 +51,16 @@ def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx")
     MissingPackageError
         'op4' without pyyeti.
     """
+    target = path_of("folder", folder)
     try:
-        return write_whole(Path(folder), matrix_files(model, format))
+        return write_whole(target, matrix_files(instance("model", model, Substructure), format))
     except OSError as error:
         raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
 
 
 def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     """The files of `write_matrices`: name to a function that writes the content."""
-    if format not in FORMATS:
-        raise unknown_name("format", format, FORMATS)
+    choice("format", format, FORMATS)
     parts: dict[str, Matrix] = {"M": model.M, "D": model.D, "K": model.K}
     about: dict[str, Any] = {"femsub": VERSION, "name": model.name, "interface": model.interface.tolist(),
                              "ports": {port: 0 if w.ndim == 1 else w.shape[1] for port, w in model.ports.items()}}

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import finite_number, whole_number  # noqa: F401 - most modules take them from here
 from femsub.errors import InputError, InputTypeError
 
 Array: TypeAlias = np.ndarray
@@ -17,22 +18,7 @@ Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (spar
 EPS = float(np.finfo(float).eps)
 ROUNDING = 1e-14  # of sqrt(|a_ii a_jj|): what two orders of adding up the same element matrices may differ by
 SPREAD = 16.0  # units of the DOF may differ by so much before a sparse pencil is brought to units of its own
-
-
-def finite_number(name: str, value: Any) -> float:
-    """A finite real number, and nothing that merely looks like one."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise InputTypeError(f"{name} must be a number, not {value!r}")
-    if not np.isfinite(value):
-        raise InputError(f"{name} must be a finite number, not {value!r}")
-    return float(value)
-
-
-def whole_number(name: str, value: Any) -> int:
-    """An int, and nothing that merely looks like one."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InputTypeError(f"{name} must be a whole number, not {value!r}")
-    return int(value)
+LARGEST = 1e100  # the largest entry of a matrix, and one over the smallest that a matrix may have for its largest
 
 
 def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
@@ -74,6 +60,10 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     if not np.isfinite(data).all():
         row, column = _first(matrix, ~np.isfinite(data))
         raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
+    largest = float(np.abs(data).max(initial=0.0))
+    if largest > LARGEST or (name != "D" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
+        raise InputError(f"{name}'s largest entry is {largest:.3g}: products of such numbers leave the range of floating point; "
+                         "choose other units")
     data.flags.writeable = False
     return matrix
 

@@ -19,6 +19,7 @@ from femsub.bending import (
     morley_integrals,
     morley_matrices,
 )
+from femsub.checks import finite_number
 from femsub.dofs import DofMap
 from femsub.elements import skfem
 from femsub.errors import InputError, InputTypeError, unknown_name
@@ -26,7 +27,7 @@ from femsub.meshchecks import refuse_spoilt
 from femsub.meshes import Mesh
 from femsub.partition import component, gathered, tell_rounding
 from femsub.patches import Patch, patch, sides_of
-from femsub.pencil import Array, Matrix, finite_number
+from femsub.pencil import Array, Matrix
 from femsub.substructure import Substructure
 
 SUPPORTS = ("free", "simply supported", "clamped")
@@ -95,7 +96,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
         raise InputError(f"thickness must be positive, but is {h:.6g}")
     refuse_spoilt(mesh)
     layout = _Layout(mesh)
-    bending = steel.E * h**3 / (12 * (1 - steel.nu**2))
+    bending = steel.E * (h * h * h) / (12 * (1 - steel.nu**2))
     for key, named in (("supports", supports), ("ports", ports)):
         if named is not None and not isinstance(named, Mapping):
             raise InputTypeError(f"{key} must map names, e.g. {{'edge': ...}}, not {type(named).__name__}")

@@ -14,12 +14,13 @@ import numpy as np
 
 from femsub.bands import in_band
 from femsub.cea import ComplexModes, complex_modes
+from femsub.checks import finite_number, items
 from femsub.contacts import project
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.factor import complex_solve, factorise
 from femsub.friction import Belt
 from femsub.matching import SWAP, likeness, match
-from femsub.pencil import Array, finite_number
+from femsub.pencil import Array
 from femsub.substructure import ReducedSubstructure, Substructure
 
 NEAR = 0.05  # |Δλ| / |λ| up to which a mode of a reduced model can stand for one of the full model
@@ -175,7 +176,7 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
     for model in models:
         if isinstance(model, ReducedSubstructure) and len(model.V) != full.size:
             raise InputError(f"the basis of {model.name!r} has {len(model.V)} rows, but the full model {full.size} DOF")
-    contacts = [belts] if isinstance(belts, Belt) else list(belts)
+    contacts = [belts] if isinstance(belts, Belt) else items("belts", belts, "Belts")
     if not contacts:
         raise InputError("self_excitation needs at least one Belt: without contact nothing feeds the motion")
     values, shapes, grows, modes = _upper(complex_modes(full, contacts, band=band, count=count))
@@ -195,7 +196,7 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
 
 def compliance_error(full: Substructure, reduced: Substructure, belts: Belt | Sequence[Belt], omega: Any) -> Array:
     """‖h_r - h‖ / ‖h‖ at given frequencies, such as those of an observed motion and its harmonics, shape (m,)."""
-    contacts = [belts] if isinstance(belts, Belt) else list(belts)
+    contacts = [belts] if isinstance(belts, Belt) else items("belts", belts, "Belts")
     grid = _grid(omega, 1.0, 0.0, full)
     h, other = _compliance(full, contacts, grid), _compliance(reduced, contacts, grid)
     return np.linalg.norm(other - h, axis=(1, 2)) / np.linalg.norm(h, axis=(1, 2))

@@ -11,9 +11,10 @@ import numpy as np
 
 from femsub import qep
 from femsub.cea import ComplexModes, certificates
+from femsub.checks import finite_number, items, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
 from femsub.friction import Belt
-from femsub.pencil import Array, Difference, Pencil, finite_number, whole_number
+from femsub.pencil import Array, Difference, Pencil
 from femsub.shift_invert import ShiftInvert
 from femsub.substructure import ReducedSubstructure, Substructure
 
@@ -304,7 +305,7 @@ def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> Array:
     if which is None:
         chosen = np.flatnonzero(~modes.above_cutoff)
     else:
-        chosen = np.array([whole_number("which", row) for row in which], dtype=int)
+        chosen = np.array([whole_number("which", row) for row in items("which", which, "rows")], dtype=int)
         bad = chosen[(chosen < 0) | (chosen >= len(modes))]
         if len(bad) or len(np.unique(chosen)) < len(chosen):
             raise InputError(f"which must list rows of the {len(modes)} modes, each once, but is {list(map(int, chosen))}")

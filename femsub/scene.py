@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
+from femsub.checks import choice, finite_number, shown
 from femsub.errors import InputError, unknown_name
 
 #: name of a built-in scene: (module, one line)
@@ -134,14 +135,16 @@ def load(source: str) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], R
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{source} is not a TOML file: {error}") from None
+    except RecursionError:
+        raise InputError(f"{source} is no scene file: its brackets are nested too deeply") from None
+    except OSError as error:
+        raise InputError(f"{source} cannot be read: {error.strerror or error}") from None
     return _build(table, path.parent)
 
 
 def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], Result]]:
     values = dict(table)
-    kind = values.pop("scene", "chain")
-    if kind not in SCENES:
-        raise unknown_name("scene", kind, SCENES)
+    kind = choice("scene", values.pop("scene", "chain"), SCENES)
     if kind == "matrices" and not values:
         raise InputError("the scene 'matrices' needs a scene file that names them: scene = \"matrices\", M = \"M.mtx\", "
                          "K = \"K.mtx\", port = 0, band = [0.0, 1000.0]")
@@ -151,6 +154,8 @@ def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Sce
     for key, value in values.items():
         if key not in fields:
             raise unknown_name("scene key", key, ["scene", *fields])
+        if value == []:
+            raise InputError(f"scene key {key!r} is an empty list; leave the key out to take its default")
         values[key] = _typed(key, value, str(fields[key].type))
     if "folder" in {item.name for item in dataclasses.fields(scene_type)}:
         values["folder"] = str(folder)
@@ -172,7 +177,7 @@ def _typed(key: str, value: Any, declared: str) -> Any:
         if kind == "int" and isinstance(value, int) and not isinstance(value, bool):
             return value
         if kind == "float" and isinstance(value, (int, float)) and not isinstance(value, bool):
-            return float(value)
+            return finite_number(f"scene key {key!r}", value)
         if kind == "str" and isinstance(value, str):
             return value
         if kind.startswith("list["):
@@ -183,4 +188,4 @@ def _typed(key: str, value: Any, declared: str) -> Any:
             except InputError:
                 continue
     wanted = " or ".join(kind for kind in kinds if kind != "None")
-    raise InputError(f"scene key {key!r} must be {wanted}, not {value!r}")
+    raise InputError(f"scene key {key!r} must be {wanted}, not {shown(value)}")

@@ -14,16 +14,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from femsub.checks import finite_number, whole_number
 from femsub.contacts import Sliding, State, sliding
 from femsub.cycles import LimitCycle
+from femsub.eigen import all_modes
 from femsub.errors import InputError, InputTypeError, NotConvergedError
 from femsub.friction import Belt
-from femsub.pencil import Array, finite_number
+from femsub.pencil import Array
 from femsub.substructure import Substructure
 
 LARGEST = 60  # DOF
+TIGHTEST = 1e-13  # relative tolerance of the integration; below it rounding decides the steps
 CLOSED = 1e-8  # ‖y(T) - y‖ / ‖y‖ at which the orbit counts as closed
 SAMPLES = 4096
+LONGEST = 100  # oscillations of the lowest elastic mode in a period
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,6 +93,9 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
         The orbit did not close.
     """
     contact = sliding(model, belts, "shooting")
+    if not TIGHTEST <= finite_number("rtol", rtol) <= 1e-2:
+        raise InputError(f"rtol must lie between {TIGHTEST:g} and 0.01, not {rtol!r}")
+    whole_number("rounds", rounds, least=1)
     if model.size > LARGEST:
         raise InputError(f"shooting is for models of up to {LARGEST} DOF, and this has {model.size}: use fs.harmonic_balance")
     if isinstance(start, LimitCycle):
@@ -98,6 +105,7 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
         raise InputTypeError(f"start must be a LimitCycle or a State, not {type(start).__name__}")
     if period is None or finite_number("period", period) <= 0:
         raise InputError(f"shooting from a state needs a positive period, not {period!r}")
+    _check_period(model, period)
     y = np.concatenate([start.displacement, start.velocity])
     if len(y) != 2 * model.size:
         raise InputError(f"the state has {len(start.displacement)} DOF, the model {model.size}")
@@ -121,6 +129,16 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
     n = model.size
     return ShotCycle(State(y[:n], y[n:]), float(period), values[np.argsort(-np.abs(values))],
                      float(np.linalg.norm(gap)) / scale, flow.run(y, period, SAMPLES)[2], turn)
+
+
+def _check_period(model: Substructure, period: float) -> None:
+    """Refuses a period in which the lowest elastic mode oscillates more than LONGEST times: it would take for ever."""
+    modes = all_modes(model.K, model.M)
+    slowest = modes.frequencies[modes.rigid:][:1]
+    if len(slowest) and period * slowest[0] > 2 * np.pi * LONGEST:
+        turns = period * slowest[0] / (2 * np.pi)
+        raise InputError(f"period={period:.6g} holds {turns:.3g} oscillations of the lowest mode; at most {LONGEST} can be: "
+                         "give the period in the model's unit of time")
 
 
 class _Flow:

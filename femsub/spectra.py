@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from femsub.checks import finite_number, instance, interval, real_array, whole_number
 from femsub.contacts import STICKING, sticking_below
 from femsub.errors import InputError
-from femsub.pencil import Array, finite_number, whole_number
+from femsub.pencil import Array
 from femsub.transients import Transient
 
 WINDOW = "blackman"  # side lobes at -58 dB; the main lobe ends 3 bins off the middle
@@ -88,6 +89,9 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
     from scipy.fft import next_fast_len, rfft
     from scipy.signal import get_window
 
+    whole_number("count", count, least=0)
+    if not 0 <= finite_number("floor", floor) <= 1:
+        raise InputError(f"floor is a share of the highest peak between 0 and 1, not {floor!r}")
     _, x, step = _part(t, signal, between, FEWEST)
     m = len(x)
     g = get_window(WINDOW, m)
@@ -95,7 +99,7 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
     amplitude = np.abs(rfft(g * (x - g @ x / g.sum()), long)) * 2 / g.sum()
     omega = 2 * np.pi * np.arange(len(amplitude)) / (long * step)
     resolution = 2 * np.pi / (m * step)
-    peaks, heights = _peaks(omega, amplitude, whole_number("count", count), floor, LOBE * resolution)
+    peaks, heights = _peaks(omega, amplitude, count, floor, LOBE * resolution)
     return Spectrum(omega, amplitude, peaks, heights, resolution)
 
 
@@ -125,9 +129,10 @@ def spectrogram(t: Array, signal: Array, length: float, *, between: tuple[float,
     from scipy.signal import ShortTimeFFT, get_window
 
     times, x, step = _part(t, signal, between, FEWEST)
-    points = round(finite_number("length", length) / step)
-    if not FEWEST <= points <= len(x):
+    points = finite_number("length", length) / step
+    if not FEWEST - 0.5 <= points < len(x) + 0.5:
         raise InputError(f"length must be between {FEWEST * step:g} and the signal's {len(x) * step:g}, but is {length!r}")
+    points = round(points)
     hop = max(1, (len(x) - points) // max(1, whole_number("windows", windows) - 1))
     g = get_window(WINDOW, points)
     transform = ShortTimeFFT(g, hop, fs=1 / step, fft_mode="onesided", scale_to="magnitude")
@@ -145,9 +150,9 @@ def rms(t: Array, signal: Array, between: tuple[float, float] | None = None) -> 
 def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | None = None, *,
              multiple: float = STICKING, below: float | None = None) -> float:
     """The share of the time in which |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without an ε."""
-    relative = run.relative_velocity(port)
+    relative = instance("run", run, Transient).relative_velocity(port)
     belt = next(belt for belt in run.contact.belts if belt.port == port)
-    limit = below if below is not None else sticking_below(belt, finite_number("multiple", multiple))
+    limit = finite_number("below", below) if below is not None else sticking_below(belt, finite_number("multiple", multiple))
     if np.isnan(limit):
         raise InputError(f"the friction law on {port!r} has no eps; say by `below` what counts as sticking")
     part = _part(run.t, relative, between, 1)[1]
@@ -189,12 +194,12 @@ def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = N
 
 def _part(t: Any, signal: Any, between: tuple[float, float] | None, fewest: int) -> tuple[Array, Array, float]:
     """The part of a signal, its times and its step, checked."""
-    times, x = np.asarray(t, dtype=float), np.asarray(signal, dtype=float)
+    times, x = real_array("t", t), real_array("signal", signal, finite=False)
     if times.ndim != 1 or x.shape != times.shape:
         raise InputError(f"t and the signal must have one and the same length, but their shapes are {times.shape} and {x.shape}; "
                          "of a port with several columns take one")
     if between is not None:
-        lo, hi = between
+        lo, hi = between = interval("between", between)
         inside = (times >= lo) & (times <= hi)
         times, x = times[inside], x[inside]
     if len(times) < fewest:

@@ -11,11 +11,12 @@ import numpy as np
 from femsub.bands import in_band
 from femsub.border import dense_border, sparse_border
 from femsub.cea import complex_modes
+from femsub.checks import choice, finite_number
 from femsub.errors import CutoffWarning, InputError, InputTypeError
 from femsub.estimates import SHARE, usable_band
 from femsub.factor import QUADRATIC
 from femsub.friction import Belt
-from femsub.pencil import Array, finite_number
+from femsub.pencil import Array
 from femsub.qep import definite_form, eigenvalues
 from femsub.substructure import Substructure
 from femsub.threads import FEW, one_thread
@@ -185,8 +186,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
         band that reaches above that.
     """
     _check_model("critical_slope", model, force)
-    if method not in ("auto", "scalar", "bracketing"):
-        raise InputError(f"unknown method {method!r}; valid: auto, bracketing, scalar")
+    choice("method", method, ("auto", "scalar", "bracketing"))
     w = model.port(port).reshape(model.size, -1)
     if method == "scalar" and w.shape[1] > 1:
         raise InputError(f"port {port!r} has {w.shape[1]} columns; the scalar function is for one, use method='bracketing'")

@@ -12,20 +12,22 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.bands import in_band
-from femsub.bases import CraigBampton, CraigChang, reduce
+from femsub.bases import METHODS, CraigBampton, CraigChang, reduce
 from femsub.cea import ComplexModes, complex_modes
+from femsub.checks import listener, real_array, shown, whole_number
 from femsub.eigen import NormalModes, all_modes, check_band, normal_modes
 from femsub.errors import CutoffWarning, FemsubError, InputError, InputTypeError, PortWarning
 from femsub.factor import QUADRATIC, SMALL
 from femsub.friction import Belt
 from femsub.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors, turnover
-from femsub.pencil import Array, whole_number
+from femsub.pencil import Array
 from femsub.phases import timed
 from femsub.stability import CriticalSlope, critical_slope
 from femsub.studyresults import PHASES, Row, Study, Timing, with_front
 from femsub.substructure import ReducedSubstructure, Substructure
 
 Progress = Callable[[str], None]
+MOST_REPEATS = 1000
 SHORT_RUNS = 3  # so often a reduced model is solved in each turn
 
 
@@ -71,14 +73,16 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     lo, hi = check_band(band)
     if not isinstance(methods, Sequence):
         raise InputTypeError(f"methods must be a list, e.g. [CraigBampton(modes=4)], not {methods!r}")
+    for method in methods:
+        if not isinstance(method, tuple(METHODS.values())):
+            raise InputTypeError(f"methods must hold reductions, e.g. CraigBampton(modes=4), not {shown(method)}")
     if not methods:
         raise InputError("methods is empty: name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
-    if whole_number("repeats", repeats) < 1:
-        raise InputError(f"repeats must be at least 1, not {repeats!r}")
+    whole_number("repeats", repeats, least=1, most=MOST_REPEATS)
     place, force = (belt.port, belt.force) if belt is not None else (port, 1.0)
     if sub.ports:  # without any there is no critical slope, and that is all
         sub.port(place)
-    tell = progress or (lambda _: None)
+    tell = listener("progress", progress)
     costs = _measured(sub, methods, belt, (lo, hi), ports, repeats, tell)
     models, spectra = [sub, *costs.models], costs.spectra
     reasons = [""] * len(models)
@@ -86,7 +90,7 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
         tell(f"{sub.name}: critical slopes")
         borders = [_border(model, place, force, (lo, hi)) for model in models]
         slopes, reasons = [np.nan if border is None else border.slope for border, _ in borders], [reason for _, reason in borders]
-    elif len(slopes) != len(models):
+    elif len(slopes := list(real_array("slopes", slopes, finite=False).ravel())) != len(models):
         raise InputError(f"slopes must be {len(models)}, of the full model and of each method, not {len(slopes)}")
     tell(f"{sub.name}: undamped frequencies")
     own = _frequencies(sub, (lo, hi))

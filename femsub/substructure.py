@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import instance, shown
 from femsub.dofs import DofMap
 from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name
 from femsub.friction import Belt
@@ -78,10 +79,10 @@ class Substructure:
         if not np.any(diagonal):
             raise InputError("M has no mass at all: every diagonal entry is zero")
         _semidefinite_pairs(mass, diagonal)
-        if dofs is not None and dofs.size != pencil.size:
+        if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:
             raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
         values = {"M": mass, "K": stiffness, "D": pencil.D, "interface": _interface(interface, pencil.size),
-                  "ports": _ports(ports or {}, pencil.size), "name": str(name), "dofs": dofs}
+                  "ports": _ports({} if ports is None else ports, pencil.size), "name": str(name), "dofs": dofs}
         if mass is pencil.M and stiffness is pencil.K:
             values["pencil"] = pencil  # checked already
         self.__dict__.update(values)
@@ -254,7 +255,10 @@ def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
 def _interface(values: Iterable[int], size: int) -> Array:
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputTypeError(f"interface must be a sequence of DOF numbers, not {values!r}")
-    raw = np.asarray(list(values))
+    try:
+        raw = np.asarray(list(values))
+    except ValueError:  # ragged
+        raise InputTypeError(f"interface must be a flat sequence of integers, not {shown(values)}") from None
     if raw.size == 0:
         return np.zeros(0, dtype=np.intp)
     if raw.ndim != 1 or not (np.issubdtype(raw.dtype, np.integer)):

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import choice, finite_number, items, listener, positive_number, whole_number, word
 from femsub.contacts import Sliding, State, sliding
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.friction import Belt
 from femsub.integrators import METHODS, Flow, equations
-from femsub.pencil import Array, finite_number, whole_number
+from femsub.pencil import Array
 from femsub.substructure import Substructure
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ DENSE = 300  # up to so many DOF a sparse model is integrated as a dense one
 LARGEST = 2000  # DOF for the integrators of dense models
 TOL = {"dense": 1e-9, "alpha": 1e-5}
 POINTS = 16  # per period of the highest mode, on the grid that is recorded
+MOST_ASKED = 10**8  # points of the record, 1.6 GB for each port
 MOST_POINTS = 200_000  # where nothing else is said
 FAINT = 1e-6  # of the energy there is: changes below it are no measure of the balance
 UNKNOWN = 2000  # points where no highest mode is known
@@ -130,9 +132,7 @@ class Transient:
 
     def _belt(self, name: str) -> Belt:
         belts = {belt.port: belt for belt in self.contact.belts}
-        if name not in belts:
-            raise unknown_name("belt", name, belts)
-        return belts[name]
+        return belts[choice("belt", name, belts)]
 
     def _recorded(self, histories: Mapping[str, Array], name: str) -> Array:
         if name not in histories:
@@ -191,12 +191,11 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     began = clock.perf_counter()
     contact = sliding(model, belts, "transient")
     t0, t1 = _interval(time)
-    if method not in ("auto", "alpha", *METHODS):
-        raise unknown_name("method", method, ("auto", "alpha", *METHODS))
+    choice("method", method, ("auto", "alpha", *METHODS))
+    tell = listener("progress", progress)
     if tol is not None and not 1e-13 <= finite_number("tol", tol) <= 1e-2:
         raise InputError(f"tol must lie between 1e-13 and 1e-2, not {tol!r}")
-    if record not in ("ports", "states"):
-        raise unknown_name("record", record, ("ports", "states"))
+    choice("record", record, ("ports", "states"))
     columns, slices = _columns(contact, ports)
     first = _start(contact, start, impulse)
     flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns, record == "states")
@@ -206,9 +205,9 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     try:
         for times, wanted in _stretches(t0, t1, grid, flow.stretch):
             parts.append(tuple(part[wanted] for part in flow.advance(times)))
-            if progress is not None and clock.perf_counter() - told > TELL:
+            if clock.perf_counter() - told > TELL:
                 told = clock.perf_counter()
-                progress(f"t = {flow.t:.6g} of {t1:g}")
+                tell(f"t = {flow.t:.6g} of {t1:g}")
     except KeyboardInterrupt:
         complete = False
     except BaseException:
@@ -262,9 +261,8 @@ def _interval(time: Any) -> tuple[float, float]:
 
 def _columns(contact: Sliding, ports: Sequence[str]) -> tuple[Array, dict[str, Any]]:
     """What is observed, (n, c), and where each port stands in it: an index for a port of one column, else a slice."""
-    if isinstance(ports, str):
-        raise InputTypeError(f"ports must be a sequence of names, e.g. [{ports!r}]")
-    names = dict.fromkeys([*(belt.port for belt in contact.belts), *ports])
+    asked = [word("ports", name) for name in items("ports", ports, "names of ports")]
+    names = dict.fromkeys([*(belt.port for belt in contact.belts), *asked])
     parts, places, at = [], {}, 0
     for name in names:
         column = contact.model.port(name)
@@ -301,14 +299,14 @@ def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_
     if step is not None and samples is not None:
         raise InputError("give either step or samples: one follows from the other")
     if samples is not None:
-        if whole_number("samples", samples) < 1:
-            raise InputError(f"samples must be at least 1, not {samples!r}")
+        whole_number("samples", samples, least=1, most=MOST_ASKED)
         return np.linspace(begin, t1, samples + 1)
     if step is None:
         step = 2 * np.pi / (POINTS * highest) if highest else (t1 - begin) / UNKNOWN
         step = max(step, (t1 - begin) / MOST_POINTS)
-    elif finite_number("step", step) <= 0:
-        raise InputError(f"step must be positive, not {step!r}")
+    elif (t1 - begin) / positive_number("step", step) > MOST_ASKED:
+        raise InputError(f"a step of {step:g} makes {(t1 - begin) / step:.1e} points; at most {MOST_ASKED:.0e} are recorded")
+    step = float(step)
     return begin + step * np.arange(int((t1 - begin) / step + ROUNDING) + 1)
 
 

@@ -13,7 +13,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "femsub"
 
 LAYERS = {
-    "errors": 0, "files": 0, "phases": 0, "heap": 0, "threads": 0, "evidence": 0,
+    "errors": 0, "checks": 0, "files": 0, "phases": 0, "heap": 0, "threads": 0, "evidence": 0,
     "pencil": 1, "studyresults": 1, "modelindex": 1,
     "graph": 2, "meshtext": 2, "bands": 2, "massless": 2,
     "friction": 3, "_slepc": 3, "dofs": 3, "elements": 3, "splitting": 3, "attractors": 3, "inpdecks": 3, "inpstore": 3,

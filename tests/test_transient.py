@@ -280,7 +280,7 @@ def test_bad_types_and_models_say_what_to_do() -> None:
     chain = fs.chain(3, belt=2)
     with pytest.raises(fs.InputTypeError, match="time must be"):
         fs.transient(chain, BELT, 10.0)  # type: ignore[arg-type]
-    with pytest.raises(fs.InputTypeError, match="sequence of names"):
+    with pytest.raises(fs.InputTypeError, match="list of names"):
         fs.transient(chain, BELT, ports="belt")
     with pytest.raises(fs.InputTypeError, match="State"):
         fs.transient(chain, BELT, start=np.zeros(3))  # type: ignore[arg-type]

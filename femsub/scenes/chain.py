@@ -12,6 +12,7 @@ import numpy as np
 from femsub.bases import METHODS, reduce
 from femsub.cea import ComplexModes, complex_modes
 from femsub.chains import chain
+from femsub.checks import whole_number
 from femsub.eigen import check_band
 from femsub.errors import InputError, PortWarning
 from femsub.friction import LAWS, Belt
@@ -25,6 +26,9 @@ from femsub.substructure import ReducedSubstructure, Substructure
 
 Progress = Callable[[str], None]
 SHORT = {"craig-bampton": "HCB", "craig-chang": "CC"}
+
+
+MOST = 10**7  # masses
 
 
 @dataclass(frozen=True)
@@ -64,8 +68,7 @@ class ChainScene(Scene):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.n < 1:
-            raise InputError(f"n must be at least 1, not {self.n}")
+        whole_number("n", self.n, least=1, most=MOST)
         if not self.belts:
             object.__setattr__(self, "belts", list(range(1, min(self.n, 10) + 1)))
         if not self.size:

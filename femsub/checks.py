@@ -1,0 +1,151 @@
+"""Checks of arguments: each returns the value in the type that the code works with, or names what was found and what would do.
+
+Nothing here converts a value that merely looks right: '3', True and 2.0 are no whole numbers. NumPy is imported for arrays
+only: a scene that is misspelt should not wait for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from numbers import Integral, Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from femsub.errors import InputError, InputTypeError, unknown_name
+
+if TYPE_CHECKING:
+    import numpy as np
+
+T = TypeVar("T")
+
+
+def shown(value: Any) -> str:
+    """A value in at most 60 characters of a message; of an array its shape and type."""
+    if hasattr(value, "dtype") and getattr(value, "shape", None):
+        return f"an array of {value.dtype} of shape {value.shape}"
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def finite_number(name: str, value: Any) -> float:
+    """A finite real number."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputTypeError(f"{name} must be a number, not {shown(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        raise InputError(f"{name} is larger than a floating-point number can be: {shown(value)}") from None
+    if not math.isfinite(number):
+        raise InputError(f"{name} must be a finite number, not {value!r}")
+    return number
+
+
+def positive_number(name: str, value: Any) -> float:
+    """A finite number above 0."""
+    number = finite_number(name, value)
+    if number <= 0:
+        raise InputError(f"{name} must be positive, but is {shown(value)}")
+    return number
+
+
+def whole_number(name: str, value: Any, least: int | None = None, most: int | None = None) -> int:
+    """An int, from `least` to `most` where those are given."""
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise InputTypeError(f"{name} must be a whole number, not {shown(value)}")
+    number = int(value)
+    if (least is not None and number < least) or (most is not None and number > most):
+        limits = [f"at least {least}"] * (least is not None) + [f"at most {most}"] * (most is not None)
+        raise InputError(f"{name} must be {' and '.join(limits)}, but is {shown(number)}")
+    return number
+
+
+def truth(name: str, value: Any) -> bool:
+    """True or False."""
+    if type(value).__name__ not in ("bool", "bool_"):  # bool_ is NumPy's
+        raise InputTypeError(f"{name} must be True or False, not {shown(value)}")
+    return bool(value)
+
+
+def choice(name: str, value: Any, valid: Iterable[str]) -> str:
+    """One of some words."""
+    names = list(valid)
+    if not isinstance(value, str) or value not in names:
+        raise unknown_name(name, value if isinstance(value, str) else shown(value), names)
+    return value
+
+
+def word(name: str, value: Any) -> str:
+    """A string."""
+    if not isinstance(value, str):
+        raise InputTypeError(f"{name} must be a string, not {shown(value)}")
+    return value
+
+
+def instance(name: str, value: Any, kind: type[T], hint: str = "") -> T:
+    """An object of a class."""
+    if not isinstance(value, kind):
+        raise InputTypeError(f"{name} must be a {kind.__name__}{hint and f' ({hint})'}, not {shown(value)}")
+    return value
+
+
+def items(name: str, value: Any, of: str) -> list[Any]:
+    """The elements of a list, tuple, array or other collection `of` something; a string or a mapping is none."""
+    if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable) or isinstance(value, type):
+        raise InputTypeError(f"{name} must be a list of {of}, not {shown(value)}")
+    try:
+        return list(value)
+    except TypeError:  # an array of no dimension
+        raise InputTypeError(f"{name} must be a list of {of}, not {shown(value)}") from None
+
+
+def mapping(name: str, value: Any, of: str) -> Mapping[Any, Any]:
+    """A dict, or what behaves like one."""
+    if not isinstance(value, Mapping):
+        raise InputTypeError(f"{name} must be a dict of {of}, not {shown(value)}")
+    return value
+
+
+def interval(name: str, value: Any) -> tuple[float, float]:
+    """(lo, hi) with lo < hi, both finite."""
+    if isinstance(value, (str, bytes, Mapping, set)) or not isinstance(value, Iterable) or len(pair := list(value)) != 2:
+        raise InputTypeError(f"{name} must be a pair (lo, hi), not {shown(value)}")
+    lo, hi = (finite_number(name, edge) for edge in pair)
+    if lo >= hi:
+        raise InputError(f"{name} must be (lo, hi) with lo < hi, but is ({lo:g}, {hi:g})")
+    return lo, hi
+
+
+def real_array(name: str, value: Any, finite: bool = True) -> np.ndarray:
+    """An array of float64, a copy only where the type asks for it."""
+    import numpy as np
+
+    try:
+        raw = np.asarray(value)
+    except (TypeError, ValueError):
+        raise InputTypeError(f"{name} must be an array of numbers, not {shown(value)}") from None
+    if raw.dtype.kind not in "iuf":
+        raise InputTypeError(f"{name} must be an array of real numbers, not {shown(value)}")
+    array = raw.astype(np.float64, copy=False)
+    if finite and not np.isfinite(array).all():
+        at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InputError(f"{name} holds a NaN or Inf, first at index {at[0] if len(at) == 1 else at}")
+    return array
+
+
+def path_of(name: str, value: Any) -> Path:
+    """A path from a str or a Path."""
+    if not isinstance(value, (str, Path)):
+        raise InputTypeError(f"{name} must be a path (str or Path), not {shown(value)}")
+    if "\0" in str(value):
+        raise InputError(f"{name} holds a NUL character: {shown(str(value))}")
+    return Path(value)
+
+
+def listener(name: str, value: Any) -> Callable[[str], None]:
+    """A function that is told of progress; None is one that does nothing."""
+    if value is None:
+        return lambda _: None
+    if not callable(value):
+        raise InputTypeError(f"{name} must be a function of one string, or None, not {shown(value)}")
+    return value

@@ -1,0 +1,349 @@
+"""Every argument of every public function takes nonsense: an answer, or an error of femsub's own that ends within ten seconds."""
+
+from __future__ import annotations
+
+import inspect
+import signal
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import femsub as fs
+
+LIMIT = 10.0  # seconds for one call
+NONSENSE: dict[str, Any] = {
+    "None": None,
+    "a word": "x",
+    "nothing": "",
+    "True": True,
+    "-1": -1,
+    "0": 0,
+    "10**30": 10**30,
+    "-1.5": -1.5,
+    "1e308": 1e308,
+    "NaN": float("nan"),
+    "inf": float("inf"),
+    "1j": 1j,
+    "[]": [],
+    "{}": {},
+    "[NaN]": [float("nan")],
+    "['x']": ["x"],
+    "[None]": [None],
+    "(3, 1)": (3, 1),
+    "(-inf, inf)": (-np.inf, np.inf),
+    "too long": list(range(1000)),
+    "ragged": [[1.0], [1.0, 2.0]],
+    "{1: 2}": {1: 2},
+    "{'x': None}": {"x": None},
+    "empty array": np.zeros((0, 0)),
+    "bytes": b"x",
+    "an object": object(),
+    "a class": dict,
+    "NaN array": np.full((3, 3), np.nan),
+    "text array": np.array(["a", "b"]),
+    "a set": {1, 2},
+    "lambda": lambda: None,
+}
+RESULTS = {
+    "Branch",
+    "ComplexModes",
+    "CriticalSlope",
+    "Estimate",
+    "LimitCycle",
+    "NormalModes",
+    "ReducedSubstructure",
+    "Refined",
+    "SelfExcitation",
+    "ShotCycle",
+    "StabilitySweep",
+    "Study",
+    "Transient",
+}  # made by femsub, not by a caller
+
+
+class Lateness(BaseException):
+    """Not an Exception, which the code under test may catch."""
+
+
+def _late(_signal: int, _frame: FrameType | None) -> None:
+    raise Lateness
+
+
+def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
+    """A call that works for each public function, by keywords: the arguments to be replaced in turn."""
+    sub, belt = fs.chain(6, belt=2), fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-2))
+    slope = fs.Belt(slope=-0.05)
+    rom = fs.reduce(sub, fs.CraigChang(modes=3), ports=True)
+    modes = fs.complex_modes(rom, slope)
+    mesh, flat = fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"), fs.rectangle((1.0, 1.0), (2, 2))
+    brick = fs.solid(mesh, fs.Material(1.0, 0.3, 1.0))
+    run = fs.transient(sub, belt, (0.0, 20.0))
+    t = np.linspace(0.0, 20.0, 500)
+    y = np.exp(0.1 * t) * np.sin(3 * t)
+    cycle = fs.harmonic_balance(rom, fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2)), harmonics=40)
+    matrices = {"M": sub.M, "D": sub.D, "K": sub.K}
+    fs.write_matrices(folder / "model", rom)
+    fs.write_mesh(folder / "mesh.vtu", mesh)
+    one = {"mesh": mesh, "name": "x"}
+    soft = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    return {
+        "Belt": (fs.Belt, {"port": "belt", "force": 1.0, "speed": 0.2, "law": fs.StribeckArctan(), "slope": None}),
+        "CraigBampton": (fs.CraigBampton, {"modes": 3, "band": None, "tol": None}),
+        "CraigBampton(tol)": (fs.CraigBampton, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2}),
+        "CraigChang": (fs.CraigChang, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2}),
+        "DofMap": (fs.DofMap, {"nodes": [1, 1], "components": [0, 1], "labels": ("ux", "uy"), "points": None}),
+        "Material": (fs.Material, {"E": 1.0, "nu": 0.3, "rho": 1.0}),
+        "Mesh": (
+            fs.Mesh,
+            {
+                "points": mesh.points,
+                "cells": mesh.cells,
+                "kind": mesh.kind,
+                "sets": {"a": [0, 1]},
+                "groups": {"g": [0]},
+                "numbers": None,
+                "repairs": (),
+                "name": "m",
+            },
+        ),
+        "Pencil": (fs.Pencil, dict(matrices)),
+        "State": (fs.State, {"displacement": np.zeros(6), "velocity": np.zeros(6)}),
+        "StribeckArctan": (fs.StribeckArctan, {"eps": 1e-3, "coulomb": 0.3, "drop": 0.2, "decay": 2.0}),
+        "StribeckArctanOdd": (fs.StribeckArctanOdd, {"eps": 1e-3, "coulomb": 0.3, "drop": 0.2, "decay": 2.0}),
+        "Substructure": (
+            fs.Substructure,
+            matrices | {"interface": [0], "ports": {"belt": np.eye(6)[1]}, "name": "s", "dofs": None},
+        ),
+        "annulus": (
+            fs.annulus,
+            {"inner": 1.0, "outer": 2.0, "thickness": 0.1, "counts": (1, 8, 1), "kind": "hexahedron20", "name": "a"},
+        ),
+        "beam": (
+            fs.beam,
+            {
+                "length": 1.0,
+                "elements": 4,
+                "E": 1.0,
+                "I": 1.0,
+                "rho": 1.0,
+                "A": 1.0,
+                "foundation": 0.0,
+                "supports": {0: "clamped"},
+                "interface": (-1,),
+                "ports": {"belt": 2},
+                "rayleigh": (0.0, 0.1),
+                "name": "b",
+            },
+        ),
+        "block": (fs.block, {"lengths": (1.0, 1.0, 1.0), "counts": (1, 1, 1), "kind": "hexahedron20", "name": "b"}),
+        "branch": (
+            fs.branch,
+            {
+                "model": rom,
+                "belts": soft,
+                "parameter": "slope",
+                "between": None,
+                "start": None,
+                "port": None,
+                "points": 3,
+                "harmonics": 40,
+                "tolerance": 1e-2,
+                "stability": False,
+                "progress": None,
+            },
+        ),
+        "chain": (
+            fs.chain,
+            {"n": 5, "belt": 2, "damping": 0.1, "masses": 1.0, "springs": 1.0, "interface": (1,), "fixed": True, "name": "c"},
+        ),
+        "chain_frequencies": (fs.chain_frequencies, {"n": 5, "count": 3}),
+        "complex_modes": (
+            fs.complex_modes,
+            {"model": sub, "contacts": slope, "count": 4, "band": None, "re": None, "certify": None},
+        ),
+        "complex_modes(band)": (fs.complex_modes, {"model": rom, "contacts": slope, "band": (0.0, 0.5), "re": (-1.0, 1.0)}),
+        "critical_slope": (fs.critical_slope, {"model": sub, "port": "belt", "force": 1.0, "band": (0.0, 3.0), "method": "auto"}),
+        "damped": (fs.damped, {"sub": sub, "rayleigh": (0.1, 0.1), "ratios": None, "modal": None, "dashpots": {0: 0.1}}),
+        "damped(modal)": (fs.damped, {"sub": sub, "modal": 0.01}),
+        "damped(ratios)": (fs.damped, {"sub": sub, "ratios": ((0.5, 0.01), (1.0, 0.01))}),
+        "displacements": (fs.displacements, {"mesh": mesh, "dofs": brick.dofs, "u": np.zeros(brick.size)}),
+        "growth_rate": (fs.growth_rate, {"t": t, "signal": y, "between": (0.0, 10.0), "below": None}),
+        "harmonic_balance": (
+            fs.harmonic_balance,
+            {"model": rom, "belts": soft, "harmonics": 40, "start": None, "tolerance": 1e-3},
+        ),
+        "normal_modes": (fs.normal_modes, {"model": sub, "count": 3, "band": None}),
+        "normal_modes(band)": (fs.normal_modes, {"model": sub, "band": (0.0, 1.0)}),
+        "plate": (
+            fs.plate,
+            {
+                "mesh": flat,
+                "E": 1.0,
+                "nu": 0.3,
+                "rho": 1.0,
+                "thickness": 0.1,
+                "supports": {"left": "clamped"},
+                "interface": ("right",),
+                "ports": {"belt": "right"},
+                "rayleigh": (0.0, 0.1),
+                "name": "p",
+            },
+        ),
+        "read_component": (
+            fs.read_component,
+            {
+                "M": folder / "model",
+                "K": None,
+                "D": None,
+                "dofs": None,
+                "interface": (),
+                "ports": None,
+                "name": None,
+                "massless": False,
+            },
+        ),
+        "read_matrix": (fs.read_matrix, {"path": folder / "model" / "M.mtx", "variable": None}),
+        "read_mesh": (fs.read_mesh, {"path": folder / "mesh.vtu", "kind": None, "name": None}),
+        "rectangle": (fs.rectangle, {"lengths": (1.0, 1.0), "counts": (1, 1), "kind": "quad", "name": "r"}),
+        "reduce": (fs.reduce, {"sub": sub, "method": fs.CraigBampton(2), "ports": False, "contacts": None}),
+        "refine": (
+            fs.refine,
+            {"full": sub, "modes": modes, "rom": rom, "contacts": slope, "which": None, "tol": 1e-8, "steps": 20},
+        ),
+        "rms": (fs.rms, {"t": t, "signal": y, "between": None}),
+        "self_excitation": (
+            fs.self_excitation,
+            {"full": sub, "reduced": rom, "belts": belt, "band": (0.0, 2.0), "count": None, "omega": None, "harmonics": 3.0},
+        ),
+        "shoot": (fs.shoot, {"model": rom, "belts": soft, "start": cycle, "period": None, "rtol": 1e-6, "rounds": 3}),
+        "solid": (
+            fs.solid,
+            one
+            | {
+                "material": fs.Material(1.0, 0.3, 1.0),
+                "supports": ["left"],
+                "interface": ["right"],
+                "ports": {"belt": ("right", "y")},
+                "rayleigh": (0.0, 0.1),
+            },
+        ),
+        "spectrogram": (fs.spectrogram, {"t": t, "signal": y, "length": 5.0, "between": None, "windows": 20}),
+        "spectrum": (fs.spectrum, {"t": t, "signal": y, "between": None, "count": 8, "floor": 0.01}),
+        "sticking": (fs.sticking, {"run": run, "port": "belt", "between": None, "multiple": 3.0, "below": None}),
+        "study": (
+            fs.study,
+            {
+                "sub": sub,
+                "methods": [fs.CraigBampton(2)],
+                "band": (0.0, 0.5),
+                "belt": slope,
+                "port": "belt",
+                "ports": False,
+                "repeats": 1,
+                "slopes": None,
+                "assembly": 0.0,
+                "progress": None,
+            },
+        ),
+        "sweep": (fs.sweep, {"model": sub, "slopes": [-0.1, 0.0], "port": "belt", "force": 1.0, "band": (0.0, 3.0)}),
+        "transient": (
+            fs.transient,
+            {
+                "model": rom,
+                "belts": belt,
+                "time": (0.0, 5.0),
+                "start": None,
+                "impulse": None,
+                "ports": (),
+                "step": None,
+                "samples": None,
+                "record_from": None,
+                "record": "ports",
+                "tol": None,
+                "method": "auto",
+                "progress": None,
+            },
+        ),
+        "transient(alpha)": (
+            fs.transient,
+            {"model": sub, "belts": belt, "time": (0.0, 5.0), "step": 0.1, "tol": None, "method": "alpha"},
+        ),
+        "write_matrices": (fs.write_matrices, {"folder": folder / "new", "model": rom, "format": "mtx"}),
+        "write_mesh": (
+            fs.write_mesh,
+            {"path": folder / "again.vtu", "mesh": mesh, "shapes": {"a": np.zeros((len(mesh.points), 3))}},
+        ),
+    }
+
+
+@pytest.fixture(scope="module")
+def working(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
+    return calls(tmp_path_factory.mktemp("front-door"))
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Files that nonsense names are written to a folder that goes."""
+    monkeypatch.chdir(tmp_path)
+    before = signal.signal(signal.SIGALRM, _late)
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGALRM, before)
+
+
+NAMES = sorted(
+    {
+        name
+        for name in fs.__all__
+        if callable(getattr(fs, name))
+        and not (isinstance(getattr(fs, name), type) and issubclass(getattr(fs, name), BaseException))
+    }
+    - RESULTS
+    | {"CraigBampton(tol)", "complex_modes(band)", "damped(modal)", "damped(ratios)", "normal_modes(band)", "transient(alpha)"}
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nonsense_is_answered_or_refused(name: str, working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:
+    function, right = working[name]
+    assert set(right) <= set(inspect.signature(function).parameters)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        function(**right)  # or the table above is stale
+        faults = [
+            f"{argument}={word}: {fault}"
+            for argument in right
+            for word, value in NONSENSE.items()
+            if not (argument == "progress" and callable(value))  # what a caller's own function raises is the caller's
+            and (fault := _fault(function, right | {argument: value}))
+        ]
+    assert not faults, "\n".join([f"{len(faults)} faults", *faults])
+
+
+def _fault(function: Callable[..., Any], arguments: dict[str, Any]) -> str:
+    signal.setitimer(signal.ITIMER_REAL, LIMIT)
+    try:
+        function(**arguments)
+    except fs.FemsubError as error:
+        return "" if str(error) else "an error without a word"
+    except Lateness:
+        return f"not done in {LIMIT:g} s"
+    except Exception as error:
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        return f"{type(error).__name__}: {error!s:.90} ({Path(at.filename).name}:{at.lineno})"
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    return ""
+
+
+def test_every_argument_is_in_the_table(working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:
+    for name in (name for name in NAMES if "(" not in name):
+        function = working[name][0]
+        covered = {argument for key, (_, right) in working.items() if key.split("(")[0] == name for argument in right}
+        assert covered == set(inspect.signature(function).parameters), name

@@ -1,0 +1,122 @@
+"""Scene files and command lines with odd content end in one line on stderr and an exit status, and leave no traceback."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from femsub.cli import READER_GONE, main
+
+DEEP = "x = " + "[" * 3000 + "]" * 3000
+
+ODD = {
+    'scene = ["chain"]': "unknown scene",
+    "scene = 3": "unknown scene",
+    DEEP: "nested too deeply",
+    "n = 10000000000": "at most",
+    f"n = 1{'0' * 400}": "at most",
+    "speed = inf": "speed",
+    "sizes = []": "'sizes' is an empty list",
+    "outputs = []": "'outputs' is an empty list",
+    "masses = 1e308": "choose other units",
+    "masses = 1e-300": "choose other units",
+    "damping = 1e308": "choose other units",
+    "springs = 1e308": "NaN or Inf",
+    "eps = 1e-320": "slope",
+    "repeats = 100000000000": "repeats",
+    'scene = "plate"\nelements = [100000, 100000]': "GB",
+    'scene = "plate"\nthickness = 1e200': "choose other units",
+    'scene = "solid"\nelements = [100000, 100000, 3]': "GB",
+    'scene = "beam"\nelements = 10000000000': "GB",
+    'scene = "beam"\nE = 1e308': "choose other units",
+    'scene = "chain-transient"\nstep = 1e-300': "points",
+    'scene = "matrices"\nM = "/dev/zero"\nK = "/dev/null"\nport = 0\nband = [0.0, 1.0]': "no file",
+}
+
+
+@pytest.mark.parametrize("text", ODD, ids=lambda text: text[:40])
+def test_odd_scenes_end_in_one_line(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "odd.toml").write_text(text, encoding="utf-8")
+    assert main(["run", str(tmp_path / "odd.toml"), "--out", str(tmp_path / "out")]) in (1, 2)
+    said = capsys.readouterr()
+    assert ODD[text] in said.err and said.err.count("\n") == 1 and len(said.err) < 400
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_very_wide_stick_slip_transition_is_no_overflow() -> None:
+    for law in (fs.StribeckArctan(eps=1e308), fs.StribeckArctanOdd(eps=1e308)):
+        assert fs.Belt(speed=0.2, law=law).slope == pytest.approx(law.scalar()[1](0.2))
+
+
+def _femsub(words: str, *, out: str | None = None) -> subprocess.CompletedProcess[str]:
+    command = f"{sys.executable} -m femsub.cli {words}" + (f" > {out}" if out else "")
+    return subprocess.run(["bash", "-c", f"set -o pipefail; {command}"], capture_output=True, text=True, check=False)
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    # `true` reads nothing at all: the pipe is broken before, or while, the first line is written
+    done = _femsub("scenes | true")
+    assert done.returncode in (READER_GONE, 0) and not done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs Linux' /dev/full")
+@pytest.mark.parametrize("words", ["scenes", "run chain --no-figures"])
+def test_a_full_disk_is_told(words: str) -> None:
+    done = _femsub(words, out="/dev/full")
+    assert done.returncode == 1 and done.stderr.startswith("femsub: the results could not be printed") and \
+        done.stderr.count("\n") == 1
+
+
+class _Law:
+    def __init__(self, slope: float) -> None:
+        self._slope = slope
+
+    def value(self, v: float) -> float:
+        return 0.3 - 0.1 * v
+
+    def slope(self, v: float) -> float:
+        return self._slope
+
+
+class _OnlySlope:
+    def slope(self, v: float) -> float:
+        return -0.1
+
+
+def test_a_law_whose_slope_is_not_that_of_its_values_is_refused() -> None:
+    assert fs.Belt(speed=0.2, law=_Law(-0.1)).slope == -0.1
+    for wrong in (0.1, -0.2, 0.0):
+        with pytest.raises(fs.InputError, match="contradict"):
+            fs.Belt(speed=0.2, law=_Law(wrong))
+    with pytest.raises(fs.InputTypeError, match=r"value\(v\)"):
+        fs.Belt(speed=0.2, law=_OnlySlope())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("eps", [1e-12, 1e-3, 1.0, 1e6])
+@pytest.mark.parametrize("speed", [1e-9, 1e-3, 0.19113, 1.0, 1e4, -0.2])
+@pytest.mark.parametrize("law", [fs.StribeckArctan, fs.StribeckArctanOdd])
+def test_the_laws_own_slopes_pass_at_every_scale(eps: float, speed: float, law: type[fs.StribeckArctan]) -> None:
+    assert np.isfinite(fs.Belt(speed=speed, law=law(eps=eps)).slope)
+
+
+def test_shooting_ends_where_it_would_never_have_come_back() -> None:
+    rom = fs.reduce(fs.chain(6, belt=2), fs.CraigChang(modes=3), ports=True)
+    belt = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-2))
+    start = fs.State(np.zeros(rom.size), np.zeros(rom.size))
+    for keys, said in (({"rtol": 0.0}, "rtol"), ({"period": 1e308}, "period"), ({"rounds": -1}, "rounds")):
+        with pytest.raises(fs.InputError, match=said):
+            fs.shoot(rom, belt, start, **{"period": 8.0, **keys})
+
+
+def test_swapped_abaqus_matrices_are_told_by_what_holds_a_dof(tmp_path: Path) -> None:
+    for name, rows in (("K", "1,1,1,1,1e36\n1,1,2,1,0.0\n2,1,2,1,2.0\n"), ("M", "1,1,1,1,1.0\n2,1,2,1,1.0\n")):
+        (tmp_path / f"{name}.mtx").write_text(rows, encoding="utf-8")
+    assert fs.read_component(tmp_path / "M.mtx", tmp_path / "K.mtx").size == 1
+    with pytest.raises(fs.InputError, match="swapped"):
+        fs.read_component(tmp_path / "K.mtx", tmp_path / "M.mtx")
