@@ -15,6 +15,7 @@ from femsub.pencil import Array
 
 SAME = 1e-10  # |Δλ| / |λ| up to which one eigenvalue may have been found twice: a defective one is split by more
 PARALLEL = 1e-6  # what a unit vector leaves of another one that is the same: two of a double eigenvalue leave more
+SPLIT = 1e-5  # |Δλ| / |λ| that may lie between what two searches make of a defective eigenvalue: the root of their tolerance
 NEW = 1e-3  # share of a shape that no shape of the cluster has, by which it is one more
 FETCHES = 3  # more searches, each from another start, for eigenvalues that are missing
 
@@ -60,8 +61,10 @@ class Search:
 def distinct(values: Array, X: Array) -> tuple[Array, Array]:
     """λ (k,) and X (n, k) without ghosts: pairs of which both the eigenvalue and the shape are listed already.
 
-    A ghost would make up for one that is missing, wherever numbers are compared.
+    A ghost would make up for one that is missing, wherever numbers are compared. Two equal real eigenvalues that rounding has
+    made a pair, of which only Im λ > 0 is listed, are two again, with Re x and Im x, so that both are compared.
     """
+    values, X = _without_false_pairs(values, X)
     keep = np.ones(len(values), dtype=bool)
     for group in clusters(values, SAME):
         if values[group[0]] == 0:
@@ -72,6 +75,20 @@ def distinct(values: Array, X: Array) -> tuple[Array, Array]:
     return (values, X) if keep.all() else (values[keep], X[:, keep])
 
 
+def _without_false_pairs(values: Array, X: Array) -> tuple[Array, Array]:
+    false = np.flatnonzero((values.imag != 0) & (np.abs(values.imag) <= SAME * np.abs(values)))
+    false = np.array([j for j in false if la.svdvals(_parts(X[:, j]))[1] > PARALLEL], dtype=int)
+    if not len(false):
+        return values, X
+    values, X = np.append(values, values[false].real), np.hstack([X, X[:, false].imag])
+    values[false], X[:, false] = values[false].real, X[:, false].real
+    return values, _unit(X)
+
+
+def _parts(x: Array) -> Array:
+    return np.column_stack([x.real, x.imag]) / np.linalg.norm(x)
+
+
 def joined(values: Array, X: Array, more: Array, Y: Array) -> tuple[Array, Array]:
     """The eigenpairs (λ, X) of one search and what another one, (more, Y), has beyond it.
 
@@ -80,7 +97,7 @@ def joined(values: Array, X: Array, more: Array, Y: Array) -> tuple[Array, Array
     """
     known = len(values)
     both, new = np.append(values, more), np.ones(len(more), dtype=bool)
-    for group in clusters(both, DOUBLE):
+    for group in clusters(both, SPLIT):
         old, late = group[group < known], group[group >= known] - known
         if not len(old) or not len(late):
             continue
