@@ -94,9 +94,11 @@ def _run(options: argparse.Namespace) -> int:
     _say(result.text)
     if folder is not None:
         _say(f"\nwritten to {folder}: {', '.join(str(path.relative_to(folder)) for path in written)}")
+    for output, reason in result.data.get("failed", {}).items():
+        _fail(f"{output} failed: {reason}", 1)
     if not result.data.get("complete", True):
         return _fail("interrupted; the results are what there was by then, marked as incomplete", INTERRUPTED)
-    return 0
+    return 1 if "failed" in result.data else 0
 
 
 def _fail(reason: object, status: int) -> int:

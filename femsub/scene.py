@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
 from femsub.checks import choice, finite_number, shown
-from femsub.errors import InputError, unknown_name
+from femsub.errors import FemsubError, InputError, unknown_name
 
 #: name of a built-in scene: (module, one line)
 SCENES = {
@@ -114,6 +114,51 @@ class Result:
     text: str
     drawings: dict[str, Callable[[], Any]]
     files: dict[str, Callable[[], bytes]] = field(default_factory=dict)
+
+
+def joined(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], text: list[str],
+           complete: bool = True) -> Result:
+    """The parts of a result, output by output: what fails, or is interrupted, takes nothing from what was computed before.
+
+    `data` and `text` are what the result begins with. Failures are told in the text and in data["failed"], an interruption by
+    data["complete"] = False.
+
+    Raises
+    ------
+    FemsubError
+        The first failure, where every output has failed.
+    """
+    rows: list[dict[str, Any]] = []
+    drawings: dict[str, Callable[[], Any]] = {}
+    files: dict[str, Callable[[], bytes]] = {}
+    failed: dict[str, FemsubError] = {}
+    for output in outputs:
+        try:
+            part = compute(output)
+        except FemsubError as error:
+            failed[output] = error
+            text.append(f"{output}: failed; {error}")
+            continue
+        except KeyboardInterrupt:
+            complete = False
+            break
+        data |= part.data
+        rows += [{"output": output, **row} for row in part.rows]
+        drawings |= part.drawings
+        files |= part.files
+        if part.text:
+            text.append(part.text)
+        if part.data.get("complete") is False:  # interrupted within it
+            complete = False
+            break
+    if failed and len(failed) == len(outputs):
+        raise next(iter(failed.values()))
+    if failed:
+        data["failed"] = {output: f"{type(error).__name__}: {error}" for output, error in failed.items()}
+    if not complete:
+        data["complete"] = False
+        text.append("Interrupted: these results are incomplete.")
+    return Result(data, rows, "\n\n".join(text), drawings, files)
 
 
 def load(source: str) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], Result]]:

@@ -18,7 +18,7 @@ from femsub.errors import InputError, PortWarning
 from femsub.friction import LAWS, Belt
 from femsub.matching import relative_error
 from femsub.report import known, machine, table
-from femsub.scene import Result, Scene
+from femsub.scene import Result, Scene, joined
 from femsub.scenes.outputs import comparable
 from femsub.stability import critical_slope, sweep
 from femsub.studies import border_or_reason, study
@@ -121,19 +121,13 @@ def run(scene: ChainScene, progress: Progress) -> Result:
         law = f"slope {slope:.6g}"
     text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, interface {_masses(scene.interface)}, F = "
             f"{scene.force:g}, {law}"]
-    rows: list[dict[str, Any]] = []
-    drawings: dict[str, Callable[[], Any]] = {}
-    for output in scene.outputs:
+
+    def compute(output: str) -> Result:
         progress(f"{scene.name}: {output}")
         found, said, drawing = PARTS[output](scene, slope, progress)
-        data[output] = found
-        if said:
-            text.append(said)
-        if "rows" in found:
-            rows += [{"output": output, **row} for row in found["rows"]]
-        if drawing is not None:
-            drawings[output] = drawing
-    return Result(data, rows, "\n\n".join(text), drawings)
+        return Result({output: found}, found.get("rows", []), said, {} if drawing is None else {output: drawing})
+
+    return joined(scene.outputs, compute, data, text)
 
 
 Part = tuple[dict[str, Any], str, Callable[[], Any] | None]

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 from femsub.errors import InputError
 from femsub.factor import QUADRATIC
 from femsub.report import machine
-from femsub.scene import Result, Scene
+from femsub.scene import Result, Scene, joined
 from femsub.scenes.chain import SHORT, ChainScene
-from femsub.scenes.in_time import Track, gathered, growth, law_belt, quality, signals, spectra, spectrograms, told, track
+from femsub.scenes.in_time import Track, growth, law_belt, quality, signals, spectra, spectrograms, told, track
 from femsub.transients import transient
 
 
@@ -111,4 +111,4 @@ def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
     text = [f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
             f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
             f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}\n{told(tracks, SHORT)}"]
-    return gathered(data, text, [(output, parts[output]()) for output in scene.outputs], complete)
+    return joined(scene.outputs, lambda output: parts[output](), data | {"complete": complete}, text, complete)

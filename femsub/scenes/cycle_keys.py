@@ -18,7 +18,7 @@ from femsub.factor import QUADRATIC
 from femsub.friction import LAWS, Belt
 from femsub.pencil import Array
 from femsub.report import table
-from femsub.scene import Result, Scene
+from femsub.scene import Result, Scene, joined
 from femsub.spectra import spectrum
 from femsub.starts import of_signal, onsets
 from femsub.substructure import Substructure
@@ -94,15 +94,7 @@ def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple
     """The outputs 'cycles' and 'branches' of a set of models, the reference among them first if it is small."""
     tell = lambda text: progress(f"{scene.name}: {text}")  # noqa: E731 - a word for each step
     parts = {"cycles": _cycles, "branches": _branches}
-    rows: list[dict[str, Any]] = []
-    text, drawings = [head], dict[str, Callable[[], Any]]()
-    for output in scene.outputs:
-        found = parts[output](scene, models, band, tell)
-        data |= found.data
-        rows += [{"output": output, **row} for row in found.rows]
-        text.append(found.text)
-        drawings |= found.drawings
-    return Result(data, rows, "\n\n".join(text), drawings)
+    return joined(scene.outputs, lambda output: parts[output](scene, models, band, tell), data, [head])
 
 
 def _small(model: Substructure) -> bool:

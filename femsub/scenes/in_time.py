@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -213,19 +213,3 @@ def quality(tracks: Sequence[Track], belt: Belt, short: dict[str, str]) -> Resul
     verdicts = [f"{short.get(row['model'], row['model'])}: {row['verdict']}" for row in rows]
     head = "Quality of the reduced models under self-excitation, from linear data, beside this run's errors"
     return Result({"quality": rows}, rows, "\n".join([head, said, *verdicts]), {})
-
-
-def gathered(data: dict[str, Any], text: list[str], found: Sequence[tuple[str, Result]], complete: bool) -> Result:
-    """Parts as one result, marked as incomplete if it is."""
-    rows: list[dict[str, Any]] = []
-    drawings: dict[str, Callable[[], Any]] = {}
-    for output, part in found:
-        data |= part.data
-        rows += [{"output": output, **row} for row in part.rows]
-        drawings |= part.drawings
-        if part.text:
-            text.append(part.text)
-    data["complete"] = complete = complete and data.get("complete", True)
-    if not complete:
-        text.append("Interrupted: these results are incomplete.")
-    return Result(data, rows, "\n\n".join(text), drawings)

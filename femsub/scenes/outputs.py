@@ -14,7 +14,7 @@ from femsub.estimates import upper
 from femsub.matching import relative_error
 from femsub.pencil import Array
 from femsub.report import known, machine, table
-from femsub.scene import Result
+from femsub.scene import Result, joined
 from femsub.scenes.component import SHORT, ComponentScene, Progress, Work
 from femsub.scenes.joined import joined_interface
 from femsub.stability import critical_slope
@@ -46,17 +46,7 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
         data |= {"band": band, "band_rule": rule}
         text[0] += f"\nband {band[0]:g} to {band[1]:.6g} rad/time ({rule}); HCB and CC with {_listed(scene.modes)} modes" + \
                    (", static responses to the contact joined" if scene.ports else "")
-    rows: list[dict[str, Any]] = []
-    drawings: dict[str, Callable[[], Any]] = {}
-    files: dict[str, Callable[[], bytes]] = {}
-    for output in scene.outputs:
-        found = parts[output](work)
-        data |= found.data
-        rows += [{"output": output, **row} for row in found.rows]
-        text.append(found.text)
-        drawings |= found.drawings
-        files |= found.files
-    return Result(data, rows, "\n\n".join(text), drawings, files)
+    return joined(scene.outputs, lambda output: parts[output](work), data, text)
 
 
 def _listed(numbers: list[int]) -> str:

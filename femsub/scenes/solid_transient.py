@@ -15,9 +15,9 @@ from femsub.friction import Belt
 from femsub.matching import relative_error
 from femsub.pencil import Array
 from femsub.report import machine, table
-from femsub.scene import Result
+from femsub.scene import Result, joined
 from femsub.scenes.component import SHORT, Work
-from femsub.scenes.in_time import gathered, growth, law_belt, most_unstable, signals, spectra, spectrograms, told, track
+from femsub.scenes.in_time import growth, law_belt, most_unstable, signals, spectra, spectrograms, told, track
 from femsub.scenes.solid import SolidScene
 from femsub.substructure import ReducedSubstructure, Substructure
 from femsub.transients import Transient, transient
@@ -94,24 +94,21 @@ def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
     text = [f"{scene.name}: {work.sub!r}\nF = {scene.force:g}, {scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = "
             f"{belt.slope:.6g}; λ = {rate:.5g} + {omega:.6g}i grows, period {period:.4g}",
             f"From a blow of {scene.impulse:g} over {scene.periods:g} periods\n{told(tracks, SHORT)}"]
-    parts: list[tuple[str, Result]] = []
-    complete = long.complete
     views: dict[str, Callable[[], Result]] = {"growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt, SHORT),
                                               "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
                                               "spectrogram": lambda: spectrograms(tracks, 20 * period)}
-    for output in scene.outputs:
-        if output != "error-time":
-            parts.append((output, views[output]()))
-            complete = complete and parts[-1][1].data.get("complete", True)
-        elif complete:
-            state = State(reference.expand(long.final.displacement), reference.expand(long.final.velocity))
-            found, complete = _error_time(scene, work, belt, state, period, [("full", 0, work.sub), *models], told_by)
-            parts.append((output, found))
-    return gathered(data, text, parts, complete)
+
+    def error_time() -> Result:
+        state = State(reference.expand(long.final.displacement), reference.expand(long.final.velocity))
+        return _error_time(scene, work, belt, state, period, [("full", 0, work.sub), *models], told_by)
+
+    views["error-time"] = error_time
+    wanted = [output for output in scene.outputs if long.complete or output != "error-time"]
+    return joined(wanted, lambda output: views[output](), data | {"complete": long.complete}, text, long.complete)
 
 
 def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State, period: float,
-                models: list[tuple[str, int, Any]], told_by: Callable[[str], Callable[[str], None]]) -> tuple[Result, bool]:
+                models: list[tuple[str, int, Any]], told_by: Callable[[str], Callable[[str], None]]) -> Result:
     """Full and reduced models from one physical state: amplitude, its error, and seconds per period."""
     rows: list[dict[str, Any]] = []
     exact, complete = 0.0, True
@@ -140,7 +137,8 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
         return period_figure(rows)
 
     head = f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)"
-    return Result({"error-time": rows}, rows, f"{head}\n{said}", {"error-time": draw} if len(rows) > 1 else {}), complete
+    return Result({"error-time": rows} | ({} if complete else {"complete": False}), rows, f"{head}\n{said}",
+                  {"error-time": draw} if len(rows) > 1 else {})
 
 
 def _side(scene: SolidTransientScene, model: Substructure, belt: Belt, start: State, period: float,
