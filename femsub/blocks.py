@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from femsub.checks import choice, finite_number, items, shown, whole_number
+from femsub.checks import choice, finite_number, items, shown
 from femsub.elements import KINDS, box
 from femsub.errors import InputError, InputTypeError
 from femsub.memory import check_room
@@ -150,8 +150,9 @@ def _lengths(what: str, values: Sequence[float], size: int) -> Array:
 
 def _counts(values: Sequence[int], size: int) -> Array:
     found = items("counts", values, "whole numbers")
-    if len(found) != size:
+    whole = all(isinstance(count, (int, np.integer)) and not isinstance(count, bool) and count >= 1 for count in found)
+    if len(found) != size or not whole:
         raise InputError(f"counts must be {size} whole numbers of 1 or more, not {shown(values)}")
-    checked = [whole_number("counts", count, least=1) for count in found]
+    checked = [int(count) for count in found]
     check_room(f"a mesh of {' x '.join(f'{count:.6g}' for count in checked)} cells", BYTES * float(math.prod(checked)))
     return np.array(checked)

@@ -14,7 +14,7 @@ from femsub.checks import whole_number
 from femsub.eigen import check_band
 from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModesError
 from femsub.evidence import CERTIFIED, CONFIRMED, NOT_CHECKED
-from femsub.factor import QUADRATIC, SMALL
+from femsub.factor import QUADRATIC, SMALL, WIDE
 from femsub.friction import Belt
 from femsub.pencil import EPS, Array, Pencil, equilibration, scaled, unit_length
 from femsub.substructure import Substructure
@@ -131,7 +131,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
                   re: tuple[float, float] | None = None, certify: bool | None = None) -> ComplexModes:
     """(λ²M + λD + K)x = 0 of a substructure with its contacts linearised, or of a bare pencil.
 
-    Sparse models go to SLEPc's PEP (TOAR, shift-invert), dense and small ones to LAPACK.
+    Sparse models go to SLEPc's PEP (TOAR, shift-invert), and so do dense ones above 300 DOF of which a band or a count is
+    asked; all others to LAPACK.
 
     Parameters
     ----------
@@ -178,11 +179,12 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         raise InputError("re=(a, b) goes with band=(lo, hi)")
     if count is not None:
         count = _check_count(count, pencil.size)
-    small = not pencil.is_sparse or pencil.size <= SMALL
-    if not small and count is None and box is None and pencil.size > QUADRATIC:
+    small = pencil.size <= (SMALL if pencil.is_sparse else WIDE)
+    if pencil.is_sparse and not small and count is None and box is None and pencil.size > QUADRATIC:
         raise InputError(f"a sparse model of {pencil.size} DOF has {2 * pencil.size} eigenvalues: ask for count=20 or "
                          f"band=(lo, hi)")
-    if small or (count is None and box is None) or ((count or 0) > pencil.size / 2 and pencil.size <= QUADRATIC):
+    if small or (count is None and box is None) or (
+            (count or 0) > pencil.size / 2 and (pencil.size <= QUADRATIC or not pencil.is_sparse)):
         from femsub.qep import solve
 
         with one_thread(pencil.size <= FEW):
@@ -193,14 +195,15 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     else:
         from femsub.pep import solve_band, solve_count
 
-        alike = pencil.alike()
+        sparse = pencil.sparse()
+        alike = sparse.alike()
         if box is None:
             values, X, Y, certified, proof, found = solve_count(alike, count or 0, certify)
         else:
             values, X, Y, certified, proof, found = solve_band(alike, box, certify)
         evidence = proof.evidence if proof is not None else CONFIRMED if certified else NOT_CHECKED
-        if alike is not pencil:
-            X, Y = (unit_length(unit[:, None] * vectors) for unit, vectors in zip(pencil.units[::-1], (X, Y), strict=True))
+        if alike is not sparse:
+            X, Y = (unit_length(unit[:, None] * vectors) for unit, vectors in zip(sparse.units[::-1], (X, Y), strict=True))
     if box is not None:
         keep = in_band(values, box[2:], box[:2])
         order = np.flatnonzero(keep)[np.argsort(values[keep].imag, kind="stable")]

@@ -17,6 +17,7 @@ from femsub.pencil import EPS, Array, Difference, Matrix, equilibration
 COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
 # on the real form of twice the size
 QUADRATIC = 2000  # up to so many DOF all 2n eigenvalues of a quadratic problem are for LAPACK
+WIDE = 300  # up to so many DOF all eigenvalues of a dense quadratic problem are found where only a band is asked
 SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
 
 

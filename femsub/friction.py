@@ -21,6 +21,7 @@ from femsub.errors import InputError, InputTypeError
 from femsub.pencil import EPS, Array, Matrix
 
 Scalar = Callable[[float], float]
+NARROWEST = 1e-100  # ε
 SLOPE_AGREES = 0.01  # relative difference of a law's slope and that of its values that is let pass
 
 
@@ -55,8 +56,9 @@ class StribeckArctan:
     def __post_init__(self) -> None:
         for name in ("eps", "coulomb", "drop", "decay"):
             finite_number(name, getattr(self, name))
-        if self.eps <= 0:
-            raise InputError(f"eps must be positive, not {self.eps!r}: it is the width of the stick-slip transition")
+        if self.eps < NARROWEST:
+            raise InputError(f"eps must be positive, and at least {NARROWEST:g}, not {self.eps!r}: it is the width of the "
+                             "stick-slip transition")
 
     def value(self, v: Any) -> Any:
         """μ(v)."""

@@ -12,7 +12,8 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from femsub.errors import InputError, unknown_name
+from femsub.checks import choice, instance, mapping, path_of, word
+from femsub.errors import InputError
 from femsub.files import write_whole
 from femsub.foreignfiles import meshio, quietly, read_foreign, read_tetgen
 from femsub.gmshfiles import BODIES, is_gmsh, read_gmsh
@@ -81,7 +82,7 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     MissingPackageError
         meshio or scikit-fem is not installed.
     """
-    place = Path(path)
+    place = path_of("path", path)
     if not place.is_file():
         raise InputError(f"there is no mesh file {place}" if not place.exists() else f"{place} is a folder, not a mesh file")
     found, notes = _found(place)
@@ -97,7 +98,8 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     sets, groups, lost = _sort(found, blocks, chosen)
     if lost:
         notes.append(f"{_several(lost)} cells of lower dimension, in no set, dropped")
-    mesh = Mesh(found.points, cells, chosen, sets, groups, _node_numbers(found), notes, name or place.stem)
+    called = place.stem if name is None else word("name", name)
+    mesh = Mesh(found.points, cells, chosen, sets, groups, _node_numbers(found), notes, called)
     numbers = getattr(found, "cells_id", None)
     return checked(mesh, None if numbers is None else np.concatenate([numbers[block.number] for block in taken]))
 
@@ -150,8 +152,7 @@ def _choose(path: Path, found: Any, kind: str | None) -> tuple[str, dict[str, in
             counts.setdefault(dimension, Counter())[block.type] += len(block.data)
     top = counts[max(counts)]
     if kind is not None:
-        if kind not in CELLS:
-            raise unknown_name("kind of cell", kind, CELLS)
+        choice("kind of cell", kind, CELLS)
         if not any(kind in here for here in counts.values()):
             raise InputError(f"{path} has no {kind} cells; it has {_several(sum(counts.values(), Counter()))}")
         left = Counter[str]()
@@ -205,6 +206,10 @@ def _node_numbers(found: Any) -> Array | None:
 
 def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str = ".vtu") -> bytes:
     """What `write_mesh` puts into a file with that suffix."""
+    instance("mesh", mesh, Mesh)
+    shapes = {} if shapes is None else mapping("shapes", shapes, "names and arrays")
+    for key in shapes:
+        word("a name of shapes", key)
     if suffix.lower() not in _WRITERS:
         raise InputError(f"meshes are written as {', '.join(_WRITERS)}, not as {suffix or 'a file without suffix'!r}")
     form, takes_data = _WRITERS[suffix.lower()]
@@ -212,11 +217,11 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
         raise InputError(f"{suffix} files hold no shapes; write .vtu")
     if form == "abaqus" and mesh.kind not in _ABAQUS:
         raise InputError(f"{suffix} files have no {mesh.kind} cells; write .vtu")
-    _writable(suffix.lower(), [*mesh.sets, *(shapes or {})], mesh.groups)
+    _writable(suffix.lower(), [*mesh.sets, *shapes], mesh.groups)
     spelt = xml_escape if form == "vtu" else str  # meshio writes names into XML as they are
     points = np.zeros((len(mesh.points), 3))
     points[:, :mesh.points.shape[1]] = mesh.points
-    data: dict[str, Array] = {spelt(key): _shape(key, values, len(points)) for key, values in (shapes or {}).items()}
+    data: dict[str, Array] = {spelt(key): _shape(key, values, len(points)) for key, values in shapes.items()}
     groups: dict[str, list[Array]] = {}
     named: dict[str, Any] = {}
     if takes_data:
@@ -279,7 +284,7 @@ def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = 
         Another suffix, a shape that does not fit the nodes, a name that would not be read again as it is, a folder that cannot be
         written.
     """
-    place = Path(path)
+    place = path_of("path", path)
     content = mesh_bytes(mesh, shapes, place.suffix)
     try:
         write_whole(place.parent, {place.name: lambda file: file.write(content)})

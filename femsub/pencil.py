@@ -236,6 +236,10 @@ class Pencil:
         """The same pencil with dense matrices."""
         return Pencil(*(part.toarray() for part in (self.M, self.D, self.K))) if self.is_sparse else self
 
+    def sparse(self) -> Pencil:
+        """The same pencil with sparse matrices."""
+        return self if self.is_sparse else Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))
+
     def transposed(self) -> Pencil:
         """λ²Mᵀ + λDᵀ + Kᵀ, whose right eigenvectors are the conjugated left ones of this pencil."""
         return Pencil(self.M.T, self.D.T, self.K.T)

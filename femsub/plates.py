@@ -19,7 +19,7 @@ from femsub.bending import (
     morley_integrals,
     morley_matrices,
 )
-from femsub.checks import finite_number
+from femsub.checks import finite_number, items
 from femsub.dofs import DofMap
 from femsub.elements import skfem
 from femsub.errors import InputError, InputTypeError, unknown_name
@@ -100,8 +100,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     for key, named in (("supports", supports), ("ports", ports)):
         if named is not None and not isinstance(named, Mapping):
             raise InputTypeError(f"{key} must map names, e.g. {{'edge': ...}}, not {type(named).__name__}")
-    if isinstance(interface, str):
-        raise InputTypeError(f"interface must be a sequence of set names, e.g. ({interface!r},), not {interface!r}")
+    interface = items("interface", interface, "names of sets")
     K, M = layout.gathered(steel.nu)
     K = bending * K
     sides = np.ptp(layout.plane, axis=0)

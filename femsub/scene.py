@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
-from femsub.checks import choice, finite_number, shown
+from femsub.checks import choice, finite_number, shown, whole_number
 from femsub.errors import FemsubError, InputError, unknown_name
 
 #: name of a built-in scene: (module, one line)
@@ -26,6 +26,7 @@ SCENES = {
     "chain-limit-cycle": ("femsub.scenes.chain_cycles", "the chain's limit cycles, full, HCB and CC: table, branches, stability"),
     "plate-limit-cycle": ("femsub.scenes.plate_cycles", "the plate's limit cycles over the normal force: full, HCB and CC"),
 }
+MOST_REPEATS = 1000
 METHOD_NAMES = ("craig-bampton", "craig-chang")
 LAW_NAMES = ("stribeck-arctan", "stribeck-arctan-odd")
 SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang"}
@@ -80,8 +81,9 @@ class Scene:
                     raise unknown_name(kind, value, valid)
         if not self.methods:
             raise InputError(f"methods is empty; valid: {', '.join(METHOD_NAMES)}")
-        if self.repeats < 1:
-            raise InputError(f"repeats must be at least 1, not {self.repeats}")
+        whole_number("repeats", self.repeats, least=1, most=MOST_REPEATS)
+        if self.force < 0:
+            raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
 
     def friction_slope(self) -> float:
         """μ'(v0), given or from the law."""
@@ -117,11 +119,11 @@ class Result:
 
 
 def joined(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], text: list[str],
-           complete: bool = True) -> Result:
+           complete: bool = True, long: Sequence[str] = ()) -> Result:
     """The parts of a result, output by output: what fails, or is interrupted, takes nothing from what was computed before.
 
-    `data` and `text` are what the result begins with. Failures are told in the text and in data["failed"], an interruption by
-    data["complete"] = False.
+    `data` and `text` are what the result begins with; `long` outputs are not begun once there was an interruption. Failures are
+    told in the text and in data["failed"], an interruption by data["complete"] = False.
 
     Raises
     ------
@@ -133,6 +135,8 @@ def joined(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[
     files: dict[str, Callable[[], bytes]] = {}
     failed: dict[str, FemsubError] = {}
     for output in outputs:
+        if output in long and not complete:
+            continue
         try:
             part = compute(output)
         except FemsubError as error:
@@ -148,9 +152,7 @@ def joined(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[
         files |= part.files
         if part.text:
             text.append(part.text)
-        if part.data.get("complete") is False:  # interrupted within it
-            complete = False
-            break
+        complete = complete and part.data.get("complete", True)  # False: interrupted within it
     if failed and len(failed) == len(outputs):
         raise next(iter(failed.values()))
     if failed:

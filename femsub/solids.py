@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from femsub.assembly import Material, stiffness_and_mass
+from femsub.checks import items, shown, word
 from femsub.dofs import TRANSLATIONS, DofMap
 from femsub.elements import KINDS
 from femsub.errors import InputError, InputTypeError, unknown_name
@@ -73,9 +74,9 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     K, M = stiffness_and_mass(mesh, _materials(mesh, material))
     every = np.arange(3 * len(mesh.points))
     dofs = DofMap(mesh.numbers[every // 3], every % 3, TRANSLATIONS, mesh.points[every // 3])
-    names = interface if isinstance(interface, str) else ", ".join(interface)
+    names = interface if isinstance(interface, str) else ", ".join(interface if interface is not None else ())
     places = {names: joined} if len(joined) else {}
-    return component(K, M, held, places, columns, dofs, rayleigh, name or mesh.name)
+    return component(K, M, held, places, columns, dofs, rayleigh, word("name", name) or mesh.name)
 
 
 def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[tuple[Material, Array]]:
@@ -108,11 +109,11 @@ def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | N
     """DOF of all nodes, node by node, of the sets named."""
     if isinstance(named, str):
         named = [named]
-    if named is not None and not isinstance(named, Iterable):
-        raise InputTypeError(f"{what} must be names of sets, e.g. ('left',), or map them, e.g. {{'left': 'xyz'}}, not "
-                             f"{named!r:.60}")
+    if not isinstance(named, Mapping):
+        listed = [] if named is None else items(what, named, "names of sets, or a dict such as {'left': 'xyz'}")
+        named = {name if isinstance(name, str) else shown(name): "xyz" for name in listed}
     chosen = np.zeros((len(mesh.points), 3), dtype=bool)
-    for name, axes in (named.items() if isinstance(named, Mapping) else ((name, "xyz") for name in named or ())):
+    for name, axes in named.items():
         if not isinstance(axes, str):
             raise InputTypeError(f"{what}: the motions of the set {name!r} must be letters, such as 'xyz', not {axes!r:.60}")
         if axes == "clamped":

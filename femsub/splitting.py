@@ -12,6 +12,7 @@ from femsub.pencil import Array, Matrix, Pencil
 
 RANK = 40  # columns of W at the most
 JUDGES = 500  # rows by which α and β are judged
+FILLED = 0.1  # of sqrt(d_ii d_jj): the least size at which an entry of D is judged
 EXACT = 1e-12  # what D and αM + βK may differ by, entry by entry, as rounding
 
 
@@ -42,8 +43,9 @@ def split(pencil: Pencil) -> Split | None:
     if not pencil.is_sparse or not pencil.symmetric[0]:
         return None
     K0 = K if pencil.symmetric[2] else sp.csr_array((K + K.T) * 0.5)
-    alpha, beta = _proportional(M, K0, D)
-    parts = [_without(D, alpha, M, beta, K0)]
+    own = np.sqrt(np.abs(D.diagonal()))
+    alpha, beta = _proportional(M, K0, D, own)
+    parts = [_without(D, alpha, M, beta, K0, own)]
     if not pencil.symmetric[2]:
         parts.append(sp.csr_array((K - K.T) * 0.5))
     rows = np.unique(np.concatenate([np.concatenate(part.nonzero()) for part in parts]))
@@ -76,18 +78,22 @@ def _rank_of_some_rows(part: Matrix, rng: np.random.Generator) -> int:
     return int(np.count_nonzero(sizes > 1e-13 * sizes[0]))
 
 
-def _without(D: Matrix, alpha: float, M: Matrix, beta: float, K: Matrix) -> Matrix:
-    """D - αM - βK, without what is rounding."""
+def _without(D: Matrix, alpha: float, M: Matrix, beta: float, K: Matrix, own: Array, rows: Array | None = None) -> Matrix:
+    """D - αM - βK, or some of its rows, without what is rounding.
+
+    `own` are sqrt(d_ii): a reduced D comes from a product, whose rounding is that of the diagonal everywhere.
+    """
     if not alpha and not beta:
         return D
     rest = sp.coo_array(D - alpha * M - beta * K)
     scale = sp.csr_array(abs(D) + abs(alpha) * abs(M) + abs(beta) * abs(K))
-    allowed = EXACT * np.asarray(scale[rest.row, rest.col]).ravel()
+    beside = own[rest.row if rows is None else rows[rest.row]] * own[rest.col]
+    allowed = EXACT * np.maximum(np.asarray(scale[rest.row, rest.col]).ravel(), FILLED * beside)
     keep = np.abs(rest.data) > allowed
     return sp.csr_array((rest.data[keep], (rest.row[keep], rest.col[keep])), shape=D.shape)
 
 
-def _proportional(M: Matrix, K: Matrix, D: Matrix) -> tuple[float, float]:
+def _proportional(M: Matrix, K: Matrix, D: Matrix, own: Array) -> tuple[float, float]:
     """α and β with D = αM + βK on most rows, by trial on a few rows at a time, each judged by some hundred others; (0, 0) where
     there are none.
     """
@@ -107,7 +113,7 @@ def _proportional(M: Matrix, K: Matrix, D: Matrix) -> tuple[float, float]:
         # Where one of the two is all there is, the other comes out as rounding.
         a, b = (0.0 if abs(x) <= 1e-12 * max(abs(a), abs(b)) else x for x in (a, b))
         a, b = float(a / scale[0]), float(b / scale[1])
-        clean = n - len(np.unique(_without(D, a, M, b, K).nonzero()[0]))
+        clean = n - len(np.unique(_without(D, a, M, b, K, own, judges).nonzero()[0]))
         if clean > best:
             best, found = clean, (a, b)
         if clean > 0.5 * n:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.bands import in_band
 from femsub.border import dense_border, sparse_border
@@ -14,7 +15,7 @@ from femsub.cea import complex_modes
 from femsub.checks import choice, finite_number
 from femsub.errors import CutoffWarning, InputError, InputTypeError
 from femsub.estimates import SHARE, usable_band
-from femsub.factor import QUADRATIC
+from femsub.factor import QUADRATIC, WIDE
 from femsub.friction import Belt
 from femsub.pencil import Array
 from femsub.qep import definite_form, eigenvalues
@@ -118,7 +119,8 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     w = model.port(port).reshape(model.size, -1)
     limits = usable_band(model, band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
-    if not model.pencil.is_sparse or model.size <= QUADRATIC:
+    largest = QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE
+    if model.size <= largest:
         with one_thread(model.size <= FEW):
             form = definite_form(model.pencil)
             amplitude = form.shapes.T @ w
@@ -132,6 +134,12 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
             modes = complex_modes(model, Belt(port, force=force, slope=float(slope)), band=limits, certify=False)
             growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     return StabilitySweep(values, growth, omega, limits)
+
+
+def _sparse(model: Substructure) -> Substructure:
+    """The model with sparse matrices, without interface and ports."""
+    return model if model.pencil.is_sparse else Substructure(
+        sp.csr_array(model.M), sp.csr_array(model.K), sp.csr_array(model.D), name=model.name)
 
 
 def _check_model(name: str, model: object, force: object) -> None:
@@ -190,13 +198,13 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     w = model.port(port).reshape(model.size, -1)
     if method == "scalar" and w.shape[1] > 1:
         raise InputError(f"port {port!r} has {w.shape[1]} columns; the scalar function is for one, use method='bracketing'")
-    sparse = model.pencil.is_sparse and model.size > SMALL
-    if sparse and band is None and model.size > QUADRATIC:
+    sparse = model.size > (SMALL if model.pencil.is_sparse else WIDE)
+    if model.pencil.is_sparse and band is None and model.size > QUADRATIC:
         raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time: which "
                          "frequencies may lose their stability?")
     limits = usable_band(model, band)
     if sparse and band is not None:
-        found = sparse_border(model, w, limits, method)
+        found = sparse_border(_sparse(model), w, limits, method)
     else:
         found = dense_border(model.pencil, w, limits, method)
     sure = SHARE * model.cutoff

@@ -27,7 +27,6 @@ from femsub.studyresults import PHASES, Row, Study, Timing, with_front
 from femsub.substructure import ReducedSubstructure, Substructure
 
 Progress = Callable[[str], None]
-MOST_REPEATS = 1000
 SHORT_RUNS = 3  # so often a reduced model is solved in each turn
 
 
@@ -78,7 +77,7 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
             raise InputTypeError(f"methods must hold reductions, e.g. CraigBampton(modes=4), not {shown(method)}")
     if not methods:
         raise InputError("methods is empty: name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
-    whole_number("repeats", repeats, least=1, most=MOST_REPEATS)
+    whole_number("repeats", repeats, least=1, most=1000)
     place, force = (belt.port, belt.force) if belt is not None else (port, 1.0)
     if sub.ports:  # without any there is no critical slope, and that is all
         sub.port(place)

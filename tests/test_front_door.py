@@ -135,7 +135,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "A": 1.0,
                 "foundation": 0.0,
                 "supports": {0: "clamped"},
-                "interface": (-1,),
+                "interface": ("right",),
                 "ports": {"belt": 2},
                 "rayleigh": (0.0, 0.1),
                 "name": "b",

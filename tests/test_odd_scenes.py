@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -28,8 +29,9 @@ ODD = {
     "masses = 1e-300": "choose other units",
     "damping = 1e308": "choose other units",
     "springs = 1e308": "NaN or Inf",
-    "eps = 1e-320": "slope",
-    "repeats = 100000000000": "repeats",
+    "eps = 1e-320": "eps must be positive",
+    "repeats = 100000000000": "repeats must be at least 1 and at most 1000",
+    "force = -1.0": "force must not be negative",
     'scene = "plate"\nelements = [100000, 100000]': "GB",
     'scene = "plate"\nthickness = 1e200': "choose other units",
     'scene = "solid"\nelements = [100000, 100000, 3]': "GB",
@@ -46,6 +48,45 @@ def test_odd_scenes_end_in_one_line(text: str, tmp_path: Path, capsys: pytest.Ca
     assert main(["run", str(tmp_path / "odd.toml"), "--out", str(tmp_path / "out")]) in (1, 2)
     said = capsys.readouterr()
     assert ODD[text] in said.err and said.err.count("\n") == 1 and len(said.err) < 400
+    assert not (tmp_path / "out").exists()
+
+
+PLANTED = 'outputs = ["critical-slope", "eigenvalues", "error-time"]\nrepeats = 1\nbelts = [2]\nsizes = [5]\n'
+
+
+@pytest.mark.parametrize(("thrown", "status", "lacking"), [
+    (fs.NotConvergedError("planted"), 1, {"eigenvalues"}), (KeyboardInterrupt(), 130, {"eigenvalues", "error-time"})])
+def test_what_was_computed_before_an_output_fails_is_kept(thrown: BaseException, status: int, lacking: set[str], tmp_path: Path,
+                                                          monkeypatch: pytest.MonkeyPatch,
+                                                          capsys: pytest.CaptureFixture[str]) -> None:
+    from femsub.scenes import chain
+
+    def fails(*_: object) -> None:
+        raise thrown
+
+    monkeypatch.setitem(chain.PARTS, "eigenvalues", fails)
+    (tmp_path / "scene.toml").write_text(PLANTED, encoding="utf-8")
+    assert main(["run", str(tmp_path / "scene.toml"), "--no-figures", "--out", str(tmp_path / "out")]) == status
+    said, data = capsys.readouterr(), json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    assert {"critical-slope", "eigenvalues", "error-time"} - set(data) == lacking
+    assert data["critical-slope"]["rows"] and "Critical slopes" in said.out
+    if status == 1:
+        assert data["failed"] == {"eigenvalues": "NotConvergedError: planted"}
+        assert "eigenvalues: failed; planted" in said.out and "eigenvalues failed: NotConvergedError: planted" in said.err
+    else:
+        assert data["complete"] is False and "incomplete" in said.out
+
+
+def test_where_every_output_fails_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from femsub.scenes import chain
+
+    def fails(*_: object) -> None:
+        raise fs.NotConvergedError("planted")
+
+    for output in ("critical-slope", "eigenvalues", "error-time"):
+        monkeypatch.setitem(chain.PARTS, output, fails)
+    (tmp_path / "scene.toml").write_text(PLANTED, encoding="utf-8")
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 1
     assert not (tmp_path / "out").exists()
 
 

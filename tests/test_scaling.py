@@ -155,11 +155,12 @@ def test_bars_at_a_double_real_eigenvalue(near: float) -> None:
 
 
 def test_gaps_see_what_lies_beyond_the_list() -> None:
-    """The bar at -1 knows of an eigenvalue at -1 - 1e-6 that a band has cut off, and of a conjugate below the axis."""
-    K = np.diag([1.0, 1.0]) + 1e-9
-    pencil = fs.Pencil(np.eye(2), 2 * np.eye(2), K)
+    """The bar at -1 + 8e-8i knows of the conjugate, which a band has cut off: the two are about to coalesce."""
+    pencil = fs.Pencil(np.eye(2), 2 * np.eye(2), np.diag([1.0 + 6e-15, 4.0]))
     everything = fs.complex_modes(pencil)
     some = everything.eigenvalues.imag >= 0
     X = everything.shapes[:, some]
     alone = certificates(pencil, everything.eigenvalues[some], X, X.conj(), everything.eigenvalues)
-    assert np.allclose(alone.error_bar, everything.error_bar[some], rtol=0.5)
+    assert np.allclose(alone.error_bar, everything.error_bar[some], rtol=1e-6)
+    assert not np.allclose(certificates(pencil, everything.eigenvalues[some][:1], X[:, :1], X[:, :1].conj(),
+                                        np.array([-1.0 + 1j])).error_bar, alone.error_bar[:1], rtol=0.1)

@@ -224,10 +224,10 @@ def test_bricks_of_8_nodes_lock_as_the_docstring_says_and_those_of_20_do_not(lay
 @pytest.mark.parametrize(("arguments", "text"), [
     ({"material": (1, 2, 3)}, "material must be a Material or map groups"),
     ({"material": {"all": (1, 2, 3)}}, "material of the group 'all' must be a Material(E, nu, rho), not (1, 2, 3)"),
-    ({"supports": 5}, "supports must be names of sets"),
+    ({"supports": 5}, "supports must be a list of names of sets"),
     ({"supports": {"left": 5}}, "supports: the motions of the set 'left' must be letters, such as 'xyz', not 5"),
     ({"supports": [["left"]]}, "unknown set of nodes"),
-    ({"interface": 7}, "interface must be names of sets"),
+    ({"interface": 7}, "interface must be a list of names of sets"),
     ({"ports": ["p"]}, "ports must map names"),
     ({"ports": {"p": "right"}}, "port 'p' must be (set of nodes, direction)"),
     ({"ports": {"p": ("right", [[1, 2], [3]])}}, "the direction of port 'p' must be rows of the same length"),

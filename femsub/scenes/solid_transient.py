@@ -103,8 +103,7 @@ def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
         return _error_time(scene, work, belt, state, period, [("full", 0, work.sub), *models], told_by)
 
     views["error-time"] = error_time
-    wanted = [output for output in scene.outputs if long.complete or output != "error-time"]
-    return joined(wanted, lambda output: views[output](), data | {"complete": long.complete}, text, long.complete)
+    return joined(scene.outputs, lambda output: views[output](), data | {"complete": True}, text, long.complete, ["error-time"])
 
 
 def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State, period: float,
