@@ -75,7 +75,9 @@ class Mesh:
         named = np.arange(1, count + 1) if numbers is None else _node_numbers(numbers, count)
         node_sets = {key: np.unique(_within(f"set {key!r}", rows, count)) for key, rows in _named("sets", sets)}
         cell_sets = {key: np.unique(_within(f"group {key!r}", rows, len(corners))) for key, rows in _named("groups", groups)}
-        repairs = (repairs,) if isinstance(repairs, str) else items("repairs", list(repairs) if isinstance(repairs, Mapping) else repairs, "strings")
+        if isinstance(repairs, (str, Mapping)):
+            repairs = (repairs,) if isinstance(repairs, str) else list(repairs)
+        repairs = items("repairs", repairs, "strings")
         values = {
             "points": places, "cells": corners, "kind": kind, "numbers": named, "repairs": tuple(repairs), "name": str(name),
             "sets": MappingProxyType(node_sets), "groups": MappingProxyType(cell_sets)}

@@ -136,7 +136,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "foundation": 0.0,
                 "supports": {0: "clamped"},
                 "interface": ("right",),
-                "ports": {"belt": 2},
+                "ports": {"belt": 0.5},
                 "rayleigh": (0.0, 0.1),
                 "name": "b",
             },
