@@ -202,6 +202,7 @@ class Pencil:
     D: Matrix
     K: Matrix
     symmetric: tuple[bool, bool, bool]  #: whether M, D and K are, to the last digit
+    contacts: tuple[tuple[float, Array], ...]  #: (c, W) of the cWWᵀ in a dense D, which its entries no longer show
 
     def __init__(self, M: Any, D: Any, K: Any) -> None:
         mass = as_matrix("M", M)
@@ -213,6 +214,7 @@ class Pencil:
         checked, flags = zip(*(without_rounding(part) for part in parts), strict=True)
         for name, part in zip(("M", "D", "K", "symmetric"), (*checked, flags), strict=True):
             object.__setattr__(self, name, part)
+        object.__setattr__(self, "contacts", ())
 
     def __repr__(self) -> str:
         kind = "sparse" if self.is_sparse else "dense"
@@ -238,11 +240,23 @@ class Pencil:
 
     def sparse(self) -> Pencil:
         """The same pencil with sparse matrices."""
-        return self if self.is_sparse else Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))
+        if self.is_sparse:
+            return self
+        return Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))._beside(self.contacts)
+
+    def _beside(self, contacts: tuple[tuple[float, Array], ...]) -> Pencil:
+        object.__setattr__(self, "contacts", contacts)
+        return self
 
     def transposed(self) -> Pencil:
         """λ²Mᵀ + λDᵀ + Kᵀ, whose right eigenvectors are the conjugated left ones of this pencil."""
         return Pencil(self.M.T, self.D.T, self.K.T)
+
+    def with_contact(self, coefficient: float, W: Array) -> Pencil:
+        """A copy with D + cWWᵀ, W of shape (n,) or (n, p); M and K are shared, and not checked again."""
+        column = sp.csr_array(W.reshape(len(W), -1))
+        found = self.with_damping(sp.csr_array(coefficient * (column @ column.T)))
+        return found if self.is_sparse else found._beside((*self.contacts, (coefficient, W.reshape(len(W), -1))))
 
     def with_damping(self, extra: Matrix) -> Pencil:
         """A copy with D + extra; M and K are shared, and not checked again."""
@@ -250,7 +264,7 @@ class Pencil:
         D, symmetric = without_rounding(as_matrix("D", D, self.size))
         copy = object.__new__(Pencil)
         flags = (self.symmetric[0], symmetric, self.symmetric[2])
-        copy.__dict__.update({"M": self.M, "D": D, "K": self.K, "symmetric": flags})
+        copy.__dict__.update({"M": self.M, "D": D, "K": self.K, "symmetric": flags, "contacts": ()})
         return copy
 
     @cached_property
@@ -281,7 +295,8 @@ class Pencil:
             return self
         copy = object.__new__(Pencil)
         copy.__dict__.update({name: scaled(getattr(self, name), *self.units) for name in "MDK"} | {"symmetric": self.symmetric})
-        return copy
+        rows, columns = self.units
+        return copy._beside(tuple((c, rows[:, None] * W) for c, W in self.contacts) if np.array_equal(rows, columns) else ())
 
     def at(self, value: complex) -> Matrix:
         """P(value), shape (n, n); complex only if `value` is."""

@@ -44,6 +44,8 @@ def split(pencil: Pencil) -> Split | None:
         return None
     K0 = K if pencil.symmetric[2] else sp.csr_array((K + K.T) * 0.5)
     own = np.sqrt(np.abs(D.diagonal()))
+    for c, column in pencil.contacts:
+        D = sp.csr_array(D - c * (column @ column.T))
     alpha, beta = _proportional(M, K0, D, own)
     parts = [_without(D, alpha, M, beta, K0, own)]
     if not pencil.symmetric[2]:
@@ -60,7 +62,7 @@ def split(pencil: Pencil) -> Split | None:
             sketch += [part @ probes / size, part.T @ probes / size]
     if not sketch:
         none = np.zeros((0, 0))
-        return Split(M, K0, alpha, beta, np.zeros((pencil.size, 0)), none, none)
+        return _with_contacts(Split(M, K0, alpha, beta, np.zeros((pencil.size, 0)), none, none), pencil)
     Q, sizes, _ = la.svd(np.hstack(sketch), full_matrices=False)
     Q = Q[:, sizes > 1e-13 * sizes[0]]
     if Q.shape[1] > RANK:
@@ -68,7 +70,20 @@ def split(pencil: Pencil) -> Split | None:
     cores = [Q.T @ (part @ Q) for part in small] + [np.zeros((Q.shape[1], Q.shape[1]))]
     W = np.zeros((pencil.size, Q.shape[1]))
     W[rows] = Q
-    return Split(M, K0, alpha, beta, W, cores[0], cores[1])
+    return _with_contacts(Split(M, K0, alpha, beta, W, cores[0], cores[1]), pencil)
+
+
+def _with_contacts(parts: Split, pencil: Pencil) -> Split | None:
+    """What the pencil itself knows of its contacts joins W."""
+    columns = sum(column.shape[1] for _, column in pencil.contacts)
+    if not columns:
+        return parts
+    if parts.W.shape[1] + columns > RANK:
+        return None
+    Q, R = la.qr(np.hstack([parts.W, *(column for _, column in pencil.contacts)]), mode="economic")
+    added = np.concatenate([np.full(column.shape[1], c) for c, column in pencil.contacts])
+    C_D, C_K = la.block_diag(parts.C_D, np.diag(added)), la.block_diag(parts.C_K, np.zeros((columns, columns)))
+    return Split(parts.M, parts.K0, parts.alpha, parts.beta, Q, R @ C_D @ R.T, R @ C_K @ R.T)
 
 
 def _rank_of_some_rows(part: Matrix, rng: np.random.Generator) -> int:

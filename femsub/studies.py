@@ -17,7 +17,7 @@ from femsub.cea import ComplexModes, complex_modes
 from femsub.checks import listener, real_array, shown, whole_number
 from femsub.eigen import NormalModes, all_modes, check_band, normal_modes
 from femsub.errors import CutoffWarning, FemsubError, InputError, InputTypeError, PortWarning
-from femsub.factor import QUADRATIC, SMALL
+from femsub.factor import QUADRATIC, SMALL, WIDE
 from femsub.friction import Belt
 from femsub.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors, turnover
 from femsub.pencil import Array
@@ -143,9 +143,9 @@ def _measured(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], b
         found, seconds = _clocked(complex_modes, sub, belt, band=band, certify=False)
         spectra[0] = found if spectra[0] is None else spectra[0]
         solving[0].append(seconds)
-        for i, model in enumerate(models, start=1):  # a reduced model is dense: all of it costs what the band would
+        for i, model in enumerate(models, start=1):  # of a small dense model all of it costs what the band would
             for _ in range(SHORT_RUNS):  # threads of BLAS that wake up, or wait for a core, cost as much as the work
-                spectra[i], seconds = _clocked(complex_modes, model, belt)
+                spectra[i], seconds = _clocked(complex_modes, model, belt, band=None if model.size <= WIDE else band)
                 solving[i].append(seconds)
     return _Costs(models, spectra, phases, solving)
 

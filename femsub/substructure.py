@@ -120,7 +120,7 @@ class Substructure:
         for belt in [contacts] if isinstance(contacts, Belt) else contacts or []:
             if not isinstance(belt, Belt):
                 raise InputTypeError(f"a contact must be a Belt, not {type(belt).__name__}")
-            pencil = pencil.with_damping(belt.damping(self.port(belt.port)))
+            pencil = pencil.with_contact(belt.force * float(belt.slope or 0.0), self.port(belt.port))
         return pencil
 
     def with_damping(self, D: Any) -> Self:

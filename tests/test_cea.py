@@ -10,6 +10,7 @@ from conftest import lattice
 
 import femsub as fs
 from femsub import qep
+from femsub.border import dense_border
 from femsub.cea import certificates
 from femsub.matching import match
 
@@ -283,3 +284,37 @@ def test_one_without_its_conjugate_beside_a_pair_has_its_own_certificate() -> No
     spoilt = x[:, :2].copy()
     spoilt[3, 1] *= 1.1  # the second of a pair
     assert certificates(pencil, np.array(rows[:2]), spoilt, y[:, :2]).backward_error[1] > 1e-6
+
+
+@pytest.mark.parametrize("ask", [{"band": (0.0, 0.2)}, {"count": 16}])
+def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its contact fills D, but is known to be of rank one: the count in a disc needs no more than a sparse model's does."""
+    sub = fs.damped(fs.chain(900, belt=7, interface=range(1, 900, 2)), rayleigh=(1e-3, 1e-2))
+    rom = fs.reduce(sub, fs.CraigBampton(modes=10))
+    assert rom.size == 460
+    belt = fs.Belt(slope=-0.02)
+    every = fs.complex_modes(rom, belt).eigenvalues
+    assert len(every) == 2 * rom.size
+
+    def all_of_them(pencil: fs.Pencil) -> None:
+        raise AssertionError("LAPACK was asked for all eigenvalues")
+
+    monkeypatch.setattr("femsub.qep.solve", all_of_them)
+    found = fs.complex_modes(rom, belt, **ask)
+    near = every[(every.imag >= 0) & (every.imag <= 0.2) & (np.abs(every.real) <= 0.2)] if "band" in ask else \
+        every[np.argsort(np.abs(every))][:16]
+    assert found.certified and found.counted and len(found) == len(near)
+    distance = np.abs(found.eigenvalues[:, None] - near).min(axis=1)
+    assert (distance <= found.error_bar + 1e-12).all()
+
+
+def test_sweep_and_border_of_a_large_dense_model_are_those_of_the_sparse_one() -> None:
+    sub = fs.damped(fs.chain(700, belt=501, interface=range(1, 700, 2)), rayleigh=(1e-5, 1e-3))
+    rom, band = fs.reduce(sub, fs.CraigBampton(modes=5)), (0.0, 0.05)
+    assert rom.size > 300
+    border, full = fs.critical_slope(rom, band=band), fs.critical_slope(sub, band=band)
+    exact = dense_border(rom.pencil, rom.port("belt").reshape(-1, 1), band, "auto")  # of all modes, by LAPACK
+    assert border.slope == pytest.approx(exact.c, rel=1e-8) and border.omega == pytest.approx(exact.omega, rel=1e-6)
+    assert border.slope == pytest.approx(full.slope, rel=1e-3)
+    small = fs.sweep(rom, [0.5 * border.slope, 1.1 * border.slope], band=band).growth
+    assert small[0] < 0 < small[1]
