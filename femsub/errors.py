@@ -51,7 +51,7 @@ class FemsubWarning(UserWarning):
 
 
 class PortWarning(FemsubWarning):
-    """A port's static response is poorly represented by a reduction basis."""
+    """A port is poorly represented: its static response by a reduction basis, or its set by the faces or cells it holds."""
 
 
 class CutoffWarning(FemsubWarning):

@@ -37,7 +37,7 @@ class PlateScene(ComponentScene):
     interface : list of str
         Sets through which the plate is joined; what is held is left out.
     contact : str, or list of float
-        The belt's place: a set (the mean of w over its cells), or [x, y] of a node (m). It rubs along w.
+        The belt's place: a set (the mean of w over its cells, edges or nodes), or [x, y] of a node (m). It rubs along w.
     rayleigh : list of float
         [alpha, beta] of D = αM + βK (1/s, s).
     """

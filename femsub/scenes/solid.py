@@ -40,9 +40,9 @@ class SolidScene(ComponentScene):
     supports, interface : list of str
         Sets of nodes that are held, and through which the part is joined, in all directions or as "set:xy" in some.
     contact : str
-        The set of nodes under the belt: the average motion of this patch of the surface is what slides.
+        The set under the belt: the average motion of its faces, cells, edges or nodes is what slides (see `femsub.solid`).
     direction : str, or list of float
-        Along which it slides: 'x', 'y', 'z', 'normal', or a vector.
+        Along which it slides: 'x', 'y', 'z', 'normal', against one of them ('-x', ...), or a vector.
     rayleigh : list of float
         [alpha, beta] of D = αM + βK (1/s, s).
     """
