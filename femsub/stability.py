@@ -18,7 +18,7 @@ from femsub.estimates import SHARE, usable_band
 from femsub.factor import QUADRATIC, WIDE
 from femsub.friction import Belt
 from femsub.pencil import Array
-from femsub.qep import definite_form, eigenvalues
+from femsub.qep import eigenvalues, modal_form
 from femsub.substructure import Substructure
 from femsub.threads import FEW, one_thread
 
@@ -102,7 +102,8 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     """max Re λ of λ²M + λ(D + F s w wᵀ) + K over slopes s.
 
     A dense or small model is brought to its undamped modes once, and each slope costs one small eigenproblem. A
-    sparse one above 2,000 DOF takes a PEP for each, and needs a band.
+    sparse one above 2,000 DOF takes a PEP for each, and needs a band. So does a dense one above 300 DOF with a band; one with
+    massless motions takes all complex modes for each slope.
 
     Raises
     ------
@@ -120,18 +121,18 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     limits = usable_band(model, band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
     largest = QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE
-    if model.size <= largest:
-        with one_thread(model.size <= FEW):
-            form = definite_form(model.pencil)
-            amplitude = form.shapes.T @ w
-            for i, slope in enumerate(values):
+    if model.pencil.is_sparse and band is None and model.size > QUADRATIC:
+        raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time")
+    with one_thread(model.size <= FEW):
+        form = modal_form(model.pencil.dense()) if model.size <= largest else None
+        for i, slope in enumerate(values):
+            if form is not None:
+                amplitude = form.shapes.T @ w
                 spectrum = eigenvalues(form, form.C + force * slope * (amplitude @ amplitude.T))
                 growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
-    else:
-        if band is None:
-            raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time")
-        for i, slope in enumerate(values):
-            modes = complex_modes(model, Belt(port, force=force, slope=float(slope)), band=limits, certify=False)
+                continue
+            modes = complex_modes(model, Belt(port, force=force, slope=float(slope)), band=None if band is None else limits,
+                                  certify=False)
             growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     return StabilitySweep(values, growth, omega, limits)
 

@@ -331,3 +331,15 @@ def test_two_columns_on_rigid_motion() -> None:
     sub = drifting(10, 1e-4)
     both = fs.Substructure(sub.M, sub.K, sub.D, ports={"belt": np.eye(10)[:, [2, 6]]})
     assert fs.critical_slope(both).slope == pytest.approx(-5e-4, rel=1e-9)
+
+
+def test_a_sweep_of_a_model_with_massless_dof_takes_its_complex_modes() -> None:
+    M, K = np.diag([1.0, 0.0, 1.0, 0.0, 2.0]), 2 * np.eye(5) - np.eye(5, k=1) - np.eye(5, k=-1)
+    sub = fs.Substructure(M, K, 0.02 * K, interface=[0], ports={"belt": np.array([0.0, 1.0, 0.0, 0.5, 0.0])})
+    slopes = [-0.03, -0.02, -0.001]
+    for model in (sub, fs.reduce(sub, fs.CraigBampton(2), ports=True)):
+        found = fs.sweep(model, slopes)
+        for slope, growth in zip(slopes, found.growth, strict=True):
+            assert growth == pytest.approx(fs.complex_modes(model, fs.Belt(slope=slope)).growth, rel=1e-9)
+        with pytest.raises(fs.InputError, match="mass under every motion"):
+            fs.critical_slope(model)
