@@ -55,7 +55,10 @@ def finite(K: np.ndarray, L: np.ndarray, s: float | None = None) -> np.ndarray:
     Without s, between the lowest elastic and the highest, where neither end loses many digits.
     """
     if s is None:
-        first = finite(K, L, 1e-3 * np.trace(K) / np.trace(L @ L.T))
+        middle = 1e-3 * np.trace(K) / np.trace(L @ L.T)
+        first = finite(K, L, middle)
+        if first[-1] < 1e-9 * middle:  # rigid motion is all there is
+            return np.zeros_like(first)
         s = float(np.sqrt(first[-1] * first[first > 1e-10 * first[-1]][0]))
     flexible = L.T @ solved(K + s * (L @ L.T), L)
     return np.sort(1 / la.eigvalsh((flexible + flexible.T) / 2) - s)
