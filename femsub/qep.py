@@ -58,8 +58,8 @@ def definite_form(pencil: Pencil) -> ModalForm:
     form = modal_form(pencil.dense())
     if form is None:
         raise InputError("M is singular or nearly so (massless DOF), and a border needs mass under every motion: condense such "
-                         "DOF, or give them a little mass; of a reduced model keep fewer modes (complex_modes and sweep take it as "
-                         "it is)")
+                         "DOF, or give them a little mass; of a reduced model keep fewer modes (complex_modes and sweep take "
+                         "it as it is)")
     return form
 
 
