@@ -116,6 +116,8 @@ def _units_of_mass(pencil: Pencil) -> tuple[Array, Array]:
 
 def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
     """The `number` smallest λ of A - λB, left and right vectors; a pair is never split, its members are exact conjugates."""
+    rows, columns = equilibration(abs(A) + abs(B))
+    A, B = scaled(A, rows, columns), scaled(B, rows, columns)
     (alpha, beta), left, right = la.eig(A, B, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
     with np.errstate(divide="ignore", invalid="ignore"):
         size = np.abs(alpha) / np.abs(beta)
@@ -128,7 +130,7 @@ def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
     values, left, right = alpha[order] / beta[order], left[:, order], right[:, order]
     second = np.flatnonzero(values.imag < 0)
     values[second], left[:, second], right[:, second] = (part[..., second - 1].conj() for part in (values, left, right))
-    return values, left, right
+    return values, rows[:, None] * left, columns[:, None] * right
 
 
 def companion(pencil: Pencil) -> Eigenpairs:
