@@ -315,8 +315,9 @@ def _check_count(count: Any, size: int) -> int:
 
 def _nearest(values: Array, count: int | None) -> Array:
     """Indices by |λ|, conjugates side by side with Im λ > 0 first; at least `count`, a pair never split."""
-    size = np.abs(values)
-    order = np.lexsort((-values.imag, values.real, np.round(size / (size.max() or 1.0), 13)))
+    with np.errstate(divide="ignore"):
+        size = np.round(np.log(np.abs(values)), 13)  # equal up to rounding of each |λ|, however large others are
+    order = np.lexsort((-values.imag, values.real, size))
     ordered, taken = values[order], np.zeros(len(values), dtype=bool)
     result: list[int] = []
     for i in range(len(order)):

@@ -93,6 +93,15 @@ def test_count_is_nearest_to_zero_with_pairs_complete(n: int) -> None:
     agree(modes.eigenvalues, exact, modes.error_bar)
 
 
+def test_the_nearest_to_zero_are_told_apart_however_large_others_are() -> None:
+    """λ² + dλ + 1: two overdamped motions differ by 1e-7; one of 1e7 beside them must not blur which is nearer to 0."""
+    pencil = fs.Pencil(np.eye(3), np.diag([3.0, 3 * (1 + 1e-7), 1e7]), np.diag([1.0, 1.0, 1e10]))
+    nearest = fs.complex_modes(pencil, count=1)
+    d = 3 * (1 + 1e-7)
+    assert nearest.eigenvalues == pytest.approx([-2 / (d + np.sqrt(d * d - 4))], rel=1e-9)
+    assert np.array_equal(nearest.eigenvalues, fs.complex_modes(pencil).eigenvalues[:1])
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_brake_like_pencil_by_count_and_by_band(seed: int) -> None:
     pencil = brake(300, seed)
