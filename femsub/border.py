@@ -15,8 +15,7 @@ from femsub.crossing import PortFunction
 from femsub.eigen import lowest_modes, modes_below
 from femsub.errors import NotConvergedError, UnstableModelError
 from femsub.factor import complex_solve
-from femsub.friction import contact_damping
-from femsub.pencil import EPS, Array, Pencil, is_symmetric
+from femsub.pencil import EPS, Array, Pencil, contact_damping, is_symmetric
 from femsub.qep import unresisted
 from femsub.shift_invert import ShiftInvert, units
 from femsub.substructure import Substructure

@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self
 
 import numpy as np
-import scipy.sparse as sp
 
 from femsub.checks import finite_number, shown
 from femsub.errors import InputError, InputTypeError
-from femsub.pencil import EPS, Array, Matrix
+from femsub.pencil import EPS, Array, Matrix, contact_damping
 
 Scalar = Callable[[float], float]
 NARROWEST = 1e-100  # ε
@@ -208,9 +207,3 @@ def _consistent_slope(law: FrictionLaw, speed: float) -> float:
         raise InputError(f"the law's slope at the speed {speed:g} is {slope:.6g}, but its values rise by "
                          f"{found[len(found) // 2]:.6g} per unit of speed there: value and slope contradict each other")
     return slope
-
-
-def contact_damping(w: Array, coefficient: float) -> Matrix:
-    """c w wᵀ as a sparse matrix, shape (n, n); w of shape (n,) or (n, p)."""
-    column = sp.csr_array(np.asarray(w).reshape(len(w), -1))
-    return sp.csr_array(coefficient * (column @ column.T))

@@ -254,8 +254,7 @@ class Pencil:
 
     def with_contact(self, coefficient: float, W: Array) -> Pencil:
         """A copy with D + cWWᵀ, W of shape (n,) or (n, p); M and K are shared, and not checked again."""
-        column = sp.csr_array(W.reshape(len(W), -1))
-        found = self.with_damping(sp.csr_array(coefficient * (column @ column.T)))
+        found = self.with_damping(contact_damping(W, coefficient))
         return found if self.is_sparse else found._beside((*self.contacts, (coefficient, W.reshape(len(W), -1))))
 
     def with_damping(self, extra: Matrix) -> Pencil:
@@ -324,3 +323,9 @@ class Pencil:
         scale = (lam**2 * mass + lam * damping + stiffness) * np.linalg.norm(shapes, axis=0)
         size = np.linalg.norm(self.residual(eigenvalues, shapes) if residual is None else residual, axis=0)
         return np.divide(size, scale, out=np.zeros_like(size), where=scale > 0)
+
+
+def contact_damping(w: Array, coefficient: float) -> Matrix:
+    """c w wᵀ as a sparse matrix, shape (n, n); w of shape (n,) or (n, p)."""
+    column = sp.csr_array(np.asarray(w).reshape(len(w), -1))
+    return sp.csr_array(coefficient * (column @ column.T))
