@@ -1,4 +1,4 @@
-"""Shared models: a gallery of small components with known answers."""
+"""Shared models, a gallery of small components with known answers; and that slow tests run where they are asked for."""
 
 from __future__ import annotations
 
@@ -9,6 +9,25 @@ import scipy.sparse as sp
 import femsub as fs
 
 pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values as those in tests do
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--slow", action="store_true", help="run the tests marked slow as well, which a run of all tests leaves out")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """
+    A run of all tests leaves out those marked slow; what is selected (-m, -k) or named (a file, a test of it) runs as asked.
+
+    Not by `-m 'not slow'` among pytest's addopts: that leaves out a test that is named, too.
+    """
+    option = config.option
+    named = any((config.invocation_params.dir / arg.partition("::")[0]).is_file() for arg in config.args)
+    if option.slow or option.markexpr or option.keyword or named:
+        return
+    left_out = [item for item in items if item.get_closest_marker("slow")]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if not item.get_closest_marker("slow")]
 
 
 def membrane(m: int) -> fs.Substructure:
