@@ -293,9 +293,13 @@ class Pencil:
         if all(unit.max() <= SPREAD * unit.min() for unit in self.units):
             return self
         copy = object.__new__(Pencil)
-        copy.__dict__.update({name: scaled(getattr(self, name), *self.units) for name in "MDK"} | {"symmetric": self.symmetric})
         rows, columns = self.units
-        return copy._beside(tuple((c, rows[:, None] * W) for c, W in self.contacts) if np.array_equal(rows, columns) else ())
+        parts = [scaled(part, rows, columns) for part in (self.M, self.D, self.K)]
+        copy.__dict__.update(dict(zip("MDK", parts, strict=True)) | {"symmetric": self.symmetric})
+        if np.array_equal(rows, columns):
+            return copy._beside(tuple((c, rows[:, None] * W) for c, W in self.contacts))
+        object.__setattr__(copy, "symmetric", tuple(is_symmetric(part) for part in parts))  # no congruence: D and K may lose it
+        return copy._beside(())
 
     def at(self, value: complex) -> Matrix:
         """P(value), shape (n, n); complex only if `value` is."""

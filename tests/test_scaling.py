@@ -62,6 +62,21 @@ def test_rows_of_unlike_size_in_an_unsymmetric_pencil() -> None:
     assert same(clean, found) <= 1 and found.error_bar.max() < 1e-4 * np.abs(found.eigenvalues).max()
 
 
+def test_symmetric_stiffness_beside_an_unsymmetric_mass() -> None:
+    """Rows and columns are scaled apart then, which leaves no K symmetric: its factor does not serve for the left vectors."""
+    n = 160
+    K = sp.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    M = sp.diags_array([-0.05 * np.ones(n - 1), np.ones(n), 0.1 * np.ones(n - 1)], offsets=[-1, 0, 1])
+    S = sp.diags_array(2.0 ** np.random.default_rng(0).integers(-12, 12, n))
+    D = 0.02 * K
+    clean = fs.complex_modes(fs.Pencil(M, D, K), count=10, certify=False)
+    model = fs.Pencil(S @ M @ S, S @ D @ S, S @ K @ S)
+    found = fs.complex_modes(model, count=10, certify=False)
+    assert model.symmetric == (False, True, True)
+    assert same(clean, found) <= 1
+    assert found.error_bar.max() < 100 * clean.error_bar.max()
+
+
 # singular M
 
 def mixed(parts: list[tuple[float, float, float]], seed: int) -> tuple[fs.Pencil, np.ndarray]:
