@@ -202,7 +202,7 @@ class Pencil:
     D: Matrix
     K: Matrix
     symmetric: tuple[bool, bool, bool]  #: whether M, D and K are, to the last digit
-    contacts: tuple[tuple[float, Array], ...]  #: (c, W) of the cWWᵀ in a dense D, which its entries no longer show
+    contacts: tuple[tuple[float, Array], ...]  #: (c, W) of the cWWᵀ in D, which its entries no longer show: rounding hides their rank
 
     def __init__(self, M: Any, D: Any, K: Any) -> None:
         mass = as_matrix("M", M)
@@ -255,7 +255,7 @@ class Pencil:
     def with_contact(self, coefficient: float, W: Array) -> Pencil:
         """A copy with D + cWWᵀ, W of shape (n,) or (n, p); M and K are shared, and not checked again."""
         found = self.with_damping(contact_damping(W, coefficient))
-        return found if self.is_sparse else found._beside((*self.contacts, (coefficient, W.reshape(len(W), -1))))
+        return found._beside((*self.contacts, *([(coefficient, W.reshape(len(W), -1))] if coefficient else [])))
 
     def with_damping(self, extra: Matrix) -> Pencil:
         """A copy with D + extra; M and K are shared, and not checked again."""

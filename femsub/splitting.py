@@ -44,8 +44,7 @@ def split(pencil: Pencil) -> Split | None:
         return None
     K0 = K if pencil.symmetric[2] else sp.csr_array((K + K.T) * 0.5)
     own = np.sqrt(np.abs(D.diagonal()))
-    for c, column in pencil.contacts:
-        D = sp.csr_array(D - c * (column @ column.T))
+    D = _without_contacts(D, pencil, own)
     alpha, beta = _proportional(M, K0, D, own)
     parts = [_without(D, alpha, M, beta, K0, own)]
     if not pencil.symmetric[2]:
@@ -71,6 +70,18 @@ def split(pencil: Pencil) -> Split | None:
     W = np.zeros((pencil.size, Q.shape[1]))
     W[rows] = Q
     return _with_contacts(Split(M, K0, alpha, beta, W, cores[0], cores[1]), pencil)
+
+
+def _without_contacts(D: Matrix, pencil: Pencil, own: Array) -> Matrix:
+    """D - Σ cWWᵀ over the contacts that the pencil knows of, without what is rounding beside `own`, sqrt(d_ii)."""
+    if not pencil.contacts:
+        return D
+    for c, W in pencil.contacts:
+        column = sp.csr_array(W)
+        D = D - c * (column @ column.T)
+    rest = sp.coo_array(D)
+    keep = np.abs(rest.data) > EXACT * FILLED * own[rest.row] * own[rest.col]
+    return sp.csr_array((rest.data[keep], (rest.row[keep], rest.col[keep])), shape=D.shape)
 
 
 def _with_contacts(parts: Split, pencil: Pencil) -> Split | None:

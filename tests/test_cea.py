@@ -317,6 +317,22 @@ def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch:
     assert (distance <= found.error_bar + 1e-12).all()
 
 
+@pytest.mark.parametrize("ask", [{"band": (0.0, 0.5)}, {"count": 12}])
+def test_belts_on_many_dof_are_counted_whatever_rounding_they_leave_in_d(ask: dict) -> None:
+    """Each belt is of rank one, but D = αM + βK + Σ cwwᵀ less αM + βK is rounding on each of its DOF."""
+    plain = lattice(40, 5, held=True)
+    rows, rng = np.arange(plain.size - 120, plain.size), np.random.default_rng(2)
+    ports = {name: np.zeros(plain.size) for name in ("one", "two")}
+    for w in ports.values():
+        w[rows] = rng.uniform(0.005, 0.02, len(rows))
+    sub = fs.damped(fs.Substructure(plain.M, plain.K, ports=ports), rayleigh=(1e-3, 1e-2))
+    belts = [fs.Belt("one", slope=-1e-5), fs.Belt("two", slope=-2e-5), fs.Belt("one", slope=0.0)]
+    found = fs.complex_modes(sub, belts, **ask)
+    assert found.evidence == "confirmed" and found.counted
+    every = qep.solve(sub.linearised(belts).dense())[0]
+    assert np.count_nonzero(np.abs(every) < found.counted[0]) == found.counted[1]
+
+
 def test_sweep_and_border_of_a_large_dense_model_are_those_of_the_sparse_one() -> None:
     sub = fs.damped(fs.chain(700, belt=501, interface=range(1, 700, 2)), rayleigh=(1e-5, 1e-3))
     rom, band = fs.reduce(sub, fs.CraigBampton(modes=5)), (0.0, 0.05)
