@@ -202,7 +202,7 @@ class Pencil:
     D: Matrix
     K: Matrix
     symmetric: tuple[bool, bool, bool]  #: whether M, D and K are, to the last digit
-    contacts: tuple[tuple[float, Array], ...]  #: (c, W) of the cWWᵀ in D, which its entries no longer show: rounding hides their rank
+    contacts: tuple[tuple[float, Array], ...]  #: (c, W) of each cWWᵀ in D; rounding hides their rank from its entries
 
     def __init__(self, M: Any, D: Any, K: Any) -> None:
         mass = as_matrix("M", M)
