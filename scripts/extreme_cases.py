@@ -169,9 +169,10 @@ def soft_rigid(n: int, spring: float) -> Found:
                  sturm.count(float(found.eigenvalues[-1]) * 0.999) - 5)
 
 
-def basis(build: Callable[[], fs.Substructure], method: Any, rigid: int = 0, ports: bool = False, whole: bool = False) -> Found:
+def basis(build: Callable[[], fs.Substructure], method: Any, rigid: int = 0, ports: bool = False, whole: bool = False,
+          floating: int | None = None) -> Found:
     """A reduced model: kept modes by Sturm counts, its statics at the interface by solves in 60 digits; with `whole`,
-    where nothing is left out, the spectrum of the full model.
+    where nothing is left out, the spectrum of the full model, which has `floating` rigid-body modes (default: `rigid`).
     """
     sub = build()
     rom = fs.reduce(sub, method, ports=ports)
@@ -191,10 +192,12 @@ def basis(build: Callable[[], fs.Substructure], method: Any, rigid: int = 0, por
         errors, bounds, why = np.append(errors, static), np.append(bounds, limit), why + ", also for statics"
     massive = np.flatnonzero(np.diag(rom.M) > 0)
     unit = rom.M[massive, massive] ** -0.5
-    cond = float(np.linalg.cond(rom.M[np.ix_(massive, massive)] * np.outer(unit, unit)))
+    weights = np.linalg.svd(rom.M[np.ix_(massive, massive)] * np.outer(unit, unit), compute_uv=False)
+    cond = float(weights[0] / weights[weights > 1e-13 * weights[0]][-1])  # of a singular M, that of its range
     if whole:
-        full = fs.normal_modes(rom, count=sub.size - rigid)
         sturm = Sturm(sub.K, sub.M)
+        there = sturm.count(mp.mpf(10) ** 15 * float(abs(sub.K).max() / abs(sub.M).max()))  # as many as M has ranks
+        full = fs.normal_modes(rom, count=there - (rigid if floating is None else floating))
         errors = np.append(errors, sturm.errors(full.eigenvalues[full.rigid:], full.rigid + 1))
         original = rom.V @ full.shapes[:, full.rigid:]
         joined = 8 * (entry_condition(sub.K, sub.M, original, full.eigenvalues[full.rigid:]) + full.rounding[full.rigid:])

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from extreme_cases import judge
-from extreme_reference import EPS, Array, Found, border, dense, energy_conditions, matched, mp, quadratic
+from extreme_reference import (
+    EPS,
+    Array,
+    Found,
+    border,
+    chain_border,
+    dense,
+    energy_conditions,
+    matched,
+    mp,
+    quadratic,
+    worst,
+)
 
 import femsub as fs
 
 
 def roots(damping: Any, stiffness: Any) -> Array:
     """λ² + dλ + k = 0 for all pairs of coefficients, without cancellation."""
-    d, k = (np.asarray(part, dtype=complex) for part in np.broadcast_arrays(damping, stiffness))
+    d, k = (np.atleast_1d(np.asarray(part, dtype=complex)) for part in np.broadcast_arrays(damping, stiffness))
     root = np.sqrt(d * d / 4 - k)
     large = -d / 2 - np.where((d.conj() * root).real >= 0, root, -root)
     return np.concatenate([large, np.divide(k, large, out=np.zeros_like(large), where=large != 0)])
@@ -43,11 +56,13 @@ def paired(n: int, gyroscopic: float, circulatory: Any) -> tuple[fs.Pencil, Arra
 
 
 def cea(build: Callable[[], Any], closed: bool = False, power: int = 1, belt: fs.Belt | None = None, regular: bool = True,
-        **options: Any) -> Found:
+        semisimple: bool = False, **options: Any) -> Found:
     """Complex modes against a companion matrix in 60 digits, or against closed forms with `closed`.
 
     An error must lie within femsub's own error bar, and of a dense pencil (with `regular` M) within the bound of a backward
-    stable method; at a defective eigenvalue of the order `power` within (10 m eps)^(1/power) ‖A‖ instead.
+    stable method; at a defective eigenvalue of the order `power` within (10 m eps)^(1/power) ‖A‖ instead. Sets are compared,
+    one to one: what is listed twice is wrong, and of a band all must be there that lies in it or on its edges. Of equal
+    eigenvalues that are `semisimple` no shape may be a combination of the others.
     """
     model = build()
     if closed:
@@ -59,10 +74,17 @@ def cea(build: Callable[[], Any], closed: bool = False, power: int = 1, belt: fs
     found = fs.complex_modes(pencil if closed else model, belt, **options)
     values = found.eigenvalues
     distance, partner = matched(values, reference)
+    real, lie = partner >= 0, ""
+    if not real.all():
+        lie = f"{np.count_nonzero(~real)} eigenvalues that do not exist, such as {values[~real][0]:.3g}"
+        found, values, distance, partner = _only(found, real), values[real], distance[real], partner[real]
     size = np.array([abs(complex(reference[j])) for j in partner])
     top = max(float(abs(value)) for value in reference)
     noise = EPS * np.where(size > 0, size, 0) + 1e-40 * top  # closed forms are rounded, too
     bound, why = 1.05 * found.error_bar + 4 * noise, "femsub's error bar"
+    if power > 1 and closed:
+        bound = np.minimum(bound, (20 * pencil.size * EPS) ** (1 / power) * top)
+        why = f"error bar, and (10 m eps)^(1/{power}) ‖A‖"
     if regular and not closed:
         near, first = energy_conditions(pencil.M, pencil.D, pencil.K)
         nearest = np.abs(near[:, None] - np.array([complex(reference[j]) for j in partner])).argmin(axis=0)
@@ -76,48 +98,92 @@ def cea(build: Callable[[], Any], closed: bool = False, power: int = 1, belt: fs
         bound = np.minimum(bound, stable)
     scale = np.where(size > 0, size, 1.0)
     zero = (size == 0) & (distance == 0)
-    worst = judge((distance / scale)[~zero], (bound / scale)[~zero])
+    figures = judge((distance / scale)[~zero], (bound / scale)[~zero])
     growing = max((float(mp.re(value)) for value in reference), default=-np.inf) if not options else None
-    lie = ""
     if growing is not None and found.is_stable is not None and found.is_stable is not (growing <= 0):
-        lie = f"is_stable is {found.is_stable}, but the largest Re λ is {growing:.2e}"
-    missed = _missed(values, reference, options) if options else len(reference) - len(values)
+        lie = lie or f"is_stable is {found.is_stable}, but the largest Re λ is {growing:.2e}"
+    if "band" in options:
+        missed, beyond = _against_band(partner, reference, options["band"], options.get("re"))
+        lie = lie or (f"{beyond} listed from outside of the band" if beyond else "")
+    else:
+        missed = _missed(values, reference) if options else len(reference) - len(values)
+        if len(values) < min(options.get("count", 0), len(reference)):
+            lie = lie or f"{options['count']} were asked for, {len(values)} came"
     told = f"{len(values)} complex eigenvalues, stable: {found.is_stable}"
     shapes = found.shapes / np.linalg.norm(found.shapes, axis=0)
-    return Found(told, *worst, why, float(found.backward_error.max()), None,
+    if semisimple:
+        groups = [np.flatnonzero(np.abs(values - value) <= 1e-9 * abs(value)) for value in values if value]
+        least = min(np.linalg.svd(shapes[:, group], compute_uv=False)[-1] for group in groups)
+        lie = lie or ("equal eigenvalues with dependent shapes" if least < 1e-6 else "")
+    return Found(told, *figures, why, float(found.backward_error.max()), None,
                  float(np.linalg.cond(shapes[:, values.imag > 0])) if (values.imag > 0).any() else None, missed, lie)
 
 
-def _missed(values: Array, reference: list[Any], options: dict[str, Any]) -> int:
+def _only(found: fs.ComplexModes, keep: Array) -> fs.ComplexModes:
+    return replace(found, shapes=found.shapes[:, keep], **{key: getattr(found, key)[keep] for key in (
+        "eigenvalues", "backward_error", "error_bar", "rigid", "above_cutoff", "condition")})
+
+
+def _missed(values: Array, reference: list[Any]) -> int:
     there = np.array([complex(value) for value in reference])
-    if "band" in options:
-        lo, hi = options["band"]
-        edge = 1e-9 * hi
-        inside = (there.imag >= lo + edge) & (there.imag <= hi - edge) & (np.abs(there.real) <= hi - edge)
-        return max(0, int(inside.sum()) - len(values))
     reach = np.abs(values).max() * (1 - 1e-6)
     return max(0, int(np.count_nonzero(np.abs(there) < reach)) - int(np.count_nonzero(np.abs(values) < reach)))
 
 
-def slope(build: Callable[[], fs.Substructure], known: float | None = None) -> Found:
-    """The critical slope against the root of Im G in 60 digits, with no mode unstable at 0.999 of it; or a known one."""
+def _against_band(partner: Array, reference: list[Any], band: tuple[float, float],
+                  re: tuple[float, float] | None) -> tuple[int, int]:
+    """How many in the band or on an edge were not found, and how many were listed that lie further off than 4e-6 |λ|."""
+    there = np.array([complex(value) for value in reference])
+    a, b = re or (-band[1], band[1])
+    size = np.maximum(np.abs(there), 1e-2 * band[1])
+    beyond = np.max([band[0] - there.imag, there.imag - band[1], a - there.real, there.real - b], axis=0) / size
+    listed = np.isin(np.arange(len(there)), partner)
+    return int(np.count_nonzero((beyond <= 1e-12) & ~listed)), int(np.count_nonzero((beyond > 4e-6) & listed))
+
+
+def slope(build: Callable[[], fs.Substructure], known: float | None = None, within: float = 0.0, at: float | None = None,
+          chain: tuple[int, int, float] | None = None, **options: Any) -> Found:
+    """The critical slope against the root of Im G in 60 digits, with no mode unstable at 0.999 of it.
+
+    Or against a known one, exactly or `within` a relative error, `at` a known frequency; or against the continued fraction of
+    a chain given by its masses, the belt's place and the dashpot.
+    """
     sub = build()
-    found = fs.critical_slope(sub)
+    found = fs.critical_slope(sub, **options)
+    told = f"critical slope {found.slope:.6g}"
     if known is not None:
-        same = found.slope == known
-        return Found(f"critical slope {found.slope:.6g}", float(not same), EPS, float(not same), "known beforehand",
-                     lie="" if same else f"it is {known:.6g}")
+        error = abs(found.slope - known) / abs(known or 1.0)
+        lie = f"it is {known:.6g}" if error > within else f"it is at ω = {at:g}" if at is not None and found.omega != at else ""
+        return Found(told, error, max(within, EPS), error / max(within, EPS), "known beforehand", lie=lie)
     w = sub.port("belt")
     if found.slope == 0.0 or not np.isfinite(found.slope):
-        return Found(f"critical slope {found.slope:.6g}", 1.0, EPS, np.inf, "it is neither 0 nor infinite")
-    exact_slope, moved = border(sub.M, sub.D, sub.K, w, found.omega)
-    spectrum = quadratic(sub.M, dense(sub.D) + 0.999 * found.slope * np.outer(w, w), sub.K)
-    size = max(abs(value) for value in spectrum)
-    growing = sum(value.imag >= 0 and value.real > mp.mpf(10) ** -45 * size for value in spectrum)
+        return Found(told, 1.0, EPS, np.inf, "it is neither 0 nor infinite")
+    exact_slope, moved = border(sub.M, sub.D, sub.K, w, found.omega) if chain is None else chain_border(*chain, found.omega)
+    growing = None
+    if chain is None:
+        spectrum = quadratic(sub.M, dense(sub.D) + 0.999 * found.slope * np.outer(w, w), sub.K)
+        size = max(abs(value) for value in spectrum)
+        growing = int(sum(0 <= value.imag <= found.band[1] and value.real > mp.mpf(10) ** -45 * size for value in spectrum))
     error = float(abs(exact_slope - mp.mpf(found.slope)) / abs(exact_slope))
     bound = 10 * moved + _modal(sub, w, found.omega)
-    return Found(f"critical slope {found.slope:.6g}", error, bound, error / bound, "10 roundings per entry + those of ΦᵀDΦ",
-                 missed=int(growing))
+    return Found(told, error, bound, error / bound, "10 roundings per entry + those of ΦᵀDΦ", missed=growing)
+
+
+def on_an_edge(build: Callable[[], fs.Substructure], band: tuple[float, float] | None, **options: Any) -> Found:
+    """The border of a chain sought in bands that end or begin at its frequency."""
+    omega = fs.critical_slope(build(), band=band).omega
+    return worst(slope(build, band=edge, **options) for edge in ((omega, 3 * omega), (0.3 * omega, omega)))
+
+
+def drift(n: int, alpha: float, beta: float, reduced: bool = False, **options: Any) -> Found:
+    """A floating chain with D = αM + βK: uniform motion has λ(nλ + nα + c) = 0, hence drifts from c = -nα on, at ω = 0.
+
+    Its damping is what is left of D's entries when they are added up; 8 roundings of each are allowed.
+    """
+    sub = fs.damped(fs.chain(n, belt=10, damping=0.0, fixed=False), rayleigh=(alpha, beta))
+    within = 8 * EPS * float(abs(sub.D).sum()) / (n * alpha) if alpha else 0.0
+    found = slope(lambda: fs.reduce(sub, fs.CraigChang(6), ports=True) if reduced else sub, -n * alpha, within, 0.0, **options)
+    return replace(found, why="8 roundings of D against rigid motion")
 
 
 def tiny_slope(build: Callable[[], fs.Substructure], damping: float) -> Found:

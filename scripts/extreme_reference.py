@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -81,11 +81,15 @@ class Sturm:
 
 
 def quadratic(M: Any, D: Any, K: Any) -> list[Any]:
-    """All finite λ of (λ²M + λD + K)x = 0 in 60 digits: a companion matrix of it, or of its reverse where M is singular."""
+    """All finite λ of (λ²M + λD + K)x = 0 in 60 digits: a companion matrix of it, or of its reverse where M is singular,
+    that of μ = λ - 1 if K is as well.
+    """
     parts, n = [exact(part) for part in (M, D, K)], np.shape(M)[0]
     reverse = np.linalg.matrix_rank(dense(M)) < n
+    shift = int(reverse and np.linalg.matrix_rank(dense(K)) < n)
     if reverse:
-        parts = parts[::-1]
+        mass, damping, stiffness = parts
+        parts = [mass * shift + damping * shift + stiffness, mass * (2 * shift) + damping, mass]
     lead = parts[0] ** -1
     companion = mp.zeros(2 * n)
     for i in range(n):
@@ -97,7 +101,7 @@ def quadratic(M: Any, D: Any, K: Any) -> list[Any]:
     found = mp.eig(companion, left=False, right=False)
     if reverse:
         size = max(abs(value) for value in found)
-        found = [1 / value for value in found if abs(value) > size * mp.mpf(10) ** -25]
+        found = [1 / value + shift for value in found if abs(value) > size * mp.mpf(10) ** -25]
     return list(found)
 
 
@@ -127,6 +131,46 @@ def border(M: Any, D: Any, K: Any, w: Array, omega: float) -> tuple[Any, float]:
     def G(at: Any) -> Any:
         return 1j * at * (column.T * response(at))[0]
 
+    root = _root(G, omega)
+    G_root = G(root)
+    c = (-1 / G_root).real
+    if abs((-1 / G_root).imag) > mp.mpf(10) ** -20 * abs(c):
+        raise ArithmeticError(f"no crossing next to ω = {omega}")
+    q = np.array([complex(value) for value in response(root)])  # P is symmetric or not: the left shape from Pᵀ
+    left = mp.lu_solve((stiffness - root * root * mass + 1j * root * damping).T, column)
+    y = np.array([complex(value) for value in left])
+    return c, _moved((dense(M), dense(D), dense(K)), w, q, y, float(root), float(c))
+
+
+def chain_border(n: int, belt: int, damping: float, omega: float) -> tuple[Any, float]:
+    """The same for the chain of n unit masses and springs, fixed at the left, with a dashpot at the first mass: its
+    P(iω) has three diagonals, and wᵀP⁻¹w is a continued fraction from both sides.
+    """
+    import scipy.sparse as sparse
+    from scipy.sparse.linalg import spsolve
+
+    def diagonal(j: int, at: Any) -> Any:
+        return (1 if j == n else 2) - at * at + (1j * at * mp.mpf(damping) if j == 1 else 0)
+
+    def G(at: Any) -> Any:
+        ends = []
+        for first, step in ((1, 1), (n, -1)):
+            end = mp.mpc(mp.inf)
+            for j in range(first, belt, step):
+                end = diagonal(j, at) - (0 if mp.isinf(end) else 1 / end)
+            ends.append(0 if mp.isinf(end) else 1 / end)
+        return 1j * at / (diagonal(belt, at) - ends[0] - ends[1])
+
+    root = _root(G, omega)
+    c, at, w = (-1 / G(root)).real, float(root), np.eye(n)[belt - 1]
+    M, D = sparse.eye_array(n), sparse.csr_array(([damping], ([0], [0])), shape=(n, n))
+    K = sparse.diags_array([-np.ones(n - 1), np.append(2 * np.ones(n - 1), 1), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    q = spsolve(sparse.csc_array(K - at**2 * M + 1j * at * D), w.astype(complex))
+    return c, _moved((M.toarray(), D.toarray(), K.toarray()), w, q, q, at, float(c))
+
+
+def _root(G: Callable[[Any], Any], omega: float) -> Any:
+    """The root of Im G next to ω, by secants."""
     # a resonance may be no wider than the spacing of doubles
     before, root = mp.mpf(omega), mp.mpf(omega) * (1 + mp.mpf(10) ** -22)
     there, here = G(before).imag, G(root).imag
@@ -135,18 +179,16 @@ def border(M: Any, D: Any, K: Any, w: Array, omega: float) -> tuple[Any, float]:
             break
         before, root, there = root, root - here * (root - before) / (here - there), here
         here = G(root).imag
-    G_root = G(root)
-    c = (-1 / G_root).real
-    if abs((-1 / G_root).imag) > mp.mpf(10) ** -20 * abs(c):
-        raise ArithmeticError(f"no crossing next to ω = {omega}")
-    q = np.array([complex(value) for value in response(root)])  # P is symmetric or not: the left shape from Pᵀ
-    left = mp.lu_solve((stiffness - root * root * mass + 1j * root * damping).T, column)
-    y, at = np.array([complex(value) for value in left]), float(root)
-    turn = y @ ((2j * at * dense(M) + dense(D)) @ q) * 1j
+    return root
+
+
+def _moved(parts: tuple[Array, Array, Array], w: Array, q: Array, y: Array, at: float, c: float) -> float:
+    M, D, _ = parts
+    turn = y @ ((2j * at * M + D) @ q) * 1j
     feed = 1j * at * (w @ q) * (w @ y)
-    moved = sum(float((np.abs(dense(part)) * np.abs((np.conj(turn) * factor * np.outer(y, q)).imag)).sum())
-                for part, factor in ((M, -at * at), (D, 1j * at), (K, 1.0)))
-    return c, float(moved / abs((np.conj(turn) * feed).imag) / abs(c)) * EPS
+    moved = sum(float((np.abs(part) * np.abs((np.conj(turn) * factor * np.outer(y, q)).imag)).sum())
+                for part, factor in zip(parts, (-at * at, 1j * at, 1.0), strict=True))
+    return float(moved / abs((np.conj(turn) * feed).imag) / abs(c)) * EPS
 
 
 def entry_condition(K: Any, M: Any, shapes: Array, values: Array) -> Array:
@@ -193,3 +235,17 @@ class Found:
     condition: float | None = None
     missed: int | None = None
     lie: str = ""  #: a claim of femsub's that is not true
+
+
+def worst(founds: Iterable[Found]) -> Found:
+    """Of several: the one that is nearest to its bound, with the lies of all and what was missed in all."""
+    several = list(founds)
+    said = "; ".join(dict.fromkeys(found.lie for found in several if found.lie))
+    missed = [found.missed for found in several if found.missed is not None]
+    found = max(several, key=lambda found: found.ratio)
+    return replace(found, lie=said, missed=sum(missed) if missed else None, computed=f"{len(several)} x {found.computed}")
+
+
+def claim(text: str, lie: str, why: str) -> Found:
+    """Something said that is either true or not."""
+    return Found(text, 0.0, EPS, 0.0, why, lie=lie)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 import scipy.sparse as sp
 from extreme_cases import (
@@ -21,7 +23,40 @@ from extreme_cases import (
     ring,
     soft_rigid,
 )
-from extreme_complex import cea, paired, proportional, slope, tiny_slope
+from extreme_complex import cea, drift, on_an_edge, paired, proportional, slope, tiny_slope
+from extreme_continua import beam_entries, beam_frequency, edge_mean, face_mean, mixed_set
+from extreme_motion import Chain, floquet, proportional_to_its_blow, small_motion, sticking_unknown
+from extreme_reduction import (
+    above_cutoff,
+    bare,
+    issue,
+    most,
+    near_cutoff,
+    nearly_complete,
+    other_damping,
+    relief,
+    same_poles,
+    study_at_border,
+    tolerance,
+    unsymmetric_files,
+    without_artefact,
+)
+from extreme_reference import Found, worst
+from extreme_spectra import (
+    component,
+    copies,
+    critical,
+    damped,
+    edge,
+    in_other_units,
+    listed,
+    membrane,
+    mixed,
+    rubbing,
+    sliding_pairs,
+    stiffness_of_mass,
+    tied,
+)
 
 import femsub as fs
 
@@ -30,6 +65,14 @@ __all__ = ["CASES"]
 HCB, CC = fs.CraigBampton, fs.CraigChang
 BELT = fs.Belt(slope=-0.2677)
 TWIN = np.array([[1.0, 0.5], [-0.5, 2.0]])  # two modes whose frequencies have just met: defective
+
+
+FLUTTER = np.array([[1000.0, 200, 0], [-600, 1010, 0], [0, 0, 1e13]])  # Re λ = +5.4
+
+
+def every(run: Callable[..., Found], *arguments: object, asks: Sequence[dict[str, object]], **options: object) -> Found:
+    """One case for several bands or counts."""
+    return worst(run(*arguments, **options, **ask) for ask in asks)
 
 
 def chain(n: int, **options: object) -> object:
@@ -73,6 +116,12 @@ case(group, "slope, every other mass 1e12", slope, chain(6, belt=2, masses=alter
 case(group, "slope, every other spring 1e12", slope, chain(6, belt=2, springs=alternating(6, 1e12)))
 case(group, "slope, mount of 1e-12", slope, chain(6, belt=2, springs=one(6, 0, 1e-12)))
 
+case(group, "flutter beside 1e13, as a component", lambda: fs.Substructure(np.eye(3), FLUTTER), expect="K is not symmetric")
+case(group, "M unsymmetric beside 1e13", lambda: fs.Substructure(FLUTTER + 1e3 * np.eye(3), np.eye(3)),
+     expect="M is not symmetric")
+case(group, "flutter beside 1e13, in files", unsymmetric_files, FLUTTER, expect="K is not symmetric")
+case(group, "CEA, flutter beside 1e13", cea, lambda: fs.Pencil(np.eye(3), None, FLUTTER))
+
 group = "units"
 for label, mass, stiffness in (("mm, t, s", 1e-3, 1e-3), ("nm, ng, ns", 1e12, 1e-6), ("1e-30 and 1e30", 1e-30, 1e30),
                                ("1e30 and 1e-30", 1e30, 1e-30)):
@@ -84,6 +133,14 @@ for ratio in (1e12, 1e-12):
     case(group, f"CEA, ω times {ratio:g}", cea, lambda r=ratio: fs.Pencil(fs.chain(6).M / r, fs.chain(6).D, fs.chain(6).K * r))
     case(group, f"slope, ω times {ratio:g}", slope, lambda r=ratio: fs.Substructure(
         fs.chain(6).M / r, fs.chain(6).K * r, fs.chain(6).D, [0], fs.chain(6, belt=2).ports))
+
+SCALED = ("by turns", "halves", "rising", "each")
+case(group, "PEP, DOF in units of 2^-17 to 2^17", every, cea, asks=[{"build": lambda p=p: in_other_units(proportional(
+     300, 0.01, 1e-3), p), **ask} for p in SCALED for ask in ({"count": 12}, {"band": (0.0, 0.1)})], closed=True)
+case(group, "modes, DOF in units of 2^-17 to 2^17", every, listed, asks=[{"build": lambda p=p: component(in_other_units(
+     proportional(300, 0.0, 0.0), p), fs.chain_frequencies(300))} for p in SCALED], count=12)
+case(group, "CEA, DOF in units of 2^-17 to 2^17", every, cea, asks=[{"build": lambda p=p: in_other_units(
+     proportional(60, 0.01, 1e-3), p)} for p in SCALED], closed=True)
 
 group = "massless"
 for n in (20, 300):
@@ -111,6 +168,29 @@ case(group, "neither mass nor stiffness", modes,
      lambda: fs.Substructure(sp.diags_array(one(8, 7, 0.0)), held(fs.chain(8).K, 7)), 3,
      expect="a DOF has neither mass nor stiffness")
 
+for method, label in ((HCB, "HCB"), (CC, "CC")):
+    case(group, f"{label}, all and nearly all modes, 2 of 5 bare", nearly_complete, issue, method)
+    case(group, f"{label}, all and nearly all modes, every 2nd bare", nearly_complete, lambda: bare(12, 2), method)
+    case(group, f"{label}, all and nearly all modes, floating", nearly_complete, lambda: bare(12, 2, held=False), method, 1)
+    case(group, f"{label}, all and nearly all modes, N, t and s", nearly_complete, lambda: bare(11, 3, units=(1e-3, 1e8)), method)
+    case(group, f"{label}, all and nearly all modes, consistent M", nearly_complete, lambda: bare(12, 3, consistent=True), method)
+    case(group, f"CEA, {label} with all modes, 2 of 5 bare", same_poles, issue, method(most(issue(), method)))
+    case(group, f"CEA, {label} with all modes, every 2nd bare", same_poles, lambda: bare(10, 2),
+         method(most(bare(10, 2), method)))
+    case(group, f"slope, {label} with all modes, 2 of 5 bare", lambda m=method: slope(lambda: fs.reduce(
+         issue(), m(most(issue(), m)), ports=True), port="p"), expect="M is singular or nearly so")
+    for tol, hi in ((1e-3, 0.3), (1e-6, 0.6)):
+        case(group, f"{label}, tolerance {tol:g}", tolerance, lambda: bare(40, 3), method(band=(0.0, hi), tol=tol))
+        case(group, f"{label}, tolerance {tol:g}, floating", tolerance, lambda: bare(40, 3, held=False),
+             method(band=(0.0, hi), tol=tol), 1)
+for label, parts in (("statics", [(1, 0, 4), (2, 0, 3), (0, 0, 1), (0, 0, 5), (1, 0, 9), (0, 0, 2)]),
+                     ("dashpots", [(1, 0.5, 4), (0, 3, 1), (2, 0.25, 3), (0, 0, 1), (0, 0.5, 2), (1, 0.125, 16)]),
+                     ("one mass", [(1, 0.5, 1), (0, 2, 1), (0, 1, 8), (0, 0, 1), (0, 0, 3)]),
+                     ("unstable", [(1, -0.5, 4), (0, 0, 2), (1, 0.25, 9), (0, 1, 3), (0, 0, 7)])):
+    case(group, f"CEA, singular M in mixed DOF, {label}", every, cea, asks=[
+         {"build": lambda parts=parts, seed=seed: mixed(parts, seed)} for seed in range(4)], closed=True)
+case(group, "CEA, tied by a multiplier", every, cea, asks=[{"build": lambda f=f: tied(f)} for f in (0.0, 0.125)], closed=True)
+
 group = "rigid"
 for count in (1, 2, 5, 12):
     case(group, f"{count} floating chains", modes, lambda c=count: pieces(*[fs.chain(6, fixed=False)] * c), 4, rigid=count)
@@ -130,6 +210,12 @@ case(group, "no stiffness at all", modes,
 case(group, "a negative spring", modes, lambda: fs.Substructure(np.eye(8), fs.chain(8).K.toarray() - 0.5 * np.eye(8)), 2,
      expect="negative eigenvalue")
 
+for pieces_of, counts in ((1, (2, 4, 9)), (5, (6, 18, 19, 40))):
+    case(group, f"CEA, {pieces_of} floating with friction, by count", every, cea, lambda p=pieces_of: rubbing(p), closed=True,
+         asks=[{"count": count} for count in counts])
+case(group, "PEP, floating, K unsymmetric, by count", every, cea, lambda: sliding_pairs(100), closed=True,
+     asks=[{"count": count} for count in (6, 18, 19, 40)])
+
 group = "interface"
 case(group, "HCB, empty", basis, lambda: fs.Substructure(fs.chain(12).M, fs.chain(12).K), HCB(3))
 case(group, "HCB, empty and floating", basis,
@@ -145,6 +231,15 @@ case(group, "CC, empty", basis, lambda: fs.Substructure(fs.chain(12).M, fs.chain
 case(group, "CC, all DOF", basis, chain(12, interface=range(1, 13)), CC(3), whole=True)
 case(group, "CC, not restraining", basis,
      lambda: fs.Substructure(lattice(3, 4).M, lattice(3, 4).K, interface=[0, 1]), CC(3), rigid=3)
+
+case(group, "CC, inertia relief at 40 DOF", relief, 4)
+for kind in ("quad", "triangle"):
+    case(group, f"port on sets of a plate, {kind}", edge_mean, kind, 8)
+    case(group, f"port on a mixed set, {kind}", mixed_set, kind, expect="belong to none of the cells")
+case(group, "port on a support", lambda: fs.plate(fs.rectangle((1.0, 1.0), (4, 4)), **STEEL, thickness=0.01,
+     supports={"edge": "clamped"}, ports={"p": "left"}), expect="sits on DOF that the supports hold")
+for kind in ("hexahedron20", "tetra10"):
+    case(group, f"port on sets of a solid, {kind}", face_mean, kind)
 
 group = "modes 0, 1, all"
 case(group, "no modes", modes, chain(300), 0)
@@ -173,6 +268,68 @@ case(group, "300 equal modes", modes, lambda: fs.Substructure(sp.eye_array(300),
 case(group, "CEA, equal damped twins", cea, lambda: fs.Pencil(np.eye(4), np.kron(np.eye(2), fs.chain(2).D.toarray()),
      np.kron(np.eye(2), fs.chain(2).K.toarray())))
 
+for sparse, label in ((False, "dense"), (True, "sparse")):
+    for n in ((12, 60), (300, 3100))[sparse]:
+        case(group, f"K = 2 M, {n} DOF", listed, lambda n=n, s=sparse: stiffness_of_mass(n, 2.0, s), count=9)
+        case(group, f"CEA, K = 2 M, {n} DOF", cea, lambda n=n, s=sparse: damped(stiffness_of_mass(n, 2.0, s), 0.02), closed=True,
+             count=8, semisimple=True)
+    size = 70 if sparse else 12
+    case(group, f"counts that cut a sixfold one, {label}", every, listed, lambda n=size, s=sparse: copies(n, 6, s),
+         asks=[{"count": count} for count in (2, 5, 8, 11, 17)])
+    case(group, f"CEA, counts that cut a sixfold one, {label}", every, cea,
+         lambda n=size, s=sparse: damped(copies(n, 6, s), 1e-3), asks=[{"count": count} for count in (2, 5, 8, 11, 17)],
+         closed=True, semisimple=True)
+
+group = "edges"
+for sparse, label in ((False, "dense"), (True, "sparse")):
+    for name, known in (("pairs", lambda s=sparse: membrane(16 if s else 7, s)),
+                        ("sixfold", lambda s=sparse: copies(70 if s else 12, 6, s))):
+        omega = np.sort(known()[1])
+        levels = omega[np.diff(omega, prepend=-1.0) > 1e-9]
+        ends = [(0.0, levels[2]), (levels[1], levels[2]), (levels[1], levels[4]), (levels[3], levels[5])]
+        tilted = [tuple(edge(omega, 1e-3) if omega else 0.0 for omega in band) for band in ends]
+        case(group, f"{name} on edges, {label}", every, listed, known, asks=[{"band": band} for band in ends])
+        case(group, f"CEA, {name} on edges, {label}", every, cea, lambda known=known: damped(known(), 1e-3), closed=True,
+             semisimple=True, asks=[{"band": band, **re} for band in tilted for re in ({}, {"re": (-5e-4, 0.1)})])
+    case(group, f"CEA, double real λ on an edge, {label}", every, cea, lambda s=sparse: critical(0.0, s), closed=True, power=2,
+         asks=[{"band": (0.0, 10.0), "re": (-3.0, 10.0)}, {"band": (0.0, 10.0), "re": (-100.0, -3.0)}])
+for belt in (2, 5, 10):
+    case(group, f"slope on an edge, chain 10, belt m{belt}", on_an_edge, chain(10, belt=belt), None, quick=belt == 2)
+case(group, "slope on an edge, bracketed", on_an_edge, chain(10, belt=2), None, method="bracketing", quick=False)
+for belt in (2, 7):
+    case(group, f"slope on an edge, chain 400, belt m{belt}", on_an_edge, chain(400, belt=belt), (0.0, 0.025),
+         chain=(400, belt, 0.1))
+
+group = "border"
+for label, method in (("HCB", HCB(6)), ("CC", CC(6))):
+    case(group, f"slope, {label}, band above the cut-off", above_cutoff, method, "slope", expect="reaches above the cut-off")
+    case(group, f"sweep, {label}, band above the cut-off", above_cutoff, method, "sweep", expect="reaches above the cut-off")
+    case(group, f"CEA, {label}, band above the cut-off", above_cutoff, method, "modes")
+case(group, "slope, CC, shape above the cut-off", without_artefact)
+case(group, "slope, CC, next to the cut-off", near_cutoff)
+for method in ("auto", "bracketing"):
+    case(group, f"drift first, {method}", drift, 10, 1e-4, 0.05, method=method)
+    case(group, f"drift first, CC, {method}", drift, 10, 1e-4, 0.05, True, method=method)
+case(group, "drift first, 3,000 masses", drift, 3000, 1e-6, 5.0, band=(0.0, 0.01))
+case(group, "drift without damping, 400 masses", drift, 400, 0.0, 0.05, band=(0.0, 0.006))
+case(group, "drift first, pairs above it", slope, lambda: fs.damped(fs.chain(10, belt=10, damping=0.0, fixed=False),
+     rayleigh=(1e-4, 0.05)), band=(1e-3, 1.0))
+for factor, label in ((0.5, "before"), (1.0, "at"), (1.5, "beyond")):
+    case(group, f"study {label} the border, first pair", study_at_border, factor, 0.2, quick=factor == 1)
+    case(group, f"study {label} the border, half of them", study_at_border, factor, 0.75, quick=factor > 0.5)
+
+group = "motion"
+for n, belt, blow in ((120, 5, 1e-3), (320, 20, 1e-3), (320, 20, 1e-9), (320, 20, 0.1)):
+    case(group, f"alpha, {n} masses, blow of {blow:g}", small_motion, n, belt, blow, 60.0)
+case(group, "alpha, 320 masses, few samples", small_motion, 320, 20, 1e-3, 60.0, 100, quick=False)
+for method in ("alpha", "lsoda", "dop853", "radau"):
+    case(group, f"{method}, tiny blows", proportional_to_its_blow, method, 1e-4, quick=method != "radau")
+for cycle, harmonics in ((Chain(2, 2, 0.05, 0.2, 0.01, odd=True), 8), (Chain(3, 2, 0.1, 0.3, 0.01), 10),
+                         (Chain(3, 3, 0.1, 0.2, 0.005), None), (Chain(4, 4, 0.2, 0.15, 0.01), 20),
+                         (Chain(5, 2, 0.1, 0.3, 0.01, odd=True), 12)):
+    case(group, f"Floquet, chain {cycle.n}, belt m{cycle.belt}, {harmonics or 'usual'} harmonics", floquet, cycle, harmonics)
+case(group, "sticking without an ε", sticking_unknown)
+
 group = "damping"
 DENSE, A = fs.chain(6), np.random.default_rng(3).standard_normal((6, 6))
 for label, D in (("undamped", None), ("overdamped", 10 * np.eye(6)), ("overdamped 1e6", 1e6 * np.eye(6)),
@@ -184,9 +341,10 @@ case(group, "CEA, K = 0", cea, lambda: fs.Pencil(np.eye(3), np.diag([1.0, 2.0, 3
 for alpha, beta in ((0.0, 0.0), (0.01, 1e-3), (-0.01, 0.0), (10.0, 0.0), (1e-9, 0.0)):
     case(group, f"PEP, D = {alpha:g} M + {beta:g} K", cea, lambda a=alpha, b=beta: proportional(300, a, b), closed=True, count=12)
 case(group, "PEP, undamped, band", cea, lambda: proportional(300, 0.0, 0.0), closed=True, band=(0.0, 0.1), quick=False)
-case(group, "PEP, D = 1e4 K", cea,
-     lambda: proportional(300, 0.0, 1e4), closed=True, count=12, expect="of 12 complex modes converged",
-     quick=False)
+case(group, "PEP, D = 1e4 K", cea, lambda: proportional(300, 0.0, 1e4), closed=True, count=12, quick=False)
+case(group, "PEP, D = 1e4 K, 2,100 masses", cea, lambda: proportional(2100, 0.0, 1e4), closed=True, count=12,
+     expect="of 12 complex modes converged", quick=False)
+case(group, "CC, a tolerance and another damping", other_damping)
 case(group, "PEP, gyroscopic", cea, lambda: paired(150, 1.0, 0.0), closed=True, count=12)
 case(group, "PEP, circulatory", cea, lambda: paired(150, 0.0, 1e-3), closed=True, count=12)
 case(group, "slope, undamped", slope, lambda: fs.chain(6, belt=3).with_damping(None), known=0.0)
@@ -204,6 +362,10 @@ case(group, "flutter, two modes just met", cea, lambda: fs.Pencil(np.eye(2), Non
 case(group, "flutter, 1e-8 beyond", cea, lambda: fs.Pencil(np.eye(2), None, TWIN + 1e-8 * np.array([[0, 1], [-1, 0]])), power=2)
 case(group, "flutter, 1e-8 before", cea, lambda: fs.Pencil(np.eye(2), None, TWIN - 1e-8 * np.array([[0, 1], [-1, 0]])), power=2)
 case(group, "critical damping", cea, lambda: fs.Pencil(np.eye(2), np.diag([2.0, 4.0]), np.diag([1.0, 4.0])), power=2)
+for near in (0.0, 2.0**-30, 2.0**-44, -(2.0**-30)):
+    for sparse, label in ((False, "dense"), (True, "sparse")):
+        case(group, f"damping {near:.0e} off critical, {label}", every, cea, lambda r=near, s=sparse: critical(r, s), closed=True,
+             power=2, asks=[{"band": (0.0, 10.3), "re": (-100.0, 100.0)}, {"count": 4}, {"count": 5}])
 case(group, "triple eigenvalue", cea, lambda: fs.Pencil(np.eye(3), None, np.eye(3) + np.diag([1.0, 1.0], 1)), power=3)
 case(group, "PEP, every mode of 150 a defective pair", cea, lambda: paired(150, 0.0, TWIN), closed=True, count=12, quick=False)
 
@@ -211,9 +373,14 @@ group = "slender"
 BAR = {"E": 2.1e11, "I": 1e-16 / 12, "rho": 7850.0, "A": 1e-8}
 case(group, "beam of 1 : 1e-4, 100 elements", modes, lambda: fs.beam(1.0, 100, **BAR, supports={"left": "clamped"}), 6, checked=4)
 case(group, "beam of 2,000 elements", modes, lambda: fs.beam(1.0, 2000, **BAR, supports={"left": "pinned", "right": "pinned"}), 6,
-     checked=2, expect="rounding may take", quick=False)
+     checked=2, quick=False)
 case(group, "beam of 6,000 elements", modes, lambda: fs.beam(1.0, 6000, **BAR, supports={"left": "clamped"}), 6, checked=1,
      expect="rounding may take", quick=False)
+for n in (1000, 3000):
+    case(group, f"entries of a beam of {n:,} elements", beam_entries, n)
+for ends in ("clamped", "pinned"):
+    for n in (500, 1000, 2000, 3000):
+        case(group, f"ω of a {ends} beam of {n:,} elements", beam_frequency, n, ends)
 case(group, "plate cells of 1 : 1e4", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-4), (2, 2)), **STEEL, thickness=1e-6,
      supports={"left": "clamped"}), 5, checked=4, expect="rounding may take")
 case(group, "plate cells of 1 : 100", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-2), (2, 2)), **STEEL, thickness=1e-4,

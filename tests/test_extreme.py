@@ -17,7 +17,10 @@ SCRIPTS = Path(__file__).parent.parent / "scripts"
 sys.path.insert(0, str(SCRIPTS))
 
 from extreme import CASES, evaluate  # noqa: E402
-from extreme_reference import Sturm, border, matched, mp, quadratic  # noqa: E402
+from extreme_complex import cea  # noqa: E402
+from extreme_motion import Chain  # noqa: E402
+from extreme_reference import Sturm, border, chain_border, matched, mp, quadratic  # noqa: E402
+from extreme_spectra import copies, damped, edge, listed, mixed  # noqa: E402
 
 
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.quick])
@@ -28,8 +31,9 @@ def test_case(name: str) -> None:
 
 
 def test_the_table_is_long_enough_and_covers_every_group() -> None:
-    assert len(CASES) >= 45
-    groups = ["ratios", "units", "massless", "rigid", "interface", "repeated", "damping", "defective", "slender", "large"]
+    assert len(CASES) >= 200
+    groups = ["ratios", "units", "massless", "rigid", "interface", "repeated", "edges", "border", "motion", "damping",
+              "defective", "slender", "large"]
     assert {case.group for case in CASES.values()} == {*groups, "modes 0, 1, all"}
 
 
@@ -51,6 +55,51 @@ def test_companion_matrix_and_border_are_right() -> None:
     c, moved = border(*parts, sub.port("belt"), fs.critical_slope(sub).omega * (1 + 1e-7))
     spectrum = quadratic(parts[0], parts[1] + float(c) * np.diag([0, 1.0, 0, 0]), parts[2])
     assert min(abs(mp.re(value)) for value in spectrum) < 1e-16 and 1e-17 < moved < 1e-12
+
+
+def test_a_continued_fraction_is_the_border_of_a_chain() -> None:
+    sub = fs.chain(9, belt=4)
+    omega = fs.critical_slope(sub).omega * (1 + 1e-7)
+    whole, moved = border(sub.M, sub.D, sub.K, sub.port("belt"), omega)
+    c, other = chain_border(9, 4, 0.1, omega)
+    assert abs(c / whole - 1) < 1e-30 and other == pytest.approx(moved, rel=1e-6)
+
+
+def test_companion_matrix_where_mass_and_stiffness_are_singular() -> None:
+    M, K = np.diag([1.0, 0.0, 2.0]), np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
+    found = sorted((complex(value) for value in quadratic(M, 0 * K, K)), key=abs)
+    assert np.abs(found[:2]).max() < 1e-15 and np.abs(found[2:]) == pytest.approx([np.sqrt(0.75)] * 2, rel=1e-14)
+
+
+def test_sets_are_compared_one_to_one_and_edges_belong_to_the_band() -> None:
+    """A spectrum that is not the model's: one eigenvalue too few, one too many on an edge, one beyond it, one that moved."""
+    pencil, values = damped(copies(12, 1, sparse=False), 1e-3)
+    omega = fs.chain_frequencies(12)
+    band = (0.0, edge(omega[3], 1e-3))
+    top = np.argmin(np.abs(values - (-5e-4 + 1j * band[1])))
+    near = values * np.where(np.arange(len(values)) == top, 1 + 1e-3, 1)
+    assert cea(lambda: (pencil, values), closed=True, band=band).ratio < 1
+    assert "do not exist" in cea(lambda: (pencil, values[values.imag < band[1] * (1 - 1e-9)][-3:]), closed=True, band=band).lie
+    assert cea(lambda: (pencil, np.append(values, values[top])), closed=True, band=band).missed == 1
+    assert "outside" in cea(lambda: (pencil, near), closed=True, band=band).lie
+    assert cea(lambda: (pencil, near), closed=True).ratio > 1
+    sub, exact = copies(12, 1, sparse=False)
+    assert listed(lambda: (sub, np.append(exact, exact[2])), band=(0.0, exact[3])).missed == 1
+    assert "counted below" in listed(lambda: (sub, exact[1:]), band=(0.0, exact[3])).lie
+
+
+def test_mixed_oscillators_and_friction_are_what_they_say() -> None:
+    pencil, values = mixed([(1.0, 0.5, 4.0), (0.0, 3.0, 1.0), (0.0, 0.0, 2.0)], 3)
+    assert sorted(values.real) == pytest.approx([-1 / 3, -0.25, -0.25])
+    assert matched(values, quadratic(pencil.M, pencil.D, pencil.K))[0].max() < 1e-12
+    for odd in (False, True):
+        chain = Chain(3, 2, 0.1, 0.2, 0.01, odd)
+        law = chain.model()[1].law
+        for v in (-0.3, 0.002, 0.19):
+            assert chain.friction(v) == pytest.approx(law.value(v)) and chain.slope(v) == pytest.approx(law.slope(v))
+            if not odd:
+                assert chain.less(v) == pytest.approx(chain.friction(0.2 - v) - chain.friction(0.2), abs=1e-14)
+    assert chain.slope(0.2) != pytest.approx(Chain(3, 2, 0.1, 0.2, 0.01).slope(0.2))
 
 
 @pytest.mark.parametrize(("worse", "reason"), [
