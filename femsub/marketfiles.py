@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,13 +71,11 @@ def read_market(path: Path) -> Matrix:
     InputError
         See the table. The message names line and word.
     """
-    from scipy.io import mmread
-
     check_end(path)
     header = _header(path)
     mended = _checked(path, header)
     try:
-        found = mmread(path if mended is None else mended)
+        found = _by_scipy(path if mended is None else mended)
     except (ValueError, OverflowError) as error:
         if mended is None:  # name the word, if it is one: a line too short, a point without digits
             content = path.read_bytes()[header.start:]
@@ -98,6 +97,13 @@ def read_market(path: Path) -> Matrix:
         raise InputError(f"{path} is skew-symmetric, but has entries on the diagonal, first in row "
                          f"{int(np.flatnonzero(matrix.diagonal())[0]) + 1}")
     return matrix
+
+
+def _by_scipy(source: Path | io.BytesIO) -> Any:
+    """SciPy's reading, asked for an array where it can be: 1.18 warns who leaves the kind open, 1.12 knows of one only."""
+    from scipy.io import mmread
+
+    return mmread(source, **({"spmatrix": False} if "spmatrix" in signature(mmread).parameters else {}))
 
 
 def _header(path: Path) -> _Header:

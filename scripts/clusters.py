@@ -60,7 +60,7 @@ def mixing(rng: np.random.Generator, n: int, sparse: bool) -> Any:
         return la.qr(rng.standard_normal((n, n)))[0] * scale
     A = sp.eye_array(n, format="csr")
     for _ in range(2):
-        blocks = [la.qr(rng.standard_normal((m, m)))[0] for m in [4] * (n // 4) + ([n % 4] if n % 4 else [])]
+        blocks = [sp.coo_array(la.qr(rng.standard_normal((m, m)))[0]) for m in [4] * (n // 4) + ([n % 4] if n % 4 else [])]
         A = A[rng.permutation(n)] @ sp.csr_array(sp.block_diag(blocks))
     return sp.csr_array(A @ sp.diags_array(scale))
 

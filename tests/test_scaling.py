@@ -150,11 +150,11 @@ def critical(seed: int, near: Callable[[np.random.Generator], float]) -> tuple[f
             frequency[0], share[0] = omega, near(rng)
         T = np.eye(n) + np.triu(rng.integers(-2, 3, (n, n)), 1)
         d = 2 * share * frequency
-        blocks.append([T.T @ np.diag(part) @ T for part in (np.ones(n), d, frequency**2)])
+        blocks.append([sp.coo_array(T.T @ np.diag(part) @ T) for part in (np.ones(n), d, frequency**2)])
         root = np.sqrt((d / 2 - frequency) * (d / 2 + frequency) + 0j)
         exact += [-d / 2 - root, np.where(d / 2 + root != 0, -frequency**2 / np.where(d / 2 + root != 0, d / 2 + root, 1), 0)]
-    rest = 110 - sum(len(block[0]) for block in blocks)
-    blocks.append([np.eye(rest), np.zeros((rest, rest)), np.diag(rng.integers(400, 900, rest).astype(float))])
+    rest = 110 - sum(block[0].shape[0] for block in blocks)
+    blocks.append([sp.coo_array(np.diag(part)) for part in (np.ones(rest), np.zeros(rest), rng.integers(400, 900, rest))])
     return fs.Pencil(*(sp.block_diag(part) for part in zip(*blocks, strict=True))), np.concatenate(exact), omega
 
 
