@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,9 +14,9 @@ from femsub.bands import in_band
 from femsub.border import dense_border, sparse_border
 from femsub.cea import complex_modes
 from femsub.checks import choice, finite_number
-from femsub.errors import CutoffWarning, InputError, InputTypeError
+from femsub.errors import CutoffWarning, FemsubWarning, InputError, InputTypeError, SingularMatrixError
 from femsub.estimates import SHARE, usable_band
-from femsub.factor import QUADRATIC, WIDE
+from femsub.factor import QUADRATIC, WIDE, factorise
 from femsub.friction import Belt
 from femsub.pencil import Array
 from femsub.qep import eigenvalues, modal_form
@@ -23,6 +24,7 @@ from femsub.substructure import Substructure
 from femsub.threads import FEW, one_thread
 
 SMALL = 150  # up to so many DOF a sparse model is treated as dense
+FAR = 1e8  # times the end of a band: no Re λ is so large
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,14 +103,19 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
           band: tuple[float, float] | None = None) -> StabilitySweep:
     """max Re λ of λ²M + λ(D + F s w wᵀ) + K over slopes s.
 
-    A dense or small model is brought to its undamped modes once, and each slope costs one small eigenproblem. A
-    sparse one above 2,000 DOF takes a PEP for each, and needs a band. So does a dense one above 300 DOF with a band; one with
-    massless motions takes all complex modes for each slope.
+    A small model is brought to its undamped modes once, and each slope costs one small eigenproblem. A sparse one above
+    2,000 DOF, which needs a band, takes a PEP for each; so does a dense one above 300 DOF if a band is given.
+    One with massless motions takes all of its complex modes for each slope.
 
     Raises
     ------
     InputError
         An unknown port, slopes that are not finite, a missing band, or one that reaches above the model's cut-off.
+
+    Warns
+    -----
+    FemsubWarning
+        A sparse model above 2,000 DOF may have Re λ above the end of the band, which is not looked for.
     """
     _check_model("sweep", model, force)
     try:
@@ -120,21 +127,53 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     w = model.port(port).reshape(model.size, -1)
     limits = usable_band(model, band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
-    largest = QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE
-    if model.pencil.is_sparse and band is None and model.size > QUADRATIC:
+    if model.pencil.is_sparse and model.size > QUADRATIC and band is None:
         raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time")
+    few = model.size <= (QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE)
+    fast = np.zeros(len(values), dtype=bool) if few else _fast(model, w, force * values, limits[1])
+    whole = np.full(len(values), few) if few or model.pencil.is_sparse else fast
     with one_thread(model.size <= FEW):
-        form = modal_form(model.pencil.dense()) if model.size <= largest else None
-        for i, slope in enumerate(values):
-            if form is not None:
-                amplitude = form.shapes.T @ w
-                spectrum = eigenvalues(form, form.C + force * slope * (amplitude @ amplitude.T))
+        form = modal_form(model.pencil.dense()) if whole.any() else None
+        if form is None:  # massless motions
+            whole[:] = False
+        else:
+            amplitude = form.shapes.T @ w
+            for i in np.flatnonzero(whole):
+                spectrum = eigenvalues(form, form.C + force * values[i] * (amplitude @ amplitude.T))
                 growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
-                continue
-            modes = complex_modes(model, Belt(port, force=force, slope=float(slope)), band=None if band is None else limits,
-                                  certify=False)
-            growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
+    searched = None if few else limits
+    for i in np.flatnonzero(~whole):
+        modes = complex_modes(model, Belt(port, force=force, slope=float(values[i])), band=searched, certify=False)
+        growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
+    if (fast & ~whole).any():
+        warnings.warn(f"from the slope {values[fast].max():.4g} on some Re λ may be above {limits[1]:.4g}, where the band ends; of "
+                      "a large sparse model only what has |Re λ| up to there is looked for, so that max Re λ may be larger",
+                      FemsubWarning, stacklevel=2)
     return StabilitySweep(values, growth, omega, limits)
+
+
+def _fast(model: Substructure, W: Array, c: Array, hi: float) -> Array:
+    """At which c (k,) D + cWWᵀ may make something grow with Re λ > hi while |Im λ| ≤ hi, bool (k,); at the others nothing does.
+
+    With m, d, k = xᴴMx, xᴴDx, xᴴKx of a shape that grows, (m + Re d / Re λ) |λ|² + k = 0. Hence for a ≤ Re λ ≤ b, hi ≤ a, the
+    matrix aM + D + cWWᵀ + K / 2b is not definite. One interval tells most slopes, several the rest.
+    """
+    fast = np.ones(len(c), dtype=bool)
+    for edges in (hi * np.array([1.0, FAR]), hi * np.append(4.0 ** np.arange(5), FAR)):
+        if fast.any():
+            fast = c <= max(_indefinite(model, W, a, b) for a, b in pairwise(edges))
+    return fast
+
+
+def _indefinite(model: Substructure, W: Array, a: float, b: float) -> float:
+    """The c ≤ 0 up to which aM + D + cWWᵀ + K / 2b is not definite, -inf if it always is."""
+    try:
+        factor = factorise(a * model.M + (model.D + model.D.T) / 2 + model.K / (2 * b), "definite")
+    except SingularMatrixError:
+        return np.inf
+    compliance = float(np.linalg.eigvalsh(W.T @ factor.solve(W))[-1])
+    factor.close()
+    return -1 / compliance if compliance > 0 else -np.inf
 
 
 def _sparse(model: Substructure) -> Substructure:

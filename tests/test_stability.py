@@ -172,6 +172,20 @@ def test_sweep_changes_sign_at_the_border() -> None:
         assert found.growth[-1] == pytest.approx(exact, rel=1e-9)
 
 
+def test_growth_faster_than_the_band_is_found_in_large_models_or_told() -> None:
+    """Far beyond the border a pair has become two real λ, the larger of which leaves what a search in the band looks at."""
+    sub = fs.damped(fs.chain(700, belt=501, interface=range(1, 700, 2)), rayleigh=(1e-5, 1e-3))
+    rom, slopes = fs.reduce(sub, fs.CraigBampton(modes=5)), [-0.01, -3.0]
+    assert rom.size > 300
+    every = fs.complex_modes(rom, fs.Belt(slope=-3.0)).eigenvalues
+    found = fs.sweep(rom, slopes, band=(0.0, 0.3))
+    assert found.growth[1] == pytest.approx(every.real.max(), rel=1e-9) and found.growth[1] > 1
+    assert 0 < found.growth[0] < 0.01
+    large = fs.damped(fs.chain(2100, belt=501), rayleigh=(1e-5, 1e-3))
+    with pytest.warns(fs.FemsubWarning, match="from the slope -3 on some Re λ may be above 0.02"):
+        fs.sweep(large, [-3.0], band=(0.0, 0.02))
+
+
 def test_sweep_of_a_sparse_model() -> None:
     sub = fs.chain(2500, belt=2)
     found = fs.sweep(sub, [-0.0125, -0.05], band=(0.0, 0.01))
