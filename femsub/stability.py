@@ -131,7 +131,7 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
         raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time")
     few = model.size <= (QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE)
     fast = np.zeros(len(values), dtype=bool) if few else _fast(model, w, force * values, limits[1])
-    whole = np.full(len(values), few) if few or model.pencil.is_sparse else fast
+    whole = np.full(len(values), few) if few or model.pencil.is_sparse else fast.copy()
     with one_thread(model.size <= FEW):
         form = modal_form(model.pencil.dense()) if whole.any() else None
         if form is None:  # massless motions
