@@ -140,7 +140,8 @@ def draw(rows: list[Row]) -> Any:
     cloud.set(xscale="log", yscale="log", xlim=(1e-16, 1), ylim=(3e-19, 1), title="right: the largest error of each case",
               xlabel="bound stated beforehand (relative)", ylabel="error against the reference (relative; at least 1e-18 drawn)")
     cloud.grid(alpha=0.3)
-    cloud.legend(fontsize=8, loc="upper left")
+    if cloud.get_legend_handles_labels()[0]:
+        cloud.legend(fontsize=8, loc="upper left")
     left = [0] * len(groups)
     for verdict, colour in (("right", "#2e8b57"), ("refused", "#d9a400"), ("wrong", "#b00000")):
         counts = [sum(row["group"] == group and row["verdict"] == verdict for row in rows) for group in groups]

@@ -113,9 +113,9 @@ def cea(build: Callable[[], Any], closed: bool = False, power: int = 1, belt: fs
     shapes = found.shapes / np.linalg.norm(found.shapes, axis=0)
     if semisimple:
         groups = [np.flatnonzero(np.abs(values - value) <= 1e-9 * abs(value)) for value in values if value]
-        least = min(np.linalg.svd(shapes[:, group], compute_uv=False)[-1] for group in groups)
+        least = min((np.linalg.svd(shapes[:, group], compute_uv=False)[-1] for group in groups), default=1.0)
         lie = lie or ("equal eigenvalues with dependent shapes" if least < 1e-6 else "")
-    return Found(told, *figures, why, float(found.backward_error.max()), None,
+    return Found(told, *figures, why, float(found.backward_error.max(initial=0.0)), None,
                  float(np.linalg.cond(shapes[:, values.imag > 0])) if (values.imag > 0).any() else None, missed, lie)
 
 
@@ -155,7 +155,7 @@ def slope(build: Callable[[], fs.Substructure], known: float | None = None, with
         error = abs(found.slope - known) / abs(known or 1.0)
         lie = f"it is {known:.6g}" if error > within else f"it is at ω = {at:g}" if at is not None and found.omega != at else ""
         return Found(told, error, max(within, EPS), error / max(within, EPS), "known beforehand", lie=lie)
-    w = sub.port("belt")
+    w = sub.port(options.get("port", "belt"))
     if found.slope == 0.0 or not np.isfinite(found.slope):
         return Found(told, 1.0, EPS, np.inf, "it is neither 0 nor infinite")
     exact_slope, moved = border(sub.M, sub.D, sub.K, w, found.omega) if chain is None else chain_border(*chain, found.omega)

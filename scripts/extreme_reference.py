@@ -246,6 +246,11 @@ def worst(founds: Iterable[Found]) -> Found:
     return replace(found, lie=said, missed=sum(missed) if missed else None, computed=f"{len(several)} x {found.computed}")
 
 
+def answered(run: Callable[[], Any]) -> Found:
+    """What is to be refused: wrong if there is an answer."""
+    return Found(str(run()).splitlines()[0][:60], 1.0, EPS, np.inf, "it is to be refused", lie="it was answered")
+
+
 def claim(text: str, lie: str, why: str) -> Found:
     """Something said that is either true or not."""
     return Found(text, 0.0, EPS, 0.0, why, lie=lie)

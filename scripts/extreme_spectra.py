@@ -132,6 +132,24 @@ def critical(near: float, sparse: bool = True) -> Known:
     return fs.Pencil(*(parts if sparse else [part.toarray() for part in parts])), values
 
 
+def critical_ones(seed: int) -> Known:
+    """Three blocks of two to four such oscillators of random ω and damping, many of them critical, beside others far off."""
+    rng, blocks, values = np.random.default_rng([seed, 5]), [], []
+    first = float(rng.integers(1, 6))
+    for start in range(3):
+        n = int(rng.integers(2, 5))
+        omega, share = rng.integers(2, 9, n).astype(float), rng.integers(0, 5, n) / 2
+        if start == 0:
+            omega[0], share[0] = first, 1.0
+        T = np.eye(n) + np.triu(rng.integers(-2, 3, (n, n)), 1)
+        blocks.append([T.T @ np.diag(part) @ T for part in (np.ones(n), 2 * share * omega, omega**2)])
+        values.append(roots(2 * share * omega, omega**2))
+    rest = rng.integers(400, 900, 110 - sum(len(block[0]) for block in blocks)).astype(float)
+    blocks.append([np.eye(len(rest)), np.zeros((len(rest), len(rest))), np.diag(rest)])
+    parts = [sp.csr_array(sp.block_diag(part)) for part in zip(*blocks, strict=True)]
+    return fs.Pencil(*parts), np.concatenate([*values, roots(0.0, rest)])
+
+
 def sliding_pairs(n: int) -> Known:
     """A floating chain whose masses move in two directions, coupled by [[1, 0.25], [-0.125, 1.5]]: four zeros, and
     λ² = -μω² with its eigenvalues μ.

@@ -41,11 +41,12 @@ from extreme_reduction import (
     unsymmetric_files,
     without_artefact,
 )
-from extreme_reference import Found, worst
+from extreme_reference import Found, answered, worst
 from extreme_spectra import (
     component,
     copies,
     critical,
+    critical_ones,
     damped,
     edge,
     in_other_units,
@@ -116,8 +117,9 @@ case(group, "slope, every other mass 1e12", slope, chain(6, belt=2, masses=alter
 case(group, "slope, every other spring 1e12", slope, chain(6, belt=2, springs=alternating(6, 1e12)))
 case(group, "slope, mount of 1e-12", slope, chain(6, belt=2, springs=one(6, 0, 1e-12)))
 
-case(group, "flutter beside 1e13, as a component", lambda: fs.Substructure(np.eye(3), FLUTTER), expect="K is not symmetric")
-case(group, "M unsymmetric beside 1e13", lambda: fs.Substructure(FLUTTER + 1e3 * np.eye(3), np.eye(3)),
+case(group, "flutter beside 1e13, as a component", answered, lambda: fs.Substructure(np.eye(3), FLUTTER),
+     expect="K is not symmetric")
+case(group, "M unsymmetric beside 1e13", answered, lambda: fs.Substructure(FLUTTER + 1e3 * np.eye(3), np.eye(3)),
      expect="M is not symmetric")
 case(group, "flutter beside 1e13, in files", unsymmetric_files, FLUTTER, expect="K is not symmetric")
 case(group, "CEA, flutter beside 1e13", cea, lambda: fs.Pencil(np.eye(3), None, FLUTTER))
@@ -236,7 +238,7 @@ case(group, "CC, inertia relief at 40 DOF", relief, 4)
 for kind in ("quad", "triangle"):
     case(group, f"port on sets of a plate, {kind}", edge_mean, kind, 8)
     case(group, f"port on a mixed set, {kind}", mixed_set, kind, expect="belong to none of the cells")
-case(group, "port on a support", lambda: fs.plate(fs.rectangle((1.0, 1.0), (4, 4)), **STEEL, thickness=0.01,
+case(group, "port on a support", answered, lambda: fs.plate(fs.rectangle((1.0, 1.0), (4, 4)), **STEEL, thickness=0.01,
      supports={"edge": "clamped"}, ports={"p": "left"}), expect="sits on DOF that the supports hold")
 for kind in ("hexahedron20", "tetra10"):
     case(group, f"port on sets of a solid, {kind}", face_mean, kind)
@@ -366,6 +368,9 @@ for near in (0.0, 2.0**-30, 2.0**-44, -(2.0**-30)):
     for sparse, label in ((False, "dense"), (True, "sparse")):
         case(group, f"damping {near:.0e} off critical, {label}", every, cea, lambda r=near, s=sparse: critical(r, s), closed=True,
              power=2, asks=[{"band": (0.0, 10.3), "re": (-100.0, 100.0)}, {"count": 4}, {"count": 5}])
+case(group, "critical damping, 25 models", every, cea, closed=True, power=2, asks=[
+     {"build": lambda seed=seed: critical_ones(seed), **ask} for seed in range(25)
+     for ask in ({"band": (0.0, 10.3), "re": (-100.0, 100.0)}, {"count": 1 + seed % 8})])
 case(group, "triple eigenvalue", cea, lambda: fs.Pencil(np.eye(3), None, np.eye(3) + np.diag([1.0, 1.0], 1)), power=3)
 case(group, "PEP, every mode of 150 a defective pair", cea, lambda: paired(150, 0.0, TWIN), closed=True, count=12, quick=False)
 
