@@ -211,6 +211,7 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, small: list[runs.Task], monk
         runs.run(path, replace(quick, seed=2), small, 1, told.append)
 
 
+@pytest.mark.slow
 def test_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     command = [sys.executable, str(ROOT / "scripts" / "attractors.py"), "--starts", "2", "--sizes", "4", "10",
                "--interfaces", "1", "--window", "200", "--earliest", "400", "--latest", "400", "--out", str(tmp_path)]

@@ -25,6 +25,7 @@ def scene_file(folder: Path, text: str) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_cycles_and_branches_of_the_chain(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = 'scene = "chain-limit-cycle"\nband = [0.6, 0.9]\nfamilies = 1\ndots = 1\nperiods = 300\nharmonics = 100\npoints = 60\n'
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0

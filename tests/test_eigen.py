@@ -21,6 +21,7 @@ def test_chain_frequencies(n: int) -> None:
     assert modes.counted[1] >= count
 
 
+@pytest.mark.slow
 def test_chain_of_a_million_masses() -> None:
     modes = fs.normal_modes(fs.chain(1_000_000), count=20)
     assert np.abs(modes.frequencies / fs.chain_frequencies(1_000_000, 20) - 1).max() < 1e-9

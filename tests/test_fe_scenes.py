@@ -24,6 +24,7 @@ SMALL = {
     "plate": 'scene = "plate"\nelements = [12, 9]\nmodes = [8, 16]\nrepeats = 1\n',
     "solid": 'scene = "solid"\nelements = [2, 12, 1]\nmodes = [10, 20]\nrepeats = 1\n',
 }
+NAMES = ["beam", pytest.param("plate", marks=pytest.mark.slow), pytest.param("solid", marks=pytest.mark.slow)]  # as `runs` is
 PICTURES = {"modes", "eigenvalues", "least-stable", "error-time", "joined-interface"}
 
 
@@ -33,28 +34,37 @@ def scene_file(folder: Path, text: str) -> str:
     return str(path)
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, str]]:
-    found = {}
-    for name, text in SMALL.items():
-        folder = tmp_path_factory.mktemp(name)
-        done = subprocess.run([sys.executable, "-m", "femsub.cli", "run", scene_file(folder, text), "--out", str(folder / "out")],
-                              capture_output=True, text=True, check=False)
+class Runs(dict[str, tuple[Path, str]]):
+    """The folder that a scene wrote and what it printed; each scene is run when it is first asked for."""
+
+    def __init__(self, folders: pytest.TempPathFactory) -> None:
+        super().__init__()
+        self.folders = folders
+
+    def __missing__(self, name: str) -> tuple[Path, str]:
+        folder = self.folders.mktemp(name)
+        command = [sys.executable, "-m", "femsub.cli", "run", scene_file(folder, SMALL[name]), "--out", str(folder / "out")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0 and done.stderr == "", done.stderr
-        found[name] = (folder / "out", done.stdout)
-    return found
+        self[name] = folder / "out", done.stdout
+        return self[name]
 
 
-@pytest.mark.parametrize("name", SMALL)
-def test_files_and_figures(runs: dict[str, tuple[Path, str]], name: str) -> None:
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
+    return Runs(tmp_path_factory)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_and_figures(runs: Runs, name: str) -> None:
     folder, _ = runs[name]
     assert {path.name for path in folder.iterdir()} == {
         "results.json", "results.csv", "modes.vtu", "least-stable.vtu", *(f"{picture}.png" for picture in PICTURES)}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
 
 
-@pytest.mark.parametrize("name", SMALL)
-def test_results_hold_what_is_printed(runs: dict[str, tuple[Path, str]], name: str) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_results_hold_what_is_printed(runs: Runs, name: str) -> None:
     folder, text = runs[name]
     data = json.loads((folder / "results.json").read_text())
     for row in data["modes"]["rows"]:
@@ -74,8 +84,8 @@ def test_results_hold_what_is_printed(runs: dict[str, tuple[Path, str]], name: s
         assert abs(row["slope"] / full - 1) == pytest.approx(row["error"], abs=1e-12) and row["error"] < 0.05
 
 
-@pytest.mark.parametrize("name", SMALL)
-def test_vtu_files_hold_the_shapes(runs: dict[str, tuple[Path, str]], name: str) -> None:
+@pytest.mark.parametrize("name", NAMES)
+def test_vtu_files_hold_the_shapes(runs: Runs, name: str) -> None:
     meshio = pytest.importorskip("meshio")
     folder, _ = runs[name]
     work = Work(load(scene_file(folder.parent, SMALL[name]))[0], lambda text: None)
@@ -269,8 +279,9 @@ def test_displacements_name_what_does_not_fit() -> None:
         displacements(short, sub.dofs, np.ones(10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plate", "solid"])
-def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: dict[str, tuple[Path, str]], name: str) -> None:
+def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: Runs, name: str) -> None:
     rows = json.loads((runs[name][0] / "results.json").read_text())["joined-interface"]
     most = max(row["modes"] for row in rows)
     error = {(row["model"], row["springs"]): row["error"] for row in rows if row["modes"] == most}

@@ -14,6 +14,7 @@ from fuzzing import Subject, fuzz
 import femsub as fs
 
 
+@pytest.mark.slow
 def test_damaged_matrices_and_models(tmp_path: Path) -> None:
     report = fuzz(fuzz_matrices.subjects(tmp_path / "valid"), count=12, seed=1, folder=tmp_path / "damaged", seconds=30)
     assert not report.findings, str(report)
@@ -42,6 +43,7 @@ def read_badly(path: Path) -> object:
     raise fs.InputError("refused")
 
 
+@pytest.mark.slow
 def test_the_harness_finds_each_kind_of_fault(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("1 2 3\n4 5 6\n")
     subject = Subject("bad", tmp_path / "a.txt", "test_fuzz_matrices:read_badly")
@@ -52,7 +54,7 @@ def test_the_harness_finds_each_kind_of_fault(tmp_path: Path) -> None:
     assert len(kept) == len(report.findings) == report.total - fine
 
 
-@pytest.mark.parametrize(("what", "count"), [("write", 30), ("run", 10)])
+@pytest.mark.parametrize(("what", "count"), [pytest.param("write", 30, marks=pytest.mark.slow), ("run", 10)])
 def test_killed_while_it_writes(tmp_path: Path, what: str, count: int) -> None:
     """What is read back is one model or the other, or refused."""
     script = Path(__file__).with_name("killing.py")

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).parent.parent
 
 
@@ -23,6 +25,7 @@ def scaling(folder: Path, *args: str) -> dict[str, Any]:
     return report
 
 
+@pytest.mark.slow
 def test_scaling_of_the_chain(tmp_path: Path) -> None:
     rows = {row["step"]: row for row in scaling(tmp_path, "--components", "chain", "--largest", "10")["rows"]}
     assert list(rows) == ["assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC"]
@@ -31,6 +34,7 @@ def test_scaling_of_the_chain(tmp_path: Path) -> None:
     assert all(rows[step]["stable"] == "yes" for step in ("CEA full", "CEA HCB", "CEA CC"))
 
 
+@pytest.mark.slow
 def test_scaling_of_finite_elements(tmp_path: Path) -> None:
     args = ("--components", "beam", "plate", "solid", "--largest", "40", "--steps", "CC")
     rows = {(row["component"], row["dof"]): row for row in scaling(tmp_path, *args)["rows"]}
@@ -41,6 +45,7 @@ def test_scaling_of_finite_elements(tmp_path: Path) -> None:
     assert 0 < rows["solid", 990]["error"] < 1e-11  # CC keeps these very modes
 
 
+@pytest.mark.slow
 def test_bench(tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "scripts" / "bench.py"), "--quick", "--repeats", "1", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -70,6 +75,7 @@ def report(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
     first = report(tmp_path, "--steps", "chain")
     assert first.returncode == 0, first.stdout + first.stderr
