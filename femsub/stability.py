@@ -146,8 +146,8 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
         modes = complex_modes(model, Belt(port, force=force, slope=float(values[i])), band=searched, certify=False)
         growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     if (fast & ~whole).any():
-        warnings.warn(f"from the slope {values[fast].max():.4g} on some Re λ may be above {limits[1]:.4g}, where the band ends; of "
-                      "a large sparse model only what has |Re λ| up to there is looked for, so that max Re λ may be larger",
+        warnings.warn(f"from the slope {values[fast].max():.4g} on some Re λ may be above {limits[1]:.4g}, where the band ends; "
+                      "of a large sparse model only what has |Re λ| up to there is looked for, so that max Re λ may be larger",
                       FemsubWarning, stacklevel=2)
     return StabilitySweep(values, growth, omega, limits)
 
