@@ -163,7 +163,8 @@ def slope(build: Callable[[], fs.Substructure], known: float | None = None, with
     if chain is None:
         spectrum = quadratic(sub.M, dense(sub.D) + 0.999 * found.slope * np.outer(w, w), sub.K)
         size = max(abs(value) for value in spectrum)
-        growing = int(sum(0 <= value.imag <= found.band[1] and value.real > mp.mpf(10) ** -45 * size for value in spectrum))
+        lo, hi = found.band[0] - mp.mpf(10) ** -30 * size, found.band[1]  # of a real λ Im λ is rounding
+        growing = int(sum(lo <= value.imag <= hi and value.real > mp.mpf(10) ** -45 * size for value in spectrum))
     error = float(abs(exact_slope - mp.mpf(found.slope)) / abs(exact_slope))
     bound = 10 * moved + _modal(sub, w, found.omega)
     return Found(told, error, bound, error / bound, "10 roundings per entry + those of ΦᵀDΦ", missed=growing)
