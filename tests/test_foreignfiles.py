@@ -94,5 +94,5 @@ def test_headers_that_promise_something_else(form: str, suffix: str, old: str, n
     whole = written(path, form, **({} if form == "su2" else {"binary": False}))
     assert whole.count(old.encode()) == 1
     path.write_bytes(whole.replace(old.encode(), new.encode()))
-    with pytest.raises(fs.InputError, match=re.escape(text)):
+    with pytest.raises(fs.InputError, match=re.escape(text) or None):
         fs.read_mesh(path)
