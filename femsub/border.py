@@ -167,6 +167,7 @@ class _Growing:
         rest = handle.elastic_solve(forces, modes.shapes)
         statics, stiffness, mass, _ = independent(handle, rest, forces, modes.shapes, modes.eigenvalues)
         massive = mass > 0
+        self.rigid = modes.rigid
         loose = unresisted(model.D, modes.shapes[:, :modes.rigid], units(model.M))
         self.loose = loose[1]
         self.V = np.hstack([loose[0], modes.shapes[:, modes.rigid:], statics[:, massive]])
@@ -200,6 +201,7 @@ class _Growing:
         new = new @ (vectors[:, keep] / np.sqrt(values[keep]))
         new = new - self.V @ (self.V.T @ (self.full.M @ new))
         cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
+        cross[:self.rigid] = 0.0  # K resists no rigid motion: rounding beside exact zeros would pass for a soft mount
         self.K = np.block([[self.K, cross], [cross.T, (own + own.T) / 2]])
         self.V = np.hstack([self.V, new])
 

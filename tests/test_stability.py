@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from conftest import lattice
+from scipy.linalg import null_space
 
 import femsub as fs
+from femsub.border import dense_border
 
 TABLE = {  # belt: full, HCB and CC with 5 DOF; d1 = 0.1, interface {m1}
     1: (-0.100000, -0.100000, -0.100000), 2: (-0.025567, -0.025634, -0.025567), 3: (-0.011799, -0.011792, -0.011799),
@@ -184,6 +186,23 @@ def test_growth_faster_than_the_band_is_found_in_large_models_or_told() -> None:
     large = fs.damped(fs.chain(2100, belt=501), rayleigh=(1e-5, 1e-3))
     with pytest.warns(fs.FemsubWarning, match="from the slope -3 on some Re λ may be above 0.02"):
         fs.sweep(large, [-3.0], band=(0.0, 0.02))
+
+
+@pytest.mark.parametrize("seed", [0, 2, 9])
+def test_drift_of_a_large_model_is_known_from_its_rigid_motion_however_its_basis_grows(seed: int) -> None:
+    """Rounding beside the zeros of a grown basis took rigid motion for elastic; drift lies where ZᵀDZ + c ZᵀwwᵀZ is singular."""
+    plain = lattice(25, 5, seed=seed)
+    n, rng = plain.size, np.random.default_rng(seed)
+    D = 1e-3 * plain.M + sp.csr_array(([0.5], ([37], [37])), shape=(n, n))
+    w = np.zeros(n)
+    w[rng.choice(n, 4, replace=False)] = rng.uniform(0.2, 1.0, 4)
+    sub = fs.Substructure(plain.M, plain.K, D, ports={"belt": w})
+    band = (0.0, 0.6)
+    found, exact = fs.critical_slope(sub, band=band), dense_border(sub.pencil, w[:, None], band)  # the latter of all modes
+    assert found.slope == pytest.approx(exact.c, rel=1e-8) and found.omega == pytest.approx(exact.omega, rel=1e-6)
+    Z = null_space(plain.K.toarray())
+    drift = -1 / (w @ Z @ np.linalg.solve(Z.T @ D @ Z, Z.T @ w))
+    assert found.slope >= drift * (1 + 1e-8) and (found.omega > 0 or found.slope == pytest.approx(drift, rel=1e-8))
 
 
 def test_sweep_of_a_sparse_model() -> None:
