@@ -8,7 +8,7 @@ import numpy as np
 
 from femsub.bands import in_band
 from femsub.bases.basis import independent
-from femsub.bracketing import bracketed
+from femsub.bracketing import BESIDE, bracketed
 from femsub.cea import complex_modes
 from femsub.contact_model import MARGIN, TOGETHER, Band, Border, Model
 from femsub.crossing import PortFunction
@@ -23,7 +23,6 @@ from femsub.threads import FEW, one_thread
 
 ROUNDS = 8  # in which the basis of a large model may grow
 NEXT = 1e-3  # of an edge of the band, up to which an undamped mode may cross on it
-BESIDE = 1e-2  # of a band's edges, up to which a pair that crosses on an edge is followed on both sides of the border
 
 
 def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:

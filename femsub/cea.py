@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.bands import in_band
+from femsub.bands import EDGE, in_band
 from femsub.checks import whole_number
 from femsub.eigen import check_band
 from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModesError
@@ -216,7 +216,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         warnings.warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
                       f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",
                       FemsubWarning, stacklevel=2)
-    beyond = result.frequencies > cutoff * (1 + 1e-9)
+    beyond = result.frequencies > cutoff * (1 + EDGE)
     box = None if box is None else (*box[:3], min(box[3], cutoff))
     counted = None if proof is None else (proof.radius, proof.number)
     return replace(result, above_cutoff=beyond, searched=box, certified=certified, counted=counted, evidence=evidence)

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from femsub.bands import EDGE, in_band
 from femsub.eigen import all_modes
 from femsub.estimates import SHARE, Estimate, moving, paired, upper, within
 from femsub.pencil import EPS, Array, Pencil
@@ -229,7 +230,7 @@ class Nested:
 
     def estimate(self, count: int, band: tuple[float, float], tol: float, damped: bool = True) -> Estimate:
         """That of the reduced model with `count` modes."""
-        lo, hi = band
+        lo, hi = band[0] * (1 - EDGE), band[1] * (1 + EDGE)
         (omega, rounding), low = self.undamped(count), self.bounds
         known = min(len(omega), len(low))
         inside = np.flatnonzero((low[:known] <= hi) & (omega[:known] >= lo))
@@ -245,7 +246,7 @@ class Nested:
     def floor(self, band: tuple[float, float]) -> float:
         """The largest relative error that rounding alone may have made in the band."""
         omega, rounding = self.undamped(self.modes)
-        inside = (omega >= band[0]) & (omega <= band[1])
+        inside = in_band(omega, band)
         floor = float((rounding[inside] / omega[inside]).max(initial=4 * EPS))
         if self.D is None:
             return floor

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from femsub import qep
+from femsub.bands import EDGE
 from femsub.cea import ComplexModes, certificates
 from femsub.checks import finite_number, items, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
@@ -169,7 +170,7 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
     values, X, Y = values[at], X[:, at], Y[:, at]
     values, X, Y = np.where(flip, values.conj(), values), np.where(flip, X.conj(), X), np.where(flip, Y.conj(), Y)
     result = certificates(pencil, values, X, Y)
-    result = replace(result, above_cutoff=result.frequencies > full.cutoff * (1 + 1e-9))
+    result = replace(result, above_cutoff=result.frequencies > full.cutoff * (1 + EDGE))
     lost = (share[at] < LOST) | (twin[at] >= 0)
     lost[modes.rigid[chosen]] = False
     merged = tuple((int(rows[twin[i]]), int(rows[i])) for i in range(len(rows)) if twin[i] >= 0)

@@ -13,8 +13,8 @@ from typing import TypeAlias
 import numpy as np
 import scipy.linalg as la
 
+from femsub.massless import SINGULAR
 from femsub.pencil import EPS, Array, Pencil, equilibration, scaled, unit_length
-from femsub.shift_invert import SINGULAR
 
 REGULAR = 1e12  # condition up to which a matrix is inverted
 Eigenpairs: TypeAlias = tuple[Array, Array, Array]  # λ (k,), right and left shapes (n, k) of unit length

@@ -330,3 +330,13 @@ def test_refusals(kind: type) -> None:
     with pytest.raises(fs.InputTypeError, match="must be a Belt"):
         fs.reduce(fs.chain(10), kind(band=(0, 1), tol=1e-3), contacts=-0.1)
     assert fs.reduce(fs.chain(10, interface=(1,)), fs.CraigChang(3)).estimate is None
+
+
+@pytest.mark.parametrize("interface", [[1], range(1, 31)])
+@pytest.mark.parametrize("place", [-1e-12, 0.0, 1e-12])
+def test_a_mode_on_the_edge_of_the_band_is_in_the_estimate(interface: list[int], place: float) -> None:
+    """As for every other question (`bands.in_band`): rounding does not decide whether a mode on an edge is to be right."""
+    sub = fs.chain(30, damping=0.0, interface=interface)
+    edges = fs.normal_modes(sub, count=5).frequencies[[1, 4]] * (1 + place)
+    rom = fs.reduce(sub, fs.CraigBampton(band=tuple(edges), tol=1e-3))
+    assert len(rom.estimate.frequencies) == 4

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from femsub.bands import in_band
 from femsub.bases.basis import Kept, independent, lightest
 from femsub.bases.parts import Parts, Span
 from femsub.eigen import NormalModes, all_modes, lowest_modes
@@ -229,7 +230,7 @@ def unreduced(K: Matrix, M: Matrix, band: Any, tol: Any, pencil: Pencil | None) 
     """That of a model which keeps all of its DOF: nothing is left out."""
     modes = all_modes(K, M)
     omega = modes.frequencies[modes.rigid:]
-    omega = omega[(omega >= band[0]) & (omega <= band[1])]
+    omega = omega[in_band(omega, band)]
     values = np.zeros(0, dtype=complex)
     if pencil is not None:
         values = solve(pencil.dense())[0]
