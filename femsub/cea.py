@@ -201,7 +201,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
             values, X, Y, certified, proof, found = solve_count(alike, count or 0, certify)
         else:
             values, X, Y, certified, proof, found = solve_band(alike, box, certify)
-        evidence = proof.evidence if proof is not None else CONFIRMED if certified else NOT_CHECKED
+        everything = found is values  # LAPACK had to take over
+        evidence = proof.evidence if proof is not None else CERTIFIED if everything else CONFIRMED if certified else NOT_CHECKED
         if alike is not sparse:
             X, Y = (unit_length(unit[:, None] * vectors) for unit, vectors in zip(sparse.units[::-1], (X, Y), strict=True))
     if box is not None:
