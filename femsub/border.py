@@ -126,7 +126,7 @@ def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto
     is to be known whether it belongs to the band.
     """
     basis = _Growing(model, W, 1.5 * band[1])
-    basis.grow(np.array([edge for edge in band if 0 < edge < np.inf and _may_cross(basis, edge)]))
+    basis.grow(_crossed_edges(basis, band))
     previous = np.nan
     for _ in range(ROUNDS):
         border = dense_border(basis.pencil, basis.W, band, method)
@@ -144,12 +144,17 @@ def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto
     return border if not np.isfinite(border.c) or border.c == 0 else _verified(model.pencil, W, border, band)
 
 
-def _may_cross(basis: _Growing, edge: float) -> bool:
-    """Whether a pair may cross at a frequency next to an edge: a mode is there, or a root of the scalar function."""
-    if np.abs(basis.frequencies - edge).min(initial=np.inf) <= NEXT * edge:
-        return True
-    model = Model(basis.pencil, basis.W)
-    return any(len(PortFunction.of(model.form, w).crossings((1 - BESIDE) * edge, (1 + BESIDE) * edge)[0]) for w in model.W.T)
+def _crossed_edges(basis: _Growing, band: Band) -> Array:
+    """The edges of a band next to which a pair may cross: a mode is there, or a root of the scalar function."""
+    edges = [edge for edge in band if 0 < edge < np.inf]
+    at_modes = [edge for edge in edges if np.abs(basis.frequencies - edge).min(initial=np.inf) <= NEXT * edge]
+    if len(at_modes) == len(edges):
+        return np.array(edges)
+    with one_thread(len(basis.K) <= FEW):
+        model = Model(basis.pencil, basis.W)
+        functions = [PortFunction.of(model.form, w, model.decomposition(0.0)) for w in model.W.T]
+        return np.array([edge for edge in edges if edge in at_modes or any(
+            len(function.crossings((1 - BESIDE) * edge, (1 + BESIDE) * edge)[0]) for function in functions)])
 
 
 class _Growing:

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse as sp
 from conftest import lattice
 from scipy.linalg import null_space
@@ -208,6 +209,14 @@ def test_drift_of_a_large_model_is_known_from_its_rigid_motion_however_its_basis
     Z = null_space(plain.K.toarray())
     drift = -1 / (w @ Z @ np.linalg.solve(Z.T @ D @ Z, Z.T @ w))
     assert found.slope >= drift * (1 + 1e-8) and (found.omega > 0 or found.slope == pytest.approx(drift, rel=1e-8))
+
+
+def test_edges_of_a_band_cost_a_large_model_one_decomposition_of_its_basis(monkeypatch: pytest.MonkeyPatch) -> None:
+    sub, taken = fs.damped(fs.chain(2100, belt=2), rayleigh=(1e-4, 1e-3)), []
+    own = scipy.linalg.eig
+    monkeypatch.setattr(scipy.linalg, "eig", lambda *args, **options: taken.append(len(args[0])) or own(*args, **options))
+    assert fs.critical_slope(sub, band=(0.01, 0.05)).slope == -np.inf
+    assert len(taken) == 2  # one for both edges, one for the border
 
 
 def test_sweep_of_a_sparse_model() -> None:
