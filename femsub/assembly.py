@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import finite_number
+from femsub.checks import finite_number, positive_number
 from femsub.elements import jacobians, quadrature, reference, shape_functions
 from femsub.errors import InputError
 from femsub.meshes import Mesh
@@ -38,8 +38,7 @@ class Material:
 
     def __post_init__(self) -> None:
         for name in ("E", "rho"):
-            if finite_number(name, getattr(self, name)) <= 0:
-                raise InputError(f"{name} must be positive, but is {getattr(self, name)!r}")
+            positive_number(name, getattr(self, name))
         if not -1 < finite_number("nu", self.nu) < 0.5:
             raise InputError(f"nu must lie between -1 and 0.5, both excluded, but is {self.nu!r}")
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from femsub.bending import hermite_matrices
-from femsub.checks import finite_number, whole_number
+from femsub.checks import finite_number, positive_number, whole_number
 from femsub.dofs import DofMap
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.memory import check_room
@@ -102,9 +102,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
 
 
 def _nodes(length: Any, elements: Any) -> Array:
-    size = finite_number("length", length)
-    if size <= 0:
-        raise InputError(f"length must be positive, but is {size:.6g}")
+    size = positive_number("length", length)
     if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
         x = real_numbers("the places of nodes (elements)", elements)
         if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=1e-9) or not (np.diff(x) > 0).all():

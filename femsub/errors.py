@@ -27,7 +27,7 @@ class NotConvergedError(FemsubError, ArithmeticError):
 
 
 class BreakdownError(NotConvergedError):
-    """An eigensolver broke off within an iteration, which hangs on where it started: from another start it may go through."""
+    """An eigensolver broke off within an iteration. That depends on its start vector: with another one it may succeed."""
 
 
 class MissedModesError(FemsubError, ArithmeticError):

@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import finite_number, whole_number  # noqa: F401 - most modules take them from here
 from femsub.errors import InputError, InputTypeError
 
 Array: TypeAlias = np.ndarray

@@ -19,7 +19,7 @@ from femsub.bending import (
     morley_integrals,
     morley_matrices,
 )
-from femsub.checks import finite_number, items
+from femsub.checks import finite_number, items, positive_number
 from femsub.dofs import DofMap
 from femsub.elements import skfem
 from femsub.errors import InputError, InputTypeError, unknown_name
@@ -91,9 +91,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
         raise InputTypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
     if mesh.kind not in ("triangle", "quad"):
         raise InputError(f"a plate is meshed with triangle or quad cells, but {mesh.name!r} has {mesh.kind}")
-    steel, h = Material(E, nu, rho), finite_number("thickness", thickness)
-    if h <= 0:
-        raise InputError(f"thickness must be positive, but is {h:.6g}")
+    steel, h = Material(E, nu, rho), positive_number("thickness", thickness)
     refuse_spoilt(mesh)
     layout = _Layout(mesh)
     bending = steel.E * (h * h * h) / (12 * (1 - steel.nu**2))

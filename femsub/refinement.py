@@ -12,7 +12,7 @@ import numpy as np
 from femsub import qep
 from femsub.bands import EDGE
 from femsub.cea import ComplexModes, certificates
-from femsub.checks import finite_number, items, whole_number
+from femsub.checks import items, positive_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
 from femsub.friction import Belt
 from femsub.pencil import Array, Difference, Pencil
@@ -111,10 +111,8 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
     A. Neumaier, SIAM J. Numer. Anal. 22 (1985) 914; H. Voss, BIT Numer. Math. 44 (2004) 387.
     """
     chosen = _check(full, modes, rom, contacts, which)
-    if finite_number("tol", tol) <= 0:
-        raise InputError(f"tol must be positive, but is {tol!r}")
-    if whole_number("steps", steps) < 1:
-        raise InputError(f"steps must be at least 1, but is {steps}")
+    positive_number("tol", tol)
+    whole_number("steps", steps, least=1)
     rows, mirrored = _representatives(modes, chosen)
     pencil = full.linearised(contacts)
     handle = ShiftInvert(full.K, full.M)

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from femsub.bands import in_band
 from femsub.border import dense_border, sparse_border
 from femsub.cea import complex_modes
-from femsub.checks import choice, finite_number
+from femsub.checks import choice, positive_number
 from femsub.errors import CutoffWarning, FemsubWarning, InputError, InputTypeError, SingularMatrixError
 from femsub.estimates import SHARE, usable_band
 from femsub.factor import QUADRATIC, WIDE, factorise
@@ -185,8 +185,7 @@ def _sparse(model: Substructure) -> Substructure:
 def _check_model(name: str, model: object, force: object) -> None:
     if not isinstance(model, Substructure):
         raise InputTypeError(f"{name} takes a Substructure with a port, not {type(model).__name__}")
-    if finite_number("force", force) <= 0:
-        raise InputError(f"force must be positive, but is {force!r}")
+    positive_number("force", force)
 
 
 def _leading(values: Array, band: tuple[float, float]) -> tuple[float, float]:

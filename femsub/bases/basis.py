@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.checks import finite_number, whole_number
 from femsub.eigen import NormalModes, check_band, lowest_modes
 from femsub.errors import InputError
 from femsub.estimates import Estimate
-from femsub.pencil import EPS, Array, Matrix, finite_number, whole_number
+from femsub.nested import DEPENDENT, NOISE
+from femsub.pencil import EPS, Array, Matrix
 from femsub.phases import phase
 from femsub.shift_invert import ShiftInvert
 
 COLUMNS = 64  # of V, worked on at a time
-DEPENDENT = 1e-13  # share of a column's static energy below which what is left of it is rounding
-NOISE = 1e-13  # of the motion in a static response, which is what rounding may leave in place of none
 
 
 @dataclass(frozen=True, eq=False)
