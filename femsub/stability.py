@@ -141,12 +141,13 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
             for i in np.flatnonzero(whole):
                 spectrum = eigenvalues(form, form.C + force * values[i] * (amplitude @ amplitude.T))
                 growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
-    searched = None if few else limits
+    untold = fast & model.pencil.is_sparse
     for i in np.flatnonzero(~whole):
+        searched = None if few or (fast[i] and not untold[i]) else limits
         modes = complex_modes(model, Belt(port, force=force, slope=float(values[i])), band=searched, certify=False)
         growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
-    if (fast & ~whole).any():
-        warnings.warn(f"from the slope {values[fast].max():.4g} on some Re λ may be above {limits[1]:.4g}, where the band ends; "
+    if untold.any():
+        warnings.warn(f"from the slope {values[untold].max():.4g} on Re λ may be above {limits[1]:.4g}, where the band ends: "
                       "of a large sparse model only what has |Re λ| up to there is looked for, so that max Re λ may be larger",
                       FemsubWarning, stacklevel=2)
     return StabilitySweep(values, growth, omega, limits)
