@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from femsub.checks import shown
+from femsub.errors import InputError
 from femsub.pencil import Array
 
 EDGE = 1e-9  # of |λ| that an eigenvalue may lie beyond an edge, and still be in the band: room for its rounding
@@ -59,3 +61,16 @@ def _distance(values: Array, others: Array) -> Array:
         return np.full(len(values), np.inf)
     points, tree = (np.stack([part.real, part.imag], axis=1) for part in (values, others))
     return np.asarray(cKDTree(tree).query(points)[0])
+
+
+def check_band(band: object) -> tuple[float, float]:
+    """A band (lo, hi) with 0 ≤ lo < hi, in radians per unit of time."""
+    try:
+        if isinstance(band, (set, dict)):
+            raise TypeError
+        lo, hi = (float(edge) for edge in band)  # type: ignore[attr-defined]
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"band must be a pair (lo, hi) in rad per unit of time, not {shown(band)}") from None
+    if not (0 <= lo < hi < np.inf):
+        raise InputError(f"band must satisfy 0 <= lo < hi < inf, but is ({lo!r}, {hi!r})")
+    return lo, hi

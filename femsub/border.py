@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from femsub.bands import in_band
-from femsub.bases.basis import independent
 from femsub.bracketing import BESIDE, bracketed
 from femsub.cea import complex_modes
 from femsub.contact_model import MARGIN, TOGETHER, Band, Border, Model
@@ -18,6 +17,7 @@ from femsub.factor import complex_solve
 from femsub.pencil import EPS, Array, Pencil, contact_damping, is_symmetric
 from femsub.qep import unresisted
 from femsub.shift_invert import ShiftInvert, units
+from femsub.static_shapes import independent
 from femsub.substructure import Substructure
 from femsub.threads import FEW, one_thread
 

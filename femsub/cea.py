@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from femsub.bands import EDGE, in_band
+from femsub.bands import EDGE, check_band, in_band
 from femsub.checks import whole_number
-from femsub.eigen import check_band
 from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModesError
 from femsub.evidence import CERTIFIED, CONFIRMED, NOT_CHECKED
 from femsub.factor import QUADRATIC, SMALL, WIDE

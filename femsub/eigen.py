@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.bands import EDGE, in_band, widened
+from femsub.bands import EDGE, check_band, in_band, widened
 from femsub.checks import shown, whole_number
 from femsub.dense_modes import dense_modes, negative_eigenvalues, orthonormalise
 from femsub.errors import (
@@ -315,19 +315,6 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
 def modes_under(K: Matrix, M: Matrix, value: float) -> int:
     """How many ω² lie below `value`: the inertia of K - value M, by a factorisation of its own."""
     return inertia(Difference(K, M, value))
-
-
-def check_band(band: object) -> tuple[float, float]:
-    """A band (lo, hi) with 0 ≤ lo < hi, in radians per unit of time."""
-    try:
-        if isinstance(band, (set, dict)):
-            raise TypeError
-        lo, hi = (float(edge) for edge in band)  # type: ignore[attr-defined]
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"band must be a pair (lo, hi) in rad per unit of time, not {shown(band)}") from None
-    if not (0 <= lo < hi < np.inf):
-        raise InputError(f"band must satisfy 0 <= lo < hi < inf, but is ({lo!r}, {hi!r})")
-    return lo, hi
 
 
 def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Array:

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.bands import EDGE, in_band
-from femsub.eigen import check_band
+from femsub.bands import EDGE, check_band, in_band
 from femsub.errors import InputError
 from femsub.pencil import EPS, Array
 from femsub.substructure import Substructure

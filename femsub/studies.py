@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.bands import in_band
+from femsub.bands import check_band, in_band
 from femsub.bases import METHODS, CraigBampton, CraigChang, reduce
 from femsub.cea import ComplexModes, complex_modes
 from femsub.checks import listener, real_array, shown, whole_number
-from femsub.eigen import NormalModes, all_modes, check_band, normal_modes
+from femsub.eigen import NormalModes, all_modes, normal_modes
 from femsub.errors import CutoffWarning, FemsubError, InputError, InputTypeError, PortWarning
 from femsub.factor import QUADRATIC, SMALL, WIDE
 from femsub.friction import Belt

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.bases.basis import COLUMNS, Basis, Extent, energy_error, independent, kept_modes, projected
+from femsub.bases.basis import COLUMNS, Basis, Extent, energy_error, kept_modes, projected
 from femsub.bases.parts import Parts
 from femsub.bases.tolerance import chosen, unreduced
 from femsub.eigen import confirm
 from femsub.errors import ConditionWarning, InputError
 from femsub.pencil import Array, Matrix, Pencil
 from femsub.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio
+from femsub.static_shapes import independent
 from femsub.substructure import Substructure
 
 DIGITS = 1e-4  # of the condensed stiffness that rounding may take before `reduce` warns

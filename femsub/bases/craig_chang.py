@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femsub.bases.basis import Basis, Extent, energy_error, independent, kept_modes
+from femsub.bases.basis import Basis, Extent, energy_error, kept_modes
 from femsub.bases.parts import Parts
 from femsub.bases.tolerance import chosen
 from femsub.eigen import confirm
 from femsub.pencil import Array, Pencil
 from femsub.shift_invert import ShiftInvert
+from femsub.static_shapes import independent
 from femsub.substructure import Substructure
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from femsub.bands import in_band
-from femsub.bases.basis import Kept, independent, lightest
+from femsub.bases.basis import Kept
 from femsub.bases.parts import Parts, Span
 from femsub.eigen import NormalModes, all_modes, lowest_modes
 from femsub.errors import NotConvergedError
@@ -17,6 +17,7 @@ from femsub.memory import check_columns
 from femsub.nested import Nested
 from femsub.pencil import EPS, Array, Matrix, Pencil
 from femsub.qep import solve
+from femsub.static_shapes import independent, lightest
 
 BEGIN = 10  # modes of the first search
 MOST = 1000  # modes after which growth ends, where the model has more

@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from femsub.bands import check_band
 from femsub.bases import METHODS, reduce
 from femsub.cea import ComplexModes, complex_modes
 from femsub.chains import chain
 from femsub.checks import whole_number
-from femsub.eigen import check_band
 from femsub.errors import InputError, PortWarning
 from femsub.friction import LAWS, Belt
 from femsub.matching import relative_error

@@ -11,8 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from femsub.bands import check_band
 from femsub.bases import METHODS, CraigBampton, CraigChang, reduce
-from femsub.eigen import NormalModes, check_band, normal_modes
+from femsub.eigen import NormalModes, normal_modes
 from femsub.errors import InputError, PortWarning
 from femsub.fields import displacements, node_rows
 from femsub.friction import Belt
