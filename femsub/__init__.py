@@ -9,8 +9,8 @@
                  ▼
              study: error against run time
 
-A name is imported when it is first used: a chain scene never loads what only a finite-element scene needs. No module
-is called like a function of this page (`chains.py` holds `chain`), or the module would hide it once imported.
+A name is imported when it is first used: a chain scene never loads what only a finite-element scene needs. The folders are
+rooms in the order of the method; imports go to rooms before (tests/test_house.py).
 """
 
 from __future__ import annotations
@@ -20,48 +20,59 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-_HOME = {
-    "Pencil": "pencil",
-    "Substructure": "substructure", "ReducedSubstructure": "substructure",
-    "DofMap": "dofs", "Mesh": "meshes", "displacements": "fields", "read_mesh": "meshfiles", "write_mesh": "meshfiles",
-    "block": "blocks", "annulus": "blocks", "rectangle": "blocks", "Material": "assembly", "solid": "solids",
-    "read_component": "components", "write_matrices": "modelfiles", "read_matrix": "matrixfiles",
-    "StribeckArctan": "friction", "StribeckArctanOdd": "friction", "Belt": "friction",
-    "chain": "chains", "chain_frequencies": "chains",
-    "beam": "beams", "plate": "plates", "damped": "dampers",
-    "normal_modes": "eigen", "NormalModes": "eigen",
-    "reduce": "bases", "CraigBampton": "bases", "CraigChang": "bases", "Estimate": "estimates",
-    "complex_modes": "cea", "ComplexModes": "cea", "refine": "refinement", "Refined": "refinement",
-    "harmonic_balance": "cycles", "LimitCycle": "cycles", "branch": "branches", "Branch": "branches",
-    "shoot": "shooting", "ShotCycle": "shooting",
-    "sweep": "stability", "critical_slope": "stability", "CriticalSlope": "stability", "StabilitySweep": "stability",
-    "transient": "transients", "Transient": "transients", "State": "contacts",
-    "spectrum": "spectra", "spectrogram": "spectra", "growth_rate": "spectra", "sticking": "spectra", "rms": "spectra",
-    "study": "studies", "Study": "studyresults",
-    "self_excitation": "quality", "SelfExcitation": "quality",
-    "FemsubError": "errors", "InputError": "errors", "InputTypeError": "errors", "SingularMatrixError": "errors",
-    "NotConvergedError": "errors", "MissedModesError": "errors", "UnstableModelError": "errors",
-    "MissingPackageError": "errors", "NotEnoughMemoryError": "errors", "FemsubWarning": "errors", "PortWarning": "errors",
-    "CutoffWarning": "errors",
-    "ConditionWarning": "errors",
+#: module: the names that come from it
+_ROOMS = {
+    "components.beam": "beam",
+    "components.chain": "chain chain_frequencies",
+    "components.damping": "damped",
+    "components.fields": "displacements",
+    "components.grids": "block annulus rectangle",
+    "components.mesh": "Mesh",
+    "components.plate": "plate",
+    "components.solid": "solid",
+    "components.solid_assembly": "Material",
+    "errors": (
+        "FemsubError InputError InputTypeError SingularMatrixError NotConvergedError MissedModesError "
+        "UnstableModelError MissingPackageError NotEnoughMemoryError FemsubWarning PortWarning CutoffWarning "
+        "ConditionWarning"),
+    "io.component_files": "read_component",
+    "io.matrix_files": "read_matrix",
+    "io.mesh_files": "read_mesh write_mesh",
+    "io.model_folder": "write_matrices",
+    "model.dof_map": "DofMap",
+    "model.estimate": "Estimate",
+    "model.friction": "StribeckArctan StribeckArctanOdd Belt",
+    "model.pencil": "Pencil",
+    "model.substructure": "Substructure ReducedSubstructure",
+    "modes.normal_modes": "normal_modes NormalModes",
+    "motion.cycles.branch": "branch Branch",
+    "motion.cycles.limit_cycle": "harmonic_balance LimitCycle",
+    "motion.cycles.shooting": "shoot ShotCycle",
+    "motion.nonlinear_model": "State",
+    "motion.signals": "spectrum spectrogram growth_rate sticking rms",
+    "motion.transient": "transient Transient",
+    "quadratic.complex_modes": "complex_modes ComplexModes",
+    "quadratic.refinement": "refine Refined",
+    "reduction.reduce": "reduce CraigBampton CraigChang",
+    "stability.critical_slope": "sweep critical_slope CriticalSlope StabilitySweep",
+    "studies.error_vs_time": "study",
+    "studies.results": "Study",
+    "studies.self_excitation": "self_excitation SelfExcitation",
 }
+_HOME = {name: module for module, names in _ROOMS.items() for name in names.split()}
 
 __all__ = sorted([*_HOME, "__version__"])
 
 if TYPE_CHECKING:
-    from femsub.assembly import Material
-    from femsub.bases import CraigBampton, CraigChang, reduce
-    from femsub.beams import beam
-    from femsub.blocks import annulus, block, rectangle
-    from femsub.branches import Branch, branch
-    from femsub.cea import ComplexModes, complex_modes
-    from femsub.chains import chain, chain_frequencies
-    from femsub.components import read_component
-    from femsub.contacts import State
-    from femsub.cycles import LimitCycle, harmonic_balance
-    from femsub.dampers import damped
-    from femsub.dofs import DofMap
-    from femsub.eigen import NormalModes, normal_modes
+    from femsub.components.beam import beam
+    from femsub.components.chain import chain, chain_frequencies
+    from femsub.components.damping import damped
+    from femsub.components.fields import displacements
+    from femsub.components.grids import annulus, block, rectangle
+    from femsub.components.mesh import Mesh
+    from femsub.components.plate import plate
+    from femsub.components.solid import solid
+    from femsub.components.solid_assembly import Material
     from femsub.errors import (
         ConditionWarning,
         CutoffWarning,
@@ -77,25 +88,29 @@ if TYPE_CHECKING:
         SingularMatrixError,
         UnstableModelError,
     )
-    from femsub.estimates import Estimate
-    from femsub.fields import displacements
-    from femsub.friction import Belt, StribeckArctan, StribeckArctanOdd
-    from femsub.matrixfiles import read_matrix
-    from femsub.meshes import Mesh
-    from femsub.meshfiles import read_mesh, write_mesh
-    from femsub.modelfiles import write_matrices
-    from femsub.pencil import Pencil
-    from femsub.plates import plate
-    from femsub.quality import SelfExcitation, self_excitation
-    from femsub.refinement import Refined, refine
-    from femsub.shooting import ShotCycle, shoot
-    from femsub.solids import solid
-    from femsub.spectra import growth_rate, rms, spectrogram, spectrum, sticking
-    from femsub.stability import CriticalSlope, StabilitySweep, critical_slope, sweep
-    from femsub.studies import study
-    from femsub.studyresults import Study
-    from femsub.substructure import ReducedSubstructure, Substructure
-    from femsub.transients import Transient, transient
+    from femsub.io.component_files import read_component
+    from femsub.io.matrix_files import read_matrix
+    from femsub.io.mesh_files import read_mesh, write_mesh
+    from femsub.io.model_folder import write_matrices
+    from femsub.model.dof_map import DofMap
+    from femsub.model.estimate import Estimate
+    from femsub.model.friction import Belt, StribeckArctan, StribeckArctanOdd
+    from femsub.model.pencil import Pencil
+    from femsub.model.substructure import ReducedSubstructure, Substructure
+    from femsub.modes.normal_modes import NormalModes, normal_modes
+    from femsub.motion.cycles.branch import Branch, branch
+    from femsub.motion.cycles.limit_cycle import LimitCycle, harmonic_balance
+    from femsub.motion.cycles.shooting import ShotCycle, shoot
+    from femsub.motion.nonlinear_model import State
+    from femsub.motion.signals import growth_rate, rms, spectrogram, spectrum, sticking
+    from femsub.motion.transient import Transient, transient
+    from femsub.quadratic.complex_modes import ComplexModes, complex_modes
+    from femsub.quadratic.refinement import Refined, refine
+    from femsub.reduction.reduce import CraigBampton, CraigChang, reduce
+    from femsub.stability.critical_slope import CriticalSlope, StabilitySweep, critical_slope, sweep
+    from femsub.studies.error_vs_time import study
+    from femsub.studies.results import Study
+    from femsub.studies.self_excitation import SelfExcitation, self_excitation
 
 
 def __getattr__(name: str) -> Any:

@@ -1,21 +1,28 @@
-"""Checks of arguments: each returns the value in the type that the code works with, or names what was found and what would do.
+"""The words of all rooms (`Array`, `Matrix`, `EPS`), and the checks of arguments.
 
-Nothing here converts a value that merely looks right: '3', True and 2.0 are no whole numbers. NumPy is imported for arrays
-only: a scene that is misspelt should not wait for it.
+Each check returns the value in the type that the code works with, or names what was found and what would do. Nothing here
+converts a value that merely looks right: '3', True and 2.0 are no whole numbers. NumPy is imported for arrays only: a scene
+that is misspelt should not wait for it.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from femsub.errors import InputError, InputTypeError, unknown_name
 
 if TYPE_CHECKING:
     import numpy as np
+
+Array: TypeAlias = "np.ndarray"
+Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (sparse), both float64
+
+EPS = sys.float_info.epsilon
 
 T = TypeVar("T")
 

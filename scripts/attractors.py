@@ -6,8 +6,8 @@
 Several motions coexist, so one trajectory proves nothing. Every model gets the same physical starts, projected M-orthogonally:
 random ones around the sliding equilibrium, from small kicks to sticking (`random_start` in attractors_runs.py), and besides
 an impulse and a start from rest, which are only listed. Each trajectory is followed until two successive windows show one
-motion; what has not settled by then is a class of its own. Motions of all models are told apart by `femsub.attractors`:
-both periodic or both not, rms within 10 %, 80 % of the power on lines within 1.5 %.
+motion; what has not settled by then is a class of its own. Motions of all models are told apart by
+`femsub.studies.attractor_states`: both periodic or both not, rms within 10 %, 80 % of the power on lines within 1.5 %.
 
 From where the full model has ended in each of its states, every reduced model starts once more: the states in which it
 stays are those it `holds`, whatever the chance of reaching them.
@@ -42,10 +42,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout 
 import attractors_runs as runs
 
 import femsub as fs
-from femsub import attractors, report
-from femsub.attractors import Motion
-from femsub.quality import CRITERIA, rank_correlation, table_rows
-from femsub.scene import Result
+from femsub.app import report
+from femsub.app.scene import Result
+from femsub.studies import attractor_states as attractors
+from femsub.studies.attractor_states import Motion
+from femsub.studies.self_excitation import CRITERIA, rank_correlation, table_rows
 
 SHORT = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC"}
 MEASURED = ("distance", "error_spectrum", "error_frequency", "error_amplitude")
@@ -212,7 +213,7 @@ def _told(parts: Sequence[float], names: Sequence[str]) -> str:
 
 def draw(found: dict[str, Any]) -> Any:
     """Stacked shares over the DOF, HCB above CC, the full model to the right; below, the distance from the full model."""
-    from femsub.figures import COLOURS, new_figure
+    from femsub.app.figures import COLOURS, new_figure
 
     rows, states = found["rows"], found["states"]
     interfaces = list(dict.fromkeys(tuple(row["interface"]) for row in rows if row["method"] != "full"))

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from femsub.attractors import Motion, motion, settled
-from femsub.bases import METHODS
-from femsub.contacts import STICKING, State, project, sliding
+from femsub.motion.nonlinear_model import STICKING, State, project, sliding
+from femsub.reduction.reduce import METHODS
+from femsub.studies.attractor_states import Motion, motion, settled
 
 Record = dict[str, Any]
 

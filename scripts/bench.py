@@ -34,8 +34,8 @@ import bench_tasks as tasks
 from scaling import Row, fresh, machine
 
 import femsub as fs
-from femsub import report
-from femsub.scene import Result
+from femsub.app import report
+from femsub.app.scene import Result
 
 PARTS = ("assembly", "bases", "cea")
 SIZES: dict[bool, Row] = {  # by --quick: bricks, nodes of the interface, modes

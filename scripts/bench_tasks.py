@@ -72,7 +72,7 @@ def assembly(method: str, kind: str, counts: tuple[int, ...], folder: Path | Non
 
 
 def femsub_matrices(mesh: fs.Mesh, laps: Laps) -> tuple[Any, Any, None]:
-    from femsub.assembly import stiffness_and_mass
+    from femsub.components.solid_assembly import stiffness_and_mass
 
     laps.begin()
     K, M = stiffness_and_mass(mesh, [(fs.Material(*STEEL), np.arange(len(mesh.cells)))])
@@ -85,8 +85,8 @@ def skfem_matrices(mesh: fs.Mesh, laps: Laps) -> tuple[Any, Any, Any]:
     from skfem.helpers import dot
     from skfem.models.elasticity import linear_elasticity
 
-    from femsub.assembly import exact_degree
-    from femsub.elements import quadrature, reference
+    from femsub.components.solid_assembly import exact_degree
+    from femsub.components.solid_elements import quadrature, reference
 
     used, corners = np.unique(mesh.cells[:, :8], return_inverse=True)
     theirs, ours = skfem.ElementHex1().doflocs, reference(mesh.kind).nodes[:8]
@@ -124,7 +124,7 @@ def entry_error(A: Any, B: Any) -> float:
 
 def bases(method: str, component: str, sizes: Row, folder: Path | None) -> Row:
     """One way to the HCB basis. With a folder, femsub leaves its result there and the others compare theirs with it."""
-    from femsub.eigen import relative_residual
+    from femsub.modes.normal_modes import relative_residual
 
     make, laps = METHODS[method], Laps()
     make(solid("slab", (5, 3, 2), 4), 3, laps)
@@ -145,8 +145,8 @@ def bases(method: str, component: str, sizes: Row, folder: Path | None) -> Row:
 
 
 def femsub_bases(sub: fs.Substructure, modes: int, laps: Laps) -> tuple[Any, ...]:
-    from femsub._slepc import Factor
-    from femsub.bases import craig_bampton
+    from femsub.linalg.petsc import Factor
+    from femsub.reduction import craig_bampton
 
     confirm, before = craig_bampton.confirm, Factor.made
 
@@ -288,7 +288,7 @@ def full_cea(counts: tuple[int, ...], slopes: np.ndarray, band: tuple[float, flo
 
 def reductions(counts: tuple[int, ...], kept: tuple[int, ...], slopes: np.ndarray, spectra: list[fs.ComplexModes]) -> Row:
     """HCB and CC with more and more modes against the full spectra; the smallest within GROWTH, ready for the sweep."""
-    from femsub.matching import spectrum_errors
+    from femsub.quadratic.matching import spectrum_errors
 
     sub, tried, models = pad(counts), [], {}
     for method in (fs.CraigBampton, fs.CraigChang):

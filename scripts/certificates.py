@@ -36,8 +36,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout 
 import scaling_models as models
 
 import femsub as fs
-from femsub import cea, condensed, eigen, pep, report, splitting
-from femsub.scene import Result
+from femsub.app import report
+from femsub.app.scene import Result
+from femsub.modes import normal_modes as eigen
+from femsub.quadratic import complex_modes as cea
+from femsub.quadratic import damping_split as splitting
+from femsub.quadratic import disc_count as condensed
+from femsub.quadratic import sparse as pep
 
 LONG = 60.0
 KINDS = ("errors", "left", "inertia", "disc")

@@ -17,12 +17,12 @@ import time
 import warnings
 
 import femsub as fs
-from femsub import compliance
-from femsub.balance import Balance
-from femsub.contacts import sliding
-from femsub.files import write_whole
-from femsub.report import machine, table, to_json
-from femsub.scene import load
+from femsub.app.report import machine, table, to_json
+from femsub.app.scene import load
+from femsub.io.atomic import write_whole
+from femsub.motion.cycles import compliance
+from femsub.motion.cycles.balance import Balance
+from femsub.motion.nonlinear_model import sliding
 
 
 def models(modes: int) -> dict[str, tuple[fs.Substructure, fs.Belt]]:

@@ -27,10 +27,10 @@ sys.path.insert(0, str(ROOT / "tests"))
 import gallery  # noqa: E402
 
 import femsub as fs  # noqa: E402
-from femsub.bases.tolerance import Search  # noqa: E402
-from femsub.estimates import SHARE, paired, within  # noqa: E402
-from femsub.files import write_whole  # noqa: E402
-from femsub.nested import Nested  # noqa: E402
+from femsub.io.atomic import write_whole  # noqa: E402
+from femsub.model.estimate import SHARE, paired, within  # noqa: E402
+from femsub.reduction.error_bounds import Nested  # noqa: E402
+from femsub.reduction.mode_selection import Search  # noqa: E402
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6)
 SMALLEST = 1e-10  # true relative errors below it are rounding

@@ -38,8 +38,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout 
 from extreme_table import CASES
 
 import femsub as fs
-from femsub import report
-from femsub.scene import Result
+from femsub.app import report
+from femsub.app.scene import Result
 
 BACKWARD, ORTHOGONAL = 1e-9, 1e-8  # a backward error above the first is warned of by femsub itself
 FIGURES = ("error", "bound", "ratio", "backward", "orthogonality", "condition", "missed")
@@ -121,7 +121,7 @@ def text(rows: list[Row]) -> str:
 
 def draw(rows: list[Row]) -> Any:
     """Error over bound, and the verdicts of each group."""
-    from femsub.figures import new_figure
+    from femsub.app.figures import new_figure
 
     groups = list(dict.fromkeys(row["group"] for row in rows))
     colours = ["#0067a5", "#c44e00", "#2e8b57", "#8e44ad", "#b08900", "#555555", "#c2185b", "#008b8b", "#7a4b1e",

@@ -209,7 +209,7 @@ def relief(solves: int) -> Found:
     """Craig-Chang of a floating lattice with 40 interface DOF: the statics of inertia relief, against K + sMZZᵀM, which is
     regular, in double precision; and no more solves for each than foretold by the rate |σ|/(λ₁ + |σ|).
     """
-    from femsub.shift_invert import ShiftInvert
+    from femsub.modes.shift_invert import ShiftInvert
 
     sub = lattice(12, 10)
     wide = np.arange(0, sub.size, 6)

@@ -28,9 +28,9 @@ from typing import Any, BinaryIO
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout will do
 
 import femsub as fs
-from femsub import report
-from femsub._slepc import versions
-from femsub.files import write_whole
+from femsub.app import report
+from femsub.io.atomic import write_whole
+from femsub.linalg.petsc import versions
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ROOT / "scripts"

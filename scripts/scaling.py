@@ -48,8 +48,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout 
 import scaling_models as models
 
 import femsub as fs
-from femsub import report
-from femsub.scene import Result
+from femsub.app import report
+from femsub.app.scene import Result
 
 STEPS = ("assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC")
 METHODS: dict[str, Any] = {"HCB": fs.CraigBampton, "CC": fs.CraigChang}
@@ -122,7 +122,7 @@ def modes_kept(kind: str, step: str, model: fs.Substructure, rom: fs.ReducedSubs
     """Error of the reduced model's frequencies, and the largest residual of the modes it keeps."""
     import scipy.linalg
 
-    from femsub.eigen import relative_residual
+    from femsub.modes.normal_modes import relative_residual
 
     at = np.array([i for i, name in enumerate(rom.kinds) if name in ("fixed-interface", "free")])
     values, shapes = rom.K[at, at], rom.V[:, at]
@@ -269,7 +269,7 @@ def text(rows: list[Row], fits: list[Row]) -> str:
 
 def draw(rows: list[Row], fits: list[Row]) -> Any:
     """Seconds (least to most as bars) above, peak memory below, one column for each component, all axes logarithmic."""
-    from femsub.figures import COLOURS, new_figure
+    from femsub.app.figures import COLOURS, new_figure
 
     hcb, cc = COLOURS["craig-bampton"], COLOURS["craig-chang"]
     looks = {"assembly": ("0.55", "v", 5), "HCB": (hcb, "s", 5), "CC": (cc, "^", 5), "CEA full": (COLOURS["full"], "o", 5),

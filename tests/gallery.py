@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from conftest import lattice, membrane
 
 import femsub as fs
-from femsub.estimates import moving, upper
+from femsub.model.estimate import moving, upper
 
 STEEL = {"E": 2.1e11, "rho": 7850.0}
 

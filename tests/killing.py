@@ -25,7 +25,7 @@ import fuzz_matrices
 from fuzzing import fingerprint
 
 import femsub as fs
-from femsub.cli import main
+from femsub.app.cli import main
 
 SCENE = ('scene = "matrices"\nM = "M.mtx"\nK = "K.mtx"\ninterface = [0, 7]\nport = 3\nmodes = [3]\nband = [0.0, 0.9]\n'
          'outputs = ["reduced-matrices"]\nformat = "{}"\n')

@@ -18,7 +18,7 @@ from conftest import lattice
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
-from femsub.pencil import EPS
+from femsub.checks import EPS
 
 REACH = 17  # units from 2⁻¹⁷ to 2¹⁷
 MOTIONS = ("lattice held", "lattice floating", "chain", "uneven chain", "plate", "beam")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.attractors import (
+from femsub.studies.attractor_states import (
     Motion,
     bootstrap,
     chance,

@@ -11,10 +11,10 @@ import scipy.sparse as sp
 from conftest import lattice, rigid_motions
 
 import femsub as fs
-from femsub import threads
-from femsub._slepc import Factor
-from femsub.eigen import lowest_modes
-from femsub.shift_invert import ShiftInvert
+from femsub.linalg import threads
+from femsub.linalg.petsc import Factor
+from femsub.modes.normal_modes import lowest_modes
+from femsub.modes.shift_invert import ShiftInvert
 
 METHODS = [fs.CraigBampton, fs.CraigChang]
 COMPONENTS = {

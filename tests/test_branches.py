@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.balance import Balance, Orbit
-from femsub.branches import Branch
+from femsub.motion.cycles.balance import Balance, Orbit
+from femsub.motion.cycles.branch import Branch
 
 LAW = fs.StribeckArctan(eps=1e-3)
 BELT = fs.Belt(speed=0.19113, law=LAW)
@@ -144,7 +144,7 @@ def test_without_stability_no_multiplier_is_computed_whatever_is_asked(monkeypat
 
     rom = reduced(fs.CraigBampton(4))
     with monkeypatch.context() as patch:
-        patch.setattr("femsub.cycles.multipliers", refused)
+        patch.setattr("femsub.motion.cycles.limit_cycle.multipliers", refused)
         found = fs.branch(rom, BELT, "slope", (-0.1, -0.01), points=4, stability=False)
         assert "; stability not computed;" in repr(found) and "stable;" not in repr(found)
         assert set(found.stable) == {None} and {row["is_stable"] for row in found.rows()} == {None}

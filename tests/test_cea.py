@@ -9,10 +9,10 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub import qep
-from femsub.border import dense_border
-from femsub.cea import certificates
-from femsub.matching import match
+from femsub.quadratic import dense as qep
+from femsub.quadratic.complex_modes import certificates
+from femsub.quadratic.matching import match
+from femsub.stability.border import dense_border
 
 BELT = fs.Belt(slope=-0.2677)
 
@@ -134,7 +134,8 @@ def test_overdamped_modes_are_among_the_wanted_ones() -> None:
 
 @pytest.mark.parametrize("by", ["winding number of det P says that 2 eigenvalues", "56 eigenvalues lie in .* but 54 were found"])
 def test_a_missed_eigenvalue_is_noticed(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub import pep, splitting
+    from femsub.quadratic import damping_split as splitting
+    from femsub.quadratic import sparse as pep
 
     if "winding" in by:
         monkeypatch.setattr(splitting, "split", lambda pencil: None)
@@ -308,7 +309,7 @@ def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch:
     def all_of_them(pencil: fs.Pencil) -> None:
         raise AssertionError("LAPACK was asked for all eigenvalues")
 
-    monkeypatch.setattr("femsub.qep.solve", all_of_them)
+    monkeypatch.setattr("femsub.quadratic.dense.solve", all_of_them)
     found = fs.complex_modes(rom, belt, **ask)
     near = every[(every.imag >= 0) & (every.imag <= 0.2) & (np.abs(every.real) <= 0.2)] if "band" in ask else \
         every[np.argsort(np.abs(every))][:16]

@@ -11,10 +11,13 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub import condensed, pep, qep, splitting
-from femsub._slepc import Factor
-from femsub.factor import factorise
-from femsub.matching import match
+from femsub.linalg.factor import factorise
+from femsub.linalg.petsc import Factor
+from femsub.quadratic import damping_split as splitting
+from femsub.quadratic import dense as qep
+from femsub.quadratic import disc_count as condensed
+from femsub.quadratic import sparse as pep
+from femsub.quadratic.matching import match
 
 BELT = fs.Belt(slope=-0.2677)
 

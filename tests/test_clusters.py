@@ -12,10 +12,11 @@ import scipy.sparse as sp
 from conftest import lattice, membrane, membrane_eigenvalues
 
 import femsub as fs
-from femsub import _slepc, pep
-from femsub.bands import DOUBLE, EDGE, in_band, widened
-from femsub.dense_modes import dense_modes
-from femsub.multiplicity import clear_radius, clusters, distinct, joined
+from femsub.linalg import petsc as _slepc
+from femsub.model.bands import DOUBLE, EDGE, in_band, widened
+from femsub.modes.dense import dense_modes
+from femsub.quadratic import sparse as pep
+from femsub.quadratic.multiplicity import clear_radius, clusters, distinct, joined
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scripts"))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.contacts import project, sliding
+from femsub.motion.nonlinear_model import project, sliding
 
 LAW = fs.StribeckArctan(eps=1e-3)
 BELT = fs.Belt(speed=0.19113, law=LAW)

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.branches import Branch
-from femsub.cli import main
-from femsub.continuation import with_parameter
-from femsub.figures_cycles import bifurcation_figure
-from femsub.scenes import cycle_keys
-from femsub.scenes.chain_cycles import ChainCycleScene
+from femsub.app.cli import main
+from femsub.app.figures_cycles import bifurcation_figure
+from femsub.app.scenes import cycle_keys
+from femsub.app.scenes.chain_cycles import ChainCycleScene
+from femsub.motion.cycles.branch import Branch
+from femsub.motion.cycles.continuation import with_parameter
 
 
 def scene_file(folder: Path, text: str) -> str:

@@ -13,9 +13,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
-from femsub.balance import Balance, Orbit
-from femsub.compliance import Fractions, Solved, compliance
-from femsub.contacts import sliding
+from femsub.motion.cycles.balance import Balance, Orbit
+from femsub.motion.cycles.compliance import Fractions, Solved, compliance
+from femsub.motion.nonlinear_model import sliding
 
 LAW = fs.StribeckArctan(eps=1e-3)
 BELT = fs.Belt(speed=0.19113, law=LAW)
@@ -204,7 +204,7 @@ def test_too_few_harmonics_are_warned_of_and_the_number_that_would_do_is_right()
 
 
 def test_where_no_more_harmonics_are_added_the_number_that_meets_the_tolerance_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.cycles.MOST", 8)
+    monkeypatch.setattr("femsub.motion.cycles.limit_cycle.MOST", 8)
     with pytest.warns(fs.FemsubWarning, match="^8 harmonics leave out") as seen:
         rough = fs.harmonic_balance(model("HCB"), BELT, start=cycle("HCB"), tolerance=4e-3)
     enough, told = _advised(seen)

@@ -101,7 +101,7 @@ def test_matrix_market_that_is_wrong(tmp_path: Path, text: str, words: str) -> N
 
 def test_a_wrong_word_far_into_a_large_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The block in which it stands does not matter, nor do Fortran's exponents in a later one."""
-    monkeypatch.setattr("femsub.marketfiles.BLOCK", 500)
+    monkeypatch.setattr("femsub.io.matrix_market.BLOCK", 500)
     rows = [f"{row} {row} {row}.25e+00\n" for row in range(1, 201)]
     rows[150] = rows[150].replace("e+00", "D+00")
     same(market(tmp_path, REAL + "200 200 200\n" + "".join(rows)), sp.csr_array(sp.diags_array(np.arange(1, 201) + 0.25)))

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from femsub import cli, doctor
+from femsub.app import cli, doctor
 from femsub.errors import MissingPackageError
-from femsub.threads import Library
+from femsub.linalg.threads import Library
 
 ROOT = Path(__file__).parent.parent
 
@@ -28,7 +28,7 @@ def test_what_is_wrong_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, 
     def missing() -> dict[str, str]:
         raise MissingPackageError("slepc4py is not installed: scripts/setup installs it")
 
-    monkeypatch.setattr("femsub._slepc.versions", missing)
+    monkeypatch.setattr("femsub.linalg.petsc.versions", missing)
     monkeypatch.setattr(doctor, "available", lambda: 1e8)
     many = Library("libopenblas.so", "OpenBLAS 0.3.0 x", "Zen", lambda: 10_000, lambda count: None)
     monkeypatch.setattr(doctor, "libraries", lambda: [many])
@@ -58,8 +58,8 @@ def test_import_from_the_folder_above_a_clone(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "femsub", clone / "femsub", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "__init__.py", clone)
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    code = ("import femsub as fs; import femsub.bases; from femsub.chains import chain; print(fs.__file__, fs.__version__); "
-            "assert chain is fs.chain; assert fs.read_mesh and fs.beam(1.0, 4, E=1.0, I=1.0, rho=1.0, A=1.0).size == 10")
+    code = ("import femsub as fs; import femsub.reduction.reduce; from femsub.components.chain import chain; "
+            "print(fs.__file__, fs.__version__); assert chain is fs.chain; assert fs.read_mesh and fs.beam(1.0, 4, E=1.0, I=1.0, rho=1.0, A=1.0).size == 10")
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True, text=True)
     assert found.stdout.startswith(str(clone / "femsub" / "__init__.py"))

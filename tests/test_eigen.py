@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from conftest import lattice, membrane, membrane_eigenvalues, rigid_motions
 
 import femsub as fs
-from femsub.shift_invert import ShiftInvert
+from femsub.modes.shift_invert import ShiftInvert
 
 
 @pytest.mark.parametrize("n", [10, 60, 100, 101, 1000, 10_000])
@@ -41,7 +41,7 @@ def test_repeated_pairs_are_complete(m: int) -> None:
 
 
 def test_a_missed_mode_of_a_pair_is_found_and_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub import _slepc
+    from femsub.linalg import petsc as _slepc
 
     original, calls = _slepc.symmetric_modes, []
 
@@ -61,7 +61,7 @@ def test_a_missed_mode_of_a_pair_is_found_and_fetched(monkeypatch: pytest.Monkey
 
 
 def test_a_mode_that_cannot_be_fetched_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub import _slepc
+    from femsub.linalg import petsc as _slepc
 
     original = _slepc.symmetric_modes
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.cli import main
-from femsub.fields import displacements
-from femsub.matching import extra_eigenvalues
-from femsub.scene import load
-from femsub.scenes.component import Work
-from femsub.studyresults import Row, Study, Timing
+from femsub.app.cli import main
+from femsub.app.scene import load
+from femsub.app.scenes.component import Work
+from femsub.components.fields import displacements
+from femsub.quadratic.matching import extra_eigenvalues
+from femsub.studies.results import Row, Study, Timing
 
 SMALL = {
     "beam": 'scene = "beam"\nelements = 40\nmodes = [8, 12]\nrepeats = 1\n',
@@ -43,7 +43,7 @@ class Runs(dict[str, tuple[Path, str]]):
 
     def __missing__(self, name: str) -> tuple[Path, str]:
         folder = self.folders.mktemp(name)
-        command = [sys.executable, "-m", "femsub.cli", "run", scene_file(folder, SMALL[name]), "--out", str(folder / "out")]
+        command = [sys.executable, "-m", "femsub.app.cli", "run", scene_file(folder, SMALL[name]), "--out", str(folder / "out")]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0 and done.stderr == "", done.stderr
         self[name] = folder / "out", done.stdout
@@ -129,7 +129,7 @@ def test_recovered_shapes_fulfil_the_full_pencil_better_with_more_modes(tmp_path
 @pytest.mark.parametrize(("outputs", "there"), [('["critical-slope"]', {"critical-slope"}), ('["modes"]', {"modes"})])
 def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, outputs: str, there: set[str]) -> None:
     scene = scene_file(tmp_path, SMALL["beam"] + f"outputs = {outputs}\n")
-    code = ("import sys; from femsub.cli import main; status = main(sys.argv[1:]); "
+    code = ("import sys; from femsub.app.cli import main; status = main(sys.argv[1:]); "
             "print([name for name in ('meshio', 'matplotlib', 'scipy.io') if name in sys.modules]); sys.exit(status)")
     done = subprocess.run([sys.executable, "-c", code, "run", scene, "--no-figures", "--out", str(tmp_path / "out")],
                           capture_output=True, text=True, check=False)
@@ -140,7 +140,7 @@ def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, outputs: st
 
 
 def test_modes_solve_no_quadratic_problem_and_reduce_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.scenes import component, outputs
+    from femsub.app.scenes import component, outputs
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("not asked for")
@@ -292,8 +292,8 @@ def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: Runs, name: str
 
 
 def test_critical_slopes_are_sought_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub import studies
-    from femsub.scenes import outputs
+    from femsub.app.scenes import outputs
+    from femsub.studies import error_vs_time as studies
 
     sought: list[int] = []
     for module in (studies, outputs):

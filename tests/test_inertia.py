@@ -8,11 +8,11 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub import factor as factors
-from femsub._slepc import Factor
-from femsub.factor import TreeFactor, counting, inertia
-from femsub.graph import good_order, leaves_first
-from femsub.pencil import Difference
+from femsub.linalg import factor as factors
+from femsub.linalg.factor import TreeFactor, counting, inertia
+from femsub.linalg.ordering import good_order, leaves_first
+from femsub.linalg.petsc import Factor
+from femsub.model.matrices import Difference
 
 
 def tree(n: int, seed: int) -> sp.csr_array:

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from matrixhelp import numbered
 
 import femsub as fs
-from femsub.cli import main
+from femsub.app.cli import main
 
 SCENE = ('scene = "matrices"\nM = "K.mas"\nK = "K.sti"\ndofs = "K.dof"\ninterface = ["1.1", "8:ux"]\nport = "4:ux"\nmodes = [3]\n'
          'band = [0.0, 0.9]\nslope = -0.1\n')

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.elements import KINDS, jacobians, quadrature, shape_functions
-from femsub.meshchecks import checked
+from femsub.components.mesh_checks import checked
+from femsub.components.solid_elements import KINDS, jacobians, quadrature, shape_functions
 
 meshio = pytest.importorskip("meshio")
 ROOT = Path(__file__).parent.parent

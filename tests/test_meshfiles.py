@@ -11,8 +11,8 @@ import pytest
 from test_meshes import changed, volume
 
 import femsub as fs
-from femsub.elements import KINDS
-from femsub.meshfiles import mesh_bytes
+from femsub.components.solid_elements import KINDS
+from femsub.io.mesh_files import mesh_bytes
 
 meshio = pytest.importorskip("meshio")
 ROOT = Path(__file__).parent.parent

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.cli import READER_GONE, main
+from femsub.app.cli import READER_GONE, main
 
 DEEP = "x = " + "[" * 3000 + "]" * 3000
 
@@ -59,7 +59,7 @@ PLANTED = 'outputs = ["critical-slope", "eigenvalues", "error-time"]\nrepeats = 
 def test_what_was_computed_before_an_output_fails_is_kept(thrown: BaseException, status: int, lacking: set[str], tmp_path: Path,
                                                           monkeypatch: pytest.MonkeyPatch,
                                                           capsys: pytest.CaptureFixture[str]) -> None:
-    from femsub.scenes import chain
+    from femsub.app.scenes import chain
 
     def fails(*_: object) -> None:
         raise thrown
@@ -78,7 +78,7 @@ def test_what_was_computed_before_an_output_fails_is_kept(thrown: BaseException,
 
 
 def test_where_every_output_fails_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.scenes import chain
+    from femsub.app.scenes import chain
 
     def fails(*_: object) -> None:
         raise fs.NotConvergedError("planted")
@@ -96,7 +96,7 @@ def test_a_very_wide_stick_slip_transition_is_no_overflow() -> None:
 
 
 def _femsub(words: str, *, out: str | None = None) -> subprocess.CompletedProcess[str]:
-    command = f"{sys.executable} -m femsub.cli {words}" + (f" > {out}" if out else "")
+    command = f"{sys.executable} -m femsub.app.cli {words}" + (f" > {out}" if out else "")
     return subprocess.run(["bash", "-c", f"set -o pipefail; {command}"], capture_output=True, text=True, check=False)
 
 

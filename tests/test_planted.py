@@ -10,7 +10,14 @@ import pytest
 from conftest import membrane, membrane_eigenvalues
 
 import femsub as fs
-from femsub import _slepc, border, crossing, eigen, pencil, pep, qep, splitting
+from femsub.linalg import petsc as _slepc
+from femsub.model import pencil
+from femsub.modes import normal_modes as eigen
+from femsub.quadratic import damping_split as splitting
+from femsub.quadratic import dense as qep
+from femsub.quadratic import port_function as crossing
+from femsub.quadratic import sparse as pep
+from femsub.stability import border
 
 BELT = fs.Belt(slope=-0.2677)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.plates import _Layout
+from femsub.components.plate import _Layout
 
 SI = {"E": 210e9, "nu": 0.3, "rho": 7850.0, "thickness": 2e-3}
 MM = {"E": 210e3, "nu": 0.3, "rho": 7.85e-9, "thickness": 2.0}

@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from scipy.stats import spearmanr
 
 import femsub as fs
-from femsub.matching import match
-from femsub.quality import CRITERIA, compliance_error, rank_correlation, table_rows
+from femsub.quadratic.matching import match
+from femsub.studies.self_excitation import CRITERIA, compliance_error, rank_correlation, table_rows
 
 BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-3))
 FULL = fs.chain(10, belt=2, damping=0.1)
@@ -159,7 +159,7 @@ def test_a_large_sparse_model_in_a_band() -> None:
 
 
 def test_a_sequence_solves_the_full_model_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    import femsub.quality as quality
+    import femsub.studies.self_excitation as quality
 
     asked: list[int] = []
     original = quality.complex_modes

@@ -12,7 +12,7 @@ import pytest
 import scipy.io
 
 import femsub as fs
-from femsub.cli import main
+from femsub.app.cli import main
 
 ROOT = Path(__file__).parent.parent
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
@@ -72,7 +72,7 @@ def test_commands_exist_and_the_scenes_they_name() -> None:
         script, *words = line.split()
         assert (ROOT / script).stat().st_mode & 0o111, f"{script} cannot be executed"
         if words[:1] == ["run"]:
-            from femsub.scene import load
+            from femsub.app.scene import load
 
             load(words[1])
 

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub.qep import modal_form
+from femsub.quadratic.dense import modal_form
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 STEEL = {"SI": (fs.Material(2.1e11, 0.3, 7850.0), 1.0), "mm-t-s": (fs.Material(2.1e5, 0.3, 7.85e-9), 1e3)}

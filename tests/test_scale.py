@@ -9,12 +9,14 @@ import scipy.sparse as sp
 from conftest import lattice, membrane, membrane_eigenvalues
 
 import femsub as fs
-from femsub import eigen, lanczos, memory
-from femsub._slepc import Factor
 from femsub.errors import InputError, MissedModesError, NotConvergedError, NotEnoughMemoryError
-from femsub.factor import factorise
-from femsub.lanczos import block_lanczos
-from femsub.shift_invert import ShiftInvert
+from femsub.linalg import memory
+from femsub.linalg.factor import factorise
+from femsub.linalg.petsc import Factor
+from femsub.modes import block_lanczos as lanczos
+from femsub.modes import normal_modes as eigen
+from femsub.modes.block_lanczos import block_lanczos
+from femsub.modes.shift_invert import ShiftInvert
 
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 

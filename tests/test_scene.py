@@ -15,9 +15,9 @@ import scipy.io
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub.cli import main
-from femsub.report import to_json
-from femsub.scene import load
+from femsub.app.cli import main
+from femsub.app.report import to_json
+from femsub.app.scene import load
 
 QUICK = 'n = 10\nbelts = [1, 2]\nsizes = [3, 5]\nrepeats = 1\n'
 
@@ -29,7 +29,7 @@ def scene_file(folder: Path, text: str) -> str:
 
 
 def run(*arguments: str, code: str = "") -> subprocess.CompletedProcess[str]:
-    program = f"import sys; from femsub.cli import main; status = main(sys.argv[1:]); {code or 'pass'}; sys.exit(status)"
+    program = f"import sys; from femsub.app.cli import main; status = main(sys.argv[1:]); {code or 'pass'}; sys.exit(status)"
     return subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False)
 
 

@@ -11,10 +11,10 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub import _slepc
-from femsub._slepc import Factor, quadratic_modes, symmetric_modes
 from femsub.errors import SingularMatrixError
-from femsub.factor import complex_solve, factorise
+from femsub.linalg import petsc as _slepc
+from femsub.linalg.factor import complex_solve, factorise
+from femsub.linalg.petsc import Factor, quadratic_modes, symmetric_modes
 
 
 def resident() -> int:
@@ -113,7 +113,7 @@ def test_eigensolvers_do_not_grow_the_memory() -> None:
 
 @pytest.mark.parametrize("limit", [20_000, 10])
 def test_complex_solve_both_ways(limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.factor.COMPLEX", limit)
+    monkeypatch.setattr("femsub.linalg.factor.COMPLEX", limit)
     sub = fs.chain(200, belt=2)
     P = sub.pencil.at(0.3j)
     for right in (np.ones((200, 2)), np.ones(200)):
@@ -122,7 +122,7 @@ def test_complex_solve_both_ways(limit: int, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_memory_of_a_factor_goes_back_to_the_system() -> None:
     """Debian's OpenMPI would keep it in the heap, beside the next factor."""
-    code = "import os, numpy as np; from femsub import _slepc; _slepc.versions()\n" \
+    code = "import os, numpy as np; from femsub.linalg import petsc; petsc.versions()\n" \
            "def resident():\n    with open('/proc/self/statm') as file: return int(file.read().split()[1]) * 4e-3\n" \
            "before = resident(); block = np.ones(20_000_000); held = resident(); del block\n" \
            "print(held - before, resident() - before)"

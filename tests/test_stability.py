@@ -12,7 +12,7 @@ from conftest import lattice
 from scipy.linalg import null_space
 
 import femsub as fs
-from femsub.border import dense_border
+from femsub.stability.border import dense_border
 
 TABLE = {  # belt: full, HCB and CC with 5 DOF; d1 = 0.1, interface {m1}
     1: (-0.100000, -0.100000, -0.100000), 2: (-0.025567, -0.025634, -0.025567), 3: (-0.011799, -0.011792, -0.011799),

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.matching import match, spectrum_errors, turnover
-from femsub.phases import timed
-from femsub.studyresults import Row, Study, Timing, with_front
+from femsub.quadratic.matching import match, spectrum_errors, turnover
+from femsub.studies.results import Row, Study, Timing, with_front
+from femsub.timing import timed
 
 
 def test_spectra_are_matched_as_sets(rng: np.random.Generator) -> None:

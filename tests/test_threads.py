@@ -9,7 +9,8 @@ import sys
 CODE = """
 import scipy.linalg
 import femsub as fs
-from femsub import qep, threads
+from femsub.quadratic import dense as qep
+from femsub.linalg import threads
 
 def counts():
     return [library.get() for library in threads.libraries()]

@@ -14,14 +14,14 @@ from conftest import lattice
 from gallery import GALLERY, Problem, positive, quick
 
 import femsub as fs
-from femsub import eigen
-from femsub._slepc import Factor
-from femsub.bases.tolerance import Search
-from femsub.eigen import lowest_modes
-from femsub.estimates import SHARE, paired, within
-from femsub.factor import inertia
-from femsub.nested import Nested
-from femsub.shift_invert import ShiftInvert
+from femsub.linalg.factor import inertia
+from femsub.linalg.petsc import Factor
+from femsub.model.estimate import SHARE, paired, within
+from femsub.modes import normal_modes as eigen
+from femsub.modes.normal_modes import lowest_modes
+from femsub.modes.shift_invert import ShiftInvert
+from femsub.reduction.error_bounds import Nested
+from femsub.reduction.mode_selection import Search
 
 CASES = [(problem, kind) for problem in quick() for kind in problem.kinds]
 NAMES = [f"{problem.name}-{kind.__name__}" for problem, kind in CASES]
@@ -179,7 +179,7 @@ def test_one_factorisation_and_one_count(kind: type, monkeypatch: pytest.MonkeyP
         return inertia(A)
 
     monkeypatch.setattr(Factor, "__init__", noted)
-    monkeypatch.setattr("femsub.eigen.inertia", counted)
+    monkeypatch.setattr("femsub.modes.normal_modes.inertia", counted)
     chain = fs.chain(3000, belt=2, interface=(1, 900))
     for sub, hi in ((lattice(14, 11), 0.6), (lattice(14, 11, held=True), 0.6), (chain, 0.05)):
         made.clear()
@@ -214,7 +214,7 @@ def test_a_mode_that_the_search_has_missed_is_fetched(monkeypatch: pytest.Monkey
         calls.append("known" in options)
         return (forgetful if len(calls) == 1 else original)(handle, count, **options)
 
-    monkeypatch.setattr("femsub.bases.tolerance.lowest_modes", first_time)
+    monkeypatch.setattr("femsub.reduction.mode_selection.lowest_modes", first_time)
     rom = fs.reduce(fs.chain(500, belt=2, damping=0.0), fs.CraigChang(band=(0.0, 0.08), tol=1e-3), ports=True)
     assert np.allclose(rom.estimate.frequencies, fs.chain_frequencies(500, len(rom.estimate.frequencies)), rtol=1e-11)
     assert len(calls) >= 3 and calls == [False] + [True] * (len(calls) - 1)
@@ -274,8 +274,8 @@ def test_special_components() -> None:
 def test_what_cannot_be_met_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(fs.NotConvergedError, match=r"cannot be reduced to 1e-17.*with \d{1,2} modes.*rounding alone takes"):
         quietly(fs.chain(3000, belt=2), fs.CraigBampton(band=(0.0, 0.005), tol=1e-17))
-    monkeypatch.setattr("femsub.bases.tolerance.MOST", 20)
-    monkeypatch.setattr("femsub.bases.tolerance.DENSE", 100)
+    monkeypatch.setattr("femsub.reduction.mode_selection.MOST", 20)
+    monkeypatch.setattr("femsub.reduction.mode_selection.DENSE", 100)
     with pytest.raises(fs.NotConvergedError, match=r"with \d\d modes Estimate: .* not met .* put the belt's DOF"):
         quietly(fs.chain(400, belt=2), fs.CraigBampton(band=(0.0, 0.1), tol=1e-9))
 

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from scipy.integrate import trapezoid
 
 import femsub as fs
-from femsub.contacts import project, sliding
+from femsub.motion.nonlinear_model import project, sliding
 
 LAW = fs.StribeckArctan(eps=1e-3)
 BELT = fs.Belt(speed=0.19113, law=LAW)
@@ -254,7 +254,7 @@ def test_ctrl_c_leaves_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(text: str) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("femsub.transients.TELL", 0.0)
+    monkeypatch.setattr("femsub.motion.transient.TELL", 0.0)
     run = fs.transient(paper("HCB"), BELT, (0, 5000), step=1.0, progress=stop)
     assert not run.complete and 0 < run.end < 5000 and "interrupted at t =" in repr(run)
     assert len(run.t) == len(run.velocity("belt")) > 100 and run.t[-1] == run.end
@@ -333,7 +333,7 @@ def test_a_law_of_one_s_own() -> None:
 
 
 def test_scalar_laws_are_the_laws() -> None:
-    from femsub.friction import scalar_law
+    from femsub.model.friction import scalar_law
 
     v = np.concatenate([-np.geomspace(1, 1e-6, 30), [0.0], np.geomspace(1e-6, 1, 30)])
     for law in (fs.StribeckArctan(eps=1e-3), fs.StribeckArctanOdd(eps=1e-3, drop=0.1)):
@@ -343,7 +343,7 @@ def test_scalar_laws_are_the_laws() -> None:
 
 
 def test_the_jacobian_is_that_of_the_right_hand_side(rng: np.random.Generator) -> None:
-    from femsub.integrators import equations
+    from femsub.motion.first_order import equations
 
     damped = several().with_damping(sp.csr_array(np.diag([0.1, 0.2, 0.0, 0.3, 0.1, 0.2])))
     for model, belts in ((several(), [BELT]), (damped, [BELT, fs.Belt("pair", speed=0.1, law=LAW)])):

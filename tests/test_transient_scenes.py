@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.cli import main
+from femsub.app.cli import main
+from femsub.app.scene import load
 from femsub.errors import InputError
-from femsub.scene import load
 
 CHAIN = 'scene = "chain-transient"\ntime = [0, 1500]\nwindow = [1000, 1500]\n'
 DISC = ('scene = "solid-transient"\nmodes = [8, 20]\nmethods = ["CC"]\nperiods = 150\ncompared = 4\n'
@@ -51,7 +51,7 @@ def test_the_chain_in_time_writes_and_draws(tmp_path: Path, capsys: pytest.Captu
 def test_only_what_is_named_is_computed(tmp_path: Path) -> None:
     out = tmp_path / "out"
     text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["spectrum"]\nmethods = ["CC"]\n'
-    code = ("import sys; from femsub.cli import main; main(sys.argv[1:]); "
+    code = ("import sys; from femsub.app.cli import main; main(sys.argv[1:]); "
             "print([name for name in ('skfem', 'matplotlib', 'petsc4py') if name in sys.modules])")
     done = subprocess.run([sys.executable, "-c", code, "run", scene_file(tmp_path, text), "--out", str(out), "--no-figures"],
                           capture_output=True, text=True, check=True)
@@ -87,7 +87,8 @@ def test_where_nothing_grows_the_scene_says_so(tmp_path: Path, capsys: pytest.Ca
 
 
 TOLD = """import sys
-from femsub import cli, report
+from femsub.app import cli
+from femsub.app import report
 report.progress = lambda text: print(text, file=sys.stderr, flush=True)  # told to a terminal only, which not every machine has
 sys.exit(cli.main(sys.argv[1:]))"""
 
@@ -128,8 +129,8 @@ class Interrupted:
 
 
 def interrupted(monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
-    monkeypatch.setattr("femsub.transients.TELL", 0.0)
-    monkeypatch.setattr("femsub.scenes.in_time.transient", Interrupted(nth))
+    monkeypatch.setattr("femsub.motion.transient.TELL", 0.0)
+    monkeypatch.setattr("femsub.app.scenes.in_time.transient", Interrupted(nth))
 
 
 @pytest.mark.parametrize("done", [0, 1])
@@ -151,7 +152,7 @@ def test_ctrl_c_between_two_runs_of_the_growth_is_told_as_well(tmp_path: Path, m
     def stop(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("femsub.scenes.in_time.growth_rate", stop)
+    monkeypatch.setattr("femsub.app.scenes.in_time.growth_rate", stop)
     out = tmp_path / "out"
     text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["growth"]\nfigures = false\n'
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
@@ -164,7 +165,7 @@ def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path
         raise AssertionError("a run began")
 
     interrupted(monkeypatch, 1)  # of CC with 18 DOF nothing grows below the cut-off: the first run is that of 30 DOF
-    monkeypatch.setattr("femsub.scenes.solid_transient._error_time", never)
+    monkeypatch.setattr("femsub.app.scenes.solid_transient._error_time", never)
     out = tmp_path / "out"
     text = DISC.replace("150", "40") + 'outputs = ["growth", "error-time", "spectrum"]\nfigures = false\n'
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130

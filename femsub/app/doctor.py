@@ -1,0 +1,142 @@
+"""`femsub doctor`: what is installed, what it runs on, and what is wrong with it, with what to do."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+import femsub
+from femsub.errors import FemsubError
+from femsub.linalg import petsc as _slepc
+from femsub.linalg.factor import inertia
+from femsub.linalg.memory import available
+from femsub.linalg.threads import libraries
+
+OPTIONAL = {"matplotlib": "figures", "scikit-fem": "fe", "meshio": "fe", "pyyeti": "nastran"}  # by the extra that brings it
+PACKAGES = {"MUMPS": "mumps", "CHOLMOD": "suitesparse", "METIS": "metis", "Scotch": "ptscotch"}  # as PETSc calls them
+LITTLE = 2e9  # bytes of memory below which models of some 10,000 solid DOF do not fit
+WRONG = 1e-12  # a relative residual of small systems above which a factorisation is not what it should be
+
+
+@dataclass
+class Findings:
+    """Lines to print, and what is wrong, each with what to do."""
+
+    lines: list[str] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+
+    def add(self, what: str, found: object) -> None:
+        self.lines.append(f"{what:<12} {found}")
+
+
+def examine() -> Findings:
+    """Everything, however much of it fails: each part that does is one of the wrong things."""
+    found = Findings()
+    for part in (_python, _packages, _petsc, _blas, _memory):
+        try:
+            part(found)
+        except Exception as error:  # whatever a broken installation throws is what is to be told
+            found.wrong.append(f"{part.__name__.strip('_')}: {type(error).__name__}: {' '.join(str(error).split())}")
+    return found
+
+
+def report() -> int:
+    """Prints it; 1 if something is wrong, else 0."""
+    found = examine()
+    print("\n".join(found.lines))
+    for one in found.wrong:
+        print(f"WRONG        {one}")
+    print("something is wrong: see above" if found.wrong else "nothing is wrong")
+    return bool(found.wrong)
+
+
+def _python(found: Findings) -> None:
+    found.add("femsub", f"{femsub.__version__}, in {Path(str(femsub.__file__)).parent}")
+    found.add("Python", f"{platform.python_version()}, {sys.executable}")
+    found.add("system", f"{platform.platform()}, {os.cpu_count()} processors")
+
+
+def _packages(found: Findings) -> None:
+    found.add("numpy", np.__version__)
+    found.add("scipy", metadata.version("scipy"))
+    for name, extra in OPTIONAL.items():
+        try:
+            found.add(name, metadata.version(name))
+        except metadata.PackageNotFoundError:
+            found.add(name, f"not installed; if you need it: pip install femsub[{extra}]")
+
+
+def _petsc(found: Findings) -> None:
+    try:
+        for name, version in _slepc.versions().items():
+            found.add(name, version)
+    except FemsubError as error:
+        found.wrong.append(str(error))
+        return
+    there = {name: bool(_slepc._load()[0].Sys.hasExternalPackage(key)) for name, key in PACKAGES.items()}
+    for name in there:
+        found.add(name, "in PETSc" if there[name] else "not in PETSc")
+    if not there["MUMPS"]:
+        found.wrong.append("this PETSc has no MUMPS, which symmetric indefinite and unsymmetric matrices need: scripts/setup "
+                           "installs Debian's, scripts/setup-from-source builds one")
+    if not there["CHOLMOD"]:
+        found.add("", "without CHOLMOD, long chains and beams lose digits: scripts/setup brings it")
+    n = 400
+    A = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
+    kinds: dict[_slepc.Kind, float] = {"definite": 0.0, "symmetric": 0.5, "general": 0.5}
+    b = np.linspace(-1.0, 1.0, n)
+    for kind, shift in kinds.items():
+        K = sp.csr_array(A - shift * sp.eye_array(n))
+        x = _slepc.Factor(K, kind).solve(b)
+        residual = float(np.linalg.norm(K @ x - b) / (np.linalg.norm(x) * 4 + np.linalg.norm(b)))
+        if not residual <= WRONG:
+            found.wrong.append(f"a {kind} factorisation has a residual of {residual:.0e}: PETSc and its packages do not fit each "
+                               "other, or its BLAS is broken; set it up anew (scripts/setup)")
+    count = inertia(sp.csr_array(A - 0.5 * sp.eye_array(n)))
+    true = int(np.count_nonzero(2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)) < 0.5))
+    if count != true:
+        found.wrong.append(f"the inertia of a matrix with {true} negative eigenvalues is counted as {count}: certificates cannot "
+                           "be trusted; take a PETSc with Debian's MUMPS (scripts/setup)")
+
+
+def _blas(found: Findings) -> None:
+    """The OpenBLAS libraries in the process, each with its kernels and threads, and whether their products are right."""
+    import scipy.linalg  # loads SciPy's own  # noqa: F401
+
+    told = [(Path(one.path).name, " ".join(one.config.split()[:2]), one.core, one.get()) for one in libraries()]
+    for library, version, core, threads in told:
+        found.add("BLAS", f"{library}: {version}, kernels {core}, {threads} thread(s)")
+    if not told:
+        found.add("BLAS", "no OpenBLAS found in the process")
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    for library, _, _, threads in told:
+        if threads > processors:
+            found.wrong.append(f"{library} uses {threads} threads, but this process may use {processors} processors, which slows "
+                               f"small products down by far: set OMP_NUM_THREADS={processors}, or 1")
+    for name in ("OPENBLAS_CORETYPE", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        if name in os.environ:
+            found.add("", f"{name}={os.environ[name]}")
+    A = np.random.default_rng(0).standard_normal((300, 300))
+    Q = np.linalg.qr(A)[0]
+    off = float(np.abs(Q.T @ Q - np.eye(300)).max())
+    if not off <= WRONG:
+        found.wrong.append(f"NumPy's BLAS is broken: QᵀQ of a QR decomposition is {off:.0e} off; try OPENBLAS_CORETYPE=Haswell, "
+                           "and install NumPy anew")
+
+
+def _memory(found: Findings) -> None:
+    free = available()
+    if free is None:
+        found.add("memory", "unknown: nobody tells on this system")
+        return
+    found.add("memory", f"{free / 1e9:.1f} GB available to this process")
+    if free < LITTLE:
+        found.wrong.append(f"only {free / 1e9:.1f} GB of memory are available: end other programs, or raise the container's "
+                           "limit")

@@ -1,0 +1,99 @@
+"""Bifurcation diagrams of limit cycles: amplitude and frequency over a parameter, full and reduced in one figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from femsub.app.figures import new_figure
+
+COLOURS = {"full": "black", "HCB": "#c44e00", "CC": "#0067a5"}
+WIDTHS = {"full": 3.2, "HCB": 2.0, "CC": 1.0}
+KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch point": "v"}
+UNITS = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [length/time]", "force": "normal force F  [force]"}
+
+
+def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Mapping[str, Any]], parameter: str,
+                       families: Sequence[float], now: float, title: str) -> Any:
+    """One column per family of cycles: rms of the speed under the belt above, ω below; stable solid, unstable thin and dashed.
+
+    Open circles are transients, drawn where their strongest frequency belongs.
+    """
+    shown = [family for family in families if any(item["family"] == family for item in branches)] or list(families[:1])
+    figure = new_figure(3.4 * len(shown) + 1.8, 6.2)
+    axes = figure.subplots(2, len(shown), sharex=True, sharey="row" if len(shown) == 1 else False, squeeze=False)
+    models = list(dict.fromkeys([item["model"] for item in branches] + [dot["model"] for dot in dots]))
+    others = ("#2a7f3f", "#7b3294", "#888888")
+    colours = {name: COLOURS.get(name, others[i % 3]) for i, name in enumerate(models)}
+    homes = [_home(dot["omega"], shown, branches) for dot in dots]
+    kinds: set[str] = set()
+    for column, family in enumerate(shown):
+        top, bottom = axes[:, column]
+        for item in branches:
+            if item["family"] != family:
+                continue
+            kinds |= _drawn(top, bottom, item["branch"], colours[item["model"]], WIDTHS.get(item["model"], 1.3))
+        for dot, home in zip(dots, homes, strict=True):
+            if home == family:
+                for axis, key in ((top, "rms"), (bottom, "omega")):
+                    axis.plot(dot["value"], dot[key], "o", ms=6, mfc="none", mec=colours[dot["model"]], mew=1.1)
+        top.set_title(f"cycles from the mode at ω = {family:.4g}", fontsize=9)
+        bottom.set_xlabel(UNITS[parameter])
+        bottom.ticklabel_format(axis="y", useOffset=False)
+        for axis in (top, bottom):
+            axis.axvline(now, color="0.6", lw=0.8, ls=":")
+            axis.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("rms of v at the belt  [length/time]")
+    axes[1, 0].set_ylabel("ω  [rad/time]")
+    points = {item["model"] for item in branches if all(flag is None for flag in item["branch"].stable)}
+    figure.legend(handles=_handles(colours, kinds, bool(dots), points), loc="outside lower center", fontsize=8,
+                  ncols=min(6, 2 + len(shown)))
+    figure.suptitle(f"{title}: limit cycles over the {parameter}", fontsize=11)
+    return figure
+
+
+def _drawn(top: Any, bottom: Any, branch: Any, colour: str, width: float) -> set[str]:
+    stable = np.array([flag is not False for flag in branch.stable])
+    known = any(flag is not None for flag in branch.stable)
+    for axis, y in ((top, branch.rms), (bottom, branch.omega)):
+        if not known:
+            axis.plot(branch.values, y, "x", color=colour, ms=7)
+            continue
+        # pieces overlap by one point, so that the line has no gaps
+        edges = np.flatnonzero(np.diff(stable)) + 1
+        for piece in np.split(np.arange(len(stable)), edges):
+            ends = np.append(piece, piece[-1] + 1) if piece[-1] + 1 < len(stable) else piece
+            whole = bool(stable[piece[0]])
+            axis.plot(branch.values[ends], y[ends], color=colour, lw=width if whole else 0.8, ls="-" if whole else (0, (4, 3)))
+        if branch.hopf is not None:
+            axis.plot(branch.values[0], y[0], "*", color=colour, ms=8)
+    for point in branch.special:
+        for axis, value in ((top, point.rms), (bottom, point.omega)):
+            axis.plot(point.value, value, KINDS[point.kind], color=colour, ms=4.5)
+    return {point.kind for point in branch.special}
+
+
+def _home(omega: float, families: Sequence[float], branches: Sequence[Mapping[str, Any]]) -> float | None:
+    """The family whose frequencies a transient's strongest one is nearest to, within 5 %."""
+    gaps = []
+    for family in families:
+        known = np.concatenate([[family], *(item["branch"].omega for item in branches if item["family"] == family)])
+        gaps.append(float(np.abs(known / omega - 1).min()))
+    best = int(np.argmin(gaps)) if gaps and np.isfinite(omega) else -1
+    return families[best] if best >= 0 and gaps[best] < 0.05 else None
+
+
+def _handles(colours: Mapping[str, str], kinds: set[str], dots: bool, points: set[str]) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    made = [Line2D([], [], color=colour, marker="x", ms=7, ls="", label=f"{name} (stability not computed)") if name in points
+            else Line2D([], [], color=colour, lw=WIDTHS.get(name, 1.3), label=name) for name, colour in colours.items()]
+    made += [Line2D([], [], color="0.4", lw=1.5, label="stable or undecided"),
+             Line2D([], [], color="0.4", lw=0.8, ls=(0, (4, 3)), label="unstable"),
+             Line2D([], [], color="0.4", marker="*", ls="", ms=8, label="Hopf point")]
+    made += [Line2D([], [], color="0.4", marker=mark, ls="", ms=5, label=kind) for kind, mark in KINDS.items() if kind in kinds]
+    if dots:
+        made.append(Line2D([], [], color="0.4", marker="o", mfc="none", ls="", ms=6, label="transient"))
+    return made

@@ -1,0 +1,143 @@
+"""Results on the terminal and in a folder: written to temporary files first, then renamed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from femsub.app.scene import Result
+from femsub.errors import InputError
+from femsub.io.atomic import write_whole
+
+
+def check_folder(folder: str | None) -> Path | None:
+    """The output folder if it can be written; it is made when there is something to put into it.
+
+    Raises
+    ------
+    InputError
+        It, or the folder it would be made in, cannot be written.
+    """
+    if folder is None:
+        return None
+    if not folder:
+        raise InputError("--out needs the name of a folder; it is empty")
+    path = Path(folder)
+    existing = path
+    while not os.path.lexists(existing):
+        existing = existing.parent
+    if not existing.is_dir():
+        raise InputError(f"the output folder {folder} cannot be written: {existing} is not a folder")
+    try:
+        tempfile.TemporaryFile(dir=existing).close()
+    except OSError as error:
+        raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error} ({existing})") from None
+    return path
+
+
+def write(result: Result, folder: Path, figures: bool, name: str = "results") -> list[Path]:
+    """name.json, name.csv, the figures and the scene's own files, each whole or not at all; returns what was written."""
+    contents: dict[str, bytes] = {f"{name}.json": to_json(result.data).encode()}
+    if result.rows:
+        contents[f"{name}.csv"] = _csv(result.rows).encode()
+    if figures and result.drawings:
+        from femsub.app.figures import render
+
+        contents |= {f"{title}.png": render(draw) for title, draw in result.drawings.items()}
+    contents |= {file: content() for file, content in result.files.items()}
+    try:
+        return write_whole(folder, {file: partial(_put, content=content) for file, content in contents.items()})
+    except OSError as error:
+        raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
+
+
+def _put(file: BinaryIO, content: bytes) -> None:
+    file.write(content)
+
+
+def to_json(data: Any) -> str:
+    """JSON with every digit; arrays as lists, complex numbers as [re, im], NaN and Inf as null and strings."""
+    return json.dumps(_plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (complex, np.complexfloating)):
+        return [_plain(float(value.real)), _plain(float(value.imag))]
+    if isinstance(value, (float, np.floating)):
+        number = float(value)
+        return number if np.isfinite(number) else (None if np.isnan(number) else str(number))
+    if isinstance(value, np.integer):
+        return int(value)
+    return value
+
+
+def _csv(rows: Sequence[dict[str, Any]]) -> str:
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    file = io.StringIO()
+    writer = csv.DictWriter(file, keys, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return file.getvalue()
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[str]) -> str:
+    """Columns aligned to the right, the first to the left."""
+    cells = [list(head)] + [[format(value, form) if value is not None else "-" for value, form in zip(row, formats, strict=True)]
+                            for row in rows]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    lines = ["  ".join(cell.ljust(width) if i == 0 else cell.rjust(width)
+                       for i, (cell, width) in enumerate(zip(row, widths, strict=True))) for row in cells]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+
+
+def known(value: float) -> float | None:
+    """A figure, or None, which a table shows as "-", where there is none."""
+    return None if np.isnan(value) else value
+
+
+def machine() -> dict[str, Any]:
+    """What the seconds were measured on."""
+    import scipy
+
+    model = platform.processor() or platform.machine()
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            model = next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), model)
+    except OSError:
+        pass
+    found = {"cpu": model, "cores": os.cpu_count(), "python": platform.python_version(), "numpy": np.__version__,
+             "scipy": scipy.__version__}
+    if "femsub.linalg.petsc" in sys.modules and "petsc4py.PETSc" in sys.modules:
+        found |= sys.modules["femsub.linalg.petsc"].versions()
+    return found
+
+
+def progress(text: str) -> None:
+    """One line on stderr that overwrites itself; nothing where stderr is not a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{text[:100]}", end="", file=sys.stderr, flush=True)
+
+
+def progress_done() -> None:
+    """Takes the progress line away."""
+    if sys.stderr.isatty():
+        print("\r\033[K", end="", file=sys.stderr, flush=True)

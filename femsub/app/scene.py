@@ -1,0 +1,238 @@
+"""Scene files: what may stand in one, checked to the last key before anything is computed."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar
+
+from femsub.checks import choice, finite_number, shown, whole_number
+from femsub.errors import FemsubError, InputError, unknown_name
+
+#: name of a built-in scene: (module in femsub.app.scenes, one line)
+SCENES = {
+    "chain": ("chain", "the paper's chain on a belt: full, HCB and CC, its figures 2 to 4, error against run time"),
+    "matrices": ("matrices", "your own M, D, K from files: reduced models, critical slope, error against time"),
+    "beam": ("beam", "a steel beam on a belt: modes, critical slope, eigenvalues, error against run time"),
+    "plate": ("plate", "a thin plate, made or from a mesh file: the same, with pictures and VTU files of shapes"),
+    "solid": ("solid", "a solid, a brake's disc or your own mesh: the same"),
+    "chain-transient": ("chain_transient", "the chain in time: full, HCB and CC, spectrograms (Fig. 5)"),
+    "solid-transient": ("solid_transient", "a disc in time: limit cycle, full against reduced, time per period"),
+    "chain-limit-cycle": ("chain_cycles", "the chain's limit cycles, full, HCB and CC: table, branches, stability"),
+    "plate-limit-cycle": ("plate_cycles", "the plate's limit cycles over the normal force: full, HCB and CC"),
+}
+MOST_REPEATS = 1000
+METHOD_NAMES = ("craig-bampton", "craig-chang")
+LAW_NAMES = ("stribeck-arctan", "stribeck-arctan-odd")
+SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang"}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What all scenes share.
+
+    Attributes
+    ----------
+    name : str
+        For headings and file names.
+    slope : float, optional
+        μ'(v0) itself. Without it, it comes from `law` at `speed`.
+    law, eps, speed, force
+        The friction law, its width ε, the belt's speed and the normal force.
+    methods : list of str
+        Of 'craig-bampton', 'craig-chang'; the tables' HCB and CC and Python's CraigBampton and CraigChang will do.
+    outputs : list of str
+        What is computed; nothing else is. The scene's own list is the default, without what is only done on request.
+    figures : bool
+        Whether figures are drawn (in a folder given by --out).
+    repeats : int
+        Runs per time.
+    """
+
+    name: str = ""
+    slope: float | None = None
+    law: str = "stribeck-arctan"
+    eps: float = 1e-3
+    speed: float = 0.19113
+    force: float = 1.0
+    methods: list[str] = field(default_factory=lambda: list(METHOD_NAMES))
+    outputs: list[str] = field(default_factory=list)
+    figures: bool = True
+    repeats: int = 5
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ()
+    ON_REQUEST: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        if not self.outputs:
+            object.__setattr__(self, "outputs", list(self.OUTPUTS))
+        object.__setattr__(self, "methods", [_hyphenated(name) for name in self.methods])
+        object.__setattr__(self, "law", _hyphenated(self.law))
+        known = self.OUTPUTS + self.ON_REQUEST
+        for kind, values, valid in (("method", self.methods, METHOD_NAMES), ("output", self.outputs, known),
+                                    ("law", [self.law], LAW_NAMES)):
+            for value in values:
+                if value not in valid:
+                    raise unknown_name(kind, value, valid)
+        if not self.methods:
+            raise InputError(f"methods is empty; valid: {', '.join(METHOD_NAMES)}")
+        whole_number("repeats", self.repeats, least=1, most=MOST_REPEATS)
+        if self.force < 0:
+            raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
+
+    def friction_slope(self) -> float:
+        """μ'(v0), given or from the law."""
+        from femsub.model.friction import LAWS
+
+        return self.slope if self.slope is not None else float(LAWS[self.law](eps=self.eps).slope(self.speed))
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a scene has computed, ready to be shown.
+
+    Attributes
+    ----------
+    data : dict
+        Everything printed or drawn, for results.json.
+    rows : list of dict
+        For results.csv.
+    text : str
+        The tables for the terminal.
+    drawings : dict of str to callable
+        File name (without ending) to a function that draws onto a new matplotlib figure.
+    files : dict of str to callable
+        File name, which may name a folder below that of the results, to a function that returns the file's content. Called
+        only where there is a folder to write to.
+    """
+
+    data: dict[str, Any]
+    rows: list[dict[str, Any]]
+    text: str
+    drawings: dict[str, Callable[[], Any]]
+    files: dict[str, Callable[[], bytes]] = field(default_factory=dict)
+
+
+def joined(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], text: list[str],
+           complete: bool = True, long: Sequence[str] = ()) -> Result:
+    """The parts of a result, output by output: what fails, or is interrupted, takes nothing from what was computed before.
+
+    `data` and `text` are what the result begins with; `long` outputs are not begun once there was an interruption. Failures are
+    told in the text and in data["failed"], an interruption by data["complete"] = False.
+
+    Raises
+    ------
+    FemsubError
+        The first failure, where every output has failed.
+    """
+    rows: list[dict[str, Any]] = []
+    drawings: dict[str, Callable[[], Any]] = {}
+    files: dict[str, Callable[[], bytes]] = {}
+    failed: dict[str, FemsubError] = {}
+    for output in outputs:
+        if output in long and not complete:
+            continue
+        try:
+            part = compute(output)
+        except FemsubError as error:
+            failed[output] = error
+            text.append(f"{output}: failed; {error}")
+            continue
+        except KeyboardInterrupt:
+            complete = False
+            break
+        data |= part.data
+        rows += [{"output": output, **row} for row in part.rows]
+        drawings |= part.drawings
+        files |= part.files
+        if part.text:
+            text.append(part.text)
+        complete = complete and part.data.get("complete", True)  # False: interrupted within it
+    if failed and len(failed) == len(outputs):
+        raise next(iter(failed.values()))
+    if failed:
+        data["failed"] = {output: f"{type(error).__name__}: {error}" for output, error in failed.items()}
+    if not complete:
+        data["complete"] = False
+        text.append("Interrupted: these results are incomplete.")
+    return Result(data, rows, "\n\n".join(text), drawings, files)
+
+
+def load(source: str) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], Result]]:
+    """A scene by the name of a built-in one or from a TOML file, with the function that runs it.
+
+    Raises
+    ------
+    InputError
+        No such scene or file, not TOML, a key that does not exist (the nearest one is named), a value of the wrong type.
+    """
+    if source in SCENES:
+        return _build({"scene": source}, Path("."))
+    path = Path(source)
+    if not path.is_file():
+        if path.suffix == ".toml" or "/" in source:
+            raise InputError(f"there is no scene file {source}")
+        raise unknown_name("scene", source, SCENES)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{source} is not a TOML file: {error}") from None
+    except RecursionError:
+        raise InputError(f"{source} is no scene file: its brackets are nested too deeply") from None
+    except OSError as error:
+        raise InputError(f"{source} cannot be read: {error.strerror or error}") from None
+    return _build(table, path.parent)
+
+
+def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], Result]]:
+    values = dict(table)
+    kind = choice("scene", values.pop("scene", "chain"), SCENES)
+    if kind == "matrices" and not values:
+        raise InputError("the scene 'matrices' needs a scene file that names them: scene = \"matrices\", M = \"M.mtx\", "
+                         "K = \"K.mtx\", port = 0, band = [0.0, 1000.0]")
+    module = import_module(f"femsub.app.scenes.{SCENES[kind][0]}")
+    scene_type = module.SCENE
+    fields = {item.name: item for item in dataclasses.fields(scene_type) if item.name != "folder"}
+    for key, value in values.items():
+        if key not in fields:
+            raise unknown_name("scene key", key, ["scene", *fields])
+        if value == []:
+            raise InputError(f"scene key {key!r} is an empty list; leave the key out to take its default")
+        values[key] = _typed(key, value, str(fields[key].type))
+    if "folder" in {item.name for item in dataclasses.fields(scene_type)}:
+        values["folder"] = str(folder)
+    return scene_type(**{"name": kind, **values}), module.run
+
+
+def _hyphenated(name: str) -> str:
+    """'craig-bampton' for CraigBampton and HCB: each is shown somewhere, so each is taken."""
+    plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
+    return SHORT_NAMES.get(plain, plain)
+
+
+def _typed(key: str, value: Any, declared: str) -> Any:
+    """The value if it is of the declared type; whole numbers do for floats, one value for a list of one."""
+    kinds = [part.strip() for part in re.split(r"\|(?![^\[]*\])", declared)]  # not the | inside list[...]
+    for kind in kinds:
+        if kind == "bool" and isinstance(value, bool):
+            return value
+        if kind == "int" and isinstance(value, int) and not isinstance(value, bool):
+            return value
+        if kind == "float" and isinstance(value, (int, float)) and not isinstance(value, bool):
+            return finite_number(f"scene key {key!r}", value)
+        if kind == "str" and isinstance(value, str):
+            return value
+        if kind.startswith("list["):
+            inner = kind[5:-1]
+            items = value if isinstance(value, list) else [value]
+            try:
+                return [_typed(key, item, inner) for item in items]
+            except InputError:
+                continue
+    wanted = " or ".join(kind for kind in kinds if kind != "None")
+    raise InputError(f"scene key {key!r} must be {wanted}, not {shown(value)}")

@@ -1,0 +1,290 @@
+"""The paper's study: a chain on a belt, full and reduced, by complex modes and critical slopes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from femsub.app.report import known, machine, table
+from femsub.app.scene import Result, Scene, joined
+from femsub.app.scenes.outputs import comparable
+from femsub.checks import whole_number
+from femsub.components.chain import chain
+from femsub.errors import InputError, PortWarning
+from femsub.model.bands import check_band
+from femsub.model.friction import LAWS, Belt
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.quadratic.complex_modes import ComplexModes, complex_modes
+from femsub.quadratic.matching import relative_error
+from femsub.reduction.reduce import METHODS, reduce
+from femsub.stability.critical_slope import critical_slope, sweep
+from femsub.studies.error_vs_time import border_or_reason, study
+
+Progress = Callable[[str], None]
+SHORT = {"craig-bampton": "HCB", "craig-chang": "CC"}
+
+
+MOST = 10**7  # masses
+
+
+@dataclass(frozen=True)
+class ChainScene(Scene):
+    """The chain of `femsub.chain` and what is asked of it.
+
+    Attributes
+    ----------
+    n, masses, springs, damping : chain
+        Numbers of masses; one value or n of them; dashpot d1 at m1.
+    belt : int
+        The mass under the belt for the eigenvalues, the size sweep and the error against time.
+    belts : list of int
+        Places for the belt sweep and the table of critical slopes.
+    interface : list of int
+        The paper's interface; next to it the one with the belt's mass is always shown.
+    size : int
+        DOF of the reduced models in the eigenvalue figure, the belt sweep and the table; 0 stands for the paper's 5.
+    sizes : list of int
+        DOF of the reduced models in the size sweep and the error against time.
+    band : list of float
+        Frequencies (rad/time) in which eigenvalues are compared.
+    """
+
+    n: int = 10
+    masses: float | list[float] = 1.0
+    springs: float | list[float] = 1.0
+    damping: float = 0.1
+    belt: int = 2
+    belts: list[int] = field(default_factory=list)
+    interface: list[int] = field(default_factory=lambda: [1])
+    size: int = 0
+    sizes: list[int] = field(default_factory=list)
+    band: list[float] = field(default_factory=list)
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("friction", "critical-slope", "belt-sweep", "size-sweep", "eigenvalues", "error-time")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        whole_number("n", self.n, least=1, most=MOST)
+        if not self.belts:
+            object.__setattr__(self, "belts", list(range(1, min(self.n, 10) + 1)))
+        if not self.size:
+            object.__setattr__(self, "size", min(5, self.n))
+        if not self.sizes:
+            object.__setattr__(self, "sizes", list(range(len(self.interface) + 1, min(self.n, 10) + 1)))
+        if not self.band:
+            # the lowest three pairs of a uniform chain; what lies higher no small model can follow
+            object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
+        check_band(self.band)
+        for key, sizes in (("size", [self.size]), ("sizes", self.sizes)):
+            for size in sizes:
+                if size > self.n:
+                    raise InputError(f"{key}: {size} DOF means more modes than there are; the chain has {self.n} masses")
+                if size < len(self.interface) + (key == "size" and self.n > 1):
+                    raise InputError(f"{key}: {size} DOF leave no room for the interface of {len(self.interface)} and the belt")
+
+    def model(self, belt: int, widened: bool) -> Substructure:
+        """The chain with the belt under a mass, with the paper's interface or with the belt's mass joined to it."""
+        interface = list(self.interface)
+        if widened and belt not in interface:
+            interface.append(belt)
+        return chain(self.n, belt, self.damping, masses=self.masses, springs=self.springs, interface=interface, name=self.name)
+
+    def reduced(self, sub: Substructure, method: str, size: int) -> ReducedSubstructure:
+        """The model with `size` DOF by one of METHODS."""
+        modes = size - len(sub.interface)
+        with warnings.catch_warnings():
+            # The contact outside the interface is what this scene shows; its error is in the results.
+            warnings.simplefilter("ignore", PortWarning)
+            return reduce(sub, METHODS[method](modes))
+
+
+SCENE = ChainScene
+
+
+def run(scene: ChainScene, progress: Progress) -> Result:
+    """Computes what `scene.outputs` names, and nothing else."""
+    scene.model(scene.belt, False)  # bad values end here, before any work
+    for belt in scene.belts:
+        scene.model(belt, False)
+    slope = scene.friction_slope()
+    data: dict[str, Any] = {
+        "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
+        "damping": scene.damping, "interface": scene.interface, "force": scene.force, "slope": slope,
+        "law": scene.law if scene.slope is None else None, "eps": scene.eps, "speed": scene.speed, "methods": scene.methods,
+        "size": scene.size, "band": scene.band}
+    law = f"{scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = {slope:.6g}"
+    if scene.slope is not None:
+        law = f"slope {slope:.6g}"
+    text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, interface {_masses(scene.interface)}, F = "
+            f"{scene.force:g}, {law}"]
+
+    def compute(output: str) -> Result:
+        progress(f"{scene.name}: {output}")
+        found, said, drawing = PARTS[output](scene, slope, progress)
+        return Result({output: found}, found.get("rows", []), said, {} if drawing is None else {output: drawing})
+
+    return joined(scene.outputs, compute, data, text)
+
+
+Part = tuple[dict[str, Any], str, Callable[[], Any] | None]
+
+
+def _friction(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    side = np.concatenate([np.geomspace(1e-5, 0.05, 60), np.linspace(0.06, 1.0, 95)])
+    speeds = np.concatenate([-side[::-1], [0.0], side])
+    curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)}
+              for name in LAWS for eps in sorted({1e-1, 1e-2, 1e-3, scene.eps}, reverse=True)]
+
+    def draw() -> Any:
+        from femsub.app.figures import friction_figure
+        return friction_figure(speeds, curves, scene.speed, slope)
+
+    return {"speed": speeds, "curves": curves}, "", draw
+
+
+def _critical(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    rows: list[dict[str, Any]] = []
+    for belt in scene.belts:
+        for widened in _interfaces(scene, belt):
+            sub = scene.model(belt, widened)
+            exact = _border(scene, sub)
+            for method in scene.methods:
+                rom = scene.reduced(sub, method, scene.size)
+                found = _border(scene, rom)
+                rows.append({"belt": belt, "interface": _masses(sub.interface + 1), "method": method, "size": rom.size,
+                             "slope": found[0], "omega": found[1], "full": exact[0], "error": relative_error(found[0], exact[0]),
+                             "port_error": rom.port_error["belt"], "reason": found[2] or exact[2]})
+    lines = [table(["belt", "interface", "model", "DOF", "critical slope", "full model", "rel. error", "static port error"],
+                   [[f"m{row['belt']}", row["interface"], SHORT[row["method"]], row["size"], known(row["slope"]),
+                     known(row["full"]), known(row["error"]), row["port_error"]] for row in rows],
+                   ["s", "s", "s", "d", ".6f", ".6f", ".1e", ".1e"])]
+    lines += dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"])
+    head = f"Critical slopes dμ/dv in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time"
+    return {"rows": rows}, "\n".join([head, *lines]), None
+
+
+def _border(scene: ChainScene, model: Substructure) -> tuple[float, float, str]:
+    """Critical slope and frequency in the scene's band; NaN and the reason where there is none to be had."""
+    found, reason = border_or_reason(lambda: critical_slope(model, band=(scene.band[0], scene.band[1]), force=scene.force))
+    return (np.nan, np.nan, reason) if found is None else (found.slope, found.omega, "")
+
+
+def _interfaces(scene: ChainScene, belt: int) -> list[bool]:
+    """The paper's interface, and the one with the belt's mass where that is another one."""
+    return [False] if belt in scene.interface else [False, True]
+
+
+def _belt_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    slopes, band = -np.geomspace(1e-3, 0.4, 60), (scene.band[0], scene.band[1])
+    panels = []
+    for widened in (False, True):
+        for kind in ("full", *scene.methods):
+            growth, border = [], []
+            for belt in scene.belts:
+                sub = scene.model(belt, widened)
+                model = sub if kind == "full" else scene.reduced(sub, kind, scene.size)
+                reached = band[1] <= model.cutoff  # else its modes above the cut-off would have a say
+                growth.append(sweep(model, slopes, force=scene.force, band=band).growth if reached else np.full(60, np.nan))
+                border.append(_border(scene, model)[0])
+            panels.append({"model": kind, "interface": "{m1, belt}" if widened else _masses(scene.interface),
+                           "growth": np.array(growth), "critical_slope": border})
+    found = {"slopes": slopes, "belts": scene.belts, "panels": panels}
+
+    def draw() -> Any:
+        from femsub.app.figures import belt_sweep_figure
+        return belt_sweep_figure(found, SHORT)
+
+    return found, "", draw
+
+
+def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    curves: list[dict[str, Any]] = []
+    for widened in _interfaces(scene, scene.belt):
+        sub = scene.model(scene.belt, widened)
+        exact = _border(scene, sub)[0]
+        for method in scene.methods:
+            sizes = [size for size in scene.sizes if size >= len(sub.interface)]
+            found = [_border(scene, scene.reduced(sub, method, size))[0] for size in sizes]
+            curves.append({"interface": _masses(sub.interface + 1), "method": method, "sizes": sizes, "slope": found,
+                           "full": exact, "error": [relative_error(value, exact) for value in found]})
+    lines = [table(["interface", "model", *(f"{size} DOF" for size in scene.sizes)],
+                   [[curve["interface"], SHORT[curve["method"]],
+                     *(known(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size, np.nan)) for size in scene.sizes)]
+                    for curve in curves], ["s", "s", *[".1e"] * len(scene.sizes)])]
+
+    def draw() -> Any:
+        from femsub.app.figures import size_sweep_figure
+        return size_sweep_figure(curves, scene.belt, SHORT)
+
+    rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
+             "full": curve["full"], "error": error} for curve in curves
+            for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
+    head = (f"Relative error of the critical slope in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time, belt under "
+            f"m{scene.belt} (-: the band reaches above the model's cut-off)")
+    return {"curves": curves, "rows": rows}, "\n".join([head, *lines]), draw
+
+
+def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    belt = Belt(force=scene.force, slope=slope)
+    models: list[dict[str, Any]] = []
+    for widened in _interfaces(scene, scene.belt):
+        sub = scene.model(scene.belt, widened)
+        candidates: list[tuple[str, Substructure]] = [("full", sub)]
+        candidates += [(method, scene.reduced(sub, method, scene.size)) for method in scene.methods]
+        exact: ComplexModes | None = None
+        for kind, model in candidates:
+            band = (0.0, 1.5 * scene.band[1]) if kind == "full" and scene.n > 300 else None
+            modes = complex_modes(model, belt, band=band)
+            exact = modes if exact is None else exact
+            limit = min(model.cutoff, float(exact.frequencies.max(initial=0.0)))
+            models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size,
+                           **comparable(exact, modes, limit), "is_stable": modes.is_stable, "eigenvalues": modes.eigenvalues,
+                           "error_bar": modes.error_bar,
+                           "backward_error": modes.backward_error, "above_cutoff": modes.above_cutoff, "cutoff": model.cutoff})
+    said = table(["interface", "model", "DOF", "up to ω", "eigenvalues", "full has", "largest Re λ", "full has", "stable",
+                  "largest backward error"],
+                 [[m["interface"], SHORT.get(m["model"], m["model"]), m["size"], m["up_to"], m["counted"], m["full_counted"],
+                   known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
+                   float(m["backward_error"].max(initial=0.0))] for m in models],
+                 ["s", "s", "d", ".4g", "d", "d", ".4f", ".4f", "s", ".0e"])
+
+    def draw() -> Any:
+        from femsub.app.figures import eigenvalue_figure
+        panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
+        return eigenvalue_figure(panels, SHORT, f"belt under m{scene.belt}, dμ/dv = {slope:.4g}")
+
+    rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "up_to": m["up_to"],
+             "growth": m["growth"], "full_growth": m["full_growth"], "is_stable": m["is_stable"]} for m in models]
+    head = f"Complex modes, belt under m{scene.belt}, dμ/dv = {slope:.5g}"
+    return {"belt": scene.belt, "models": models, "rows": rows}, f"{head}\n{said}", draw
+
+
+def _error_time(scene: ChainScene, slope: float, progress: Progress) -> Part:
+    belt, studies = Belt(force=scene.force, slope=slope), []
+    for widened in _interfaces(scene, scene.belt):
+        sub = scene.model(scene.belt, widened)
+        methods = [METHODS[name](size - len(sub.interface)) for name in scene.methods for size in scene.sizes
+                   if size >= len(sub.interface)]
+        studies.append((_masses(sub.interface + 1), study(sub, methods, (scene.band[0], scene.band[1]), belt=belt,
+                                                          repeats=scene.repeats, progress=progress)))
+    rows = [{"interface": interface, **row.flat()} for interface, found in studies for row in (found.full, *found.rows)]
+    said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies)
+
+    def draw() -> Any:
+        from femsub.app.figures import error_time_figure
+        return error_time_figure(studies)
+
+    return {"rows": rows, "band": scene.band, "repeats": scene.repeats}, said, draw
+
+
+PARTS: dict[str, Callable[[ChainScene, float, Progress], Part]] = {
+    "friction": _friction, "critical-slope": _critical, "belt-sweep": _belt_sweep, "size-sweep": _size_sweep,
+    "eigenvalues": _eigenvalues, "error-time": _error_time}
+
+
+def _masses(numbers: Any) -> str:
+    return "{" + ", ".join(f"m{int(number)}" for number in numbers) + "}"

@@ -1,0 +1,48 @@
+"""Limit cycles of the paper's chain: full, HCB and CC, by harmonic balance, with branches and transients."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from femsub.app.report import machine
+from femsub.app.scene import Result
+from femsub.app.scenes.chain import SHORT, ChainScene
+from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
+from femsub.model.substructure import Substructure
+
+
+@dataclass(frozen=True)
+class ChainCycleScene(CycleKeys, ChainScene):
+    """The chain of the scene 'chain', its reduced models of `size` DOF, and the keys of `CycleKeys`.
+
+    `band` holds the modes whose cycles are sought: by default the four lowest of the paper's chain.
+    """
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("cycles", "branches")
+
+    def __post_init__(self) -> None:
+        if not self.band:
+            from femsub.components.chain import chain_frequencies
+
+            lowest = chain_frequencies(max(self.n, 1), min(max(self.n, 1), 4))
+            object.__setattr__(self, "band", [0.0, float(1.02 * lowest[-1])])
+        super().__post_init__()
+
+
+SCENE = ChainCycleScene
+
+
+def run(scene: ChainCycleScene, progress: Callable[[str], None]) -> Result:
+    """Computes what `scene.outputs` names, and nothing else."""
+    full = scene.model(scene.belt, False)
+    models: dict[str, Substructure] = {"full": full}
+    models |= {SHORT[method]: scene.reduced(full, method, scene.size) for method in scene.methods}
+    head = (f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, belt under m{scene.belt}, F = "
+            f"{scene.force:g}, {scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = "
+            f"{scene.rubbing.slope:.6g}; HCB and CC of {scene.size} DOF")
+    data = {"scene": scene.name, "machine": machine(), "n": scene.n, "damping": scene.damping, "belt": scene.belt,
+            "interface": scene.interface, "force": scene.force, "law": scene.law, "eps": scene.eps, "speed": scene.speed,
+            "slope": scene.rubbing.slope, "size": scene.size, "band": scene.band, "parameter": scene.parameter}
+    return run_cycles(scene, models, (scene.band[0], scene.band[1]), data, head, progress)

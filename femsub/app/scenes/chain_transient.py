@@ -1,0 +1,114 @@
+"""The paper's chain in time: full, HCB and CC from the same blow, what frequencies appear (its Fig. 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from femsub.app.report import machine
+from femsub.app.scene import Result, Scene, joined
+from femsub.app.scenes.chain import SHORT, ChainScene
+from femsub.app.scenes.in_time import Track, growth, law_belt, quality, signals, spectra, spectrograms, told, track
+from femsub.errors import InputError
+from femsub.linalg.factor import QUADRATIC
+from femsub.motion.transient import transient
+
+
+@dataclass(frozen=True)
+class ChainTransientScene(Scene):
+    """The chain of `femsub.chain` under the nonlinear belt.
+
+    Attributes
+    ----------
+    n, masses, springs, damping, belt : chain
+        As in the scene `chain`.
+    interface : list of int
+        Interface masses; `join_belt` joins the belt's mass to them.
+    size : int
+        DOF of the reduced models; 0 stands for the paper's 5.
+    impulse : float
+        The blow on the belt's mass with which each model leaves its own sliding equilibrium.
+    time, window : list of float
+        [from, to] of the run, and of the part whose amplitude and spectrum are shown.
+    step : float
+        Of the grid that is recorded.
+    length : float
+        Of the spectrogram's window, in time.
+    tol : float
+        Error control of the integration, see `femsub.transient`.
+    """
+
+    n: int = 10
+    masses: float | list[float] = 1.0
+    springs: float | list[float] = 1.0
+    damping: float = 0.1
+    belt: int = 2
+    interface: list[int] = field(default_factory=lambda: [1])
+    join_belt: bool = False
+    size: int = 0
+    impulse: float = 1e-3
+    time: list[float] = field(default_factory=lambda: [0.0, 20000.0])
+    window: list[float] = field(default_factory=lambda: [12000.0, 20000.0])
+    step: float = 0.2
+    length: float = 400.0
+    tol: float = 1e-9
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "quality", "signals", "spectrum", "spectrogram")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key in ("time", "window"):
+            pair = getattr(self, key)
+            if len(pair) != 2 or pair[0] >= pair[1]:
+                raise InputError(f"{key} must be [from, to], ascending, not {pair}")
+        if self.window[0] < self.time[0] or self.window[1] > self.time[1]:
+            raise InputError(f"window {self.window} reaches beyond the time {self.time}")
+        if self.n > QUADRATIC and {"growth", "quality"} & set(self.outputs):
+            raise InputError(f"outputs 'growth' and 'quality' need all eigenvalues, which is up to n = {QUADRATIC}; name others")
+        law_belt(self)
+        self.linear()
+
+    def linear(self) -> ChainScene:
+        """The scene `chain` with the same chain: it makes the models."""
+        return ChainScene(name=self.name, n=self.n, masses=self.masses, springs=self.springs, damping=self.damping,
+                          belt=self.belt, interface=self.interface, size=self.size, methods=self.methods)
+
+
+SCENE = ChainTransientScene
+
+
+def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
+    """Computes what `scene.outputs` names, and nothing else."""
+    chain, belt = scene.linear(), law_belt(scene)
+    full = chain.model(scene.belt, scene.join_belt)
+    tracks: list[Track] = []
+    window, complete = (scene.window[0], scene.window[1]), True
+    try:
+        for kind in ("full", *scene.methods):
+            def tell(text: str, kind: str = kind) -> None:
+                progress(f"{scene.name}: {SHORT.get(kind, kind)}, {text}")
+
+            model = full if kind == "full" else chain.reduced(full, kind, chain.size)
+            found = transient(model, belt, (scene.time[0], scene.time[1]), impulse=scene.impulse, step=scene.step, tol=scene.tol,
+                              progress=tell)
+            tracks.append(track(kind, model, found, window))
+            if not found.complete:
+                complete = False
+                break
+    except KeyboardInterrupt:
+        complete = False
+    parts: dict[str, Callable[[], Result]] = {
+        "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt, SHORT),
+        "quality": lambda: quality(tracks, belt, SHORT), "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
+        "spectrogram": lambda: spectrograms(tracks, scene.length)}
+    data: dict[str, Any] = {
+        "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
+        "damping": scene.damping, "belt": scene.belt, "interface": [int(dof) + 1 for dof in full.interface], "size": chain.size,
+        "force": scene.force, "law": scene.law, "eps": scene.eps, "speed": scene.speed, "slope": belt.slope,
+        "impulse": scene.impulse, "time": scene.time, "window": scene.window, "step": scene.step, "tol": scene.tol,
+        "models": [item.row for item in tracks]}
+    text = [f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
+            f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
+            f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}\n{told(tracks, SHORT)}"]
+    return joined(scene.outputs, lambda output: parts[output](), data | {"complete": True}, text, complete)

@@ -1,0 +1,136 @@
+"""A component under study: the keys that such scenes share, and what their outputs share, made when first asked for."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from femsub.app.scene import Scene
+from femsub.checks import Array
+from femsub.components.fields import displacements, node_rows
+from femsub.components.mesh import Mesh
+from femsub.errors import InputError, PortWarning
+from femsub.model.bands import check_band
+from femsub.model.friction import Belt
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.modes.normal_modes import NormalModes, normal_modes
+from femsub.reduction.reduce import METHODS, CraigBampton, CraigChang, reduce
+
+Progress = Callable[[str], None]
+SHORT = {"CraigBampton": "HCB", "CraigChang": "CC"}
+UP_TO, MARGIN = 8, 0.02  # the band's default: so much above that mode
+LISTED = 14  # normal modes that are listed and written
+
+
+@dataclass(frozen=True)
+class ComponentScene(Scene):
+    """What the scenes of a component share.
+
+    Attributes
+    ----------
+    modes : list of int
+        Numbers of modes to compare, for each method.
+    ports : bool
+        Whether the static response to the contact joins each basis (see `reduce`).
+    band : list of float
+        [lo, hi], the frequencies (rad per unit of time) in which models are compared. By default from 0 to 2 % above the
+        eighth elastic mode of the component, or above the cluster of modes (not 4 % apart) that it belongs to.
+    tolerance : float
+        The error of the growth rates (relative) that the recommended model may have.
+    """
+
+    modes: list[int] = field(default_factory=lambda: [10, 20])
+    ports: bool = True
+    band: list[float] = field(default_factory=list)
+    tolerance: float = 1e-3
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("modes", "critical-slope", "eigenvalues", "error-time", "joined-interface")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.band:
+            check_band(self.band)
+        if not self.modes:
+            raise InputError("modes is empty: name the numbers of modes to compare, e.g. [10, 20]")
+        for count in self.modes:
+            if count < 0:
+                raise InputError(f"modes must be 0 or more, but one is {count}")
+        if not 0 < self.tolerance < np.inf:
+            raise InputError(f"tolerance must be positive, such as 1e-3, not {self.tolerance!r}")
+
+    def component(self) -> tuple[Substructure, Mesh | None]:
+        """The component with the port "belt", and the mesh to show its shapes on."""
+        raise NotImplementedError
+
+    def rayleigh_pair(self, values: list[float]) -> tuple[float, float]:
+        """[alpha, beta] of a scene key."""
+        if len(values) != 2:
+            raise InputError(f"rayleigh must be [alpha, beta], in 1 per unit of time and in units of time, not {values}")
+        return values[0], values[1]
+
+
+class Work:
+    """A component under study; what several outputs share is made when the first one asks."""
+
+    def __init__(self, scene: ComponentScene, progress: Progress) -> None:
+        self.scene, self.tell = scene, lambda text: progress(f"{scene.name}: {text}")
+        self.tell("building the component")
+        start = time.perf_counter()
+        self.sub, self.mesh = scene.component()
+        self.assembly = time.perf_counter() - start
+        self.belt = Belt(force=scene.force, slope=scene.friction_slope())
+        self.slopes: list[float] | None = None  # critical ones, once an output has found them
+        self.methods = [METHODS[name](modes) for name in scene.methods for modes in scene.modes]
+        for count in scene.modes:
+            if count > self.sub.size:
+                raise InputError(f"modes: {count} are more than the {self.sub.size} DOF of {self.sub.name!r}")
+
+    @cached_property
+    def normal(self) -> NormalModes:
+        self.tell("normal modes")
+        return normal_modes(self.sub, count=max(1, min(LISTED, self.sub.size - 6)))
+
+    @cached_property
+    def band(self) -> tuple[tuple[float, float], str]:
+        """The band and the rule it comes from."""
+        if self.scene.band:
+            return (self.scene.band[0], self.scene.band[1]), "as given"
+        omega = self.normal.frequencies[self.normal.rigid:]
+        last = min(UP_TO, len(omega)) - 1
+        while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * MARGIN) * omega[last]:
+            last += 1
+        return (0.0, float((1 + MARGIN) * omega[last])), f"to {100 * MARGIN:g} % above elastic mode {last + 1}"
+
+    @cached_property
+    def reduced(self) -> list[tuple[CraigBampton | CraigChang, ReducedSubstructure]]:
+        return [(method, self.reduce(method)) for method in self.methods]
+
+    def reduce(self, method: CraigBampton | CraigChang) -> ReducedSubstructure:
+        """The component by one method, as the scene has it."""
+        self.tell(f"{type(method).__name__} with {method.modes} modes")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PortWarning)  # the figure is in the tables
+            return reduce(self.sub, method, ports=self.scene.ports)
+
+    def field(self, u: Array) -> Array | None:
+        """Displacements of the nodes (nodes, 3, k), the largest of each shape 1; None where there is no mesh to show them on."""
+        if self.mesh is None or self.sub.dofs is None:
+            return None
+        found = displacements(self.mesh, self.sub.dofs, u)
+        largest = np.linalg.norm(found, axis=1).max(axis=0)
+        return found / np.where(largest > 0, largest, 1.0)
+
+    @property
+    def marks(self) -> dict[str, Array]:
+        """Nodes of the contact and of the interface, as rows of the mesh."""
+        assert self.mesh is not None and self.sub.dofs is not None
+        rows = {"contact": np.flatnonzero(self.sub.port("belt")), "interface": self.sub.interface}
+        nodes = {key: np.unique(self.sub.dofs.nodes[at]) for key, at in rows.items()}
+        known = self.mesh.numbers
+        return {key: node_rows(self.mesh, at[np.isin(at, known)]) for key, at in nodes.items() if len(at)}

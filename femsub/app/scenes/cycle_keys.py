@@ -1,0 +1,316 @@
+"""What the scenes of limit cycles share: their keys, the table of cycles, the branches and the dots of transients."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from femsub.app.report import table
+from femsub.app.scene import Result, Scene, joined
+from femsub.checks import Array
+from femsub.errors import InputError, NotConvergedError, unknown_name
+from femsub.linalg.factor import QUADRATIC
+from femsub.model.friction import LAWS, Belt
+from femsub.model.substructure import Substructure
+from femsub.motion.cycles.branch import Branch, branch
+from femsub.motion.cycles.continuation import PARAMETERS, with_parameter
+from femsub.motion.cycles.initial_guess import of_signal, onsets
+from femsub.motion.cycles.limit_cycle import LimitCycle, harmonic_balance
+from femsub.motion.nonlinear_model import State, sliding
+from femsub.motion.signals import spectrum
+from femsub.motion.transient import transient
+
+Progress = Callable[[str], None]
+NEAR = 0.05  # frequencies of two models that differ by less belong to the same mode
+VERDICT = {True: "yes", False: "no", None: "-"}
+
+
+@dataclass(frozen=True)
+class CycleKeys(Scene):
+    """What the scenes of limit cycles have in common.
+
+    Attributes
+    ----------
+    parameter : str
+        What varies along the branches: 'slope', 'speed' or 'force'.
+    between : list of float
+        [lo, hi] of the parameter. By default from the Hopf point of the first mode to the scene's own value and a quarter
+        beyond.
+    families : int
+        Modes, in the order in which they become unstable, whose cycles are followed.
+    points : int
+        Cycles on a branch at most.
+    harmonics : int
+        Harmonics on a branch at most.
+    dots : int
+        Values of the parameter at which each reduced (or small) model is also integrated in time. Of a large model as many
+        cycles are sought, three at least.
+    periods : int
+        Of the slowest family, over which it is integrated. Amplitude and frequency are those of the last quarter, from a 'cycle'
+        those of the second half.
+    dots_from : str
+        'blow': from the sliding equilibrium with a blow that moves the contact at the belt's speed. 'cycle': from a stable cycle
+        of its branches next to that value, its velocities raised by 5 %, and no dot where there is none; for models whose
+        integration is slow.
+    """
+
+    parameter: str = "slope"
+    between: list[float] = field(default_factory=list)
+    families: int = 4
+    points: int = 100
+    harmonics: int = 250
+    dots: int = 4
+    periods: int = 80
+    dots_from: str = "blow"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.parameter not in PARAMETERS:
+            raise unknown_name("parameter", self.parameter, PARAMETERS)
+        if self.slope is not None:
+            raise InputError("a limit cycle needs a friction law: leave the key 'slope' out, and give law, eps and speed")
+        if self.dots_from not in ("blow", "cycle"):
+            raise unknown_name("dots_from", self.dots_from, ("blow", "cycle"))
+        for key in ("families", "points", "harmonics", "periods"):
+            if getattr(self, key) < 1:
+                raise InputError(f"{key} must be at least 1, not {getattr(self, key)}")
+        if self.dots < 0:
+            raise InputError(f"dots must be 0 (none) or more, not {self.dots}")
+        if self.between and (len(self.between) != 2 or not self.between[0] < self.between[1]):
+            raise InputError(f"between must be [lo, hi] of the {self.parameter}, not {self.between}")
+
+    @property
+    def rubbing(self) -> Belt:
+        """The belt with its law."""
+        return Belt(force=self.force, speed=self.speed, law=LAWS[self.law](eps=self.eps))
+
+
+def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], data: dict[str, Any],
+               head: str, progress: Progress) -> Result:
+    """The outputs 'cycles' and 'branches' of a set of models, the reference among them first if it is small."""
+    tell = lambda text: progress(f"{scene.name}: {text}")  # noqa: E731 - a word for each step
+    parts = {"cycles": _cycles, "branches": _branches}
+    return joined(scene.outputs, lambda output: parts[output](scene, models, band, tell), data, [head])
+
+
+def _small(model: Substructure) -> bool:
+    return not model.pencil.is_sparse or model.size <= QUADRATIC
+
+
+def _families(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float]) -> list[float]:
+    """Frequencies of the modes to follow: those of the first small model."""
+    for model in models.values():
+        if _small(model):
+            omega, _ = onsets(sliding(model, scene.rubbing), band)
+            if not len(omega):
+                raise InputError(f"steady sliding is stable in the band {band[0]:g} to {band[1]:g}: no cycle begins; raise the "
+                                 "force, or change the speed")
+            return [float(value) for value in np.sort(omega[:scene.families])]
+    raise InputError("no model is small enough for its modes to be listed; name reduction methods")
+
+
+def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], tell: Progress) -> Result:
+    rows: list[dict[str, Any]] = []
+    text: list[str] = []
+    for family in _families(scene, models, band):
+        found: dict[str, LimitCycle] = {}
+        here: list[dict[str, Any]] = []
+        for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):
+            tell(f"limit cycle of {name} near ω = {family:.4g}")
+            begun = time.perf_counter()
+            row: dict[str, Any] = {"family": family, "model": name, "size": model.size}
+            try:
+                start: Any = family if _small(model) else next(reversed(found.values()), None)
+                if start is None:
+                    raise NotConvergedError("no reduced model gave a cycle to start from")
+                cycle = harmonic_balance(model, scene.rubbing, start=start)
+                if abs(cycle.omega / family - 1) > NEAR:
+                    raise NotConvergedError(f"only another cycle was found, at ω = {cycle.omega:.5g}")
+            except (NotConvergedError, InputError) as error:
+                here.append(row | {"why": str(error)})
+                continue
+            seconds = time.perf_counter() - begun
+            found[name] = cycle
+            floquet = cycle.floquet
+            here.append(row | {"omega": cycle.omega, "rms": cycle.rms, "peak": cycle.peak, "sticking": cycle.sticking,
+                               "is_stable": cycle.is_stable, "harmonics": cycle.orbit.harmonics, "residual": cycle.residual,
+                               "truncation": cycle.truncation, "seconds": seconds,
+                               "multiplier": None if floquet is None else complex(floquet.values[0]),
+                               "trivial_error": None if floquet is None else floquet.error})
+        full = found.get("full")
+        for row in here:
+            if full is not None and "omega" in row and row["model"] != "full":
+                row |= {"omega_error": abs(row["omega"] / full.omega - 1), "rms_error": abs(row["rms"] / full.rms - 1)}
+        here.sort(key=lambda row: list(models).index(row["model"]))
+        rows += here
+    kept = [row for row in rows if "omega" in row]
+    said = table(["model", "DOF", "from ω", "ω", "rms", "peak", "sticking", "stable", "|μ|", "harmonics", "left out", "s",
+                  "error of ω", "of rms"],
+                 [[row["model"], row["size"], row["family"], row["omega"], row["rms"], row["peak"], 100 * row["sticking"],
+                   VERDICT[row["is_stable"]], None if row["multiplier"] is None else abs(row["multiplier"]), row["harmonics"],
+                   row["truncation"], row["seconds"], row.get("omega_error"), row.get("rms_error")] for row in kept],
+                 ["s", "d", ".4g", ".6g", ".5g", ".5g", ".0f", "s", ".4g", "d", ".0e", ".2f", ".1e", ".1e"])
+    text = [f"Limit cycles at v0 = {scene.speed:g}, F = {scene.force:g} (speed under the belt; sticking in %)\n{said}"]
+    text += [f"{row['model']} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row]
+    return Result({"cycles": rows}, [{**row, "multiplier": str(row.get("multiplier", ""))} for row in rows], "\n".join(text), {})
+
+
+def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], tell: Progress) -> Result:
+    families = _families(scene, models, band)
+    limits = _range(scene, models, band)
+    found: list[dict[str, Any]] = []
+    for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):  # large ones start from the others' cycles
+        for family in families:
+            tell(f"branch of {name} from ω = {family:.4g}")
+            begun = time.perf_counter()
+            try:
+                traced, missed = _large(scene, found, family, model, tell) if not _small(model) else \
+                    (branch(model, scene.rubbing, scene.parameter, limits, start=family, points=scene.points,
+                            harmonics=scene.harmonics), [])
+            except (NotConvergedError, InputError) as error:
+                found.append({"model": name, "family": family, "why": str(error)})
+                continue
+            begins = traced.hopf.omega if traced.hopf else traced.omega[0]
+            if abs(begins / family - 1) > NEAR:
+                found.append({"model": name, "family": family, "why": f"its nearest mode begins at ω = {begins:.5g}"})
+                continue
+            found.append({"model": name, "family": family, "branch": traced, "missed": missed,
+                          "seconds": time.perf_counter() - begun})
+    found.sort(key=lambda item: list(models).index(item["model"]))
+    dots = [dot for name, model in models.items() if _small(model)
+            for dot in _dots(scene, name, model, limits, families, tell,
+                             [item["branch"] for item in found if item["model"] == name and "branch" in item])]
+    rows = [{"model": item["model"], "family": item["family"], **row} for item in found if "branch" in item
+            for row in item["branch"].rows()]
+    rows += [{"model": dot["model"], "family": "transient", scene.parameter: dot["value"], "omega": dot["omega"],
+              "rms": dot["rms"]} for dot in dots]
+    lines, special = [], []
+    for item in found:
+        if "why" in item:
+            lines.append([item["model"], item["family"], None, None, None, None, None, None, item["why"][:70]])
+            continue
+        traced = item["branch"]
+        hopf = traced.hopf
+        lines.append([item["model"], item["family"], hopf.value if hopf else None, hopf.error if hopf else None,
+                      ("super" if hopf.supercritical else "sub") if hopf else None, len(traced.points),
+                      sum(flag is True for flag in traced.stable), item["seconds"], traced.ended[:70]])
+        special += [f"  {item['model']}, ω {item['family']:.4g}: {point.kind} at {scene.parameter} = {point.value:.6g} (ω = "
+                    f"{point.omega:.5g}, rms = {point.rms:.4g})" for point in traced.special]
+    said = table(["model", "from ω", "Hopf point at", "rel. error", "critical", "cycles", "stable", "s", "ended"], lines,
+                 ["s", ".4g", ".6g", ".0e", "s", "d", "d", ".1f", "s"])
+    text = "\n".join([f"Branches over the {scene.parameter}\n{said}", *(
+        f"{item['model']} near ω = {item['family']:.4g}: no cycle at {scene.parameter} = {gap[scene.parameter]:.5g}: {gap['why']}"
+        for item in found for gap in item.get("missed", []))])
+    if special:
+        text += "\nSpecial points\n" + "\n".join(special)
+    data = {"branches": [{key: value for key, value in item.items() if key != "branch"} |
+                         (_plain(item["branch"]) if "branch" in item else {}) for item in found], "transients": dots}
+
+    def draw() -> Any:
+        from femsub.app.figures_cycles import bifurcation_figure
+        return bifurcation_figure([item for item in found if "branch" in item], dots, scene.parameter, families,
+                                  float(getattr(scene.rubbing, scene.parameter)), scene.name)
+
+    return Result(data, rows, text, {"bifurcation": draw})
+
+
+def _plain(traced: Branch) -> dict[str, Any]:
+    hopf = traced.hopf
+    return {"hopf": None if hopf is None else {"value": hopf.value, "omega": hopf.omega, "limit": hopf.limit, "error": hopf.error,
+                                               "supercritical": hopf.supercritical},
+            "special": [vars(point) for point in traced.special], "ended": traced.ended, "points": traced.rows()}
+
+
+def _range(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float]) -> tuple[float, float]:
+    """From the first Hopf point to the scene's own value and a quarter beyond."""
+    if scene.between:
+        return scene.between[0], scene.between[1]
+    belt = scene.rubbing
+    value = float(getattr(belt, scene.parameter))
+    if scene.parameter == "speed":
+        return min(0.5 * value, 3 * value), max(0.5 * value, 3 * value)
+    small = next(model for model in models.values() if _small(model))
+    first = float(onsets(sliding(small, belt), band)[1][0])
+    assert belt.slope is not None
+    begins = first / belt.force if scene.parameter == "slope" else first / belt.slope
+    ends = value + 0.25 * (value - begins)
+    spare = 0.02 * abs(ends - begins)
+    return min(begins, ends) - (spare if begins < ends else 0.0), max(begins, ends) + (spare if begins > ends else 0.0)
+
+
+def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: Substructure,
+           tell: Progress) -> tuple[Branch, list[dict[str, Any]]]:
+    """A model whose modes are not at hand: its cycles at a few points of a reduced one's branch, each from the cycle there, and
+    where none was found. They are spread evenly from the branch's beginning, where there is no amplitude yet, to its end.
+    """
+    guides = [item["branch"] for item in found if "branch" in item and item["family"] == family]
+    if not guides:
+        raise NotConvergedError("no reduced model has this branch")
+    guide = guides[-1]
+    values, points = [], list[LimitCycle]()
+    missed: list[dict[str, Any]] = []
+    even = np.linspace(guide.values[0], guide.values[-1], max(3, scene.dots) + 1)[1:]
+    wanted = np.unique([np.abs(guide.values - value).argmin() for value in even])
+    for at in wanted:
+        value, cycle = float(guide.values[at]), guide.points[at]
+        tell(f"full model, {scene.parameter} = {value:.5g}")
+        belt = with_parameter(scene.rubbing, scene.parameter, value)
+        begin = LimitCycle(points[-1].contact, cycle.orbit, points[-1].flexibility, 0.0, 0.0, 0.0) if points else cycle
+        try:
+            points.append(harmonic_balance(model, belt, start=begin, tolerance=1e-3))
+        except NotConvergedError as error:
+            missed.append({scene.parameter: value, "why": str(error)})
+            continue
+        values.append(value)
+    if not points:
+        raise NotConvergedError(f"none of {len(wanted)} cycles; the first: {missed[0]['why']}")
+    return Branch(scene.parameter, np.array(values), tuple(points), (), None,
+                  f"{len(points)} of {len(wanted)} cycles, from those of a reduced model"), missed
+
+
+def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float, float], families: list[float],
+          tell: Progress, traced: list[Branch]) -> list[dict[str, Any]]:
+    """rms and the strongest frequency of what a blow, or a disturbed cycle, leads to, at a few values of the parameter."""
+    dots: list[dict[str, Any]] = []
+    part = 0.75 if scene.dots_from == "blow" else 0.5
+    end = scene.periods * 2 * np.pi / families[0]
+    for value in np.linspace(limits[0], limits[1], scene.dots + 2)[1:-1]:
+        tell(f"transient of {name}, {scene.parameter} = {value:.5g}")
+        belt = with_parameter(scene.rubbing, scene.parameter, float(value))
+        if scene.dots_from == "cycle":
+            near = [cycle for one in traced for cycle in one.at(float(value)) if cycle.is_stable]
+            if not near:
+                continue
+            state = near[0].state()
+            start = State(state.displacement, 1.05 * state.velocity)
+        else:
+            # so hard a blow that the contact moves at the belt's speed, which is beyond the threshold of a hard onset
+            contact = sliding(model, belt)
+            blow = contact.impulse(1.0)
+            start = State(blow.displacement, blow.velocity * abs(scene.speed / float(contact.W[:, 0] @ blow.velocity)))
+        done = transient(model, belt, (0.0, end), start=start, record_from=part * end, samples=8192, tol=1e-6)
+        if not done.complete:
+            raise KeyboardInterrupt
+        v: Array = done.velocity(belt.port)
+        v = v[:, 0] if v.ndim > 1 else v
+        if scene.dots_from == "cycle":
+            dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
+                         "omega": 2 * np.pi / _repeats(done.t, v, 2 * np.pi / of_signal(done.t, v, 1).omega)})
+            continue
+        peaks = spectrum(done.t, v)
+        dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
+                     "omega": float(peaks.peaks[0]) if len(peaks.peaks) else np.nan})
+    return dots
+
+
+def _repeats(t: Array, v: Array, guess: float) -> float:
+    """The T near a guess (within 3 %) at which v(t + T) is nearest to v(t): few periods are enough for it."""
+    trial = guess * np.linspace(0.97, 1.03, 1201)
+    early = t[t <= t[-1] - trial[-1]]
+    first = np.interp(early, t, v)
+    gap = np.array([np.square(np.interp(early + period, t, v) - first).mean() for period in trial])
+    return float(trial[np.argmin(gap)])

@@ -1,0 +1,215 @@
+"""What scenes in time share: runs of full and reduced models one after the other, what they show, and Ctrl-C."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from femsub.app.report import table
+from femsub.app.scene import Result, Scene
+from femsub.checks import Array
+from femsub.errors import InputError
+from femsub.model.friction import LAWS, Belt
+from femsub.model.substructure import Substructure
+from femsub.motion.nonlinear_model import sliding
+from femsub.motion.signals import Spectrum, growth_rate, rms, spectrogram, spectrum, sticking
+from femsub.motion.transient import Transient, transient
+from femsub.quadratic.complex_modes import ComplexModes, complex_modes
+from femsub.quadratic.matching import relative_error
+from femsub.studies.self_excitation import table_rows
+
+LISTED = 3  # frequencies in the table
+FAINT, STILL = 1e-6, 1e-3  # of the belt's speed: growth is followed from one to the other, where the model is linear
+ROUNDS = 12.0  # periods for the growth at least
+REACH = 1.3  # spectra are drawn up to so many times the highest frequency listed
+
+
+@dataclass(frozen=True)
+class Track:
+    """One model's run and what is seen of it in the window; None where it was interrupted before there was enough."""
+
+    kind: str  #: 'full', or the reduction's name
+    model: Substructure
+    run: Transient
+    window: tuple[float, float]
+    spectrum: Spectrum | None
+    row: dict[str, Any]
+
+
+def law_belt(scene: Scene) -> Belt:
+    """The belt of a scene in time.
+
+    Raises
+    ------
+    InputError
+        A slope instead of a law.
+    """
+    if scene.slope is not None:
+        raise InputError("scene key 'slope': the nonlinear model needs the friction law, i.e. law, eps and speed, not a slope")
+    return Belt(force=scene.force, speed=scene.speed, law=LAWS[scene.law](eps=scene.eps))
+
+
+def track(kind: str, model: Substructure, run: Transient, window: tuple[float, float]) -> Track:
+    """What a run shows in the window: amplitude, frequencies, sticking."""
+    v = run.velocity("belt")
+    row: dict[str, Any] = {"model": kind, "size": model.size, "window": list(window), "rms": None, "peaks": None, "heights": None,
+                           "sticking": None, "energy_residual": run.energy.residual,
+                           "steps": run.effort.steps, "seconds": run.effort.seconds, "end": run.end, "complete": run.complete}
+    inside = (run.t >= window[0]) & (run.t <= window[1])
+    seen = None
+    if run.complete and inside.sum() > 64:
+        seen = spectrum(run.t, v, window)
+        row |= {"rms": rms(run.t, v, window), "peaks": seen.peaks, "heights": seen.heights,
+                "sticking": sticking(run, "belt", window)}
+    return Track(kind, model, run, window, seen, row)
+
+
+def most_unstable(found: ComplexModes, model: Substructure, belt: Belt) -> tuple[complex, Array]:
+    """Of a model's complex modes the eigenvalue below its cut-off that grows fastest, and its shape (n,).
+
+    Raises
+    ------
+    InputError
+        None grows.
+    """
+    found = complex_modes(model, belt)
+    at = np.flatnonzero((found.eigenvalues.imag > 0) & ~found.above_cutoff)
+    if not len(at) or found.eigenvalues[at].real.max() <= 0:
+        raise InputError(f"nothing grows: {model!r} is stable below its cut-off at μ' = {belt.slope:.4g} and F = {belt.force:g}; "
+                         "take a larger force, less damping or another speed")
+    best = at[found.eigenvalues[at].real.argmax()]
+    return complex(found.eigenvalues[best]), found.shapes[:, best]
+
+
+def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, short: dict[str, str]) -> Result:
+    """From the most unstable complex mode, a millionth of the belt's speed: the growth measured in time beside Re λ."""
+    rows: list[dict[str, Any]] = []
+    complete = True
+    try:
+        for kind, model in models:
+            rows.append(_grown(kind, model, belt))
+    except KeyboardInterrupt:
+        complete = False
+    said = table(["model", "DOF", "growth in time", "Re λ", "error", "ω in time", "Im λ", "Re λ above"],
+                 [[short.get(str(row["model"]), row["model"]), row["size"], row["growth"], row["growth_of_cea"], row["error"],
+                   row["omega"], row["omega_of_cea"], row["above"]] for row in rows],
+                 ["s", "d", ".5g", ".5g", ".0e", ".5g", ".5g", ".5g"])
+    head = f"Growth of the most unstable mode below the cut-off, from {FAINT:g} of the belt's speed"
+    if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
+        head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
+    return Result({"growth": rows} | ({} if complete else {"complete": False}), rows, f"{head}\n{said}", {})
+
+
+def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
+    """The row of one model.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The run was stopped.
+    """
+    row: dict[str, Any] = {"model": kind, "size": model.size}
+    modes = complex_modes(model, belt)
+    above = {"above": _above(modes)}
+    try:
+        value, shape = most_unstable(modes, model, belt)
+    except InputError:  # too few modes: what grows lies above this model's cut-off
+        return row | dict.fromkeys(("growth", "growth_of_cea", "omega", "omega_of_cea", "error")) | above
+    speed = abs(belt.speed or 1.0)
+    shape = shape * (FAINT * speed / max(float(np.abs(model.port("belt").T @ shape * value).max()), 1e-300))
+    start = sliding(model, belt).perturbed(shape.real, (value * shape).real)
+    period = 2 * np.pi / value.imag
+    end = max(np.log(STILL / FAINT) / value.real, ROUNDS * period)
+    run = transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda")
+    if not run.complete:
+        raise KeyboardInterrupt
+    found = growth_rate(run.t, run.velocity("belt"), below=2 * STILL * speed)
+    return row | {"growth": found.rate, "growth_of_cea": value.real, "omega": found.omega, "omega_of_cea": value.imag,
+                  "error": abs(found.rate / value.real - 1)} | above
+
+
+def _above(found: ComplexModes) -> float | None:
+    """The largest Re λ above the model's cut-off; None where nothing lies there."""
+    return float(found.eigenvalues[found.above_cutoff].real.max()) if found.above_cutoff.any() else None
+
+
+def told(tracks: Sequence[Track], short: dict[str, str]) -> str:
+    """The table of what was seen."""
+    rows = []
+    for item in tracks:
+        row = item.row
+        peaks = [float(at) for at in (row["peaks"] if row["peaks"] is not None else [])][:LISTED]
+        rows.append([short.get(item.kind, item.kind), row["size"], row["rms"], ", ".join(f"{at:.5g}" for at in peaks) or None,
+                     row["sticking"], row["energy_residual"], row["seconds"],
+                     "yes" if row["complete"] else f"to t = {row['end']:.5g}"])
+    head = ["model", "DOF", "rms of v", "peaks (rad/time)", "sticking", "energy balance", "s", "complete"]
+    return table(head, rows, ["s", "d", ".5g", "s", ".1%", ".0e", ".2g", "s"])
+
+
+def highest(tracks: Sequence[Track]) -> float:
+    """How far up spectra are drawn: the same for all."""
+    tops = [float(np.max(item.spectrum.peaks[:LISTED])) for item in tracks if item.spectrum is not None
+            and len(item.spectrum.peaks)]
+    return REACH * max(tops, default=1.0)
+
+
+def signals(tracks: Sequence[Track]) -> Result:
+    """Velocities under the belt: all of the run, and the last ten periods."""
+    def draw() -> Any:
+        from femsub.app.figures_transient import signals_figure
+        return signals_figure(tracks)
+
+    return Result({}, [], "", {"signals": draw} if any(len(item.run.t) > 1 for item in tracks) else {})
+
+
+def spectra(tracks: Sequence[Track]) -> Result:
+    """Spectra in the window."""
+    known = [item for item in tracks if item.spectrum is not None]
+    rows = [{"model": item.kind, "size": item.model.size, "omega": at, "amplitude": height} for item in known
+            if item.spectrum is not None for at, height in zip(item.spectrum.peaks, item.spectrum.heights, strict=True)]
+
+    def draw() -> Any:
+        from femsub.app.figures_transient import spectra_figure
+        return spectra_figure(known, highest(known))
+
+    return Result({"spectrum": rows}, rows, "", {"spectrum": draw} if known else {})
+
+
+def spectrograms(tracks: Sequence[Track], length: float) -> Result:
+    """Short-time spectra of the whole runs, on one scale."""
+    long = [item for item in tracks if len(item.run.t) and item.run.t[-1] - item.run.t[0] > 2 * length]
+    made = [(item, spectrogram(item.run.t, item.run.velocity("belt"), length)) for item in long]
+    rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,
+             "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
+            for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
+
+    def draw() -> Any:
+        from femsub.app.figures_transient import spectrogram_figure
+        return spectrogram_figure(made, highest(tracks))
+
+    return Result({"spectrogram": {"length": length, "strongest": rows}}, rows, "", {"spectrogram": draw} if made else {})
+
+
+def quality(tracks: Sequence[Track], belt: Belt, short: dict[str, str]) -> Result:
+    """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
+
+    One trajectory of each: where motions coexist it may have ended in another of them, see scripts/attractors.py.
+    """
+    known = [item for item in tracks if item.spectrum is not None and len(item.spectrum.peaks)]
+    if not known or known[0].kind != "full":
+        return Result({"quality": []}, [], "", {})
+    exact, reduced = known[0], known[1:]
+    measured = [{"model": item.kind, "error_frequency": relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
+                 "error_amplitude": relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
+    rows = table_rows(exact.model, [item.model for item in reduced], belt, measured)
+    keys = ("missing_share", "spurious_share", "growth_error", "projection_loss", "compliance_mean", "error_frequency",
+            "error_amplitude")
+    said = table(["model", "DOF", "missing", "spurious", "err Re λ", "loss", "compliance", "err ω in time", "err rms"],
+                 [[short.get(row["model"], row["model"]), row["size"], *(row[key] for key in keys)] for row in rows],
+                 ["s", "d", ".0%", ".0%", ".1%", ".1%", ".1%", ".1%", ".1%"])
+    verdicts = [f"{short.get(row['model'], row['model'])}: {row['verdict']}" for row in rows]
+    head = "Quality of the reduced models under self-excitation, from linear data, beside this run's errors"
+    return Result({"quality": rows}, rows, "\n".join([head, said, *verdicts]), {})

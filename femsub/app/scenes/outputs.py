@@ -1,0 +1,244 @@
+"""The outputs of a component's study: modes, critical slope, eigenvalues, error against run time; HCB and CC side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from femsub.app.report import known, machine, table
+from femsub.app.scene import Result, joined
+from femsub.app.scenes.component import SHORT, ComponentScene, Progress, Work
+from femsub.app.scenes.joined import joined_interface
+from femsub.checks import Array
+from femsub.model.bands import in_band
+from femsub.model.estimate import upper
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.quadratic.complex_modes import ComplexModes, complex_modes
+from femsub.quadratic.matching import relative_error
+from femsub.stability.critical_slope import critical_slope
+from femsub.studies.error_vs_time import border_or_reason, study
+
+DRAWN = 6  # of the normal modes
+
+Part = Callable[[Work], Result]
+
+
+def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, Part] | None = None) -> Result:
+    """Computes what `scene.outputs` names, and nothing else; `more` are parts of a scene's own."""
+    work = Work(scene, progress)
+    parts = PARTS | dict(more or {})
+    sub, slope = work.sub, work.belt.slope
+    law = f"slope {slope:.6g}" if scene.slope is not None else \
+        f"{scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = {slope:.6g}"
+    data: dict[str, Any] = {
+        "scene": scene.name, "machine": machine(), "model": repr(sub), "size": sub.size, "interface": len(sub.interface),
+        "force": scene.force, "slope": slope, "law": scene.law if scene.slope is None else None, "eps": scene.eps,
+        "speed": scene.speed, "methods": scene.methods, "modes_kept": scene.modes, "ports": scene.ports}
+    text = [f"{scene.name}: {sub!r}\nF = {scene.force:g}, {law}"]
+    if work.mesh is not None and work.mesh.repairs:
+        data["repairs"] = list(work.mesh.repairs)
+        text[0] += f"\nmesh: {'; '.join(work.mesh.repairs)}"
+    if set(scene.outputs) & {"critical-slope", "eigenvalues", "error-time"}:
+        band, rule = work.band
+        data |= {"band": band, "band_rule": rule}
+        text[0] += f"\nband {band[0]:g} to {band[1]:.6g} rad/time ({rule}); HCB and CC with {_listed(scene.modes)} modes" + \
+                   (", static responses to the contact joined" if scene.ports else "")
+    return joined(scene.outputs, lambda output: parts[output](work), data, text)
+
+
+def _listed(numbers: list[int]) -> str:
+    return ", ".join(str(number) for number in numbers)
+
+
+def _modes(work: Work) -> Result:
+    found = work.normal
+    rows = [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
+            for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
+    said = table(["mode", "ω", "residual"], [[row["mode"], row["omega"], row["residual"]] for row in rows], ["d", ".6g", ".0e"])
+    limit, count = found.counted
+    proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
+    if found.unlisted:
+        proof += f", {found.unlisted} of them outside of the band"
+    head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}"
+    data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
+    shapes = work.field(found.shapes)
+    if shapes is None or not work.scene.figures:
+        return Result({"modes": data}, rows, f"{head}\n{said}", {})
+    titles = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows]
+
+    def draw() -> Any:
+        return _picture(work, shapes[..., :DRAWN], titles[:DRAWN], f"{work.scene.name}: normal modes")
+
+    return Result({"modes": data}, rows, f"{head}\n{said}", {"modes": draw}, {"modes.vtu": lambda: _vtu(
+        work, {f"mode-{row['mode']:02d}": shapes[..., i] for i, row in enumerate(rows)})})
+
+
+def _picture(work: Work, shapes: Array, titles: list[str], title: str) -> Any:
+    from femsub.app.figures_modes import shapes_figure
+
+    assert work.mesh is not None
+    return shapes_figure(work.mesh, shapes, titles, title, work.marks)
+
+
+def _vtu(work: Work, shapes: Mapping[str, Array]) -> bytes:
+    from femsub.io.mesh_files import mesh_bytes
+
+    assert work.mesh is not None
+    return mesh_bytes(work.mesh, shapes)
+
+
+def _critical(work: Work) -> Result:
+    band, _ = work.band
+    models: list[tuple[str, int, Substructure]] = [("full", 0, work.sub)]
+    models += [(type(method).__name__, rom.modes, rom) for method, rom in work.reduced]
+    rows: list[dict[str, Any]] = []
+    for name, modes, model in models:
+        work.tell(f"critical slope, {name} with {model.size} DOF")
+        found, reason = border_or_reason(partial(critical_slope, model, band=band, force=work.scene.force))
+        slope, omega = (np.nan, np.nan) if found is None else (found.slope, found.omega)
+        full = rows[0]["slope"] if rows else slope
+        rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
+                     "error": relative_error(slope, full), "port_error": _port_error(model), "reason": reason})
+    work.slopes = [row["slope"] for row in rows]
+    said = table(["model", "modes", "DOF", "critical slope", "at ω", "rel. error", "static port error"],
+                 [[SHORT.get(row["model"], row["model"]), row["modes"] if row["model"] != "full" else None, row["size"],
+                   known(row["slope"]), known(row["omega"]), known(row["error"]), row["port_error"]] for row in rows],
+                 ["s", "d", "d", ".6g", ".5g", ".1e", ".1e"])
+    notes = [f"{SHORT.get(row['model'], row['model'])} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
+    if any(row["omega"] == 0 for row in rows):
+        notes.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
+                     f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * band[1]:.3g}, {band[1]:.6g}]")
+    return Result({"critical-slope": rows}, rows, "\n".join(["Critical slopes dμ/dv in the band", said, *notes]), {})
+
+
+def _port_error(model: Substructure) -> float:
+    return model.port_error.get("belt", 0.0) if isinstance(model, ReducedSubstructure) else 0.0
+
+
+def _eigenvalues(work: Work) -> Result:
+    band, _ = work.band
+    work.tell(f"complex modes of {work.sub.size} DOF")
+    exact = complex_modes(work.sub, work.belt, band=band)
+    at = _least_stable(exact)
+    models: list[tuple[str, int, Substructure, ComplexModes]] = [("full", 0, work.sub, exact)]
+    models += [(type(method).__name__, rom.modes, rom, complex_modes(rom, work.belt, band=band))
+               for method, rom in work.reduced]
+    spectra: list[dict[str, Any]] = []
+    for name, modes, model, found in models:
+        item = {"model": name, "modes": modes, "size": model.size, "growth": found.growth, "is_stable": found.is_stable,
+                "eigenvalues": found.eigenvalues, "error_bar": found.error_bar, "certified": found.certified,
+                "evidence": found.evidence,
+                "backward_error": found.backward_error, "above_cutoff": found.above_cutoff, "cutoff": model.cutoff}
+        item |= comparable(exact, found, min(band[1], model.cutoff))
+        if isinstance(model, ReducedSubstructure) and at is not None and len(found):
+            item["shape_error"] = _shape_error(work.sub, model.expand(_counterpart(found, exact, at)[1]), exact.shapes[:, at])
+        spectra.append(item)
+    said = table(["model", "modes", "DOF", "up to ω", "eigenvalues", "full has", "largest Re λ", "full has", "stable",
+                  "above cut-off", "shape error"],
+                 [[SHORT.get(m["model"], m["model"]), m["modes"] if m["model"] != "full" else None, m["size"], m["up_to"],
+                   m["counted"], m["full_counted"], known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
+                   int(np.sum(m["above_cutoff"])), m.get("shape_error")]
+                  for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", "d", ".1e"])
+    head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: completeness {exact.evidence})"
+    rows = [{"model": m["model"], "modes": m["modes"], "size": m["size"], "up_to": m["up_to"], "growth": m["growth"],
+             "full_growth": m["full_growth"], "is_stable": m["is_stable"], "shape_error": m.get("shape_error")} for m in spectra]
+    data: dict[str, Any] = {"eigenvalues": spectra}
+    kept = work.scene.modes
+    panels = [{**m, "panel": f"{modes} modes"} for modes in dict.fromkeys([kept[0], kept[len(kept) // 2], kept[-1]])
+              for m in spectra if m["model"] == "full" or m["modes"] == modes]
+
+    def draw() -> Any:
+        from femsub.app.figures import eigenvalue_figure
+        return eigenvalue_figure(panels, SHORT, f"{work.scene.name}: dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}")
+
+    drawings, files = {"eigenvalues": draw}, {}
+    if at is not None:
+        shown = _recovered(work, exact, at, models[-1])
+        data["least-stable"], told = shown.data, shown.text
+        drawings, files = drawings | shown.drawings, dict(shown.files)
+        said = f"{said}\n{told}"
+    return Result(data, rows, f"{head}\n{said}", drawings, files)
+
+
+def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[str, Any]:
+    """Of a model and of the full one: the eigenvalues with 0 ≤ Im λ ≤ limit, its cut-off, and the largest Re λ among them.
+
+    What the full model has beyond the cut-off of a reduced one is no part of the comparison.
+    """
+    data: dict[str, Any] = {"up_to": limit}
+    for name, modes in (("", found), ("full_", exact)):
+        keep = ~modes.rigid & upper(modes.eigenvalues) & in_band(modes.eigenvalues, (0.0, limit))
+        data |= {f"{name}counted": int(keep.sum()), f"{name}growth": float(modes.eigenvalues.real[keep].max(initial=-np.inf))}
+    return data
+
+
+def _least_stable(modes: ComplexModes) -> int | None:
+    """The eigenvalue with the largest Re λ that oscillates."""
+    moving = np.flatnonzero(~modes.rigid & (modes.eigenvalues.imag > 0))
+    return int(moving[np.argmax(modes.eigenvalues.real[moving])]) if len(moving) else None
+
+
+def _counterpart(found: ComplexModes, exact: ComplexModes, at: int) -> tuple[complex, Array]:
+    nearest = int(np.argmin(np.abs(found.eigenvalues - exact.eigenvalues[at])))
+    return complex(found.eigenvalues[nearest]), found.shapes[:, nearest]
+
+
+def _shape_error(sub: Substructure, x: Array, y: Array) -> float:
+    """‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖ in the norm of M: the sine of the angle between two shapes."""
+    rest = x - y * (np.vdot(y, sub.M @ x) / np.vdot(y, sub.M @ y))
+    return float(np.sqrt(abs(np.vdot(rest, sub.M @ rest)) / abs(np.vdot(x, sub.M @ x))))
+
+
+def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, Substructure, ComplexModes]) -> Result:
+    """The least stable shape of the last reduced model, expanded to the component."""
+    name, modes, model, found = last
+    assert isinstance(model, ReducedSubstructure)
+    if not len(found):
+        return Result({}, [], f"{name} with {modes} modes has no eigenvalue in the band: no shape is recovered", {})
+    value, q = _counterpart(found, exact, at)
+    u = model.expand(q)
+    error = float(work.sub.linearised(work.belt).backward_error(np.array([value]), u[:, None])[0])
+    told = (f"least stable mode, recovered from {SHORT[name]} with {modes} modes ({model.size} DOF): λ = {value.real:.6g} "
+            f"{value.imag:+.6g}i, full model {exact.eigenvalues[at].real:.6g} {exact.eigenvalues[at].imag:+.6g}i; backward error "
+            f"in the full pencil {error:.1e}")
+    data = {"model": name, "modes": modes, "size": model.size, "eigenvalue": value, "full": complex(exact.eigenvalues[at]),
+            "backward_error": error}
+    whole = work.field(u)
+    if whole is None or not work.scene.figures:
+        return Result(data, [], told, {})
+    # any phase will do: the one in which the place that moves most is at its largest
+    largest = whole.ravel()[np.argmax(np.abs(whole))]
+    whole = whole * (np.conj(largest) / abs(largest))
+    title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {SHORT[name]} with "
+             f"{model.size} DOF")
+
+    def draw() -> Any:
+        small = float(np.linalg.norm(whole.imag, axis=1).max())
+        parts = np.stack([whole.real, whole.imag / (small or 1.0)], axis=-1)
+        return _picture(work, parts, ["real part", f"imaginary part, drawn {1 / (small or 1.0):.3g} times larger"], title)
+
+    return Result(data, [], told, {"least-stable": draw},
+                  {"least-stable.vtu": lambda: _vtu(work, {"real-part": whole.real, "imaginary-part": whole.imag})})
+
+
+def _error_time(work: Work) -> Result:
+    scene = work.scene
+    found = study(work.sub, work.methods, work.band[0], belt=work.belt, ports=scene.ports, repeats=scene.repeats,
+                  slopes=work.slopes, assembly=work.assembly, progress=work.tell)
+    rows = [row.flat() for row in (found.full, *found.rows)]
+    best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
+    data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,
+                                                "model": None if best is None else best.flat()}}
+
+    def draw() -> Any:
+        from femsub.app.figures import error_time_figure
+        return error_time_figure([(f"of {len(work.sub.interface)} DOF", found)])
+
+    return Result(data, rows, f"Error against run time\n{found}\n{words}", {"error-time": draw})
+
+
+PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,
+                         "joined-interface": joined_interface}

@@ -1,0 +1,53 @@
+"""Limit cycles of a plate under a belt: HCB and CC by harmonic balance and in time, the full model by harmonic balance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from femsub.app.report import machine
+from femsub.app.scene import Result
+from femsub.app.scenes.component import SHORT, Work
+from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
+from femsub.app.scenes.plate import PlateScene
+from femsub.model.substructure import Substructure
+
+
+@dataclass(frozen=True)
+class PlateCycleScene(CycleKeys, PlateScene):
+    """The plate of the scene 'plate' and the keys of `CycleKeys`; the branches run over the normal force.
+
+    Of several `modes` the largest serves. The full model's cycles are solved for the harmonics of the contact alone, each from
+    that of a reduced model, at a few values of the force; their stability is not computed.
+    """
+
+    parameter: str = "force"
+    families: int = 1
+    modes: list[int] = field(default_factory=lambda: [20])
+    force: float = 60.0
+    points: int = 60
+    dots: int = 2
+    periods: int = 8
+    dots_from: str = "cycle"
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("cycles", "branches")
+
+
+SCENE = PlateCycleScene
+
+
+def run(scene: PlateCycleScene, progress: Callable[[str], None]) -> Result:
+    """Computes what `scene.outputs` names, and nothing else."""
+    work = Work(scene, progress)
+    most = max(scene.modes)
+    models: dict[str, Substructure] = {
+        SHORT[type(method).__name__]: rom for method, rom in work.reduced if method.modes == most}
+    models["full"] = work.sub
+    band, rule = work.band
+    head = (f"{scene.name}: {work.sub!r}\nF = {scene.force:g}, {scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = "
+            f"{scene.rubbing.slope:.6g}; HCB and CC with {most} modes; band {band[0]:g} to {band[1]:.6g} rad/time ({rule})")
+    data = {"scene": scene.name, "machine": machine(), "model": repr(work.sub), "size": work.sub.size, "force": scene.force,
+            "law": scene.law, "eps": scene.eps, "speed": scene.speed, "slope": scene.rubbing.slope, "modes_kept": most,
+            "band": band, "band_rule": rule, "parameter": scene.parameter}
+    return run_cycles(scene, models, band, data, head, progress)

@@ -1,0 +1,152 @@
+"""A solid component in time: its limit cycle under a belt, full against reduced, and what a simulated period costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from femsub.app.report import machine, table
+from femsub.app.scene import Result, joined
+from femsub.app.scenes.component import SHORT, Work
+from femsub.app.scenes.in_time import growth, law_belt, most_unstable, signals, spectra, spectrograms, told, track
+from femsub.app.scenes.solid import SolidScene
+from femsub.checks import Array
+from femsub.errors import InputError
+from femsub.model.friction import Belt
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.motion.nonlinear_model import State, project
+from femsub.motion.transient import Transient, transient
+from femsub.quadratic.complex_modes import complex_modes
+from femsub.quadratic.matching import relative_error
+
+POINTS = 40  # of the recorded grid, per period
+SETTLED = 1 / 4  # of the long run, at its end: where its spectrum is taken
+TIMED = 5  # a reduced run is so short that a single one says little
+
+
+@dataclass(frozen=True)
+class SolidTransientScene(SolidScene):
+    """The component of the scene `solid`, by default a coarse disc with so much damping that its lowest modes alone grow.
+
+    A period is that of the most unstable mode below the cut-off of the largest reduced model of the last method. That model goes
+    from a blow on the port to its limit cycle; the state it is in then, expanded, is the physical state from which the full and
+    all reduced models (projected) run on, side by side.
+
+    Attributes
+    ----------
+    modes : list of int
+        Numbers of modes to compare, for each method.
+    impulse : float
+        The blow with which the long run begins (mass · length / time).
+    periods, compared : float
+        Of the long run, and of the runs side by side; amplitudes are compared over the second half of these.
+    tol, full_tol : float
+        Error control of reduced and of full models, see `femsub.transient`.
+    """
+
+    elements: list[int] = field(default_factory=lambda: [3, 24, 1])
+    rayleigh: list[float] = field(default_factory=lambda: [5.0, 2e-6])
+    force: float = 20000.0
+    modes: list[int] = field(default_factory=lambda: [10, 20, 40])
+    impulse: float = 0.1
+    periods: float = 400.0
+    compared: float = 12.0
+    tol: float = 1e-7
+    full_tol: float = 3e-5
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "error-time", "signals", "spectrum", "spectrogram")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        law_belt(self)
+        for key in ("periods", "compared"):
+            if not getattr(self, key) >= 4:
+                raise InputError(f"{key} must be at least 4, not {getattr(self, key)!r}")
+
+
+SCENE = SolidTransientScene
+
+
+def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
+    """Computes what `scene.outputs` names, and nothing else."""
+    work, belt = Work(scene, progress), law_belt(scene)
+    models = [(type(method).__name__, rom.modes, rom) for method, rom in work.reduced]
+    kind, _, reference = max(reversed(models), key=lambda item: (item[0] == models[-1][0], item[2].size))
+    value, _ = most_unstable(complex_modes(reference, belt), reference, belt)
+    rate, omega, period = value.real, value.imag, 2 * np.pi / value.imag
+    step = period / POINTS
+
+    def told_by(name: str) -> Callable[[str], None]:
+        return lambda text: work.tell(f"{name}, {text}")
+
+    long = transient(reference, belt, (0.0, scene.periods * period), impulse=scene.impulse, step=step, tol=scene.tol,
+                     progress=told_by(f"{SHORT[kind]} from the blow"))
+    window = ((1 - SETTLED) * long.t[-1], float(long.t[-1])) if long.complete else (0.0, 0.0)
+    tracks = [track(kind, reference, long, window)]
+    data: dict[str, Any] = {
+        "scene": scene.name, "machine": machine(), "model": repr(work.sub), "size": work.sub.size, "force": scene.force,
+        "law": scene.law, "eps": scene.eps, "speed": scene.speed, "slope": belt.slope, "rayleigh": scene.rayleigh,
+        "growth": rate, "omega": omega, "period": period, "periods": scene.periods, "compared": scene.compared,
+        "impulse": scene.impulse, "tol": scene.tol, "full_tol": scene.full_tol, "models": [item.row for item in tracks]}
+    text = [f"{scene.name}: {work.sub!r}\nF = {scene.force:g}, {scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = "
+            f"{belt.slope:.6g}; λ = {rate:.5g} + {omega:.6g}i grows, period {period:.4g}",
+            f"From a blow of {scene.impulse:g} over {scene.periods:g} periods\n{told(tracks, SHORT)}"]
+    views: dict[str, Callable[[], Result]] = {"growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt, SHORT),
+                                              "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
+                                              "spectrogram": lambda: spectrograms(tracks, 20 * period)}
+
+    def error_time() -> Result:
+        state = State(reference.expand(long.final.displacement), reference.expand(long.final.velocity))
+        return _error_time(scene, work, belt, state, period, [("full", 0, work.sub), *models], told_by)
+
+    views["error-time"] = error_time
+    return joined(scene.outputs, lambda output: views[output](), data | {"complete": True}, text, long.complete, ["error-time"])
+
+
+def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State, period: float,
+                models: list[tuple[str, int, Any]], told_by: Callable[[str], Callable[[str], None]]) -> Result:
+    """Full and reduced models from one physical state: amplitude, its error, and seconds per period."""
+    rows: list[dict[str, Any]] = []
+    exact, complete = 0.0, True
+    for kind, modes, model in models:
+        start = state if kind == "full" else State(*(project(model, work.sub.M, part) for part in
+                                                     (state.displacement, state.velocity)))
+        name = f"{SHORT.get(kind, kind)} with {model.size} DOF"
+        runs = [_side(scene, model, belt, start, period, told_by(name)) for _ in range(1 if kind == "full" else TIMED)]
+        if not all(item.complete for item in runs):
+            complete = False
+            break
+        amplitude = _amplitude(runs[0])
+        exact = amplitude if kind == "full" else exact
+        seconds = float(np.median([item.effort.seconds for item in runs])) / scene.compared
+        rows.append({"model": kind, "modes": modes, "size": model.size, "rms": amplitude,
+                     "amplitude_error": relative_error(amplitude, exact), "seconds_per_period": seconds,
+                     "speedup": rows[0]["seconds_per_period"] / seconds if rows else 1.0, "steps": runs[0].effort.steps,
+                     "energy_residual": runs[0].energy.residual, "method": runs[0].effort.method})
+    said = table(["model", "modes", "DOF", "rms of v", "error", "s per period", "times faster", "steps", "energy balance"],
+                 [[SHORT.get(row["model"], row["model"]), row["modes"] or None, row["size"], row["rms"], row["amplitude_error"],
+                   row["seconds_per_period"], row["speedup"], row["steps"], row["energy_residual"]] for row in rows],
+                 ["s", "d", "d", ".6g", ".1e", ".2g", ".4g", "d", ".0e"])
+
+    def draw() -> Any:
+        from femsub.app.figures_transient import period_figure
+        return period_figure(rows)
+
+    head = f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)"
+    return Result({"error-time": rows} | ({} if complete else {"complete": False}), rows, f"{head}\n{said}",
+                  {"error-time": draw} if len(rows) > 1 else {})
+
+
+def _side(scene: SolidTransientScene, model: Substructure, belt: Belt, start: State, period: float,
+          progress: Callable[[str], None]) -> Transient:
+    full = not isinstance(model, ReducedSubstructure)
+    return transient(model, belt, (0.0, scene.compared * period), start=start, step=period / POINTS,
+                     tol=scene.full_tol if full else scene.tol, method="alpha" if full else "lsoda", progress=progress)
+
+
+def _amplitude(found: Transient) -> float:
+    v: Array = found.velocity("belt")
+    return float(v[len(v) // 2:].std())

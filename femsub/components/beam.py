@@ -1,0 +1,161 @@
+"""The Euler-Bernoulli beam: cubic (Hermite) elements, supports, an elastic foundation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, finite_number, positive_number, whole_number
+from femsub.components.bending_elements import hermite_matrices
+from femsub.components.build import component, free_to_lift, gathered, tell_rounding
+from femsub.components.mesh import real_numbers
+from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.linalg.memory import check_room
+from femsub.model.dof_map import DofMap
+from femsub.model.substructure import Substructure
+
+BYTES = 2000.0  # that an element takes while the matrices are made
+ROUNDING = 0.05  # see `tell_rounding`: 540 equal elements
+LABELS = ("w", "w,x")
+#: which of w and w,x a support holds
+SUPPORTS: dict[str, tuple[int, ...]] = {"free": (), "pinned": (0,), "guided": (1,), "clamped": (0, 1)}
+
+
+def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any, rho: Any, A: Any,  # noqa: E741
+         foundation: Any = 0.0, supports: Mapping[Any, str] | None = None, interface: Sequence[Any] = (),
+         ports: Mapping[str, Any] | None = None, rayleigh: tuple[float, float] | None = None,
+         name: str = "beam") -> Substructure:
+    """K = Σ_e ∫ EI N''N''ᵀ + k_f NNᵀ dx, M = Σ_e ∫ ρA NNᵀ dx with the cubics N of (w, w,x) at both ends, (n, n).
+
+    Bending in one plane, without rotary inertia and shear: EI w'''' + k_f w + ρA ẅ = 0. Each node has the DOF w and
+    w,x (labels of the DOF map; nodes count from 1, from the left end at x = 0). Held DOF are taken out. A pinned
+    beam has ω_k² = (kπ/L)⁴ EI/ρA + k_f/ρA; the error of ω² falls with the fourth power of the element's length.
+
+    Units are any consistent ones: m, kg, s with E in Pa, or mm, t, s with E in MPa, rho in t/mm³ (steel: 7.85e-9),
+    I in mm⁴, A in mm²; ω is in rad/s in both.
+
+    Parameters
+    ----------
+    length : float
+    elements : int or sequence of float
+        The number of equal elements, or the places of all nodes, ascending from 0 to `length`.
+    E, I, rho, A : float or array_like, one per element
+        Young's modulus, second moment of area, density, area; all positive.
+    foundation : float or array_like, one per element
+        Stiffness k_f of an elastic (Winkler) foundation per length: force / length².
+    supports : mapping of place to str
+        'clamped', 'pinned', 'guided' (w,x held, w free) or 'free', at 'left', 'right' or the x of a node. Free without.
+    interface : sequence of places
+        The DOF of these nodes, as far as they are not held.
+    ports : mapping of str to place, or to (place, label)
+        The deflection w there, or with the label 'w,x' the slope.
+    rayleigh : (alpha, beta), optional
+        D = αM + βK; every other damping by `damped`.
+
+    Warns
+    -----
+    ConditionWarning
+        Elements are so short that rounding may take 1e-6 of the lowest frequencies or more: how much.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A size that is not positive, places of nodes that do not ascend, no node at a place, an unknown support, an
+        interface or a port that is held.
+
+    References
+    ----------
+    Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, sec. 14.3 (the element matrices).
+    """
+    x = _nodes(length, elements)
+    m = len(x) - 1
+    bending = _per_element("E", E, m) * _per_element("I", I, m)
+    mass = _per_element("rho", rho, m) * _per_element("A", A, m)
+    bed = _per_element("foundation", foundation, m, zero=True)
+    h = np.diff(x) if np.ndim(elements) else np.full(m, x[-1] / m)  # one number for all, which differences are not
+
+    def matrices(part: slice) -> tuple[Array, Array]:
+        stiffness, unit = hermite_matrices(h[part])
+        return bending[part, None, None] * stiffness, mass[part, None, None] * unit
+
+    def bedding(part: slice) -> tuple[Array]:
+        return (bed[part, None, None] * hermite_matrices(h[part])[1],)
+
+    places, size = 2 * np.arange(m)[:, None] + np.arange(4), 2 * (m + 1)
+    K, M = gathered(places, size, matrices)
+    K = free_to_lift(K, np.arange(size) % 2 == 0)
+    whole = 1 / (float(np.sum(h / bending)) * x[-1] ** 2)  # about a third of a tip's stiffness, 3EI/L³
+    tell_rounding(K, np.arange(size) % 2 == 0, whole, ROUNDING, name, "take longer elements")
+    if bed.any():
+        K = K + gathered(places, size, bedding)[0]
+    held = [2 * _node(x, place, "supports") + dof for place, kind in _mapping("supports", supports).items()
+            for dof in _held(kind)]
+    dofs = DofMap(np.repeat(np.arange(1, m + 2), 2), np.tile([0, 1], m + 1), LABELS, np.repeat(x, 2)[:, None])
+    if isinstance(interface, str) or not isinstance(interface, Iterable):
+        raise InputTypeError(f"interface must be a sequence of places, e.g. ({interface!r},), not {interface!r}")
+    return component(
+        K, M, np.array(held, dtype=int), {repr(place): 2 * _node(x, place, "interface") + np.arange(2) for place in interface},
+        {port: _column(x, place, f"port {port!r}") for port, place in _mapping("ports", ports).items()}, dofs, rayleigh, name)
+
+
+def _nodes(length: Any, elements: Any) -> Array:
+    size = positive_number("length", length)
+    if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
+        x = real_numbers("the places of nodes (elements)", elements)
+        if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=1e-9) or not (np.diff(x) > 0).all():
+            raise InputError(f"the places of nodes (elements) must ascend from 0 to the length {size:.6g}, not {elements!r:.80}")
+        return x
+    count = whole_number("elements", elements, least=1)
+    check_room(f"a beam of {count:.3g} elements", BYTES * float(count))
+    return np.arange(count + 1) * (size / count)
+
+
+def _per_element(name: str, value: Any, count: int, zero: bool = False) -> Array:
+    try:
+        values = np.broadcast_to(real_numbers(name, value), (count,))
+    except ValueError:
+        raise InputError(f"{name} must be one number or {count} of them, one per element, not {value!r:.80}") from None
+    good = np.isfinite(values) & ((values >= 0) if zero else (values > 0))
+    if not good.all():
+        raise InputError(f"{name} must be {'zero or more' if zero else 'positive'} and finite, but is "
+                         f"{values[np.argmin(good)]:.6g}" + (f" in element {np.argmin(good) + 1}" if np.ndim(value) else ""))
+    return values
+
+
+def _mapping(name: str, value: Any) -> Mapping[Any, Any]:
+    if value is not None and not isinstance(value, Mapping):
+        raise InputTypeError(f"{name} must be a mapping such as {{'left': ...}}, not {type(value).__name__}")
+    return value or {}
+
+
+def _held(kind: Any) -> tuple[int, ...]:
+    if not isinstance(kind, str) or kind not in SUPPORTS:
+        raise unknown_name("support", kind, SUPPORTS)
+    return SUPPORTS[kind]
+
+
+def _node(x: Array, place: Any, what: str) -> int:
+    if isinstance(place, str):
+        if place not in ("left", "right"):
+            raise unknown_name(f"place in {what}:", place, ("left", "right"))
+        return 0 if place == "left" else len(x) - 1
+    where = finite_number(f"a place in {what}", place)
+    nearest = int(np.argmin(np.abs(x - where)))
+    if abs(x[nearest] - where) > 1e-6 * np.diff(x).min():
+        raise InputError(f"{what}: there is no node at x = {where:.9g}; the nearest is at x = {x[nearest]:.9g}")
+    return nearest
+
+
+def _column(x: Array, place: Any, what: str) -> Array:
+    label: Any = "w"
+    if isinstance(place, tuple):
+        if len(place) != 2:
+            raise InputTypeError(f"{what} must be a place or a pair (place, label), not {place!r:.80}")
+        place, label = place
+    if label not in LABELS:
+        raise unknown_name(f"motion of {what}:", label, LABELS)
+    w = np.zeros(2 * len(x))
+    w[2 * _node(x, place, what) + LABELS.index(label)] = 1.0
+    return w

@@ -1,0 +1,107 @@
+"""From element matrices to a `Substructure`: summed into CSR chunk by chunk, held DOF taken out."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import EPS, Array, Matrix
+from femsub.components.damping import damped
+from femsub.errors import ConditionWarning, InputError
+from femsub.model.dof_map import DofMap
+from femsub.model.substructure import Substructure
+
+CHUNK = 4_000_000  # entries of element matrices held at a time
+TOLD = 1e-6  # of the lowest frequencies that rounding may take before it is warned of
+LOSS = 2.0**-46  # of sqrt(K_ii K_jj) that an entry may be rounded to: more would cost the turning motion its digits
+
+
+def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ...]]) -> tuple[Matrix, ...]:
+    """Σ_e of the element matrices, as (K_e, M_e), that `matrices` gives for a slice of the elements, as CSR (size, size).
+
+    `dofs` (m, k) numbers the DOF of each element. The two triangles are added up in the same order, so that symmetric
+    element matrices give sums that are symmetric to the last digit.
+    """
+    step = max(1, CHUNK // dofs.shape[1] ** 2)
+    total: list[Matrix] = []
+    for start in range(0, len(dofs), step):
+        part = slice(start, start + step)
+        rows = np.asarray(dofs[part], dtype=np.int64)
+        places = (rows[:, :, None] * size + rows[:, None, :]).ravel()
+        order = np.argsort(places, kind="stable")
+        places = places[order]
+        first = np.flatnonzero(np.diff(places, prepend=-1))
+        row, column = np.divmod(places[first], size)
+        pointers = np.searchsorted(row, np.arange(size + 1))
+        summed = [sp.csr_array((np.add.reduceat(values.ravel()[order], first), column, pointers), shape=(size, size))
+                  for values in matrices(part)]
+        total = [a + b for a, b in zip(total, summed, strict=True)] if total else summed
+    return tuple(total)
+
+
+def free_to_lift(K: Matrix, lift: Array) -> Matrix:
+    """K with Σ_j K_ij = 0 to the last digit over the DOF that `lift` marks, the deflections: lifting the part costs nothing.
+
+    K is a free part's in bending, symmetric, and annihilates that motion but for rounding. Rounding puts a spring of
+    EPS · K_ii under each deflection, which of the lowest ω² of n elements in a row takes a share EPS · n⁴. Here the entries of a
+    row are rounded to one power of two, so small that their sum is exact, and the largest takes up what is left: what
+    rounding then changes is the cost of relative motion, a share EPS · n². Entries that would lose more than LOSS,
+    between elements of very different length, are left as they are, and with them rounding in that row.
+    """
+    K = K.copy()
+    K.sort_indices()
+    rows, columns = np.repeat(np.arange(K.shape[0]), np.diff(K.indptr)), K.indices
+    place = np.flatnonzero(lift[columns])
+    i, j, values = rows[place], columns[place], K.data[place]
+    finest = np.frexp(np.bincount(i, np.abs(values), K.shape[0]))[1] - 52
+    finest = np.where(lift[i], np.maximum(finest[i], finest[j]), finest[i])
+    rounded = np.ldexp(np.rint(np.ldexp(values, -finest)), finest)
+    unit = np.sqrt(K.diagonal())
+    coarse = np.ldexp(1.0, finest) > LOSS * unit[i] * unit[j]
+    rounded = np.where(coarse, values, rounded)
+    order = np.lexsort((np.where(i == j, np.inf, np.abs(values)), i))
+    last = order[np.flatnonzero(np.diff(i[order], append=-1))]
+    rounded[last] = 0.0
+    rounded[last] = -np.bincount(i, rounded, K.shape[0])[i[last]]
+    K.data[place] = rounded
+    mirrored = lift[rows] & ~lift[columns]
+    K.data[mirrored] = K.T.tocsr().data[mirrored]  # the structure is symmetric
+    return K
+
+
+def tell_rounding(K: Matrix, lift: Array, whole: float, share: float, name: str, advice: str) -> None:
+    """Warns where solving with K may take more than TOLD of the lowest frequencies by rounding.
+
+    A factorisation leaves a spring of about EPS · K_ii, at random, under each deflection (`lift`), against the stiffness of the
+    `whole` part; with n elements in a row that is a share n^3.5 EPS. `share` of it was seen at most.
+    """
+    rounding = min(share * EPS * float(np.linalg.norm(K.diagonal()[lift])) / whole, 1.0)
+    if rounding > TOLD:
+        warnings.warn(f"{name!r}: rounding may take {rounding:.0e} of the lowest frequencies: its smallest elements are so much "
+                      f"stiffer than the whole; {advice}", ConditionWarning, stacklevel=3)
+
+
+def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array], ports: Mapping[str, Array], dofs: DofMap,
+              rayleigh: tuple[float, float] | None, name: str) -> Substructure:
+    """The substructure of the DOF that are not held; the interface by place, the ports as columns, both for all DOF."""
+    loose = np.ones(dofs.size, dtype=bool)
+    loose[held] = False
+    free = np.flatnonzero(loose)
+    if not len(free):
+        raise InputError(f"supports hold every DOF of {name!r}: nothing is left to move")
+    number = np.cumsum(loose) - 1
+    for place, rows in interface.items():
+        if not loose[rows].any():
+            raise InputError(f"interface {place} of {name!r} is held by the supports: leave out one or the other")
+    for port, w in ports.items():
+        if not np.any(w[free]):
+            raise InputError(f"port {port!r} of {name!r} sits on DOF that the supports hold")
+    joined = np.concatenate([*interface.values(), np.zeros(0, dtype=np.intp)]).astype(np.intp)
+    kept = list(dict.fromkeys(joined[loose[joined]].tolist()))
+    whole = len(free) == dofs.size
+    sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=number[kept] if kept else (),
+                       ports={port: w[free] for port, w in ports.items()}, name=name, dofs=dofs.kept(free))
+    return sub if rayleigh is None else damped(sub, rayleigh=rayleigh)

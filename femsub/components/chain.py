@@ -1,0 +1,95 @@
+"""The paper's chain of masses on a belt, with any number of masses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, finite_number, items, truth, whole_number
+from femsub.errors import InputError
+from femsub.linalg.memory import check_room
+from femsub.model.substructure import Substructure
+
+BYTES = 200.0  # that a mass takes while the matrices are made
+
+
+def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0, springs: Any = 1.0,
+          interface: Sequence[int] = (1,), fixed: bool = True, name: str = "chain") -> Substructure:
+    """M = diag(m), K tridiagonal with k_j + k_{j+1} and -k_{j+1}, D = d1 e1 e1ᵀ, all (n, n); port "belt" w = e_b.
+
+    Spring k_1 ties mass m_1 to the wall, spring k_j ties m_{j-1} to m_j; the right end is free. The dashpot d1 stays
+    at m_1 wherever the belt is. With unit masses and springs the undamped frequencies are
+    ω_j = 2 sin((2j - 1)π / (4n + 2)).
+
+    Parameters
+    ----------
+    n : int
+        Number of masses.
+    belt : int
+        The mass on the belt; **masses count from 1**, as in the paper.
+    damping : float
+        d1 ≥ 0 of the dashpot between m_1 and the wall.
+    masses, springs : float or array_like, shape (n,)
+        Positive; any consistent units.
+    interface : sequence of int
+        Interface masses, counted from 1 (they become DOF counted from 0).
+    fixed : bool
+        False leaves the wall out: k_1 is then not used, and the chain floats with one rigid-body mode.
+
+    Raises
+    ------
+    InputError
+        A mass that is not positive, a belt or an interface beyond the chain, a negative spring or dashpot.
+
+    References
+    ----------
+    The conference paper in which HCB and CC are compared on n = 10 (its Fig. 1 and eqs. (4), (5)); it prints neither
+    d1 nor F. d1 = 0.1 and F = 1 reproduce the axes of its Fig. 4.
+    """
+    n = whole_number("n", n, least=1)
+    check_room(f"a chain of {n:.3g} masses", BYTES * float(n))
+    mass, spring = _per_mass("masses", masses, n), _per_mass("springs", springs, n)
+    if finite_number("damping", damping) < 0:
+        raise InputError(f"damping must not be negative, but is {damping!r}; friction is a Belt's affair")
+    place = _mass_number("belt", belt, n)
+    if not truth("fixed", fixed):
+        spring = spring.copy()
+        spring[0] = 0.0
+    diagonal = spring + np.append(spring[1:], 0.0)
+    K = sp.diags_array([-spring[1:], diagonal, -spring[1:]], offsets=[-1, 0, 1], shape=(n, n), format="csr")
+    M = sp.diags_array(mass, format="csr")
+    D = sp.csr_array(([float(damping)], ([0], [0])), shape=(n, n)) if damping else None
+    w = np.zeros(n)
+    w[place - 1] = 1.0
+    held = [_mass_number("interface", number, n) - 1 for number in items("interface", interface, "mass numbers")]
+    return Substructure(M, K, D, held, {"belt": w}, name)
+
+
+def chain_frequencies(n: int, count: int | None = None) -> Array:
+    """ω_j = 2 sin((2j - 1)π / (4n + 2)), j = 1 … count: the undamped chain of unit masses and springs, fixed at m_1."""
+    n = whole_number("n", n, least=1)
+    count = n if count is None else whole_number("count", count, 0, n)
+    check_room(f"a list of {count:.3g} frequencies", 24.0 * count)
+    j = np.arange(1, count + 1)
+    return 2 * np.sin((2 * j - 1) * np.pi / (4 * float(n) + 2))
+
+
+def _mass_number(name: str, value: Any, n: int) -> int:
+    number = whole_number(name, value)
+    if not 1 <= number <= n:
+        raise InputError(f"{name}: there is no mass m{number}; the chain has m1 to m{n} (masses count from 1)")
+    return number
+
+
+def _per_mass(name: str, value: Any, n: int) -> Array:
+    try:
+        values = np.broadcast_to(np.asarray(value, dtype=float), (n,))
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be one number or {n} of them, not {value!r:.80}") from None
+    if not (np.isfinite(values) & (values > 0)).all():
+        where = int(np.argmin(np.isfinite(values) & (values > 0)))
+        raise InputError(f"{name} must be positive and finite, but number {where + 1} is {values[where]:.6g}")
+    return values

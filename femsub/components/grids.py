@@ -1,0 +1,157 @@
+"""Meshes made of a grid: block, annulus and rectangle, with their faces or edges as named sets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from femsub.checks import Array, choice, finite_number, items, shown
+from femsub.components.mesh import Mesh
+from femsub.components.solid_elements import KINDS, box
+from femsub.errors import InputError, InputTypeError
+from femsub.linalg.memory import check_room
+
+BYTES = 1000.0  # that a cell takes while its mesh is made
+
+
+def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedron20", name: str = "block") -> Mesh:
+    """The block [0, lx] x [0, ly] x [0, lz], nx x ny x nz bricks (six tetrahedra to each, if `kind` is one).
+
+    Parameters
+    ----------
+    lengths : sequence of float, shape (3,)
+        In the unit of length that E and rho go with.
+    counts : sequence of int, shape (3,)
+        Bricks along x, y and z.
+    kind : str
+        'hexahedron', 'hexahedron20', 'hexahedron27', 'tetra' or 'tetra10'.
+    name : str
+
+    Returns
+    -------
+    Mesh
+        Sets of nodes: left and right (x = 0, lx), front and back (y = 0, ly), bottom and top (z = 0, lz).
+
+    Raises
+    ------
+    InputError
+        A length that is not positive, a count below 1, a kind that is none of these.
+    """
+    sizes, bricks = _lengths("lengths", lengths, 3), _counts(counts, 3)
+    grid, cells = _grid(bricks, kind)
+    return Mesh(grid / bricks * sizes, cells, kind, _sides(grid, bricks), name=name)
+
+
+def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] = (4, 48, 2), kind: str = "hexahedron20",
+            name: str = "annulus") -> Mesh:
+    """The disc with a hole, inner ≤ √(x² + y²) ≤ outer, 0 ≤ z ≤ thickness; middle nodes lie on the circles.
+
+    Parameters
+    ----------
+    inner, outer, thickness : float
+        Radii and thickness, in the unit of length that E and rho go with.
+    counts : sequence of int, shape (3,)
+        Bricks along the radius, around (3 or more) and through the thickness.
+    kind : str
+        'hexahedron', 'hexahedron20', 'hexahedron27', 'tetra' or 'tetra10'.
+    name : str
+
+    Returns
+    -------
+    Mesh
+        Sets of nodes: inner, outer (the two rims), bottom, top.
+
+    Raises
+    ------
+    InputError
+        inner ≥ outer, a length that is not positive, a count below 1 (around: 3), a kind that is none of these.
+    """
+    low, high, height = _lengths("inner, outer and thickness", (inner, outer, thickness), 3)
+    if low >= high:
+        raise InputError(f"inner must be below outer, but they are {low:g} and {high:g}")
+    bricks = _counts(counts, 3)
+    if bricks[1] < 3:
+        raise InputError(f"counts: an annulus needs at least 3 bricks around, not {bricks[1]}")
+    grid, cells = _grid(bricks, kind)
+    half = np.rint(2 * grid).astype(np.intp)
+    half[:, 1] %= 2 * bricks[1]  # where the ring closes, the last nodes are the first ones
+    place = np.ravel_multi_index(tuple(half.T), tuple(2 * bricks + 1))
+    _, first, number = np.unique(place, return_index=True, return_inverse=True)
+    grid, cells = grid[first], number[cells]
+    r, angle = low + grid[:, 0] / bricks[0] * (high - low), 2 * np.pi * grid[:, 1] / bricks[1]
+    points = np.stack([r * np.cos(angle), r * np.sin(angle), grid[:, 2] / bricks[2] * height], axis=1)
+    sides = _sides(grid, bricks)
+    sets = {"inner": sides["left"], "outer": sides["right"], "bottom": sides["bottom"], "top": sides["top"]}
+    return Mesh(points, cells, kind, sets, name=name)
+
+
+def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad", name: str = "rectangle") -> Mesh:
+    """The rectangle [0, lx] x [0, ly], nx x ny quadrilaterals, or two triangles in the place of each.
+
+    Parameters
+    ----------
+    lengths : sequence of float, shape (2,)
+        In the unit of length that E and rho go with.
+    counts : sequence of int, shape (2,)
+        Quadrilaterals along x and y.
+    kind : str
+        'quad' or 'triangle'.
+    name : str
+
+    Returns
+    -------
+    Mesh
+        Points of two coordinates; sets of nodes: left and right (x = 0, lx), front and back (y = 0, ly), and edge,
+        which is all four.
+
+    Raises
+    ------
+    InputError
+        A length that is not positive, a count below 1, another kind.
+    """
+    choice("kind of cell of a rectangle", kind, ("quad", "triangle"))
+    sizes, quads = _lengths("lengths", lengths, 2), _counts(counts, 2)
+    nx, ny = quads
+    grid = np.stack(np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), indexing="ij"), axis=-1).reshape(-1, 2)
+    corner = (np.arange(nx)[:, None] * (ny + 1) + np.arange(ny)).reshape(-1, 1)
+    cells = corner + np.array([0, ny + 1, ny + 2, 1])
+    if kind == "triangle":
+        cells = cells[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    sides = _sides(grid, quads)
+    sides["edge"] = np.unique(np.concatenate(list(sides.values())))
+    return Mesh(grid / quads * sizes, cells, kind, sides, name=name)
+
+
+def _grid(bricks: Array, kind: str) -> tuple[Array, Array]:
+    """Bricks of edge 1: coordinates are whole and half numbers, exactly."""
+    choice("kind of solid element", kind, KINDS)
+    nx, ny, nz = (int(count) for count in bricks)
+    return box((float(nx), float(ny), float(nz)), (nx, ny, nz), kind)
+
+
+def _sides(grid: Array, counts: Array) -> dict[str, Array]:
+    names = (("left", "right"), ("front", "back"), ("bottom", "top"))
+    return {name: np.flatnonzero(grid[:, axis] == place)
+            for axis, count in enumerate(counts) for name, place in zip(names[axis], (0, count), strict=True)}
+
+
+def _lengths(what: str, values: Sequence[float], size: int) -> Array:
+    try:
+        found = [finite_number(what, value) for value in values]
+    except TypeError:
+        raise InputTypeError(f"{what} must be {size} numbers, not {values!r:.60}") from None
+    if len(found) != size or min(found) <= 0:
+        raise InputError(f"{what} must be {size} positive numbers, not {values!r:.60}")
+    return np.array(found)
+
+
+def _counts(values: Sequence[int], size: int) -> Array:
+    found = items("counts", values, "whole numbers")
+    whole = all(isinstance(count, (int, np.integer)) and not isinstance(count, bool) and count >= 1 for count in found)
+    if len(found) != size or not whole:
+        raise InputError(f"counts must be {size} whole numbers of 1 or more, not {shown(values)}")
+    checked = [int(count) for count in found]
+    check_room(f"a mesh of {' x '.join(f'{count:.6g}' for count in checked)} cells", BYTES * float(math.prod(checked)))
+    return np.array(checked)

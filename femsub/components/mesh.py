@@ -1,0 +1,172 @@
+"""`Mesh`: points, cells of one kind, and named sets of nodes and of cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, items
+from femsub.errors import InputError, InputTypeError, unknown_name
+
+#: kind: (dimension of the cell, nodes)
+CELLS = {"line": (1, 2), "triangle": (2, 3), "quad": (2, 4), "tetra": (3, 4), "tetra10": (3, 10), "hexahedron": (3, 8),
+         "hexahedron20": (3, 20), "hexahedron27": (3, 27)}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh:
+    """Points (n, d), cells (m, k) of one kind, and sets of nodes and of cells by name.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, d)
+        Coordinates, d = 1 to 3, in the unit of length that E and rho go with.
+    cells : array_like of int, shape (m, k)
+        Nodes of each cell as rows of `points`, in meshio's (VTK's) order.
+    kind : str
+        'line', 'triangle', 'quad', 'tetra', 'tetra10', 'hexahedron', 'hexahedron20', 'hexahedron27'.
+    sets : mapping of str to array_like of int
+        Named sets of nodes, as rows of `points`.
+    groups : mapping of str to array_like of int
+        Named sets of cells, as rows of `cells`.
+    numbers : array_like of int, shape (n,), optional
+        What the source calls the nodes, each another number; 1 to n without it.
+    repairs : sequence of str
+        What was mended when the mesh was read.
+    name : str
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Shapes that do not fit, a node or cell that does not exist, coordinates that are not finite or not real, numbers
+        that are not whole or come twice, names that are no texts.
+    """
+
+    points: Array
+    cells: Array
+    kind: str
+    sets: Mapping[str, Array]
+    groups: Mapping[str, Array]
+    numbers: Array
+    repairs: tuple[str, ...]
+    name: str
+
+    def __init__(self, points: Any, cells: Any, kind: str, sets: Mapping[str, Any] | None = None,
+                 groups: Mapping[str, Any] | None = None, numbers: Any = None, repairs: Iterable[str] = (),
+                 name: str = "mesh") -> None:
+        if not isinstance(kind, str) or kind not in CELLS:
+            raise unknown_name("kind of cell", kind, CELLS)
+        places, corners = real_numbers("points", points), _array("cells", cells)
+        if places.ndim != 2 or not 1 <= places.shape[1] <= 3 or not len(places):
+            raise InputError(f"points must have the shape (n, 1), (n, 2) or (n, 3), not {places.shape}")
+        if places.shape[1] < CELLS[kind][0]:
+            raise InputError(f"{kind} cells are {CELLS[kind][0]}D, but the points of {name!r} have {places.shape[1]} coordinates")
+        if not np.isfinite(places).all():
+            raise InputError(f"node {int(np.argmin(np.isfinite(places).all(axis=1)))} has a coordinate that is not finite")
+        if corners.ndim != 2 or corners.shape[1] != CELLS[kind][1] or not len(corners):
+            raise InputError(f"cells must have the shape (m, {CELLS[kind][1]}) for {kind}, not {corners.shape}")
+        count = len(places)
+        corners = _within("cells", corners, count).reshape(corners.shape)
+        named = np.arange(1, count + 1) if numbers is None else _node_numbers(numbers, count)
+        node_sets = {key: np.unique(_within(f"set {key!r}", rows, count)) for key, rows in _named("sets", sets)}
+        cell_sets = {key: np.unique(_within(f"group {key!r}", rows, len(corners))) for key, rows in _named("groups", groups)}
+        if isinstance(repairs, (str, Mapping)):
+            repairs = (repairs,) if isinstance(repairs, str) else list(repairs)
+        repairs = items("repairs", repairs, "strings")
+        values = {
+            "points": places, "cells": corners, "kind": kind, "numbers": named, "repairs": tuple(repairs), "name": str(name),
+            "sets": MappingProxyType(node_sets), "groups": MappingProxyType(cell_sets)}
+        for key, value in values.items():
+            for array in value.values() if isinstance(value, Mapping) else [value]:
+                if isinstance(array, np.ndarray):
+                    array.flags.writeable = False
+            object.__setattr__(self, key, value)
+
+    def __repr__(self) -> str:
+        sets = f"sets {', '.join(self.sets)}" if self.sets else "no sets"
+        groups = f", groups {', '.join(self.groups)}" if self.groups else ""
+        mended = f"; {'; '.join(self.repairs)}" if self.repairs else ""
+        return f"Mesh {self.name!r}: {len(self.points)} nodes, {len(self.cells)} {self.kind}, {sets}{groups}{mended}"
+
+    @property
+    def dimension(self) -> int:
+        """Of the cells: 1, 2 or 3."""
+        return CELLS[self.kind][0]
+
+    def nodes(self, name: str) -> Array:
+        """The nodes of a set, ascending; an unknown or an empty one is an InputError."""
+        if not isinstance(name, str) or name not in self.sets:
+            raise unknown_name(f"set of nodes of the mesh {self.name!r}:", name, self.sets)
+        if not len(self.sets[name]):
+            raise InputError(f"the set {name!r} of the mesh {self.name!r} is empty")
+        return self.sets[name]
+
+    def with_sets(self, **sets: Any) -> Mesh:
+        """A copy with more (or other) sets of nodes, each as rows of `points`, as n truth values, or as a function of the
+        points (n, d) that returns either.
+        """
+        found = {name: rows(self.points) if callable(rows) else rows for name, rows in sets.items()}
+        return Mesh(self.points, self.cells, self.kind, {**self.sets, **found}, self.groups, self.numbers, self.repairs,
+                    self.name)
+
+
+def _array(what: str, values: Any) -> Array:
+    try:
+        return np.array(values)
+    except ValueError:
+        raise InputError(f"{what} must be rows of the same length, not {values!r:.60}") from None
+
+
+def real_numbers(what: str, values: Any) -> Array:
+    """An array of floats, of nothing but real numbers in rows of the same length.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Rows of several lengths, complex numbers, texts.
+    """
+    found = _array(what, values)
+    if found.dtype.kind not in "fiu":
+        raise InputTypeError(f"{what} must be real numbers, not {found.dtype}")
+    return found.astype(float)
+
+
+def _named(what: str, values: Any) -> list[tuple[str, Any]]:
+    if values is not None and not isinstance(values, Mapping):
+        raise InputTypeError(f"{what} must map names to rows, e.g. {{'left': [0, 3]}}, not {type(values).__name__}")
+    for name in values or {}:
+        if not isinstance(name, str):
+            raise InputTypeError(f"the names of {what} must be texts, such as {str(name)!r}, not {name!r}")
+    return list((values or {}).items())
+
+
+def _node_numbers(values: Any, count: int) -> Array:
+    named = real_numbers("numbers", values) if _array("numbers", values).dtype.kind not in "iu" else np.array(values)
+    if named.shape != (count,):
+        raise InputError(f"numbers must have {count} entries, one per node, but their shape is {named.shape}")
+    wrong = (named % 1 != 0) | (np.abs(named) >= 2.0**53)
+    if wrong.any():
+        raise InputError(f"numbers must be whole numbers, but node {int(wrong.argmax())}, counted from 0, has {named[wrong][0]}")
+    ordered = np.sort(named)
+    again = ordered[1:][ordered[1:] == ordered[:-1]]
+    if len(again):
+        raise InputError(f"numbers must be another one for each node, but {int(again[0])} comes twice")
+    return named.astype(np.int64)
+
+
+def _within(what: str, rows: Any, count: int) -> Array:
+    raw = _array(what, rows)
+    if raw.size == 0:
+        return np.zeros(0, dtype=np.intp)
+    if raw.dtype == bool and raw.shape == (count,):
+        return np.flatnonzero(raw)
+    if not np.issubdtype(raw.dtype, np.integer):
+        raise InputError(f"{what} must hold whole numbers, not {raw.dtype}")
+    if raw.min() < 0 or raw.max() >= count:
+        bad = raw.min() if raw.min() < 0 else raw.max()
+        raise InputError(f"{what} names number {bad}, but there are {count}, counted from 0")
+    return raw.astype(np.intp)

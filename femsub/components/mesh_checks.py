@@ -1,0 +1,226 @@
+"""What a mesh must be before it is computed with: cells that are sound, nodes that are used, and a word on the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from femsub.checks import Array
+from femsub.components.mesh import Mesh
+from femsub.components.solid_elements import KINDS, jacobians, quadrature, reference, shape_functions
+from femsub.errors import InputError
+
+FLAT = 1e-6  # a volume below this fraction of the product of its edges is none
+APART = 1e-3  # nodes nearer than this fraction of the shortest edge coincide
+CHUNK = 1 << 25  # bytes of Jacobians held at a time
+
+_PLANE = {"triangle": np.array([[0, 1, 2]]), "quad": np.array([[0, 1, 3], [1, 2, 0], [2, 3, 1], [3, 0, 2]])}
+
+
+def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
+    """The mesh, all of whose cells have det ∂x/∂X > 0 at the points of quadrature and ≥ 0 at the corners.
+
+    Mended, and told in `repairs`: cells whose nodes are listed in mirrored order, cells given twice, nodes of no cell.
+    Only told: nodes that coincide (parts that were not merged), a mesh of several pieces. Surfaces in space (3D points
+    that lie in no plane z = const) are checked for flat and concave cells only.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    cell_numbers : ndarray, shape (m,), optional
+        What to call the cells in messages; rows of `cells` without it.
+
+    Raises
+    ------
+    InputError
+        A node twice in a cell; tangled or flat cells; cells folded into their neighbours: how many, which and where.
+    """
+    labels = np.arange(len(mesh.cells)) if cell_numbers is None else np.asarray(cell_numbers)
+    ordered = np.sort(mesh.cells, axis=1)
+    _refuse(mesh, (ordered[:, 1:] == ordered[:, :-1]).any(axis=1), labels, "name a node twice (collapsed cells)",
+            "mesh that part with other cells")
+    mesh, labels = _once(mesh, ordered, labels)
+    mesh = _used(mesh)
+    mesh = _oriented(mesh, labels)
+    return _with(mesh, notes=_notes(mesh))
+
+
+def refuse_spoilt(mesh: Mesh) -> None:
+    """Refuses what `checked` mends in a mesh that is read, and would give wrong matrices: double cells, nodes of none.
+
+    Raises
+    ------
+    InputError
+        Their numbers.
+    """
+    weights = np.random.default_rng(0).integers(1 << 62, size=len(mesh.points), dtype=np.uint64)
+    keys = weights[mesh.cells].sum(axis=1)  # the same for the same nodes in any order; sorting numbers is cheap
+    order = np.argsort(keys, kind="stable")
+    again = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
+    again = again[(np.sort(mesh.cells[order[again + 1]]) == np.sort(mesh.cells[order[again]])).all(axis=1)]
+    if len(again):
+        raise InputError(f"{len(again)} cells of {mesh.name!r} are given twice, the first is cell {order[again[0] + 1]}, which "
+                         f"is cell {order[again[0]]} again (counted from 0): its mass would count twice, leave it out")
+    unused = np.ones(len(mesh.points), dtype=bool)
+    unused[mesh.cells] = False
+    if unused.any():
+        raise InputError(f"{np.count_nonzero(unused)} nodes of {mesh.name!r} belong to no cell: number "
+                         f"{_listed(mesh.numbers[unused])}; they would have no mass and no stiffness, leave them out")
+
+
+def _with(mesh: Mesh, cells: Array | None = None, notes: tuple[str, ...] = ()) -> Mesh:
+    return Mesh(mesh.points, mesh.cells if cells is None else cells, mesh.kind, mesh.sets, mesh.groups, mesh.numbers,
+                dict.fromkeys((*mesh.repairs, *notes)), mesh.name)
+
+
+def _refuse(mesh: Mesh, bad: Array, labels: Array, what: str, advice: str) -> None:
+    rows = np.flatnonzero(bad)
+    if len(rows):
+        places = mesh.points[mesh.cells[rows[:3]]].mean(axis=1)
+        where = "; ".join(f"cell {labels[row]} around ({', '.join(f'{x:.4g}' for x in place)})"
+                          for row, place in zip(rows, places, strict=False))
+        raise InputError(f"{len(rows)} of {len(bad)} {mesh.kind} cells of the mesh {mesh.name!r} {what}: {where}"
+                         f"{'; ...' if len(rows) > 3 else ''}; {advice}")
+
+
+def _listed(numbers: Array) -> str:
+    return ", ".join(str(number) for number in numbers[:5]) + (", ..." if len(numbers) > 5 else "")
+
+
+def plural(count: int, one: str, many: str) -> str:
+    """'1 node belongs', '3 nodes belong'."""
+    return f"{count} {one if count == 1 else many}"
+
+
+def _once(mesh: Mesh, ordered: Array, labels: Array) -> tuple[Mesh, Array]:
+    order = np.lexsort(ordered.T)
+    again = (ordered[order[1:]] == ordered[order[:-1]]).all(axis=1)
+    if not again.any():
+        return mesh, labels
+    run = np.concatenate([[0], np.cumsum(~again)])
+    first = np.minimum.reduceat(order, np.flatnonzero(np.concatenate([[True], ~again])))
+    kept = np.sort(first)
+    row = np.empty(len(order), dtype=np.intp)
+    row[order] = np.searchsorted(kept, first[run])
+    groups = {name: row[members] for name, members in mesh.groups.items()}
+    note = f"{plural(len(order) - len(kept), 'cell was', 'cells were')} given twice, kept once"
+    return Mesh(mesh.points, mesh.cells[kept], mesh.kind, mesh.sets, groups, mesh.numbers, (*mesh.repairs, note),
+                mesh.name), labels[kept]
+
+
+def _used(mesh: Mesh) -> Mesh:
+    used = np.zeros(len(mesh.points), dtype=bool)
+    used[mesh.cells] = True
+    if used.all():
+        return mesh
+    row = np.cumsum(used) - 1
+    sets = {name: row[nodes[used[nodes]]] for name, nodes in mesh.sets.items()}
+    lost = mesh.numbers[~used]
+    notes = [f"{plural(len(lost), 'node belongs', 'nodes belong')} to no cell, dropped: {_listed(lost)}"]
+    notes += [f"the set {name!r} lost {plural(len(nodes) - len(sets[name]), 'node', 'nodes')} by that"
+              for name, nodes in mesh.sets.items() if len(nodes) > len(sets[name])]
+    return Mesh(mesh.points[used], row[mesh.cells], mesh.kind, sets, mesh.groups, mesh.numbers[used], (*mesh.repairs, *notes),
+                mesh.name)
+
+
+def _oriented(mesh: Mesh, labels: Array) -> Mesh:
+    low, high, corner_low, corner_high = (np.concatenate(part) for part in zip(*_volumes(mesh), strict=True))
+    mirrored = (high < -FLAT) & (corner_high <= FLAT)
+    sound = (low > FLAT) & (corner_low >= -FLAT)
+    _refuse(mesh, ~mirrored & ~sound, labels, "are tangled or flat (the Jacobian determinant changes its sign or vanishes)",
+            "move their nodes, or mesh that part anew")
+    if not mirrored.any():
+        return mesh
+    cells = mesh.cells.copy()
+    cells[mirrored] = cells[np.ix_(mirrored, _mirror(mesh.kind))]
+    mesh = _with(mesh, cells, (f"{mirrored.sum()} of {len(cells)} {mesh.kind} cells were listed in mirrored order, re-ordered",))
+    _refuse(mesh, _folded(mesh) & mirrored, labels, "are turned inside out and lie within their neighbours",
+            "move their nodes, or mesh that part anew")
+    return mesh
+
+
+def _volumes(mesh: Mesh) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Least and greatest det ∂x/∂X over the product of the edge lengths, at points of quadrature and at corners."""
+    if mesh.kind == "line":
+        length = np.linalg.norm(mesh.points[mesh.cells[:, 1]] - mesh.points[mesh.cells[:, 0]], axis=1)
+        share = length / max(length.max(), np.finfo(float).tiny)
+        yield share, share, share, share
+        return
+    if mesh.kind in _PLANE:
+        yield _areas(mesh)
+        return
+    element = reference(mesh.kind)
+    inside, _ = quadrature(mesh.kind, 2 * element.degree)
+    _, dN = shape_functions(mesh.kind, np.vstack([inside, element.nodes[:element.corners]]))
+    step = max(1, CHUNK // (dN.shape[0] * 9 * 8))
+    for start in range(0, len(mesh.cells), step):
+        J = jacobians(mesh.points, mesh.cells[start:start + step], dN)
+        share = np.linalg.det(J) / np.maximum(np.linalg.norm(J, axis=3).prod(axis=2), np.finfo(float).tiny)
+        at, corners = share[:, :len(inside)], share[:, len(inside):]
+        yield at.min(axis=1), at.max(axis=1), corners.min(axis=1), corners.max(axis=1)
+
+
+def _areas(mesh: Mesh) -> tuple[Array, Array, Array, Array]:
+    """The same for plane cells: signed where all lie in one plane z = const, else against the cell's own normal."""
+    points = np.zeros((len(mesh.points), 3))
+    points[:, :mesh.points.shape[1]] = mesh.points
+    corners = points[mesh.cells[:, _PLANE[mesh.kind]]]
+    one, other = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
+    cross = np.cross(one, other)
+    normal = cross.sum(axis=1)
+    size = np.linalg.norm(points.max(axis=0) - points.min(axis=0))
+    if np.ptp(points[:, 2]) <= 1e-9 * size:
+        normal = np.array([[0.0, 0.0, 1.0]])
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
+    edges = np.linalg.norm(one, axis=2) * np.linalg.norm(other, axis=2)
+    share = (cross * normal[:, None, :]).sum(axis=2) / np.maximum(edges, np.finfo(float).tiny)
+    whole = (cross.sum(axis=1) * normal).sum(axis=1) / np.maximum(edges.sum(axis=1), np.finfo(float).tiny)
+    return whole, whole, share.min(axis=1), share.max(axis=1)
+
+
+def _mirror(kind: str) -> Array:
+    """The order that turns a cell inside out: the nodes of the reference element with two axes exchanged."""
+    if kind in _PLANE:
+        return np.array([0, 2, 1] if kind == "triangle" else [0, 3, 2, 1])
+    nodes = reference(kind).nodes
+    return np.abs(nodes[:, None, [1, 0, 2]] - nodes[None, :, :]).max(axis=2).argmin(axis=1)
+
+
+def _folded(mesh: Mesh) -> Array:
+    """Cells that lie on the same side of a face as a neighbour: both run around the face in the same sense."""
+    sides = reference(mesh.kind).faces if mesh.kind in KINDS else [(i, (i + 1) % mesh.cells.shape[1])
+                                                                   for i in range(mesh.cells.shape[1])]
+    faces = np.array(sides)
+    count, size = faces.shape
+    corners = mesh.cells[:, faces].reshape(-1, size)
+    start, rows = corners.argmin(axis=1), np.arange(len(corners))
+    sense = corners[rows, (start + 1) % size] < corners[rows, (start - 1) % size] if size > 2 else start == 0
+    keys = np.sort(corners, axis=1)
+    order = np.lexsort(keys.T)
+    same = (keys[order[1:]] == keys[order[:-1]]).all(axis=1) & (sense[order[1:]] == sense[order[:-1]])
+    bad = np.zeros(len(mesh.cells), dtype=bool)
+    bad[order[1:][same] // count] = bad[order[:-1][same] // count] = True
+    return bad
+
+
+def _notes(mesh: Mesh) -> tuple[str, ...]:
+    from scipy.spatial import cKDTree
+
+    notes = []
+    corners = reference(mesh.kind).corners if mesh.kind in KINDS else mesh.cells.shape[1]
+    smallest = min(np.linalg.norm(mesh.points[mesh.cells[:, i]] - mesh.points[mesh.cells[:, j]], axis=1).min()
+                   for i, j in combinations(range(corners), 2))
+    pairs = len(cKDTree(mesh.points).query_pairs(APART * smallest, output_type="ndarray"))
+    if pairs:
+        notes.append(f"{plural(pairs, 'pair', 'pairs')} of nodes coincide (not merged: their parts are not joined there)")
+    count, k = len(mesh.points), mesh.cells.shape[1]
+    graph = sp.coo_array((np.ones(len(mesh.cells) * (k - 1), dtype=bool),
+                          (np.repeat(mesh.cells[:, 0], k - 1), mesh.cells[:, 1:].ravel())), shape=(count, count))
+    pieces = connected_components(graph, directed=False, return_labels=False)
+    if pieces > 1:
+        notes.append(f"the mesh is in {pieces} separate pieces")
+    return tuple(notes)

@@ -1,0 +1,231 @@
+"""What a port on a named set acts on: the cells, faces, edges or nodes the set is made of; the mean over them in a solid."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.components.mesh import Mesh
+from femsub.components.solid_elements import KINDS, face_quadrature, jacobians, quadrature, reference, shape_functions
+from femsub.components.surface import boundary_faces
+from femsub.errors import InputError, PortWarning, unknown_name
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """The parts of a mesh that make up a set, each of its nodes belonging to one of them.
+
+    Attributes
+    ----------
+    kind : str
+        'cells', 'faces' (of the surface of a solid), 'edges' or 'nodes'.
+    nodes : ndarray, shape (k,)
+        The set's, as rows of `points`.
+    cells, sides : ndarray, shape (f,)
+        The cells; or the cells that have the faces or edges, and which of theirs these are (`sides_of`). None for nodes.
+    share : ndarray, shape (f,)
+        1; an edge, which is listed for every cell that has it, counts one over their number.
+    """
+
+    kind: str
+    nodes: Array
+    cells: Array
+    sides: Array
+    share: Array
+
+
+def patch(mesh: Mesh, name: str, what: str) -> Patch:
+    """What a group of cells or a set of nodes means, told by its kind.
+
+    A group is its cells. A set of nodes is the faces of a solid's surface within it if they have all its nodes, else the
+    cells within it if these do, else its edges (between two nodes of the border only those of the border), and nodes if
+    no edge is within it. A set of the same name as a group and of the same nodes is the group. Corners decide: middle
+    nodes beyond the whole faces (cells, edges), as a choice by coordinates has, do not count.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of plane or solid cells.
+    what : str
+        Whose set it is, for messages, e.g. "port 'belt'".
+
+    Warns
+    -----
+    PortWarning
+        Middle nodes that do not count.
+
+    Raises
+    ------
+    InputError
+        No such set; or one of several kinds, whose mean would leave out some of its nodes.
+    """
+    every = np.arange(len(mesh.cells))
+    group = mesh.groups.get(name, every[:0])
+    if len(group) and (name not in mesh.sets or np.array_equal(mesh.sets[name], np.unique(mesh.cells[group]))):
+        return _patch("cells", np.unique(mesh.cells[group]), group)
+    if name not in mesh.sets:
+        raise unknown_name(f"set of nodes or group of cells of the mesh {mesh.name!r}:", name, (*mesh.sets, *mesh.groups))
+    nodes = mesh.nodes(name)
+    marked = np.zeros(len(mesh.points), dtype=bool)
+    marked[nodes] = True
+    found = _candidates(mesh, nodes, marked)
+    lefts = [np.setdiff1d(nodes, nodes_of(mesh, one)) for one in found]
+    for one, left in zip(found, lefts, strict=True):
+        if not len(left):
+            return one
+    if not found:
+        return _patch("nodes", nodes, every[:0])
+    corners = np.unique(mesh.cells[:, :reference(mesh.kind).corners]) if mesh.kind in KINDS else nodes
+    for one, left in zip(found, lefts, strict=True):
+        if not np.isin(left, corners).any():
+            warnings.warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number {_listed(mesh, left)}) are "
+                          f"middle nodes of {one.kind} that the set does not hold to their corners; the mean is over the whole "
+                          f"{one.kind} without these", PortWarning, stacklevel=6)
+            return one
+    kind, left = found[0].kind, lefts[0]
+    raise InputError(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} belong to none of the {kind} that lie "
+                     f"within it (number {_listed(mesh, left)}), and a mean over {kind} would leave them out: take them out of "
+                     f"the set, add the nodes that complete their {kind}, or name a group of cells")
+
+
+def _candidates(mesh: Mesh, nodes: Array, marked: Array) -> list[Patch]:
+    """The faces, the cells and the edges within a set, of each kind that there is, as `patch` prefers them."""
+    every = np.arange(len(mesh.cells))
+    ways = [("cells", every, np.zeros_like(every), np.arange(mesh.cells.shape[1])[None, :])]
+    if mesh.dimension == 3:
+        ways.insert(0, ("faces", *boundary_faces(mesh), sides_of(mesh.kind, "faces")))
+    found = []
+    for kind, cells, sides, table in ways:
+        corners = table[:, _corners(mesh, table)]
+        inside = marked[mesh.cells[cells[:, None], corners[sides]]].all(axis=1)
+        if inside.any():
+            found.append(_patch(kind, nodes, cells[inside], sides[inside]))
+    cells, sides, share, border = _edges(mesh, marked)
+    # a row of nodes along the border of a plane mesh may hold a whole cell in a corner
+    if len(cells) and (not found or (mesh.dimension == 2 and bool(border.all()))):
+        found.append(Patch("edges", nodes, cells, sides, share))
+    return found
+
+
+def nodes_of(mesh: Mesh, found: Patch) -> Array:
+    """All nodes of the cells, faces or edges of a patch."""
+    if found.kind in ("cells", "nodes"):
+        return np.unique(mesh.cells[found.cells]) if found.kind == "cells" else found.nodes
+    return np.unique(mesh.cells[found.cells[:, None], sides_of(mesh.kind, found.kind)[found.sides]])
+
+
+def _listed(mesh: Mesh, rows: Array) -> str:
+    return ", ".join(str(number) for number in mesh.numbers[rows[:5]]) + (", ..." if len(rows) > 5 else "")
+
+
+def sides_of(kind: str, what: str) -> Array:
+    """The nodes of each face or edge of a cell, (s, k): corners first, as in `reference(kind).faces`."""
+    if kind not in KINDS:
+        count = {"triangle": 3, "quad": 4}[kind]
+        return np.stack([np.arange(count), (np.arange(count) + 1) % count], axis=1)
+    element = reference(kind)
+    sides = element.faces if what == "faces" else element.edges
+    return np.array([(*side, *(element.corners + i for i, group in enumerate(element.middles) if set(group) <= set(side)))
+                     for side in sides])
+
+
+def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
+    """a_i = ∫ N_i / ∫ 1 over the patch, so that a·u is the mean over its volume, area or length, and n, its mean normal.
+
+    Of single nodes it is the mean. n is the average outward unit normal of faces; it is 0 for every other kind, and for
+    a surface closed in itself.
+
+    Returns
+    -------
+    average : ndarray, shape (n,)
+        One weight for each node of the mesh; their sum is 1.
+    normal : ndarray, shape (3,)
+    """
+    found = patch(mesh, name, what)
+    average, normal = np.zeros(len(mesh.points)), np.zeros(3)
+    if found.kind == "nodes":
+        average[found.nodes] = 1.0
+    elif found.kind == "cells":
+        degree = 4 * reference(mesh.kind).degree - (3 if mesh.kind.startswith("tetra") else 1)  # that of N det J
+        X, w = quadrature(mesh.kind, degree)
+        N, dN = shape_functions(mesh.kind, X)
+        members = mesh.cells[found.cells]
+        np.add.at(average, members, (np.linalg.det(jacobians(mesh.points, members, dN)) * w) @ N)
+    elif found.kind == "faces":
+        normal = _over_faces(mesh, found, average)
+    else:
+        _over_edges(mesh, found, average)
+    length, whole = float(np.linalg.norm(normal)), float(average.sum())
+    # faces that surround a hole or a body cancel: what is left is rounding and no direction
+    return average / whole, normal / length if length > 1e-6 * whole else np.zeros(3)
+
+
+def _over_faces(mesh: Mesh, found: Patch, average: Array) -> Array:
+    """Adds ∫ N dA to `average`; returns ∫ n dA."""
+    normal = np.zeros(3)
+    X, tangents, w = face_quadrature(mesh.kind, 2 * reference(mesh.kind).degree)
+    for side in np.unique(found.sides):
+        members = mesh.cells[found.cells[found.sides == side]]
+        N, dN = shape_functions(mesh.kind, X[side])
+        along = tangents[side] @ jacobians(mesh.points, members, dN)
+        area = np.cross(along[:, :, 0], along[:, :, 1]) * w[:, None]
+        np.add.at(average, members, np.linalg.norm(area, axis=2) @ N)
+        normal += area.sum(axis=(0, 1))
+    return normal
+
+
+def _over_edges(mesh: Mesh, found: Patch, average: Array) -> None:
+    """Adds ∫ N ds to `average`."""
+    element = reference(mesh.kind)
+    s, w = np.polynomial.legendre.leggauss(4)
+    for side in np.unique(found.sides):
+        start, end = element.nodes[list(element.edges[side])]
+        N, dN = shape_functions(mesh.kind, start + (s[:, None] + 1) / 2 * (end - start))
+        chosen = found.sides == side
+        members = mesh.cells[found.cells[chosen]]
+        along = np.linalg.norm((end - start) @ jacobians(mesh.points, members, dN), axis=2)
+        np.add.at(average, members, (along * (w / 2) * found.share[chosen, None]) @ N)
+
+
+def _patch(kind: str, nodes: Array, cells: Array, sides: Array | None = None) -> Patch:
+    return Patch(kind, nodes, cells, np.zeros_like(cells) if sides is None else sides, np.ones(len(cells)))
+
+
+def _corners(mesh: Mesh, table: Array) -> Array:
+    """Which columns of a table of sides are corners; middle nodes follow."""
+    if mesh.kind not in KINDS:
+        return np.arange(table.shape[1])
+    return np.flatnonzero((table < reference(mesh.kind).corners).all(axis=0))
+
+
+def _edges(mesh: Mesh, marked: Array) -> tuple[Array, Array, Array, Array]:
+    """Edges with both ends marked, once for each cell that has them: cells, sides, shares, whether of the border.
+
+    Between two nodes of the border (of a plane mesh) or of the surface (of a solid) only those count that lie in it.
+    """
+    table = sides_of(mesh.kind, "edges")[:, :2]
+    ends = np.sort(mesh.cells[:, table], axis=2).reshape(-1, 2)
+    rim = _rim(mesh)
+    outer = np.zeros(len(marked), dtype=bool)
+    outer[rim] = True
+    chosen = np.flatnonzero(marked[ends].all(axis=1))
+    key, border = ends[chosen] @ [len(marked), 1], np.sort(rim, axis=1) @ [len(marked), 1]
+    on_border = np.isin(key, border)
+    keep = on_border | ~outer[ends[chosen]].all(axis=1)
+    chosen, key, on_border = chosen[keep], key[keep], on_border[keep]
+    _, number, count = np.unique(key, return_inverse=True, return_counts=True)
+    return chosen // len(table), chosen % len(table), 1.0 / count[number], on_border
+
+
+def _rim(mesh: Mesh) -> Array:
+    """The edges of the border of a plane mesh, or of the faces of a solid's surface, as pairs of nodes."""
+    if mesh.dimension == 3:
+        cells, sides = boundary_faces(mesh)
+        faces = np.take_along_axis(mesh.cells[cells], np.array(reference(mesh.kind).faces)[sides], axis=1)
+        return np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    ends = np.sort(mesh.cells[:, sides_of(mesh.kind, "edges")], axis=2).reshape(-1, 2)
+    found, count = np.unique(ends, axis=0, return_counts=True)
+    return found[count == 1]

@@ -1,0 +1,288 @@
+"""The Kirchhoff plate: Morley triangles, or conforming rectangles of Bogner, Fox and Schmit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, Matrix, finite_number, items, positive_number
+from femsub.components.bending_elements import (
+    CORNERS,
+    HERMITE_MEAN,
+    OPPOSITE,
+    bfs_integrals,
+    bfs_matrices,
+    morley_edge_integrals,
+    morley_integrals,
+    morley_matrices,
+)
+from femsub.components.build import component, gathered, tell_rounding
+from femsub.components.mesh import Mesh
+from femsub.components.mesh_checks import refuse_spoilt
+from femsub.components.patches import Patch, patch, sides_of
+from femsub.components.solid_assembly import Material
+from femsub.components.solid_elements import skfem
+from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.model.dof_map import DofMap
+from femsub.model.substructure import Substructure
+
+SUPPORTS = ("free", "simply supported", "clamped")
+ROUNDING = 0.7  # see `tell_rounding`
+SKEW = 1e-6  # so much of its side may a corner lie off the rectangle
+
+
+def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supports: Mapping[str, str] | None = None,
+          interface: Sequence[str] = (), ports: Mapping[str, Any] | None = None,
+          rayleigh: tuple[float, float] | None = None, name: str = "plate") -> Substructure:
+    """K = Σ_e ∫ B (w,xx² + w,yy² + 2ν w,xx w,yy + 2(1 - ν) w,xy²) dA, M = Σ_e ∫ ρh w² dA as matrices (n, n).
+
+    Bending of a thin plate, B = Eh³/12(1 - ν²), without rotary inertia and shear: B ΔΔw + ρh ẅ = 0. A rectangle
+    a x b, simply supported all round, has ω² = π⁴ (j²/a² + k²/b²)² B/ρh; the error of ω² falls with the fourth power of
+    the cell size for rectangles (and comes from above), with its square for triangles (of which the Morley element
+    does not conform: the error may have either sign).
+
+    Rectangles (kind 'quad', axis-parallel) have the DOF w, w,x, w,y, w,xy at each node. Triangles have w at each node
+    and w,n in the middle of each edge; n points to +x, or to +y where the edge lies along x, for every mesh alike.
+    In the DOF map the edges follow the nodes, numbered on from the largest node number.
+
+    Units are any consistent ones: m, kg, s with E in Pa, or mm, t, s with E in MPa, rho in t/mm³ (steel: 7.85e-9);
+    ω is in rad/s in both.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        'triangle' or 'quad', in a plane of constant z if it has one.
+    E, nu, rho, thickness : float
+        Young's modulus, Poisson's ratio in (-1, 0.5), density, thickness h.
+    supports : mapping of set name to str
+        'simply supported' (w = 0 along the set), 'clamped' (the slopes too) or 'free'. The edges of a set are those
+        with both nodes in it, as far as they lie on the border or lead inside.
+    interface : sequence of set names
+        All DOF of these nodes (and edges) that are not held.
+    ports : mapping of str to set name, or to the place (x, y) of a node
+        The mean of w over what the set is made of, or w at the node. Of a set of nodes that is the cells within it, if
+        they have all its nodes; else its edges (of two nodes of the border only those of the border); else single nodes,
+        of which the mean is taken. A group of cells is its cells. A set of several of these is refused. Means over
+        cells and edges are integrals of the element's own functions, slopes included.
+    rayleigh : (alpha, beta), optional
+        D = αM + βK; every other damping by `damped`.
+
+    Warns
+    -----
+    ConditionWarning
+        Cells are so small or narrow that rounding may take 1e-6 of the lowest frequencies or more: how much.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Another kind of mesh, quads that are no axis-parallel rectangles, flat triangles, nodes without a cell, an
+        unknown set or support, a constant out of range, an interface or a port that is held.
+
+    References
+    ----------
+    Bogner, Fox and Schmit, Proc. Conf. Matrix Methods in Structural Mechanics, 1965 (rectangle); Morley, Aero. Quart.
+    19 (1968) (triangle).
+    """
+    if not isinstance(mesh, Mesh):
+        raise InputTypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
+    if mesh.kind not in ("triangle", "quad"):
+        raise InputError(f"a plate is meshed with triangle or quad cells, but {mesh.name!r} has {mesh.kind}")
+    steel, h = Material(E, nu, rho), positive_number("thickness", thickness)
+    refuse_spoilt(mesh)
+    layout = _Layout(mesh)
+    bending = steel.E * (h * h * h) / (12 * (1 - steel.nu**2))
+    for key, named in (("supports", supports), ("ports", ports)):
+        if named is not None and not isinstance(named, Mapping):
+            raise InputTypeError(f"{key} must map names, e.g. {{'edge': ...}}, not {type(named).__name__}")
+    interface = items("interface", interface, "names of sets")
+    K, M = layout.gathered(steel.nu)
+    K = bending * K
+    sides = np.ptp(layout.plane, axis=0)
+    tell_rounding(K, layout.deflections, bending * sides.prod() / sides.max() ** 4, ROUNDING, name, "take larger cells")
+    held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in (supports or {}).items()),
+                           np.zeros(0, dtype=int)])
+    return component(
+        K, steel.rho * h * M, held, {repr(where): layout.all_of(mesh.nodes(where)) for where in interface},
+        {port: layout.column(where, port, held) for port, where in (ports or {}).items()}, layout.dofs(), rayleigh, name)
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Which DOF belong to which node and edge of a mesh; edges and borders are scikit-fem's."""
+
+    mesh: Mesh
+    plane: Array  # (n, 2)
+    grid: Any
+
+    def __init__(self, mesh: Mesh) -> None:
+        plane = mesh.points[:, :2]
+        if mesh.points.shape[1] == 3 and np.ptp(mesh.points[:, 2]) > 1e-9 * np.ptp(plane, axis=0).max():
+            raise InputError(f"a plate lies in a plane of constant z, but z of {mesh.name!r} runs from "
+                             f"{mesh.points[:, 2].min():.6g} to {mesh.points[:, 2].max():.6g}")
+        fem = skfem()
+        kind = fem.MeshTri if mesh.kind == "triangle" else fem.MeshQuad
+        grid = kind(np.ascontiguousarray(plane.T), np.ascontiguousarray(mesh.cells.T))
+        for key, value in (("mesh", mesh), ("plane", plane), ("grid", grid)):
+            object.__setattr__(self, key, value)
+
+    @property
+    def triangles(self) -> bool:
+        return self.mesh.kind == "triangle"
+
+    @property
+    def size(self) -> int:
+        return len(self.plane) + self.grid.facets.shape[1] if self.triangles else 4 * len(self.plane)
+
+    @property
+    def deflections(self) -> Array:
+        """Which DOF are w, bool (size,)."""
+        every = np.arange(self.size)
+        return every < len(self.plane) if self.triangles else every % 4 == 0
+
+    def gathered(self, nu: float) -> tuple[Matrix, Matrix]:
+        """K and M for unit bending stiffness and unit mass per area."""
+        return self._morley(nu) if self.triangles else self._rectangles(nu)
+
+    @property
+    def _triangles(self) -> tuple[Array, Array]:
+        """Corners of the triangles, and the edges opposite them, (m, 3)."""
+        return self.grid.t.T, self.grid.t2f.T[:, [1, 2, 0]]  # scikit-fem's edges are (0, 1), (1, 2), (0, 2)
+
+    def _morley(self, nu: float) -> tuple[Matrix, Matrix]:
+        cells, edges = self._triangles
+        corners = self.plane[cells]
+        span = np.stack([corners[:, k] - corners[:, j] for j, k in OPPOSITE], axis=1)
+        area = np.abs(span[:, 0, 0] * span[:, 1, 1] - span[:, 0, 1] * span[:, 1, 0])
+        flat = area <= 1e-9 * np.einsum("mid,mid->mi", span, span).max(axis=1)
+        if flat.any():
+            raise InputError(f"{int(flat.sum())} triangles of {self.mesh.name!r} are flat, the first is cell "
+                             f"{int(flat.argmax())}, counted from 0")
+        normals = self._normals()[edges]
+        return gathered(np.hstack([cells, len(self.plane) + edges]), self.size,
+                        lambda part: morley_matrices(corners[part], normals[part], nu))
+
+    def _normals(self) -> Array:
+        """(f, 2): to +x, or to +y where the edge lies along x."""
+        along = self.plane[self.grid.facets[1]] - self.plane[self.grid.facets[0]]
+        along = along / np.linalg.norm(along, axis=1)[:, None]
+        normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
+        leading = np.where(np.abs(normal[:, 0]) > SKEW, normal[:, 0], normal[:, 1])
+        return normal * np.sign(leading)[:, None]
+
+    def _rectangles(self, nu: float) -> tuple[Matrix, Matrix]:
+        dofs, sides = self._squared()
+        return gathered(dofs, self.size, lambda part: bfs_matrices(sides[part], nu))
+
+    def _squared(self) -> tuple[Array, Array]:
+        """DOF of the rectangles (m, 16), corners as in CORNERS, and their sides (m, 2)."""
+        corners = self.plane[self.mesh.cells]
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        sides = high - low
+        with np.errstate(divide="ignore", invalid="ignore"):
+            place = (corners - low[:, None, :]) / sides[:, None, :]
+        nearest = np.rint(place)
+        right = np.abs(place - nearest).max(axis=(1, 2)) <= SKEW  # false for a side of zero, too
+        code = nearest[..., 0] * 2 + nearest[..., 1]
+        order = np.argsort(code, axis=1)
+        right &= (np.sort(code, axis=1) == np.arange(4)).all(axis=1)
+        if not right.all():
+            raise InputError(f"{int((~right).sum())} quads of {self.mesh.name!r} are no axis-parallel rectangles, the first is "
+                             f"cell {int(right.argmin())}, counted from 0: mesh the plate with triangles, or turn it")
+        order = order[:, [2 * i + j for i, j in CORNERS]]
+        cells = np.take_along_axis(self.mesh.cells, order, axis=1)
+        return (4 * cells[:, :, None] + np.arange(4)).reshape(len(cells), 16), sides
+
+    def edges(self, nodes: Array) -> Array:
+        """The edges with both nodes in a set; one between two nodes of the border only if it is of the border itself."""
+        facets, border = self.grid.facets, self.grid.boundary_facets()
+        member, outer, on_border = (np.zeros(count, dtype=bool) for count in (len(self.plane), len(self.plane), facets.shape[1]))
+        member[nodes], outer[facets[:, border]], on_border[border] = True, True, True
+        return np.flatnonzero(member[facets].all(axis=0) & (on_border | ~outer[facets].all(axis=0)))
+
+    def held(self, nodes: Array, kind: Any) -> Array:
+        """The DOF that a support holds along a set."""
+        if kind not in SUPPORTS:
+            raise unknown_name("support", kind, SUPPORTS)
+        if kind == "free":
+            return np.zeros(0, dtype=int)
+        if kind == "clamped":
+            return self.all_of(nodes)
+        if self.triangles:
+            return nodes
+        edges = self.edges(nodes)
+        ends = self.grid.facets[:, edges]
+        along = np.abs(self.plane[ends[1]] - self.plane[ends[0]]).argmax(axis=1)  # 0: in x, so that w,x is zero, too
+        return np.concatenate([4 * nodes, (4 * ends + 1 + along).ravel()])
+
+    def all_of(self, nodes: Array) -> Array:
+        """All DOF of the nodes and of the edges in a set."""
+        if self.triangles:
+            return np.concatenate([nodes, len(self.plane) + self.edges(nodes)])
+        return (4 * nodes[:, None] + np.arange(4)).ravel()
+
+    def column(self, where: Any, port: str, held: Array) -> Array:
+        """The mean of w over a set, or w at a node, as a column for all DOF."""
+        w, step = np.zeros(self.size), 1 if self.triangles else 4
+        if isinstance(where, str):
+            found = patch(self.mesh, where, f"port {port!r}")
+            if found.kind == "nodes":
+                w[step * found.nodes] = 1.0
+            elif found.kind == "cells":
+                self._over_cells(found.cells, w)
+            elif not np.isin(step * found.nodes, held).all():  # along a support w is 0; a triangle's is so at nodes only
+                (self._along_triangles if self.triangles else self._along_rectangles)(found, w)
+            lift = w[:step * len(self.plane):step].sum()  # of w = 1 everywhere
+            return w / lift if lift else w
+        if not isinstance(where, (Sequence, np.ndarray)) or len(where) != 2:
+            raise InputTypeError(f"port {port!r} must be the name of a set or a place (x, y), not {where!r:.80}")
+        x, y = (finite_number(f"port {port!r}", value) for value in where)
+        apart = np.hypot(*(self.plane - (x, y)).T)
+        nearest = int(apart.argmin())
+        if apart[nearest] > SKEW * np.ptp(self.plane, axis=0).max():
+            raise InputError(f"port {port!r}: there is no node at ({x:.9g}, {y:.9g}); the nearest is number "
+                             f"{self.mesh.numbers[nearest]} at ({self.plane[nearest, 0]:.9g}, {self.plane[nearest, 1]:.9g})")
+        w[step * nearest] = 1.0
+        return w
+
+    def _over_cells(self, cells: Array, w: Array) -> None:
+        """Adds ∫ φ dA over cells to a column."""
+        if self.triangles:
+            corners, edges = (part[cells] for part in self._triangles)
+            integrals = morley_integrals(self.plane[corners], self._normals()[edges])
+            np.add.at(w, np.hstack([corners, len(self.plane) + edges]), integrals)
+        else:
+            dofs, sides = (part[cells] for part in self._squared())
+            np.add.at(w, dofs, bfs_integrals(sides))
+
+    def _along_triangles(self, found: Patch, w: Array) -> None:
+        """Adds ∫ φ ds along edges; the mean of both sides' where two triangles meet, whose functions differ there."""
+        corners, edges = (part[found.cells] for part in self._triangles)
+        lone = self.mesh.cells[found.cells, (found.sides + 2) % 3]
+        integrals = morley_edge_integrals(self.plane[corners], self._normals()[edges], (corners == lone[:, None]).argmax(axis=1))
+        np.add.at(w, np.hstack([corners, len(self.plane) + edges]), found.share[:, None] * integrals)
+
+    def _along_rectangles(self, found: Patch, w: Array) -> None:
+        """Adds ∫ φ ds along edges, with a cubic on each."""
+        ends = self.mesh.cells[found.cells[:, None], sides_of("quad", "edges")[found.sides]]
+        along = self.plane[ends[:, 1]] - self.plane[ends[:, 0]]
+        axis = np.abs(along).argmax(axis=1)
+        step = np.take_along_axis(along, axis[:, None], axis=1)[:, 0]
+        parts = (found.share * np.abs(step))[:, None] * HERMITE_MEAN
+        parts[:, 1::2] *= step[:, None]
+        dofs = 4 * np.repeat(ends, 2, axis=1)
+        dofs[:, 1::2] += 1 + axis[:, None]
+        np.add.at(w, dofs, parts)
+
+    def dofs(self) -> DofMap:
+        """Labels w, w,x, w,y, w,xy at nodes; or w at nodes and w,n in the middle of edges, numbered on."""
+        numbers = self.mesh.numbers.astype(np.int64)
+        if not self.triangles:
+            return DofMap(np.repeat(numbers, 4), np.tile(np.arange(4), len(numbers)), ("w", "w,x", "w,y", "w,xy"),
+                          np.repeat(self.plane, 4, axis=0))
+        count = self.grid.facets.shape[1]
+        middle = self.plane[self.grid.facets].mean(axis=0)
+        return DofMap(np.concatenate([numbers, numbers.max() + 1 + np.arange(count)]),
+                      np.repeat([0, 1], [len(numbers), count]), ("w", "w,n"), np.vstack([self.plane, middle]))

@@ -1,0 +1,146 @@
+"""Solid components: linear elasticity on hexahedra and tetrahedra, linear and quadratic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from femsub.checks import Array, items, shown, word
+from femsub.components.build import component
+from femsub.components.mesh import Mesh, real_numbers
+from femsub.components.mesh_checks import refuse_spoilt
+from femsub.components.patches import solid_average
+from femsub.components.solid_assembly import Material, stiffness_and_mass
+from femsub.components.solid_elements import KINDS
+from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.model.dof_map import TRANSLATIONS, DofMap
+from femsub.model.substructure import Substructure
+
+Direction: TypeAlias = str | Sequence[float]
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0),
+        "-x": (-1.0, 0.0, 0.0), "-y": (0.0, -1.0, 0.0), "-z": (0.0, 0.0, -1.0)}
+
+
+def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] | None = (),
+          interface: Mapping[str, str] | Sequence[str] | None = (), ports: Mapping[str, tuple[str, Direction]] | None = None,
+          rayleigh: tuple[float, float] | None = None, name: str = "") -> Substructure:
+    """M ü + D u̇ + K u = f, K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, three DOF (x, y, z) to each node.
+
+    K and M are exact where the cells are affine; see `stiffness_and_mass`. The DOF of supports are left out.
+
+    Bricks of 8 nodes lock in bending: of a part of thickness t with elements of length a, ω comes out about sqrt(1 + a²/2t²)
+    times too high (88 times for a/t = 125), however many layers there are. Those of 20 and 27 nodes do not.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of 'hexahedron', 'hexahedron20', 'hexahedron27', 'tetra' or 'tetra10'; `read_mesh` or `block` make one.
+    material : Material, or mapping of str to Material
+        One for all cells, or one for each group of cells, which together must cover all.
+    supports, interface : sequence of str, or mapping of str to str
+        Sets of nodes that are held, and those through which the component is joined: all three motions, or those
+        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, as far as they are not held.
+    ports : mapping of str to (set, direction)
+        Where a belt or a force acts: w with wᵀu the average motion of a set along 'x', 'y', 'z', 'normal', against one of
+        them ('-x', '-normal', ...), or along a vector, which is brought to unit length. The average is over what the set is
+        made of: the faces of the surface within a set of nodes; if these lack some of the nodes, the cells within it; else
+        its edges; single nodes. A group of cells is averaged over its volume. A set of several of these is refused.
+    rayleigh : (alpha, beta), optional
+        α in 1 per unit of time, β in units of time; every other damping by `damped`.
+    name : str
+        The mesh's, if empty.
+
+    Raises
+    ------
+    InputError
+        A set or group that the mesh has not, plane cells, inverted cells, cells given twice, nodes of no cell, a direction
+        that is none, an interface or a port that is held.
+    InputTypeError
+        An argument of another kind.
+    """
+    if not isinstance(mesh, Mesh):
+        raise InputTypeError(f"solid takes a Mesh (see read_mesh, block), not {type(mesh).__name__}")
+    if mesh.kind not in KINDS:
+        raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D; a solid needs one of "
+                         f"{', '.join(KINDS)}")
+    refuse_spoilt(mesh)
+    interface = () if interface is None else interface
+    held = _motions(mesh, "supports", supports)
+    joined = _motions(mesh, "interface", interface)
+    columns = {key: _port(mesh, key, value) for key, value in _ports(ports).items()}
+    K, M = stiffness_and_mass(mesh, _materials(mesh, material))
+    every = np.arange(3 * len(mesh.points))
+    dofs = DofMap(mesh.numbers[every // 3], every % 3, TRANSLATIONS, mesh.points[every // 3])
+    names = interface if isinstance(interface, str) else ", ".join(interface if interface is not None else ())
+    places = {names: joined} if len(joined) else {}
+    return component(K, M, held, places, columns, dofs, rayleigh, word("name", name) or mesh.name)
+
+
+def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[tuple[Material, Array]]:
+    if isinstance(material, Material):
+        return [(material, np.arange(len(mesh.cells)))]
+    if not isinstance(material, Mapping):
+        raise InputTypeError(f"material must be a Material or map groups of cells to one, not {material!r:.60}")
+    covered = np.zeros(len(mesh.cells), dtype=int)
+    parts = []
+    for group, one in material.items():
+        if not isinstance(one, Material):
+            raise InputTypeError(f"material of the group {group!r} must be a Material(E, nu, rho), not {one!r:.60}")
+        if group not in mesh.groups:
+            raise unknown_name(f"group of cells of the mesh {mesh.name!r}:", group, mesh.groups)
+        covered[mesh.groups[group]] += 1
+        parts.append((one, mesh.groups[group]))
+    if (covered != 1).any():
+        raise InputError(f"material: {np.count_nonzero(covered == 0)} cells of {mesh.name!r} have none, and "
+                         f"{np.count_nonzero(covered > 1)} have several; each cell needs just one")
+    return parts
+
+
+def _ports(ports: Any) -> Mapping[str, tuple[str, Direction]]:
+    if ports is not None and not isinstance(ports, Mapping):
+        raise InputTypeError(f"ports must map names, e.g. {{'belt': ('contact', 'x')}}, not {type(ports).__name__}")
+    return ports or {}
+
+
+def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | None) -> Array:
+    """DOF of all nodes, node by node, of the sets named."""
+    if isinstance(named, str):
+        named = [named]
+    if not isinstance(named, Mapping):
+        listed = [] if named is None else items(what, named, "names of sets, or a dict such as {'left': 'xyz'}")
+        named = {name if isinstance(name, str) else shown(name): "xyz" for name in listed}
+    chosen = np.zeros((len(mesh.points), 3), dtype=bool)
+    for name, axes in named.items():
+        if not isinstance(axes, str):
+            raise InputTypeError(f"{what}: the motions of the set {name!r} must be letters, such as 'xyz', not {axes!r:.60}")
+        if axes == "clamped":
+            axes = "xyz"
+        if not axes or set(axes) - set("xyz"):
+            raise InputError(f"{what}: {axes!r} for the set {name!r} must be 'clamped' or some of the letters x, y, z")
+        nodes = mesh.nodes(name)
+        for axis in axes:
+            chosen[nodes, "xyz".index(axis)] = True
+    return np.flatnonzero(chosen)
+
+
+def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
+    try:
+        place, direction = value
+    except (TypeError, ValueError):
+        raise InputTypeError(f"port {name!r} must be (set of nodes, direction), e.g. ('contact', 'x'), not {value!r}") from None
+    average, normal = solid_average(mesh, place, f"port {name!r}")
+    if isinstance(direction, str):
+        if direction not in (*AXES, "normal", "-normal"):
+            raise unknown_name(f"direction of port {name!r}:", direction, (*AXES, "normal", "-normal"))
+        vector = {"normal": normal, "-normal": -normal}[direction] if direction not in AXES else np.array(AXES[direction])
+    else:
+        vector = real_numbers(f"the direction of port {name!r}", direction)
+    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
+    if not 0 < length < np.inf:
+        why = "three numbers, not all 0, are needed"
+        if isinstance(direction, str):
+            why = f"only faces of the surface have a normal, and {place!r} holds none, or is closed in itself"
+        raise InputError(f"port {name!r}: {direction!r} is no direction: {why}")
+    return np.outer(average, vector / length).ravel()

@@ -1,0 +1,187 @@
+"""Stiffness and mass of solid elements: batched products over all elements of a chunk, summed straight into CSR."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix, finite_number, positive_number
+from femsub.components.mesh import Mesh
+from femsub.components.solid_elements import jacobians, quadrature, reference, shape_functions
+from femsub.errors import InputError
+
+CHUNK = 1 << 27  # bytes of element matrices held at a time
+AFFINE = 1e-10  # a Jacobian that varies by less, relatively, within a cell is constant
+
+
+@dataclass(frozen=True)
+class Material:
+    """σ = λ tr(ε) I + 2μ ε, λ = Eν/((1 + ν)(1 - 2ν)), μ = E/(2(1 + ν)): linear, isotropic.
+
+    Parameters
+    ----------
+    E : float
+        Young's modulus, force per length²: Pa with m, N, kg, s; MPa with mm, N, tonne, s.
+    nu : float
+        Poisson's ratio, -1 < ν < 0.5.
+    rho : float
+        Density, mass per length³: kg/m³, or tonne/mm³ (steel: 7.85e-9).
+    """
+
+    E: float
+    nu: float
+    rho: float
+
+    def __post_init__(self) -> None:
+        for name in ("E", "rho"):
+            positive_number(name, getattr(self, name))
+        if not -1 < finite_number("nu", self.nu) < 0.5:
+            raise InputError(f"nu must lie between -1 and 0.5, both excluded, but is {self.nu!r}")
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        """(λ, μ)."""
+        return (self.E * self.nu / ((1 + self.nu) * (1 - 2 * self.nu)), self.E / (2 * (1 + self.nu)))
+
+
+def stiffness_and_mass(mesh: Mesh, materials: list[tuple[Material, Array]], degree: int | None = None) -> tuple[Matrix, Matrix]:
+    """K and M, CSR of shape (3n, 3n), DOF 3i + a for the motion of node i along axis a, from all cells in one pass:
+
+        K_ia,jc = Σ_e ∫ c_abcd ∂N_i/∂x_b ∂N_j/∂x_d dV,   M_ia,jc = δ_ac Σ_e ∫ ρ N_i N_j dV.
+
+    Both are symmetric to the last digit.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of solid cells, isoparametric.
+    materials : list of (Material, cells)
+        The cells made of each.
+    degree : int, optional
+        Of the quadrature (in each direction, for hexahedra). By default all is integrated exactly where the cells are
+        affine, and the mass also where their edges are straight.
+
+    References
+    ----------
+    K.-J. Bathe, Finite Element Procedures (1996), ch. 5.
+    """
+    pattern = _Pattern(mesh.cells, len(mesh.points))
+    stiffness, mass = np.zeros((pattern.size, 9)), np.zeros(pattern.size)
+    for material, members in materials:
+        for cells, exact in _split(mesh, members, degree):
+            X, w = quadrature(mesh.kind, exact)
+            N, dN = shape_functions(mesh.kind, X)
+            keep, at = pattern.pairs(cells)
+            pairs, single = _cells(mesh.points, mesh.cells[cells], N, dN, w)
+            low, high = int(at.min()), int(at.max()) + 1
+            # a column for each pair, a row for each block: the product adds up what meets in a block
+            add = sp.csc_array((np.ones(len(at)), at - low, np.arange(len(at) + 1)), shape=(high - low, len(at)))
+            stiffness[low:high] += add @ (pairs.reshape(-1, 9)[keep] @ _moduli(material))
+            mass[low:high] += add @ (material.rho * single.reshape(-1)[keep])
+    return pattern.spread(stiffness), pattern.spread_diagonal(mass)
+
+
+def exact_degree(mesh: Mesh, cells: Array) -> Array:
+    """2p for affine cells (both integrands are then polynomials of that degree), else 2p + 2, of shape (m,)."""
+    corners = reference(mesh.kind).nodes
+    J = jacobians(mesh.points, mesh.cells[cells], shape_functions(mesh.kind, corners)[1])
+    spread = np.abs(J - J[:, :1]).max(axis=(1, 2, 3)) > AFFINE * np.abs(J).max(axis=(1, 2, 3))
+    return 2 * reference(mesh.kind).degree + 2 * spread
+
+
+def _split(mesh: Mesh, members: Array, degree: int | None) -> Iterator[tuple[Array, int]]:
+    """Chunks of cells of one quadrature."""
+    nodes = mesh.cells.shape[1]
+    size = max(1, CHUNK // (8 * 20 * nodes**2))
+    for start in range(0, len(members), 8 * size):
+        part = members[start:start + 8 * size]
+        degrees = exact_degree(mesh, part) if degree is None else np.full(len(part), degree)
+        for one in np.unique(degrees):
+            chosen = part[degrees == one]
+            yield from ((chosen[i:i + size], int(one)) for i in range(0, len(chosen), size))
+
+
+def _cells(points: Array, cells: Array, N: Array, dN: Array, w: Array) -> tuple[Array, Array]:
+    """∫ ∂N_i/∂x_b ∂N_j/∂x_d dV as (m, k, k, 3, 3) over i, j, b, d, and ∫ N_i N_j dV as (m, k, k)."""
+    J = jacobians(points, cells, dN)
+    a, b, c = J[..., 0, :], J[..., 1, :], J[..., 2, :]
+    adjugate = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=-1)  # J⁻¹ det J
+    det = np.einsum("mqd,mqd->mq", a, adjugate[..., 0])
+    if det.min() <= 0:
+        bad = np.flatnonzero((det <= 0).any(axis=1))
+        centre = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
+        raise InputError(f"{len(bad)} cells are inverted or have no volume, one of them at ({centre}); check the order of "
+                         "their nodes")
+    m, (q, k) = len(cells), N.shape
+    root = np.sqrt(det * w)
+    # ∂N/∂x = J⁻¹ ∂N/∂X; both factors of each product are the same array, for which matmul calls a symmetric kernel
+    G = (dN @ (adjugate * (root / det)[..., None, None]).swapaxes(-1, -2)).reshape(m, q, 3 * k)
+    pairs = (G.swapaxes(1, 2) @ G).reshape(m, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
+    S = N * root[..., None]
+    return np.ascontiguousarray(pairs), S.swapaxes(1, 2) @ S
+
+
+def _cross(a: Array, b: Array) -> Array:
+    result = np.empty_like(a)
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        result[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return result
+
+
+def _moduli(material: Material) -> Array:
+    """c_abcd = λ δ_ab δ_cd + μ (δ_ac δ_bd + δ_ad δ_bc), rows (b, d), columns (a, c), shape (9, 9)."""
+    lam, mu = material.lame
+    one = np.eye(3)
+    c = lam * np.einsum("ab,cd->abcd", one, one) + mu * (np.einsum("ac,bd->abcd", one, one) + np.einsum("ad,bc->abcd", one, one))
+    return c.transpose(1, 3, 0, 2).reshape(9, 9)
+
+
+class _Pattern:
+    """The 3 x 3 blocks (i, j), i ≤ j, in which K can be other than zero, in order, and how pairs of nodes find theirs."""
+
+    def __init__(self, cells: Array, nodes: int) -> None:
+        self.cells, self.nodes = cells, nodes
+        m, k = cells.shape
+        touch = sp.csr_array((np.ones(m * k, dtype=np.int8), cells.ravel(), np.arange(0, m * k + 1, k)), shape=(m, nodes))
+        upper = sp.triu(touch.T.astype(np.int8).tocsr() @ touch, format="csr")
+        upper.sort_indices()
+        self.rows = np.repeat(np.arange(nodes), np.diff(upper.indptr))
+        self.columns = upper.indices.astype(np.int64)
+        self.keys = self.rows * nodes + self.columns
+        self.size = len(self.keys)
+
+    def pairs(self, members: Array) -> tuple[Array, Array]:
+        """For some cells: which of their k² pairs have i ≤ j (flat), and the block of each of those."""
+        cells = self.cells[members]
+        i, j = np.broadcast_arrays(cells[:, :, None], cells[:, None, :])
+        keep = np.flatnonzero((i <= j).ravel())
+        keys = i.ravel()[keep] * self.nodes + j.ravel()[keep]
+        return keep, np.searchsorted(self.keys, keys)
+
+    def _both(self) -> tuple[Array, Array, Array, Array]:
+        """CSR structure of both triangles, and for each of its blocks its place in the upper one, and if it is mirrored."""
+        off = np.flatnonzero(self.rows != self.columns)
+        rows, columns = np.concatenate([self.rows, self.columns[off]]), np.concatenate([self.columns, self.rows[off]])
+        source = np.concatenate([np.arange(self.size), off])
+        order = np.argsort(rows * self.nodes + columns, kind="stable")
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.nodes))])
+        index = np.int32 if 9 * len(rows) <= np.iinfo(np.int32).max else np.int64
+        return indptr.astype(index), columns[order].astype(index), source[order], order >= self.size
+
+    def spread(self, blocks: Array) -> Matrix:
+        """CSR (3n, 3n) from the upper blocks (size, 9)."""
+        indptr, columns, source, mirrored = self._both()
+        blocks = blocks.reshape(-1, 3, 3)
+        own = np.flatnonzero(self.rows == self.columns)
+        blocks[own] = (blocks[own] + blocks[own].transpose(0, 2, 1)) / 2  # rounding differs across the diagonal
+        data = blocks[source]
+        data[mirrored] = data[mirrored].transpose(0, 2, 1)
+        return sp.csr_array(sp.bsr_array((data, columns, indptr), shape=(3 * self.nodes,) * 2))
+
+    def spread_diagonal(self, values: Array) -> Matrix:
+        """CSR (3n, 3n) from one number (size,) for each upper block, which stands for so many times the identity."""
+        indptr, columns, source, _ = self._both()
+        return sp.kron(sp.csr_array((values[source], columns, indptr), shape=(self.nodes,) * 2), sp.eye_array(3), format="csr")

@@ -1,0 +1,167 @@
+"""Reference elements of solids: scikit-fem's shape functions and quadrature, in the node order of mesh files.
+
+Kinds and node orders are meshio's (VTK's). Which of scikit-fem's local functions belongs to which node is found by the
+place of the node, not from a table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.errors import MissingPackageError, unknown_name
+
+_HEX = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float)
+_HEX_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+_HEX_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))  # outward
+_TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+_TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+_TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))  # outward
+
+#: kind: (scikit-fem's element, corners, groups of corners in whose middle the other nodes lie, faces, degree)
+_TABLE: dict[str, tuple[str, Array, tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...], int]] = {
+    "hexahedron": ("ElementHex1", _HEX, (), _HEX_FACES, 1),
+    "hexahedron20": ("ElementHexS2", _HEX, _HEX_EDGES, _HEX_FACES, 2),
+    "hexahedron27": ("ElementHex2", _HEX, (*_HEX_EDGES, *_HEX_FACES, tuple(range(8))), _HEX_FACES, 2),
+    "tetra": ("ElementTetP1", _TET, (), _TET_FACES, 1),
+    "tetra10": ("ElementTetP2", _TET, _TET_EDGES, _TET_FACES, 2),
+}
+KINDS = tuple(_TABLE)
+QUADRATIC = {"hexahedron": "hexahedron20", "tetra": "tetra10"}  # the element of degree 2 with the same corners
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A reference element with k nodes.
+
+    Attributes
+    ----------
+    kind : str
+    nodes : ndarray, shape (k, 3)
+        Corners first, in the order of mesh files, in [0, 1]³.
+    middles : tuple of tuple of int
+        For each node that is no corner, the corners in whose middle it lies.
+    faces : tuple of tuple of int
+        The corners of each face, seen from outside anticlockwise.
+    degree : int
+        Of the shape functions (in each direction, for hexahedra).
+    """
+
+    kind: str
+    nodes: Array
+    middles: tuple[tuple[int, ...], ...]
+    faces: tuple[tuple[int, ...], ...]
+    degree: int
+
+    @property
+    def corners(self) -> int:
+        return len(self.nodes) - len(self.middles)
+
+    @property
+    def edges(self) -> tuple[tuple[int, int], ...]:
+        """The corners at the ends of each edge, the lower first."""
+        ends = {(min(pair), max(pair)) for face in self.faces for pair in zip(face, (*face[1:], face[0]), strict=True)}
+        return tuple(sorted(ends))
+
+
+def skfem() -> Any:
+    """The package, or an error that says how to get it."""
+    try:
+        import skfem
+    except ImportError as error:
+        raise MissingPackageError("finite elements need scikit-fem and meshio: pip install femsub[fe]") from error
+    return skfem
+
+
+@cache
+def reference(kind: str) -> Reference:
+    """The reference element of a kind, one of KINDS."""
+    if kind not in _TABLE:
+        raise unknown_name("kind of solid element", kind, KINDS)
+    _, corners, middles, faces, degree = _TABLE[kind]
+    rest = [corners[list(group)].mean(axis=0) for group in middles]
+    return Reference(kind, np.vstack([corners, *rest]), middles, faces, degree)
+
+
+@cache
+def _skfem_element(kind: str) -> tuple[Any, Array]:
+    element = getattr(skfem(), _TABLE[kind][0])()
+    apart = np.abs(reference(kind).nodes[:, None, :] - element.doflocs[None, :, :]).max(axis=2)
+    return element, apart.argmin(axis=1)
+
+
+def shape_functions(kind: str, X: Array) -> tuple[Array, Array]:
+    """N (q, k) and ∂N/∂X (q, k, 3) at q reference points X (q, 3), nodes in the order of mesh files."""
+    element, order = _skfem_element(kind)
+    values = [element.lbasis(np.ascontiguousarray(X.T), int(i)) for i in order]
+    return (np.stack([np.broadcast_to(value, len(X)) for value, _ in values], axis=1),
+            np.stack([np.broadcast_to(gradient, X.T.shape).T for _, gradient in values], axis=1))
+
+
+def quadrature(kind: str, degree: int) -> tuple[Array, Array]:
+    """Points (q, 3) and positive weights (q,), exact for polynomials of `degree` (in each direction, for hexahedra)."""
+    X, w = skfem().quadrature.get_quadrature(_skfem_element(kind)[0].refdom, degree)
+    if w.min() < 0:  # some rules for tetrahedra have a negative weight, with which a mass may become negative
+        return quadrature(kind, degree + 1)
+    return X.T, w
+
+
+def face_quadrature(kind: str, degree: int) -> tuple[Array, Array, Array]:
+    """For each of f faces: points (f, q, 3) on it, its two tangents ∂X/∂s (f, 2, 3), and the weights (q,)."""
+    corners = reference(kind).nodes
+    faces = np.array(reference(kind).faces)
+    refdom = skfem().refdom.RefQuad if faces.shape[1] == 4 else skfem().refdom.RefTri
+    s, w = skfem().quadrature.get_quadrature(refdom, degree)
+    origin = corners[faces[:, 0]]
+    tangents = np.stack([corners[faces[:, 1]] - origin, corners[faces[:, -1]] - origin], axis=1)
+    return origin[:, None, :] + np.einsum("sq,fsd->fqd", s, tangents), tangents, w
+
+
+def jacobians(points: Array, cells: Array, gradients: Array) -> Array:
+    """J (m, q, 3, 3) with J_ab = ∂x_b/∂X_a = Σ_i ∂N_i/∂X_a x_ib, for cells (m, k) and gradients (q, k, 3)."""
+    q, k, d = gradients.shape
+    flat = gradients.transpose(0, 2, 1).reshape(q * d, k)
+    return (flat @ points[cells]).reshape(len(cells), q, d, d)
+
+
+def box(lengths: tuple[float, float, float], counts: tuple[int, int, int], kind: str) -> tuple[Array, Array]:
+    """Points (n, 3) and cells (m, k) of a box [0, lx] x [0, ly] x [0, lz]; tetrahedra are six to a brick."""
+    nx, ny, nz = counts
+    axes = [np.linspace(0.0, length, count + 1) for length, count in zip(lengths, counts, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    first = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), np.arange(nz), indexing="ij"), axis=-1).reshape(-1, 3)
+    corner = first[:, None, :] + _HEX.astype(int)[None, :, :]
+    cells = (corner[..., 0] * (ny + 1) + corner[..., 1]) * (nz + 1) + corner[..., 2]
+    if kind.startswith("tetra"):
+        cells = cells[:, _bricks()].reshape(-1, 4)
+    return raised(points, cells, kind)
+
+
+def _bricks() -> Array:
+    """Six tetrahedra that fill a brick and fit those of its neighbours: one for each way along the axes (Kuhn)."""
+    number = {tuple(corner): i for i, corner in enumerate(_HEX.astype(int))}
+    cells = []
+    for way in product(range(3), repeat=3):
+        if len(set(way)) == 3:
+            steps = np.vstack([np.zeros(3, dtype=int), np.cumsum(np.eye(3, dtype=int)[list(way)], axis=0)])
+            cell = [number[tuple(step)] for step in steps]
+            odd = np.linalg.det(_HEX[cell[1:]] - _HEX[cell[0]]) < 0
+            cells.append([cell[0], cell[2], cell[1], cell[3]] if odd else cell)
+    return np.array(cells)
+
+
+def raised(points: Array, cells: Array, kind: str) -> tuple[Array, Array]:
+    """Adds the middle nodes that a kind has besides its corners, each once; cells (m, corners) become (m, k)."""
+    for size in sorted({len(group) for group in reference(kind).middles}):
+        groups = np.array([group for group in reference(kind).middles if len(group) == size])
+        keys = np.sort(cells[:, groups].reshape(-1, size), axis=1)
+        _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        middle = points[keys[first]].mean(axis=1)
+        cells = np.hstack([cells, len(points) + number.reshape(len(cells), len(groups))])
+        points = np.vstack([points, middle])
+    return points, cells

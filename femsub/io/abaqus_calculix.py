@@ -1,0 +1,290 @@
+"""The text formats of Abaqus and CalculiX: sparse matrices line by line, and which row is which motion of which node."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix
+from femsub.errors import InputError
+from femsub.model.dof_map import LARGEST, DofMap
+
+#: directions 1 to 6 of Abaqus, CalculiX and Nastran; others (8 pressure, 11 temperature, ...) are called 'dof8'
+DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
+HELD = 1e36  # what Abaqus writes on the diagonal of K for a DOF that a boundary condition holds
+AS_WRITTEN = "*MATRIX OUTPUT with FORMAT=MATRIX INPUT or COORDINATE"
+
+
+@dataclass(frozen=True)
+class TextMatrix:
+    """A matrix, shape (n, n), and (node, direction) of each row where the file says so, shape (n, 2), ascending."""
+
+    matrix: Matrix
+    labels: Array | None
+
+
+def read_text_matrix(path: Path) -> TextMatrix:
+    """A matrix as Abaqus or CalculiX writes it, one triangle or both, shape (n, n).
+
+    Lines are 'row node, row DOF, column node, column DOF, value' (Abaqus, FORMAT=MATRIX INPUT) or 'row column value',
+    counted from 1 (Abaqus, FORMAT=COORDINATE; CalculiX, SOLVER=MATRIXSTORAGE). A file that holds one triangle is mirrored.
+
+    ===================  =======================================================================================
+    it reads             both kinds of lines, with blanks or commas; comments (**) and empty lines; Fortran's
+                         exponents 2.5D+03 and 2.5+103
+    it refuses           a word that is not a number, NaN and Inf, lines of another length, an entry twice, half
+                         of a pair beside whole ones, a row without its diagonal, a last line without its end, a
+                         row number far beyond the entries
+    it cannot know       whether a digit is wrong; whether lines are gone, where one triangle lost entries beside
+                         the diagonal or the last rows are gone: the file tells no count (M and K are compared)
+    ===================  =======================================================================================
+
+    Raises
+    ------
+    InputError
+        A line that is incomplete or not numeric, NaN, an entry listed twice, neither a triangle nor a full matrix.
+    """
+    check_end(path)
+    table = _table(path)
+    if table.shape[1] not in (3, 5):
+        extra = " (ELEMENT BY ELEMENT matrices are not assembled)" if table.shape[1] == 6 else ""
+        raise InputError(f"{path} has {table.shape[1]} numbers a line{extra}; Abaqus writes 5 or 3 and CalculiX 3: {AS_WRITTEN}")
+    places, values = table[:, :-1], table[:, -1]
+    if not np.isfinite(values).all():
+        raise InputError(f"{path} holds a NaN or Inf, first in data line {int(np.argmin(np.isfinite(values))) + 1}")
+    sound = (places == np.floor(places)) & (np.abs(places) < LARGEST)  # NaN is neither
+    if not sound.all():
+        where = int(np.argmin(sound.all(axis=1)))
+        raise InputError(f"{path}: the place of an entry must be whole numbers, but data line {where + 1} has "
+                         f"{', '.join(f'{value:g}' for value in places[where])}")
+    numbers = places.astype(np.int64)
+    if numbers.shape[1] == 2:
+        if numbers.min() < 1:
+            raise InputError(f"{path}: rows and columns count from 1, but data line {int(numbers.min(axis=1).argmin()) + 1} "
+                             f"has {numbers.min()}; {AS_WRITTEN}")
+        size = int(numbers.max())
+        check_extent(path, (size, size), len(values))
+        return TextMatrix(_unfolded(path, numbers[:, 0] - 1, numbers[:, 1] - 1, values, size, None), None)
+    if numbers[:, [1, 3]].min() < 0 or numbers[:, [1, 3]].max() > 99:
+        raise InputError(f"{path}: the second and fourth number of a line must be DOF such as 1 to 6; {AS_WRITTEN}")
+    # one number per (node, direction): a million of them sort much faster than pairs do
+    keys = numbers[:, 0::2] * 100 + numbers[:, 1::2]
+    unique = np.unique(keys)
+    index = np.searchsorted(unique, keys)
+    labels = np.stack([unique // 100, unique % 100], axis=1)
+    return TextMatrix(_unfolded(path, index[:, 0], index[:, 1], values, len(unique), labels), labels)
+
+
+def _unfolded(path: Path, rows: Array, columns: Array, values: Array, size: int, labels: Array | None) -> Matrix:
+    matrix = sp.coo_array((values, (rows, columns)), shape=(size, size)).tocsr()
+    if matrix.nnz < len(values):
+        flat = np.sort(rows.astype(np.int64) * size + columns)
+        row, column = divmod(int(flat[1:][flat[1:] == flat[:-1]][0]), size)
+        place = f"row {row + 1}, column {column + 1}" if labels is None else \
+            f"node {labels[row][0]}, DOF {labels[row][1]} with node {labels[column][0]}, DOF {labels[column][1]}"
+        raise InputError(f"{path} lists an entry twice: {place}; each may stand once")
+    below, above = int((rows > columns).sum()), int((rows < columns).sum())
+    ones = sp.csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
+    paired = int(ones.multiply(ones.T).nnz) - int((rows == columns).sum()) if below and above else 0
+    # By node and DOF each pair may stand in either order: which row comes first is Abaqus' own business.
+    if not paired and (not below or not above or labels is not None):
+        _check_diagonal(path, rows, columns, size, labels)
+        return sp.csr_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
+    if paired == below + above and (matrix != matrix.T).nnz == 0:
+        _check_diagonal(path, rows, columns, size, labels)
+    if paired < below + above:
+        raise InputError(f"{path} is neither one triangle nor a full matrix: {below} entries below the diagonal and {above} "
+                         f"above, {below + above - paired} of them without the entry across; it may be cut short, write it again")
+    return matrix
+
+
+def _check_diagonal(path: Path, rows: Array, columns: Array, size: int, labels: Array | None) -> None:
+    """The last line of these files is on the diagonal: where it is gone, its row still has entries beside the diagonal."""
+    on = rows == columns
+    empty = np.setdiff1d(np.concatenate([rows[~on], columns[~on]]), rows[on])
+    if labels is not None:
+        empty = empty[labels[empty, 0] > 0]  # Abaqus' own nodes, below 0, may be Lagrange multipliers
+    if len(empty):
+        place = f"row {empty[0] + 1}" if labels is None else f"node {labels[empty[0]][0]}, DOF {labels[empty[0]][1]}"
+        raise InputError(f"{path} has entries, but none on the diagonal, for {len(empty)} of {size} DOF, first {place}; it may "
+                         "be cut short, write it again")
+
+
+def _table(path: Path) -> Array:
+    heading = 0
+    with open(path, encoding="ascii", errors="replace") as file:
+        first = ""
+        for first in file:  # ends at the first line of data
+            if first.strip() and not first.startswith("**"):
+                break
+            heading += 1
+    if first.startswith("*") and not first.startswith("**"):
+        raise InputError(f"{path} holds keywords ({first.strip()[:40]}); only matrices of *MATRIX GENERATE are read: "
+                         f"{AS_WRITTEN}")
+    delimiter = "," if "," in first else None
+    try:
+        return _loaded(path, path, delimiter, skip=heading)
+    except InputError:  # as a file with comments between its lines, or with exponents of Fortran
+        return _loaded(path, _tidied(path, heading), delimiter)
+
+
+def _tidied(path: Path, heading: int) -> Iterator[str]:
+    with open(path, "rb") as file:
+        for number, line in enumerate(file):
+            if number >= heading and not line.startswith(b"**"):
+                yield fortran_mended(line).decode("utf-8", "replace")
+
+
+def fortran_mended(text: bytes) -> bytes:
+    """2.5D+03 and 2.5+103 as 2.5e+03 and 2.5e+103; of three digits Fortran leaves out the letter."""
+    text = re.sub(rb"(?<=[\d.])[dD](?=[+-]?\d)", b"e", text)
+    return re.sub(rb"(\d\.\d*|\.\d+)([+-]\d{3})(?!\d)", rb"\1e\2", text)
+
+
+def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float, skip: int = 0) -> Array:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a file without data: found below
+            table = np.loadtxt(source, dtype=dtype, delimiter=delimiter, ndmin=2 if dtype is float else 1, encoding="utf-8",
+                               skiprows=skip, comments=None, quotechar=None if dtype is float else '"')
+    except (ValueError, UnicodeDecodeError) as error:
+        reason = str(error).split(";")[0].rstrip(".")
+        if found := re.search(r"could not convert string (.+) to \w+ at row (\d+)", reason):
+            reason = f"{found[1]} in data line {int(found[2]) + 1} is not a number"
+        elif found := re.search(r"changed from (\d+) to (\d+) at row (\d+)", reason):
+            reason = f"data line {found[3]} has {found[2]} values, those before have {found[1]}"
+        elif found := re.search(r"requires (\d+) columns but (\d+) were found at row (\d+)", reason):
+            reason = f"data line {found[3]} has {found[2]} values, the first has {found[1]}"
+        raise InputError(f"{path} cannot be read: {reason}; it may be cut short, write it again") from None
+    if not table.size:
+        raise InputError(f"{path} is empty")
+    return table
+
+
+def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = False) -> None:
+    """Refuses a size (rows or columns, if dense their product) so far beyond the entries that a digit of it must be wrong."""
+    if (shape[0] * shape[1] if dense else max(shape)) > 10_000_000 + 100 * count or max(shape) >= 2 ** 31:
+        raise InputError(f"{path} announces a matrix of {shape[0]} x {shape[1]}, but holds {count} entries: one of these must be "
+                         "wrong; write it again")
+
+
+def check_end(path: Path) -> None:
+    """A text file that does not end its last line was cut short: a number lost its last digits, and looks like a number.
+
+    (SciPy's reader of Matrix Market, 1.17, even takes the interpreter down where the cut is behind the 'e' of a number.)
+    """
+    with open(path, "rb") as file:
+        end = file.seek(0, io.SEEK_END)
+        file.seek(max(0, end - 200))
+        tail = file.read()
+    if not tail:
+        raise InputError(f"{path} is empty")
+    if not tail.endswith((b"\n", b"\r")):
+        last = tail.splitlines()[-1].decode("ascii", "replace")
+        raise InputError(f"{path} seems to be cut short: its last line, {last[-40:]!r}, does not end; write the file again (or, "
+                         "if it is whole, end the line)")
+
+
+def dof_map(labels: Array) -> DofMap:
+    """The map of (node, direction) pairs, shape (n, 2), with directions from 1 as Abaqus and CalculiX number them."""
+    directions = np.unique(labels[:, 1])
+    names = DIRECTIONS[:3] if len(directions) and 1 <= directions.min() <= directions.max() <= 3 else DIRECTIONS
+    others = directions[(directions < 1) | (directions > len(names))]
+    index = np.where(np.isin(labels[:, 1], others), len(names) + np.searchsorted(others, labels[:, 1]), labels[:, 1] - 1)
+    return DofMap(labels[:, 0], index, (*names, *(f"dof{number}" for number in others)))
+
+
+def read_dofs(path: Path, labels: tuple[str, ...] | None = None) -> DofMap:
+    """A DOF map from text, one line per DOF: 'node.direction' (CalculiX' .dof) or 'node,component[,x[,y[,z]]]'.
+
+    Components are names ('uz') or directions from 1 (3); a first line that starts with 'node' is a heading. Refused are a
+    node or direction that is no whole number, a place that is no finite number, and the same motion of a node twice. Whether
+    lines are gone, only the size of the matrices tells.
+
+    Raises
+    ------
+    InputError
+        A line that is neither, or the same motion of the same node twice.
+    """
+    if not path.is_file():
+        raise InputError(f"dofs: there is no file {path}")
+    check_end(path)
+    text = path.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
+    heading, _, rest = text.partition("\n")
+    body = rest if heading.lower().lstrip("\ufeff ").startswith("node") else text
+    first = body.lstrip().partition("\n")[0]
+    try:
+        if "," not in first:
+            cells = _loaded(path, io.StringIO(body), None, _text_type(body))
+            if cells.ndim != 1:
+                raise InputError("each line must be one word, 'node.direction'")
+            parts = np.char.partition(cells, ".")
+            return dof_map(np.stack([_whole(path, parts[:, 0]), _whole(path, parts[:, 2])], axis=1))
+        width = len(next(csv.reader([first])))
+        if not 2 <= width <= 5:
+            raise InputError(f"the first line has {width} values; a line is 'node,component' or 'node,component,x,y,z'")
+        word = _text_type(body)
+        table = _loaded(path, io.StringIO(body), ",", [("node", word), ("component", word), *(
+            (axis, float) for axis in ("x", "y", "z")[:width - 2])])
+        nodes, components = _whole(path, table["node"]), np.char.strip(table["component"])
+        points = np.stack([table[axis] for axis in ("x", "y", "z")[:width - 2]], axis=1) if width > 2 else None
+        if points is not None and not np.isfinite(points).all():
+            raise InputError(f"the place of data line {int(np.argmin(np.isfinite(points).all(axis=1))) + 1} is not finite")
+        if (components == "").any():
+            raise InputError(f"data line {int(np.argmax(components == '')) + 1} has no component")
+        if np.char.isdecimal(components).all():
+            plain = dof_map(np.stack([nodes, _whole(path, components)], axis=1))
+            return DofMap(plain.nodes, plain.components, plain.labels, points)
+        found = set(components.tolist())
+        if labels and found <= set(labels):
+            names = labels
+        elif found <= set(DIRECTIONS[:3]):
+            names = DIRECTIONS[:3]
+        else:
+            names = (*(name for name in DIRECTIONS if name in found), *sorted(found - set(DIRECTIONS)))
+        order = np.argsort(names)
+        place = np.searchsorted(np.array(names)[order], components)
+        return DofMap(nodes, order[place], names, points)
+    except InputError as error:
+        message = str(error)
+        raise InputError(message if message.startswith(str(path)) else f"{path}: {message}") from None
+
+
+def _text_type(text: str) -> str:
+    """NumPy's type for words as long as the longest line: shorter ones would lose their ends in silence."""
+    return f"U{max(8, max(map(len, text.splitlines()), default=0))}"
+
+
+def _whole(path: Path, cells: Array) -> Array:
+    try:
+        plain = np.char.strip(cells).astype("S")  # Python takes digits of other scripts, and 1_0, for numbers
+        if (np.char.find(plain, b"_") < 0).all():
+            found = plain.astype(np.int64)
+            if (np.abs(found) < LARGEST).all():
+                return found
+    except (ValueError, OverflowError):
+        pass
+    bad = next(str(cell) for cell in cells if not re.fullmatch(r"\s*[-+]?[0-9]{1,15}\s*", str(cell)))
+    raise InputError(f"{path}: {bad!r} is not a node or direction; a line is 'node.direction', as 12.3, or "
+                     "'node,component', as 12,uz")
+
+
+def write_dofs(file: BinaryIO, dofs: DofMap) -> None:
+    """The map as CSV with a heading: node, component and, where they are known, x, y, z with every digit."""
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    columns = [dofs.nodes.tolist(), np.array(dofs.labels)[dofs.components].tolist()]
+    columns += [] if dofs.points is None else dofs.points.T.tolist()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("node", "component", "x", "y", "z")[:len(columns)])
+    writer.writerows(zip(*columns, strict=True))
+    text.flush()
+    text.detach()

@@ -1,0 +1,182 @@
+"""`read_component`: a component from the files of another program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sized
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix, mapping, path_of
+from femsub.errors import InputError, InputTypeError
+from femsub.io.abaqus_calculix import DIRECTIONS, HELD, TextMatrix, dof_map, read_dofs
+from femsub.io.matrix_files import read_labelled
+from femsub.io.model_folder import read_model
+from femsub.model.dof_map import DofMap
+from femsub.model.substructure import Substructure
+
+
+def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | None = None, *,
+                   dofs: DofMap | str | Path | None = None, interface: Iterable[Any] = (),
+                   ports: Mapping[str, Any] | None = None, name: str | None = None, massless: bool = False) -> Substructure:
+    """M ü + D u̇ + K u = Σ w_p f_p with M, K, D of shape (n, n) from files; or a model that `write_matrices` wrote.
+
+    Parameters
+    ----------
+    M, K, D : str or Path
+        Files as `read_matrix` takes them. Where a .mat, .npz or .op4 file holds several matrices, the one called M, K or D
+        is taken, or the one named behind a colon: 'model.mat:Kff'. M alone is a folder of `write_matrices`: all that
+        it wrote comes back to the last digit, a reduced model as a reduced one.
+    dofs : DofMap, str or Path, optional
+        The map, or its file: CalculiX' .dof ('12.3' a line) or text with 'node,component[,x,y,z]' a line. Abaqus' files of
+        FORMAT=MATRIX INPUT carry it in themselves.
+    interface : sequence
+        DOF: numbers from 0, or by the map '12:uz', '12.3' (node and direction), '12:*' (all of a node), (12, 'uz').
+    ports : mapping of str
+        For each port such a DOF, a sequence of them (w is 1 there), a mapping of DOF to weight, or the column(s) w as an
+        array of floats, shape (n,) or (n, p).
+    name : str, optional
+        The name of K's file without it.
+    massless : bool
+        Whether M may leave out DOF of K, as Abaqus does for those without mass. Else that is taken for a file cut short.
+
+    DOF that an Abaqus boundary condition holds (1e36 on the diagonal of K) are taken out; the rest keeps its names.
+
+    What each kind of file may hold, what is refused and what no reader can know stands at `read_matrix`, of a folder at
+    `femsub.io.model_folder.read_model`.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, is cut short or belongs to another model, a DOF that does not exist, matrices that are
+        not a component (see `Substructure`). The message names the file.
+    """
+    ports = None if ports is None else mapping("ports", ports, "names and columns")
+    if K is None:
+        if dofs is not None or ports is not None or not (isinstance(interface, Sized) and len(interface) == 0):
+            raise InputError(f"K is missing: name its file (or, of a folder of write_matrices, {M} alone, which tells interface, "
+                             "ports and DOF map itself)")
+        return read_model(path_of("M", M))
+    named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
+    paths = {key: Path(path) for key, path in named.items()}
+    read = {}
+    for key, path in paths.items():
+        try:
+            read[key] = read_labelled(path, usual=key)
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from None
+    matrices, found = _aligned(paths, read, massless)
+    size = matrices["K"].shape[0]
+    if dofs is not None and found is not None:
+        raise InputError(f"dofs: {paths['K']} names node and DOF of each entry itself; leave the map out")
+    if dofs is not None:
+        found = dofs if isinstance(dofs, DofMap) else read_dofs(path_of("dofs", dofs))
+        if found.size != size:
+            half = " (of a cyclic symmetric model, CalculiX lists one half only)" if 2 * found.size == size else ""
+            raise InputError(f"dofs: the DOF map {'' if isinstance(dofs, DofMap) else dofs} has {found.size} DOF, but "
+                             f"{paths['K']} has {size} rows{half}")
+    rows = dof_numbers("interface", interface, size, found)
+    columns = {port: _column(port, value, size, found) for port, value in (ports or {}).items()}
+    try:
+        return Substructure(matrices["M"], matrices["K"], matrices.get("D"), rows, columns,
+                            Path(str(K).split(":")[0]).stem if name is None else name, found)
+    except (InputError, InputTypeError) as error:
+        listed = ", ".join(f"{key} is {path}" for key, path in paths.items())
+        raise type(error)(f"{error} ({listed})") from None
+
+
+def _aligned(paths: Mapping[str, Any], read: Mapping[str, TextMatrix], massless: bool) -> tuple[dict[str, Matrix], DofMap | None]:
+    """All matrices on the rows of K, without those that Abaqus holds."""
+    unlike = [key for key, item in read.items() if (item.labels is None) != (read["K"].labels is None)]
+    if unlike:
+        raise InputError(f"{paths['K']} and {paths[unlike[0]]} do not go together: one names node and DOF of each entry, the "
+                         "other counts rows; write both with the same FORMAT")
+    target = read["K"].labels
+    if target is None:
+        matrices = {key: item.matrix for key, item in read.items()}
+        for key, matrix in matrices.items():
+            if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+                raise InputError(f"{key} must be square, but its shape is {matrix.shape} ({paths[key]})")
+        for key, matrix in matrices.items():
+            if matrix.shape != matrices["K"].shape:
+                raise InputError(f"{key} is {matrix.shape[0]} x {matrix.shape[0]} ({paths[key]}), but K is "
+                                 f"{matrices['K'].shape[0]} x {matrices['K'].shape[0]} ({paths['K']}): both must be whole, and "
+                                 "of the same model")
+        return matrices, None
+    if (read["M"].matrix.diagonal() >= HELD).any():
+        raise InputError(f"M holds 1e36 on its diagonal ({paths['M']}), as Abaqus writes it into a stiffness matrix for "
+                         "held DOF: are M and K swapped?")
+    held = read["K"].matrix.diagonal() >= HELD
+    rows = np.flatnonzero(~held)
+    if not len(rows):
+        raise InputError(f"{paths['K']}: every DOF is held by a boundary condition (1e36 on the diagonal)")
+    keys = target @ np.array([100, 1])
+    matrices = {}
+    for key, item in read.items():
+        assert item.labels is not None
+        own = item.labels @ np.array([100, 1])
+        place = np.minimum(np.searchsorted(keys, own), len(keys) - 1)
+        strange = keys[place] != own
+        if strange.any():
+            raise InputError(f"{key} has {int(strange.sum())} DOF that K has not, first {_named(item.labels[strange][0])} "
+                             f"({paths[key]}, {paths['K']}): both must be whole, and of the same step of the same model")
+        missing = np.setdiff1d(np.flatnonzero(~held), place)
+        if key == "M" and len(missing) and not massless:
+            raise InputError(f"K has {len(missing)} DOF that M has not, first {_named(target[missing[0]])} ({paths['K']}, "
+                             f"{paths['M']}): M may be cut short; if those DOF have no mass, say massless=True")
+        entries = item.matrix.tocoo()
+        whole = sp.csr_array((entries.data, (place[entries.row], place[entries.col])), shape=(len(keys), len(keys)))
+        matrices[key] = whole[rows][:, rows] if held.any() else whole
+    return matrices, dof_map(target[rows])
+
+
+def _named(label: Array) -> str:
+    return f"DOF {label[1]} of node {label[0]}"
+
+
+def dof_numbers(what: str, references: Any, size: int, dofs: DofMap | None) -> list[int]:
+    """DOF numbers from 0 of numbers, '12:uz', '12.3', '12:*' and (12, 'uz')."""
+    if isinstance(references, (str, int, np.integer)) or (isinstance(references, tuple) and len(references) == 2
+                                                          and isinstance(references[1], str) and dofs is not None):
+        references = [references]
+    if not isinstance(references, Iterable):
+        raise InputTypeError(f"{what} must be DOF, as 3, '12:uz' or (12, 'uz'), not {references!r}")
+    if isinstance(references, np.ndarray):
+        references = references.tolist()
+    return [row for reference in references for row in _rows(what, reference, size, dofs)]
+
+
+def _rows(what: str, reference: Any, size: int, dofs: DofMap | None) -> list[int]:
+    if isinstance(reference, (int, np.integer)) and not isinstance(reference, bool):
+        if not 0 <= reference < size:
+            raise InputError(f"{what}: there is no DOF {reference}; the model has {size}, counted from 0")
+        return [int(reference)]
+    if isinstance(reference, str):
+        separator = ":" if ":" in reference else "."
+        node, _, motion = (part.strip() for part in reference.partition(separator))
+    elif isinstance(reference, tuple) and len(reference) == 2:
+        node, motion = str(reference[0]), str(reference[1])
+    else:
+        raise InputTypeError(f"{what}: {reference!r} is no DOF; write a number from 0, '12:uz', '12.3' or (12, 'uz')")
+    if not node.lstrip("-").isdecimal() or not motion:
+        raise InputError(f"{what}: {reference!r} is no DOF; write a number from 0, or node and motion: '12:uz', '12.3', '12:*'")
+    if dofs is None:
+        raise InputError(f"{what}: {reference!r} names a node, but there is no DOF map; give dofs, or the number of the DOF")
+    if motion.isdecimal():
+        motion = DIRECTIONS[int(motion) - 1] if 1 <= int(motion) <= len(DIRECTIONS) else f"dof{motion}"
+    try:
+        return dofs.find(int(node), None if motion == "*" else motion).tolist()
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from None
+
+
+def _column(port: str, value: Any, size: int, dofs: DofMap | None) -> Any:
+    if sp.issparse(value) or (isinstance(value, np.ndarray) and value.dtype.kind == "f"):
+        return value
+    w = np.zeros(size)
+    weights = value if isinstance(value, Mapping) else dict.fromkeys(dof_numbers(f"port {port!r}", value, size, dofs), 1.0)
+    for reference, weight in weights.items():
+        w[dof_numbers(f"port {port!r}", reference, size, dofs)] = weight
+    return w

@@ -1,0 +1,217 @@
+"""Mesh files that meshio reads for us: made to end, and held to the counts in their own headers; TetGen's two files besides."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.errors import InputError, MissingPackageError
+from femsub.io.mesh_text import as_numbers, text_of
+
+MOST = 200_000_000  # points of a grid that a VTK file gives by its dimensions only
+_VTK_COUNTS = re.compile(rb"^(POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKUP_TABLE|DIMENSIONS|[XYZ]_COORDINATES|SCALARS|"
+                         rb"\S+ \d+ \d+ (?=[a-zA-Z]))([^\n]*)", re.MULTILINE | re.IGNORECASE)
+
+
+def meshio() -> Any:
+    """The package, or an error that says how to get it."""
+    try:
+        import meshio
+    except ImportError as error:
+        raise MissingPackageError("mesh files need meshio: pip install femsub[fe]") from error
+    return meshio
+
+
+def read_foreign(path: Path) -> tuple[Any, list[str]]:
+    """What meshio makes of a file, and what it said meanwhile.
+
+    ==============  ==========================================================================================================
+    reads           what meshio reads: VTU, VTK, MED, XDMF, SU2, Ansys .msh, Medit, ...
+    refuses         VTU, VTK and SU2 with more or fewer points or cells than their headers say, or sizes beyond the file's own;
+                    in their text, and XDMF's, what begins as a number and is none;
+                    VTU in several pieces; SU2 with lines that do not belong, or a last line that does not end; Ansys files
+                    without an end
+    cannot know     for the other formats, what meshio does not check; whether arrays are missing at a cut file's end
+    ==============  ==========================================================================================================
+
+    Raises
+    ------
+    InputError
+        What is refused, or what meshio says.
+    """
+    suffix = path.suffix.lower()
+    raw = path.read_bytes() if suffix in (".vtk", ".su2", ".vtu", ".xdmf", ".xmf") else b""
+    points, cells = {".vtk": _vtk, ".su2": _su2, ".vtu": _xml, ".xdmf": _xml, ".xmf": _xml}.get(suffix, _nothing)(path, raw)
+    what = f"{path} cannot be read as a mesh"
+    if suffix == ".msh" and _is_ansys(path):
+        with _Ending(io.FileIO(path)) as file:
+            found, said = quietly(lambda: meshio().read(file, "ansys"), what)
+    else:
+        found, said = quietly(lambda: meshio().read(path), what)
+    if "not closed" in said:
+        raise InputError(f"{path} is cut short: {said}")
+    if suffix == ".su2" and "could not parse" in said:
+        raise InputError(f"{path} has lines that do not belong to what is above them: {said}")
+    for name, count, promised in (("points", len(found.points), points), ("cells", sum(len(b.data) for b in found.cells), cells)):
+        if promised is not None and count != promised:
+            raise InputError(f"{path} has {count} {name}, but its header says {promised}: is it cut short or damaged?")
+    return found, [f"meshio: {said}"] if said else []
+
+
+def quietly(act: Callable[[], Any], what: str) -> tuple[Any, str]:
+    """The result and what was printed; whatever meshio raises, SystemExit included, becomes one line."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return act(), " ".join(said.getvalue().split())
+    except MemoryError:
+        raise
+    except (Exception, SystemExit) as error:
+        text = " ".join(said.getvalue().split()) if isinstance(error, SystemExit) else " ".join(str(error).split())
+        if isinstance(error, (LookupError, AssertionError)):  # whose text alone says little
+            text = f"{text} ({type(error).__name__}); is it cut short or damaged?".strip()
+        raise InputError(f"{what}: {text or 'is it cut short or damaged?'}") from None
+
+
+class _Ending(io.BufferedReader):
+    """A file that says so when its end is read again and again, as by meshio's loops that wait for a bracket."""
+
+    empty = 0
+
+    def _count(self, data: bytes, size: int | None) -> bytes:
+        self.empty = 0 if data or size == 0 else self.empty + 1
+        if self.empty > 10:
+            raise EOFError("the file ends before a bracket is closed: is it cut short?")
+        return data
+
+    def read(self, size: int | None = -1) -> bytes:
+        return self._count(super().read(size), size)
+
+    def readline(self, size: int | None = -1) -> bytes:
+        return self._count(super().readline(size), size)
+
+
+def _is_ansys(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(200).lstrip()[:1] == b"("
+
+
+def _nothing(path: Path, raw: bytes) -> tuple[int | None, int | None]:
+    return None, None
+
+
+def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
+    """Points and cells that the header of a legacy VTK file promises; no size in it may be beyond the file's."""
+    if b"ASCII" in [line.strip().upper() for line in raw.split(b"\n", 3)[2:3]]:
+        _ended(path, raw)
+        _all_numbers(path, raw[raw.find(b"\nDATASET"):])
+    counts: dict[bytes, int] = {}
+    for match in _VTK_COUNTS.finditer(raw):
+        numbers = [int(word) for word in match[0].split()[1:] if word.isdigit()]
+        key = match[1].upper()
+        size = max(numbers, default=0) if key == b"CELLS" else float(np.prod([float(number or 1) for number in numbers]))
+        if size > (MOST if key == b"DIMENSIONS" else len(raw)):
+            raise InputError(f"{path} says {match[0].decode('latin-1').strip():.60}, but has {len(raw)} bytes: is it cut short "
+                             "or damaged?")
+        counts.setdefault(key, numbers[0] if numbers else -1)
+    return counts.get(b"POINTS"), counts.get(b"CELL_TYPES")
+
+
+#: begins as a number, but is none
+_NO_NUMBER = re.compile(rb"(?<!\S)(?=[+\-.]?[+\-.\d])(?![+-]?[nNiI])(?![+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?!\S))\S+"
+                        rb"|(?<!\S)(?:[+\-.?#](?!\S)|[\x80-\xff]\S*)")
+
+
+def _ended(path: Path, raw: bytes) -> None:
+    if raw and not raw.endswith(b"\n") and raw[raw.rfind(b"\n") + 1:].strip():
+        raise InputError(f"{path} ends within a line: is it cut short? If not, end that line")
+
+
+def _su2(path: Path, raw: bytes) -> tuple[int | None, int | None]:
+    sizes: dict[bytes, list[int]] = {}
+    for key, count in re.findall(rb"^[ \t]*(NPOIN|NELEM|MARKER_ELEMS)[ \t]*=[ \t]*(\d{1,18})", raw, flags=re.MULTILINE):
+        sizes.setdefault(key, []).append(int(count))
+        if int(count) > len(raw):
+            raise InputError(f"{path} says {key.decode()}= {int(count)}, but has {len(raw)} bytes: is it cut short or damaged?")
+    _ended(path, raw)
+    _all_numbers(path, raw)
+    if len(re.findall(rb"^[ \t]*MARKER_TAG", raw, flags=re.MULTILINE)) != sum(
+            int(count) for count in re.findall(rb"^[ \t]*NMARK[ \t]*=[ \t]*(\d{1,9})", raw, flags=re.MULTILINE)):
+        raise InputError(f"{path} has another number of markers than NMARK says: is it cut short or damaged?")
+    return sum(sizes[b"NPOIN"]) if b"NPOIN" in sizes else None, sum(sizes.get(b"NELEM", [0]) + sizes.get(b"MARKER_ELEMS", []))
+
+
+def _all_numbers(path: Path, data: bytes) -> None:
+    """NumPy takes 1 for 1e and 0 for 0x10, and drops what is behind: whatever begins as a number must be one."""
+    for word in _NO_NUMBER.finditer(data):
+        line = data[data.rfind(b"\n", 0, word.start()) + 1:(data.find(b"\n", word.start()) + 1 or len(data) + 1) - 1].strip()
+        if not re.match(rb"[a-zA-Z%]|\S+ \d+ \d+ [a-zA-Z]", line):  # a keyword or the name of an array
+            raise InputError(f"{path} has {word[0].decode('latin-1'):.30} where a number belongs")
+
+
+def _xml(path: Path, raw: bytes) -> tuple[int | None, int | None]:
+    for head, data in re.findall(rb"<Data(?:Array|Item)\b([^>]*)>([^<]*)", raw):
+        if re.search(rb'format="(ascii|xml)"', head, flags=re.IGNORECASE):
+            _all_numbers(path, data)
+    if raw.count(b"<Piece ") > 1:
+        raise InputError(f"{path} holds several pieces, of which meshio keeps one: merge them (ParaView: Merge Blocks)")
+    piece = re.search(rb"<Piece [^>]*>", raw)
+    found = [re.search(name + rb'="\s*(\d{1,18})\s*"', piece[0]) if piece else None
+             for name in (b"NumberOfPoints", b"NumberOfCells")]
+    points, cells = (int(match[1]) if match else None for match in found)
+    return points, cells
+
+
+def read_tetgen(path: Path) -> tuple[Any, list[str]]:
+    """TetGen's .node and .ele, which lie beside each other under one name, as a meshio.Mesh.
+
+    ==============  ==========================================================================================================
+    reads           tetrahedra of 4 nodes; numbers from 0 or 1; comments; attributes and markers are passed over
+    refuses         rows missing or too many, columns that do not fit the header, numbers out of their order, 10 nodes, a last
+                    line that does not end
+    cannot know     whether .node and .ele belong together
+    ==============  ==========================================================================================================
+
+    Raises
+    ------
+    InputError
+        What is refused, by file.
+    """
+    nodes, cells = _tetgen(path.with_suffix(".node"), 4, 3), _tetgen(path.with_suffix(".ele"), 3, 4)
+    first, wanted = int(nodes[0, 0]), cells[:, 1:5]
+    if (wanted % 1 != 0).any() or wanted.min() < first or wanted.max() >= first + len(nodes):
+        raise InputError(f"{path.with_suffix('.ele')} names nodes that {path.with_suffix('.node').name} does not give")
+    return meshio().Mesh(nodes[:, 1:4].copy(), [("tetra", wanted.astype(np.int64) - first)]), []
+
+
+def _tetgen(path: Path, header: int, width: int) -> Array:
+    """Rows of number, `width` columns, and what the header counts besides."""
+    if not path.is_file():
+        raise InputError(f"there is no file {path}, which the other of TetGen's two files needs")
+    text = text_of(path)
+    if text and not text.endswith("\n") and text[text.rfind("\n") + 1:].partition("#")[0].strip():
+        raise InputError(f"{path} ends within a line: is it cut short? If not, end that line")
+    lines = [line for line in re.sub(r"#.*", "", text).split("\n") if line.strip()]
+    sizes = lines[0].split() if lines else []
+    if not 1 < len(sizes) <= header or not all(re.fullmatch(r"\d{1,12}", size) for size in sizes) or int(sizes[1]) != width:
+        raise InputError(f"{path} begins with {' '.join(sizes)!r}; it must be the number of rows, {width}, and how many "
+                         "other columns there are")
+    count, columns = int(sizes[0]), 1 + width + sum(int(size) for size in sizes[2:])
+    values = as_numbers(f"{path}: its rows", "\n".join(lines[1:]), float)
+    if len(lines) - 1 != count or len(values) != count * columns or not count:
+        raise InputError(f"{path} has {len(values)} numbers in {len(lines) - 1} rows, but its header says {count} rows of "
+                         f"{columns}: is it cut short or damaged?")
+    table = values.reshape(count, columns)
+    first = table[0, 0]
+    if first not in (0, 1) or (table[:, 0] != np.arange(count) + first).any():
+        raise InputError(f"{path}: its rows are not numbered one after the other from 0 or 1")
+    return table

@@ -1,0 +1,311 @@
+"""Gmsh's .msh of versions 2 and 4, in text and in binary: nodes, elements and physical groups, each counted.
+
+meshio reads these too, but keeps one physical group of an entity that has several without names, takes UTF-8 only, and believes
+whatever the file says of its sizes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.io.gmsh_store import Found, Numbers
+
+BODIES = ("point", "line", "surface", "volume")
+VERSIONS = ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1")
+#: Gmsh's number of a kind: its name, nodes and dimension
+_KINDS = {15: ("vertex", 1, 0), 1: ("line", 2, 1), 8: ("line3", 3, 1), 2: ("triangle", 3, 2), 9: ("triangle6", 6, 2),
+          3: ("quad", 4, 2), 16: ("quad8", 8, 2), 10: ("quad9", 9, 2), 4: ("tetra", 4, 3), 11: ("tetra10", 10, 3),
+          5: ("hexahedron", 8, 3), 17: ("hexahedron20", 20, 3), 12: ("hexahedron27", 27, 3), 6: ("wedge", 6, 3),
+          18: ("wedge15", 15, 3), 13: ("wedge18", 18, 3), 7: ("pyramid", 5, 3), 19: ("pyramid13", 13, 3),
+          14: ("pyramid14", 14, 3)}
+_HEXA = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15]
+_ORDER = {"tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8], "hexahedron20": _HEXA, "hexahedron27": [*_HEXA, 22, 23, 21, 24, 20, 25, 26]}
+
+
+def is_gmsh(path: Path) -> bool:
+    """Whether a .msh is Gmsh's: Ansys has others of that name."""
+    with path.open("rb") as file:
+        return b"$MeshFormat" in file.read(4096)
+
+
+def read_gmsh(path: Path) -> tuple[Any, list[str]]:
+    """A meshio.Mesh with the physical groups as `cell_sets`: by name, or by dimension and tag (surface-8).
+
+    ==============  ==========================================================================================================
+    reads           versions 2.0 to 2.2, 4.0 and 4.1, text and binary; elements up to second order; any number of physical
+                    groups of an entity; names in UTF-8 or Latin-1; node and element data that `write_mesh` wrote
+    refuses         sections that do not end or hold less or more than they say; nodes given twice, or not at all; partitioned
+                    meshes; elements of third order and above; another byte order
+    cannot know     whether whole sections are missing at the end (Gmsh's own files end with $Elements)
+    ==============  ==========================================================================================================
+
+    Raises
+    ------
+    InputError
+        What is refused, by section.
+    """
+    found = Found(path)
+    raw, place = path.read_bytes(), 0
+    while (place := _next(found, raw, place)) < len(raw):
+        end = raw.find(b"\n", place)
+        end = len(raw) if end < 0 else end
+        section = raw[place + 1:end].strip().decode("latin-1")
+        place = _SECTIONS.get(section, _skipped)(found, section, raw, end + 1)
+    return _assembled(found), []
+
+
+def _next(found: Found, raw: bytes, place: int) -> int:
+    match = re.compile(rb"\s*").match(raw, place)
+    place = match.end() if match else place
+    if place < len(raw) and raw[place:place + 1] != b"$":
+        raise found.wrong(f"there is {raw[place:place + 20]!r} where a section should begin")
+    return place
+
+
+def _skipped(found: Found, section: str, raw: bytes, start: int) -> int:
+    if section == "PartitionedEntities":
+        raise found.wrong("it is partitioned: save it whole")
+    end = raw.find(b"$End" + section.encode("latin-1"), start)
+    if end < 0:
+        raise found.wrong(f"${section} is not closed: is it cut short?")
+    return end + 4 + len(section)
+
+
+def _format(found: Found, section: str, raw: bytes, start: int) -> int:
+    end = raw.find(b"\n", start)
+    words = raw[start:max(end, start)].split()
+    if len(words) < 3 or words[1] not in (b"0", b"1") or words[2] not in (b"4", b"8"):
+        raise found.wrong(f"its format is {b' '.join(words)!r}")
+    found.version = words[0].decode("latin-1")
+    if found.version not in VERSIONS:
+        raise found.wrong(f"version {found.version} is not read; {', '.join(VERSIONS)} are")
+    found.binary, found.words = words[1] == b"1", f"<u{words[2].decode()}"
+    if found.binary and raw[end + 1:end + 5] != b"\x01\0\0\0":
+        raise found.wrong("its binary numbers are in another byte order")
+    return _skipped(found, section, raw, end)
+
+
+def _names(found: Found, section: str, raw: bytes, start: int) -> int:
+    end = raw.find(b"$EndPhysicalNames", start)
+    if end < 0:
+        raise found.wrong("$PhysicalNames does not end: is it cut short?")
+    try:
+        text = raw[start:end].decode("utf-8")
+    except UnicodeDecodeError:
+        text = raw[start:end].decode("latin-1")
+    count, *lines = [line for line in text.replace("\r\n", "\n").split("\n") if line.strip()] or ["0"]
+    for line in lines:
+        match = re.fullmatch(r'\s*([0-3])\s+(-?\d{1,10})\s+(?:"(.*)"|(\S+))\s*', line)
+        if not match or (int(match[1]), abs(int(match[2]))) in found.names:
+            raise found.wrong(f"{line.strip()!r} names no physical group, or one that has a name")
+        found.names[int(match[1]), abs(int(match[2]))] = match[3] if match[3] is not None else match[4]
+    if count.strip() != str(len(lines)):
+        raise found.wrong(f"there are {len(lines)} physical names where {count.strip()!r} should be")
+    return end + len("$EndPhysicalNames")
+
+
+def _entities(found: Found, section: str, raw: bytes, start: int) -> int:
+    numbers = Numbers(found, section, raw, start)
+    for dimension, count in enumerate(numbers.take("n", 4).tolist()):
+        for _ in range(count):
+            tag = numbers.one("i")
+            numbers.take("d", 3 if dimension == 0 and found.version != "4.0" else 6)  # where it is
+            found.entities[dimension, tag] = np.abs(numbers.take("i", numbers.one("n"))).tolist()
+            if dimension:
+                numbers.take("i", numbers.one("n"))  # what bounds it
+    return numbers.done()
+
+
+def _nodes(found: Found, section: str, raw: bytes, start: int) -> int:
+    if found.version[0] == "2":
+        numbers, count = _counted(found, section, raw, start, float)
+        if found.binary:
+            rows = numbers.records([("tag", "<i4"), ("x", "<f8", (3,))], count)
+            found.numbers, found.points = rows["tag"].astype(np.int64), rows["x"].astype(float)
+        else:
+            table = numbers.take("d", 4 * count).reshape(count, 4)
+            found.numbers, found.points = table[:, 0].astype(np.int64), table[:, 1:].copy()
+            if (found.numbers != table[:, 0]).any():
+                raise found.wrong("a node's number is not whole")
+        return numbers.done()
+    numbers = Numbers(found, section, raw, start)
+    blocks, total = numbers.take("n", 2 if found.version == "4.0" else 4)[:2].tolist()
+    tags, points = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
+    for _ in range(blocks):
+        dimension, _, parametric = numbers.take("i", 3).tolist()
+        count = numbers.one("n")
+        if found.version == "4.0":
+            rows = numbers.records([("tag", "<i4"), ("x", "<f8", (3,))], count) if found.binary else numbers.take("d", 4 * count)
+            tags.append((rows["tag"] if found.binary else rows[::4]).astype(np.int64))
+            points.append(rows["x"] if found.binary else rows.reshape(count, 4)[:, 1:])
+            continue
+        tags.append(numbers.take("n", count))
+        width = 3 + (min(max(dimension, 0), 3) if parametric else 0)
+        points.append(numbers.take("d", width * count).reshape(count, width)[:, :3])
+    found.numbers, found.points = np.concatenate(tags), np.concatenate(points)
+    if len(found.numbers) != total:
+        raise found.wrong(f"$Nodes has {len(found.numbers)} nodes, but says {total}")
+    return numbers.done()
+
+
+def _counted(found: Found, section: str, raw: bytes, start: int, kind: type) -> tuple[Numbers, int]:
+    """Version 2 gives the count as a line of text, in binary files too."""
+    if not found.binary:
+        numbers = Numbers(found, section, raw, start, kind)
+        return numbers, numbers.one("n")
+    end = raw.find(b"\n", start)
+    word = raw[start:max(end, start)].strip()
+    if not re.fullmatch(rb"\d{1,15}", word):
+        raise found.wrong(f"${section} begins with {word[:20]!r}, which is no count")
+    return Numbers(found, section, raw, end + 1), int(word)
+
+
+def _elements(found: Found, section: str, raw: bytes, start: int) -> int:
+    if found.version[0] == "2":
+        numbers, total = _counted(found, section, raw, start, np.int64)
+        found.blocks = list(_runs_binary(found, numbers, total) if found.binary else _runs(found, numbers, total))
+    else:
+        numbers = Numbers(found, section, raw, start, np.int64)
+        early = found.version == "4.0"
+        blocks, total = numbers.take("n", 2 if early else 4)[:2].tolist()
+        for _ in range(blocks):
+            dimension, tag, kind = numbers.take("i", 3).tolist()
+            dimension, tag = (tag, dimension) if early else (dimension, tag)
+            count, size = numbers.one("n"), _size(found, kind)
+            table = numbers.take("i" if early else "n", count * (1 + size)).reshape(count, 1 + size)
+            if dimension != _KINDS[kind][2]:
+                raise found.wrong(f"a {_KINDS[kind][0]} belongs to an entity of dimension {dimension}")
+            if found.entities and (dimension, tag) not in found.entities:
+                raise found.wrong(f"$Elements names the {BODIES[dimension]} {tag}, which $Entities does not give")
+            found.blocks.append((kind, table[:, 0], table[:, 1:], found.entities.get((dimension, tag), [])))
+    if sum(len(block[1]) for block in found.blocks) != total:
+        raise found.wrong(f"$Elements has {sum(len(block[1]) for block in found.blocks)} elements, but says {total}")
+    return numbers.done()
+
+
+def _size(found: Found, kind: int) -> int:
+    if kind not in _KINDS:
+        raise found.wrong(f"elements of Gmsh's type {kind} (of third order or above, or none) are not read")
+    return _KINDS[kind][1]
+
+
+def _runs(found: Found, numbers: Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
+    """Elements of the text of version 2, as many at a time as have the same kind and number of tags."""
+    assert numbers.values is not None
+    left = total
+    while left > 0:
+        rest = numbers.values[numbers.place:]
+        if len(rest) < 3:
+            raise found.wrong(f"$Elements has {total - left} elements, but says {total}: is it cut short or damaged?")
+        kind, tags = (int(value) for value in rest[1:3])
+        width = 3 + tags + _size(found, kind)
+        most, ahead = min(left, len(rest) // width), 64
+        if not 0 <= tags <= 100 or not most:
+            raise found.wrong(f"$Elements has an element with {tags} tags and {max(0, len(rest) - 3 - tags)} numbers behind "
+                              "them: is it cut short or damaged?")
+        while True:  # looks ever further until a run ends
+            heads = rest[:min(ahead, most) * width].reshape(-1, width)
+            same = (heads[:, 1] == kind) & (heads[:, 2] == tags)
+            if ahead >= most or not same.all():
+                break
+            ahead *= 8
+        count = len(same) if same.all() else int(same.argmin())
+        table = numbers.take("n", count * width).reshape(count, width)
+        left -= count
+        yield kind, table[:, 0], table[:, 3 + tags:], np.abs(table[:, 3]) if tags else np.zeros(count, dtype=np.int64)
+
+
+def _runs_binary(found: Found, numbers: Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
+    left = total
+    while left > 0:
+        kind, count, tags = numbers.take("i", 3).tolist()
+        size = _size(found, kind)
+        if not 0 <= tags <= 100 or not 0 < count <= left:
+            raise found.wrong(f"$Elements has a run of {count} elements with {tags} tags, but {left} elements are left")
+        table = numbers.take("i", count * (1 + tags + size)).reshape(count, -1)
+        left -= count
+        yield kind, table[:, 0], table[:, 1 + tags:], np.abs(table[:, 1]) if tags else np.zeros(count, dtype=np.int64)
+
+
+def _data(found: Found, section: str, raw: bytes, start: int) -> int:
+    """$NodeData and $ElementData of `write_mesh`; those of others are passed over."""
+    place, lists = start, list[list[str]]()
+    for _ in range(3):  # names, real numbers (time), whole numbers (step, components, rows)
+        place, word = _line(found, section, raw, place)
+        if not word.isdecimal() or len(word) > 6:
+            raise found.wrong(f"${section} has the count {word[:20]!r}")
+        lists.append([])
+        for _ in range(int(word)):
+            place, line = _line(found, section, raw, place)
+            lists[-1].append(line)
+    name = lists[0][0].strip('"') if lists[0] else ""
+    if not name.startswith(("set:", "group:", "number")):
+        return _skipped(found, section, raw, place)
+    if len(lists[2]) < 3 or lists[2][1] != "1" or not lists[2][2].isdecimal():
+        raise found.wrong(f"${section} {name!r} has not one number for each row")
+    numbers, count = Numbers(found, section, raw, place), int(lists[2][2])
+    if found.binary:
+        rows = numbers.records([("tag", "<i4"), ("value", "<f8")], count)
+        columns = rows["tag"].astype(np.int64), rows["value"].astype(float)
+    else:
+        table = numbers.take("d", 2 * count).reshape(count, 2)
+        columns = table[:, 0].astype(np.int64), table[:, 1]
+    (found.point_data if section == "NodeData" else found.cell_data)[name] = columns
+    return numbers.done()
+
+
+def _line(found: Found, section: str, raw: bytes, start: int) -> tuple[int, str]:
+    end = raw.find(b"\n", start)
+    if end < 0:
+        raise found.wrong(f"${section} does not end: is it cut short?")
+    return end + 1, raw[start:end].decode("utf-8", "replace").strip()
+
+
+def _assembled(found: Found) -> Any:
+    import meshio
+
+    if found.points is None or found.numbers is None or not found.blocks:
+        raise found.wrong(f"it has no {'$Nodes' if found.points is None else '$Elements'}: is it cut short?")
+    order = np.argsort(found.numbers, kind="stable")
+    ascending = found.numbers[order]
+    if (ascending[1:] == ascending[:-1]).any():
+        raise found.wrong(f"node {ascending[1:][ascending[1:] == ascending[:-1]][0]} is given twice")
+
+    def rows(what: str, known: Array, order: Array, wanted: Array) -> Array:
+        places = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+        missing = wanted[known[places] != wanted] if len(known) else wanted.ravel()
+        if len(missing):
+            raise found.wrong(f"{what} names number {missing[0]}, which is not given")
+        return order[places]
+
+    cells, sets = [], dict[str, list[Array]]()
+    for i, (kind, _, nodes, tags) in enumerate(found.blocks):
+        name, _, dimension = _KINDS[kind]
+        at = rows("$Elements", ascending, order, nodes)
+        cells.append((name, at[:, _ORDER[name]] if name in _ORDER else at))
+        for tag in dict.fromkeys(tags) if isinstance(tags, list) else np.unique(tags[tags > 0]).tolist():
+            label = found.names.get((dimension, tag), f"{BODIES[dimension]}-{tag}")
+            members = np.arange(len(nodes)) if isinstance(tags, list) else np.flatnonzero(tags == tag)
+            parts = sets.setdefault(label, [np.zeros(0, dtype=np.int64) for _ in found.blocks])
+            parts[i] = np.union1d(parts[i], members)
+    mesh = meshio.Mesh(found.points, cells, cell_sets=sets)
+    for name, (tags, values) in found.point_data.items():
+        mesh.point_data[name] = np.zeros(len(found.points))
+        mesh.point_data[name][rows("$NodeData", ascending, order, tags)] = values
+    every = np.concatenate([block[1] for block in found.blocks])
+    by_number = np.argsort(every, kind="stable")
+    for name, (tags, values) in found.cell_data.items():
+        whole = np.zeros(len(every))
+        whole[rows("$ElementData", every[by_number], by_number, tags)] = values
+        mesh.cell_data[name] = np.split(whole, np.cumsum([len(block[1]) for block in found.blocks])[:-1])
+    return mesh
+
+
+_SECTIONS = {"MeshFormat": _format, "PhysicalNames": _names, "Entities": _entities, "Nodes": _nodes, "Elements": _elements,
+             "NodeData": _data, "ElementData": _data}

@@ -1,0 +1,200 @@
+"""`read_matrix`: a matrix from the files of MATLAB, SciPy, Nastran, Abaqus, CalculiX and Matrix Market."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Matrix, path_of, word
+from femsub.errors import FemsubError, InputError
+from femsub.io.abaqus_calculix import TextMatrix, check_extent, read_text_matrix
+from femsub.io.matlab import check_room, read_matlab
+from femsub.io.matrix_market import read_market
+from femsub.io.op4 import read_op4
+
+NUMBERS = "biufc"  # the kinds of NumPy's types that a matrix may have
+TEXT = (".sti", ".mas", ".con", ".sph")  # CalculiX: stiffness, mass, conductivity, specific heat
+ENDINGS = ".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy, .mat (MATLAB) and .op4 (Nastran)"
+
+
+def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
+    """A, shape (n, m), sparse (CSR) or dense as its file holds it.
+
+    Parameters
+    ----------
+    path : str or Path
+        .mtx (Matrix Market, or what Abaqus writes with *MATRIX OUTPUT: it uses the same ending), .sti and .mas (CalculiX,
+        SOLVER=MATRIXSTORAGE), .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed), .op4 (Nastran, needs pyyeti).
+    variable : str, optional
+        Which one, where a .mat, .npz or .op4 file holds several matrices.
+
+    Abaqus numbers rows by node and DOF: they are in ascending order here. `read_component` keeps their names.
+
+    What each reader takes and refuses, and what it cannot know, stands with it: `femsub.io.matrix_market.read_market` (Matrix
+    Market), `femsub.io.abaqus_calculix.read_text_matrix` (Abaqus, CalculiX), `femsub.io.matlab.read_matlab`,
+    `femsub.io.op4.read_op4`, and for NumPy's and SciPy's own:
+
+    ===================  =======================================================================================
+    .npy, .npz read      real, integer, complex and logical arrays; all formats of `scipy.sparse.save_npz`, whose
+                         entries that stand twice are added as SciPy does
+    they refuse          dates, text, records, objects; three and more dimensions; more or fewer bytes than
+                         announced; sparse indices out of range; a wrong checksum of a .npz file
+    they cannot know     whether a number of a .npy file is wrong: it has no checksum
+    ===================  =======================================================================================
+
+    Raises
+    ------
+    InputError
+        No such file, an unknown ending, a file that is cut short or not what its ending says, several matrices and none named.
+    MissingPackageError
+        .op4 without pyyeti, MATLAB 7.3 without h5py.
+    """
+    return read_labelled(path, variable).matrix
+
+
+def read_labelled(path: str | Path, variable: str | None = None, usual: str = "") -> TextMatrix:
+    """`read_matrix` with the (node, DOF) labels of the rows; of several matrices the one called `usual` is taken."""
+    path, wanted = path_of("path", path), None if variable is None else word("variable", variable)
+    if not path.is_file() and wanted is None and ":" in path.name:
+        name, _, wanted = path.name.rpartition(":")
+        path = path.with_name(name)
+    found = _content(path, [wanted])
+    return found if isinstance(found, TextMatrix) else TextMatrix(found[_chosen(path, found, wanted, usual)], None)
+
+
+def read_together(path: Path, names: Iterable[str | None]) -> list[Matrix]:
+    """Several matrices of one file, which is read once; None is its only one."""
+    names = list(names)
+    found = _content(path, names)
+    return [found.matrix if isinstance(found, TextMatrix) else found[_chosen(path, found, name, "")] for name in names]
+
+
+def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matrix]:
+    """The one matrix of a file, or all by name."""
+    if not path.is_file():
+        raise InputError(f"there is no file {path}")
+    ending = path.suffix.lower()
+    if ending in (*TEXT, ".mtx"):
+        named = [name for name in names if name is not None]
+        if named:
+            raise InputError(f"{path} holds one matrix and no names; leave {named[0]!r} out")
+        if ending in TEXT or not _starts(path, b"%%matrixmarket"):
+            return read_text_matrix(path)
+        return TextMatrix(_guarded(path, read_market), None)
+    readers: dict[str, Callable[[Path], Any]] = {".npz": _npz, ".npy": _npy, ".mat": read_matlab, ".op4": read_op4}
+    if ending not in readers:
+        raise InputError(f"{path.name} has an unknown ending; known are {ENDINGS}")
+    found = _guarded(path, readers[ending])
+    if isinstance(found, Mapping):
+        return {name: _as_csr(value) for name, value in found.items()}
+    return TextMatrix(_as_csr(found), None)
+
+
+def _chosen(path: Path, found: Mapping[str, Any], wanted: str | None, usual: str) -> str:
+    listed = ", ".join(f"{name} {value.shape[0]} x {value.shape[1]}" for name, value in found.items()) or "none"
+    if wanted is not None:
+        name = next((name for name in found if name == wanted), None) or \
+            next((name for name in found if name.lower() == wanted.lower()), None)
+        if name is None:
+            raise InputError(f"{path} has no matrix {wanted!r}; it has: {listed}")
+        return name
+    if len(found) == 1:
+        return next(iter(found))
+    for name in found:
+        if usual and name.lower() == usual.lower():
+            return name
+    what = "no matrix" if not found else f"{len(found)} matrices"
+    raise InputError(f"{path} holds {what}: {listed}" + ("; name one, as in variable='K' or 'file.mat:K'" if found else
+                                                         "; it may be cut short or hold something else"))
+
+
+def _guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
+    try:
+        return reader(path)
+    except (FemsubError, MemoryError):
+        raise
+    except Exception as error:  # what a reader meets in a damaged file can be anything: struct.error, zlib.error, ...
+        reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+        raise InputError(f"{path} cannot be read as a matrix ({reason:.160}); it may be cut short or damaged, write it again")\
+            from None
+
+
+def _as_csr(value: Any) -> Matrix:
+    return sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
+
+
+def _starts(path: Path, banner: bytes) -> bool:
+    with open(path, "rb") as file:
+        return file.read(len(banner)).lower() == banner
+
+
+def _npy(path: Path) -> Any:
+    with open(path, "rb") as file:
+        shape, _, kind = _array_header(path, path.name, file)
+        size, wanted = path.stat().st_size - file.tell(), int(np.prod(shape, dtype=object)) * kind.itemsize
+    if size != wanted:
+        raise InputError(f"{path} announces {wanted} bytes of numbers, but has {size}; it is cut short or damaged")
+    if kind.kind not in NUMBERS or not 1 <= len(shape) <= 2:
+        raise InputError(f"{path} holds {_kind_name(kind)} of the shape {shape}, not a matrix of numbers")
+    check_room(path, wanted)
+    return np.load(path, allow_pickle=False)
+
+
+def _kind_name(kind: np.dtype[Any]) -> str:
+    return {"M": "dates", "m": "spans of time", "U": "text", "S": "text", "V": "records", "O": "Python objects"}.get(
+        kind.kind, f"numbers ({kind})")
+
+
+def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, order and type that the head of a .npy file tells."""
+    version = np.lib.format.read_magic(file)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version == (3, 0):  # only for names of records in Unicode
+        raise InputError(f"{path}: {name} holds records, not a matrix of numbers")
+    if version not in readers:
+        raise InputError(f"{path}: {name} has the unknown version {version}")
+    shape, order, kind = readers[version](file)
+    if any(part < 0 for part in shape):
+        raise InputError(f"{path}: {name} announces the shape {shape}; it is damaged")
+    return shape, order, kind
+
+
+def _npz(path: Path) -> Any:
+    if not zipfile.is_zipfile(path):
+        raise InputError(f"{path} is not a whole .npz file; it may be cut short, write it again")
+    kinds: dict[str, np.dtype[Any]] = {}
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        check_room(path, sum(entry.file_size for entry in entries))
+        for entry in entries:
+            name = entry.filename.removesuffix(".npy")
+            if name in kinds or name == entry.filename:
+                raise InputError(f"{path} is damaged: {entry.filename!r} stands in it twice, or is no .npy file")
+            with archive.open(entry) as file:
+                shape, _, kinds[name] = _array_header(path, entry.filename, file)
+                wanted = file.tell() + int(np.prod(shape, dtype=object)) * kinds[name].itemsize
+            if kinds[name].kind != "O" and wanted != entry.file_size:
+                raise InputError(f"{path} is damaged: {entry.filename} announces {wanted} bytes, but has {entry.file_size}")
+    with np.load(path, allow_pickle=False) as file:
+        if {"format", "shape", "data"} <= set(kinds):
+            return _checked_sparse(path, file, kinds)
+        return {name: value for name in kinds if kinds[name].kind in NUMBERS and (value := file[name]).ndim == 2}
+
+
+def _checked_sparse(path: Path, file: Any, kinds: Mapping[str, np.dtype[Any]]) -> Matrix:
+    """A matrix of `scipy.sparse.save_npz`; SciPy itself looks at few of the indices, and converting wrong ones crashes."""
+    wrong = [name for name, kind in kinds.items() if kind.kind not in {"format": "SU", "data": NUMBERS, "_is_array": "b"}.get(
+        name, "iu")]
+    shape = file["shape"] if not wrong else np.zeros(0)
+    if wrong or shape.shape != (2,) or shape.min() < 0:
+        raise InputError(f"{path} is damaged: {wrong[0] if wrong else 'shape'} of its sparse matrix is not what it should be")
+    check_extent(path, (int(shape[0]), int(shape[1])), file["data"].size)
+    found = sp.load_npz(path)
+    if found.format in ("csr", "csc", "bsr"):
+        found.check_format(full_check=True)
+    return found

@@ -1,0 +1,304 @@
+"""Mesh files: whatever is read becomes a checked `Mesh` with its names; VTU and a few others are written."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from femsub.checks import Array, choice, instance, mapping, path_of, word
+from femsub.components.mesh import CELLS, Mesh
+from femsub.components.mesh_checks import checked
+from femsub.errors import InputError
+from femsub.io.atomic import write_whole
+from femsub.io.foreign_meshes import meshio, quietly, read_foreign, read_tetgen
+from femsub.io.gmsh import BODIES, is_gmsh, read_gmsh
+from femsub.io.inp import read_inp
+from femsub.io.nastran import read_nastran
+
+_SET, _GROUP, _NUMBER = "set:", "group:", "number"  # what our own files call sets, groups and node numbers
+#: cell data that number the groups, and what we call a group without a name, for each dimension
+_TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": BODIES, "medit:ref": BODIES}
+#: suffix: meshio's writer, and whether it takes data at the nodes
+_WRITERS = {".vtu": ("vtu", True), ".vtk": ("vtk", True), ".msh": ("gmsh", True), ".inp": ("abaqus", False)}
+_OWN = {".inp": read_inp, ".bdf": read_nastran, ".nas": read_nastran, ".fem": read_nastran,
+        ".node": read_tetgen, ".ele": read_tetgen}  # readers that are not meshio's
+_ABAQUS = {"hexahedron": b"C3D8", "hexahedron20": b"C3D20", "tetra": b"C3D4", "tetra10": b"C3D10", "triangle": b"S3",
+           "quad": b"S4", "line": b"T3D2"}
+
+
+class _Block(NamedTuple):
+    kind: str
+    nodes: Array
+    dimension: int
+    number: int  # among all blocks of the file
+
+
+def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = None) -> Mesh:
+    """The cells of the highest dimension in a mesh file, with its named sets, checked (see `mesh_checks.checked`).
+
+    Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh and TetGen have readers of their own, the rest is read by meshio and
+    counted: what each reads, refuses and cannot know stands in a table in `femsub.io.inp.read_inp`, `femsub.io.nastran.
+    read_nastran`, `femsub.io.gmsh.read_gmsh`, `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension
+    only define sets. Coordinates are taken as they are, in the file's unit of length.
+
+    ============================  =====================  ==============================================
+    file                          sets of nodes          groups of cells
+    ============================  =====================  ==============================================
+    Gmsh physical groups          all                    those of the highest dimension
+    \\*NSET, \\*ELSET               all                    \\*ELSET
+    Nastran property 7            property-7             property-7
+    VTU, VTK of `write_mesh`      point data set:NAME    cell data group:NAME
+    ============================  =====================  ==============================================
+
+    A group without a name (Gmsh, Medit) is called by its tag: volume-1, surface-2, line-3, point-4. A group of the same
+    name as a set of nodes leaves that as it is.
+
+    Parameters
+    ----------
+    path : str or Path
+    kind : str, optional
+        Takes only the cells of this kind, and tells in `repairs` what was dropped; needed where kinds are mixed.
+    name : str, optional
+        The file's name without suffix by default.
+
+    Returns
+    -------
+    Mesh
+        `numbers` are the file's node numbers in .inp, .bdf and our own VTU; else they count from 1 as the file lists
+        the nodes. `repairs` tells what was mended or looks odd.
+
+    Raises
+    ------
+    InputError
+        No such file; cut short or no mesh; kinds that are mixed or not supported; tangled or flat cells.
+    MissingPackageError
+        meshio or scikit-fem is not installed.
+    """
+    place = path_of("path", path)
+    if not place.is_file():
+        raise InputError(f"there is no mesh file {place}" if not place.exists() else f"{place} is a folder, not a mesh file")
+    found, notes = _found(place)
+    blocks = [_Block(block.type, np.asarray(block.data), int(block.dim), i) for i, block in enumerate(found.cells)
+              if len(block.data) and not block.type.startswith("polyhedron")]
+    chosen, dropped = _choose(place, found, kind)
+    if dropped:
+        notes.append(f"{_several(dropped)} cells dropped, as kind={kind!r} asks")
+    taken = [block for block in blocks if block.kind == chosen]
+    cells = np.concatenate([block.nodes for block in taken])
+    if cells.shape[1:] != (CELLS[chosen][1],) or cells.min() < 0 or cells.max() >= len(found.points):
+        raise InputError(f"{place}: {chosen} cells name nodes that the file does not give; is it damaged?")
+    sets, groups, lost = _sort(found, blocks, chosen)
+    if lost:
+        notes.append(f"{_several(lost)} cells of lower dimension, in no set, dropped")
+    called = place.stem if name is None else word("name", name)
+    mesh = Mesh(found.points, cells, chosen, sets, groups, _node_numbers(found), notes, called)
+    numbers = getattr(found, "cells_id", None)
+    return checked(mesh, None if numbers is None else np.concatenate([numbers[block.number] for block in taken]))
+
+
+def _sort(found: Any, blocks: list[_Block], chosen: str) -> tuple[dict[str, Array], dict[str, Array], dict[str, int]]:
+    """Sets of nodes, groups of the cells chosen, and how many cells of lower dimension are in none."""
+    sets: dict[str, list[Array]] = {}
+    groups: dict[str, list[Array]] = {}
+    named = [np.zeros(len(block.nodes), dtype=bool) for block in blocks]
+    offsets = np.cumsum([0, *(len(block.nodes) * (block.kind == chosen) for block in blocks)])
+    for label, members in _cell_sets(found, blocks):
+        for block, rows, inside, offset in zip(blocks, members, named, offsets[:-1], strict=True):
+            sets.setdefault(label, []).append(np.unique(block.nodes[rows]))
+            inside[rows] = True
+            if block.kind == chosen and len(rows):
+                groups.setdefault(label, []).append(rows + offset)
+    lost: Counter[str] = Counter()
+    for block, inside in zip(blocks, named, strict=True):
+        if block.dimension < CELLS[chosen][0]:
+            lost[block.kind] += int(np.count_nonzero(~inside))
+    whole = {label: np.unique(np.concatenate(parts)) for label, parts in sets.items()}
+    return (whole | _point_sets(found), {label: np.concatenate(parts) for label, parts in groups.items()},
+            {kind: count for kind, count in lost.items() if count})
+
+
+def _found(path: Path) -> tuple[Any, list[str]]:
+    """What the file's reader makes of it as a meshio.Mesh, and notes."""
+    meshio()
+    suffix = path.suffix.lower()
+    own = read_gmsh if suffix == ".msh" and is_gmsh(path) else _OWN.get(suffix, read_foreign)
+    try:
+        found, notes = own(path)
+    except OSError as error:
+        raise InputError(f"the mesh file {path} cannot be read: {error.strerror or error}") from None
+    if not len(found.points) or not any(len(block.data) for block in found.cells):
+        raise InputError(f"{path} holds {len(found.points)} nodes and no cells; is it cut short?")
+    return found, notes
+
+
+def _several(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
+
+
+def _choose(path: Path, found: Any, kind: str | None) -> tuple[str, dict[str, int]]:
+    """The kind to take, and how many cells of other kinds of its dimension or above are left."""
+    counts: dict[int, Counter[str]] = {}
+    for block in found.cells:
+        dimension = 3 if block.type.startswith("polyhedron") else int(block.dim)
+        if len(block.data):
+            counts.setdefault(dimension, Counter())[block.type] += len(block.data)
+    top = counts[max(counts)]
+    if kind is not None:
+        choice("kind of cell", kind, CELLS)
+        if not any(kind in here for here in counts.values()):
+            raise InputError(f"{path} has no {kind} cells; it has {_several(sum(counts.values(), Counter()))}")
+        left = Counter[str]()
+        for dimension in range(CELLS[kind][0], 4):
+            left.update(counts.get(dimension, {}))
+        return kind, {other: count for other, count in left.items() if other != kind}
+    usable = [one for one in top if one in CELLS]
+    if len(usable) < len(top):
+        raise InputError(f"{path} has {_several(top)} cells, but femsub knows only {', '.join(CELLS)}: mesh it with one of these"
+                         + (f", or read_mesh(..., kind={usable[0]!r}) takes those and drops the others" if usable else ""))
+    if len(top) > 1:
+        raise InputError(f"{path} mixes {_several(top)} cells, but a mesh is of one kind: mesh it anew, or read_mesh(..., "
+                         f"kind={top.most_common(1)[0][0]!r}) takes those and drops the others")
+    return usable[0], {}
+
+
+def _cell_sets(found: Any, blocks: list[_Block]) -> Iterator[tuple[str, list[Array]]]:
+    """Name and, for each block, the rows of the cells in it; a name may come twice."""
+    nothing = np.zeros(0, dtype=np.intp)
+    for name, members in found.cell_sets.items():
+        if not name.startswith("gmsh:"):
+            yield name, [nothing if members[block.number] is None else np.asarray(members[block.number], dtype=np.intp)
+                         for block in blocks]
+    for key, parts in found.cell_data.items():
+        if key in _TAGS and [len(part) for part in parts] != [len(block.data) for block in found.cells]:
+            raise InputError(f"some cells of the mesh file have a {_TAGS[key][3]} and some have none; give one to each")
+        values = [np.asarray(parts[block.number]).reshape(len(block.nodes), -1)[:, 0] for block in blocks]
+        if key.startswith(_GROUP):
+            yield key.removeprefix(_GROUP), [np.flatnonzero(value) for value in values]
+        elif key in _TAGS:
+            names = {(int(tag), int(dimension)): name for name, (tag, dimension) in found.field_data.items()}
+            for dimension in range(4):
+                here = [value if block.dimension == dimension else nothing for block, value in zip(blocks, values, strict=True)]
+                for tag in filter(None, np.unique(np.concatenate(here))):  # 0 is no group
+                    name = names.get((int(tag), dimension), f"{_TAGS[key][dimension]}-{tag}")
+                    yield name, [np.flatnonzero(value == tag) for value in here]
+
+
+def _point_sets(found: Any) -> dict[str, Array]:
+    sets = {name: np.asarray(rows, dtype=np.intp) for name, rows in found.point_sets.items()}
+    return sets | {name.removeprefix(_SET): np.flatnonzero(np.asarray(values).reshape(len(found.points), -1)[:, 0])
+                   for name, values in found.point_data.items() if name.startswith(_SET)}
+
+
+def _node_numbers(found: Any) -> Array | None:
+    numbers = getattr(found, "points_id", None)
+    if numbers is None and _NUMBER in found.point_data:
+        numbers = np.asarray(found.point_data[_NUMBER]).ravel().astype(np.int64)
+    return numbers if numbers is not None and len(np.unique(numbers)) == len(found.points) else None
+
+
+def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str = ".vtu") -> bytes:
+    """What `write_mesh` puts into a file with that suffix."""
+    instance("mesh", mesh, Mesh)
+    shapes = {} if shapes is None else mapping("shapes", shapes, "names and arrays")
+    for key in shapes:
+        word("a name of shapes", key)
+    if suffix.lower() not in _WRITERS:
+        raise InputError(f"meshes are written as {', '.join(_WRITERS)}, not as {suffix or 'a file without suffix'!r}")
+    form, takes_data = _WRITERS[suffix.lower()]
+    if shapes and not takes_data:
+        raise InputError(f"{suffix} files hold no shapes; write .vtu")
+    if form == "abaqus" and mesh.kind not in _ABAQUS:
+        raise InputError(f"{suffix} files have no {mesh.kind} cells; write .vtu")
+    _writable(suffix.lower(), [*mesh.sets, *shapes], mesh.groups)
+    spelt = xml_escape if form == "vtu" else str  # meshio writes names into XML as they are
+    points = np.zeros((len(mesh.points), 3))
+    points[:, :mesh.points.shape[1]] = mesh.points
+    data: dict[str, Array] = {spelt(key): _shape(key, values, len(points)) for key, values in shapes.items()}
+    groups: dict[str, list[Array]] = {}
+    named: dict[str, Any] = {}
+    if takes_data:
+        data |= {spelt(_SET + key): np.isin(np.arange(len(points)), rows).astype(np.int8) for key, rows in mesh.sets.items()}
+        if np.issubdtype(mesh.numbers.dtype, np.integer):
+            data[_NUMBER] = mesh.numbers.astype(np.int64)
+        groups = {spelt(_GROUP + key): [np.isin(np.arange(len(mesh.cells)), rows).astype(np.int8)]
+                  for key, rows in mesh.groups.items()}
+    else:
+        named = {"point_sets": {key: rows for key, rows in mesh.sets.items() if len(rows)},
+                 "cell_sets": {key: [rows] for key, rows in mesh.groups.items()}}
+    whole = meshio().Mesh(points, [(mesh.kind, mesh.cells)], point_data=data, cell_data=groups, **named)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / f"mesh{suffix.lower()}"
+        quietly(lambda: whole.write(place, file_format=form), f"the mesh {mesh.name!r} cannot be written as {suffix}")
+        content = place.read_bytes()
+    # meshio takes the last name it knows for a kind, such as C3D20RH, which CalculiX has not
+    return re.sub(rb"(?<=\*ELEMENT, TYPE=)\w+", _ABAQUS[mesh.kind], content, count=1) if form == "abaqus" else content
+
+
+def _writable(suffix: str, names: Iterable[str], groups: Iterable[str]) -> None:
+    """Refuses names that would not be read again, or not as they are."""
+    for each in (list(names), list(groups)):
+        for name in each:
+            spoilt = any(ord(letter) < 32 or ord(letter) == 127 for letter in name)
+            if spoilt or (suffix == ".inp" and (not name.strip() or name != name.strip() or set(name) & set(',"'))):
+                raise InputError(f"the name {name!r} cannot be written into {suffix} files so that it is read again: rename it"
+                                 + ("" if spoilt else ", or write .vtu"))
+        capitals = Counter(name.upper() for name in each)
+        same = [name for name in each if capitals[name.upper()] > 1]
+        if suffix == ".inp" and same:
+            raise InputError(f"in {suffix} files the names {same[0]!r} and {same[1]!r} are the same: rename one, or write .vtu")
+
+
+def xml_escape(name: str) -> str:
+    """A name as it stands in an attribute of XML."""
+    return escape(name, {'"': "&quot;"})
+
+
+def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = None) -> Path:
+    """Writes a mesh whole or not at all, the folder too if there is none: .vtu (ParaView opens it), .vtk, .msh or .inp.
+
+    Sets become the point data "set:NAME" (0 or 1), groups the cell data "group:NAME", node numbers the point data
+    "number", so that `read_mesh` finds them again; .inp has \\*NSET and \\*ELSET instead, and numbers from 1.
+
+    Parameters
+    ----------
+    path : str or Path
+    mesh : Mesh
+    shapes : mapping of str to array_like, shape (n, 3), (n, 2) or (n,), optional
+        Real point data by name: mode shapes, displacements. Of a complex shape, give the real and the imaginary part.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        Another suffix, a shape that does not fit the nodes, a name that would not be read again as it is, a folder that cannot be
+        written.
+    """
+    place = path_of("path", path)
+    content = mesh_bytes(mesh, shapes, place.suffix)
+    try:
+        write_whole(place.parent, {place.name: lambda file: file.write(content)})
+    except OSError as error:
+        raise InputError(f"the mesh file {place} cannot be written: {error.strerror or error}") from None
+    return place
+
+
+def _shape(key: str, values: Any, count: int) -> Array:
+    if key.startswith((_SET, _GROUP)) or key == _NUMBER:
+        raise InputError(f"a shape cannot be called {key!r}: that name is taken for sets, groups and node numbers")
+    found: Array = np.asarray(values)
+    if np.iscomplexobj(found) or found.dtype.kind not in "fiub":
+        raise InputError(f"the shape {key!r} must be real numbers, not {found.dtype}; give real and imaginary parts apart")
+    if found.shape not in ((count,), (count, 2), (count, 3)) or not np.isfinite(found).all():
+        raise InputError(f"the shape {key!r} must be finite, of shape ({count}, 3), ({count}, 2) or ({count},), one row per "
+                         f"node; it is {found.shape}")
+    return (np.column_stack([found, np.zeros(count)]) if found.shape == (count, 2) else found).astype(float)

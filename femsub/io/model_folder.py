@@ -1,0 +1,221 @@
+"""`write_matrices`: a model, full or reduced, into files that MATLAB, SciPy, Nastran and others read, and back."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Matrix, choice, instance, path_of
+from femsub.errors import InputError
+from femsub.io.abaqus_calculix import read_dofs, write_dofs
+from femsub.io.atomic import Writer, content_hash, write_whole
+from femsub.io.matrix_files import read_together
+from femsub.io.model_index import HASHES, INDEX, VERSION, read_index
+from femsub.io.op4 import op4_module
+from femsub.model.estimate import Estimate
+from femsub.model.substructure import ReducedSubstructure, Substructure
+
+FORMATS = ("mtx", "npz", "mat", "op4")
+
+
+def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx") -> list[Path]:
+    """M, D, K, shape (n, n), and of a reduced model V, shape (n_full, r), into files; returns what was written.
+
+    Parameters
+    ----------
+    folder : str or Path
+        It is made if it is not there.
+    model : Substructure
+        Full or reduced.
+    format : str
+        'mtx' (Matrix Market, 17 digits) and 'npz' (SciPy; .npy for dense ones) have a file for each matrix; 'mat' (MATLAB)
+        has M, D, K, V, ports and interface (counted from 1) in model.mat, 'op4' (Nastran) M, D, K, V and ports in model.op4.
+
+    Beside them stand model.json (interface from 0, names of ports and their number of columns, the kind of each column
+    of V, cut-off, a hash of each file, ...) and, where the model knows it, dofs.csv with node, component, x, y, z of each
+    DOF: of a reduced model those of the rows of V. `read_component(folder)` gives the model back to the last digit.
+
+    Raises
+    ------
+    InputError
+        An unknown format, or a folder that cannot be written. Each file is written whole or not at all; where the process
+        is killed between two of them, `read_component` refuses the folder, since model.json has the hash of each file.
+    MissingPackageError
+        'op4' without pyyeti.
+    """
+    target = path_of("folder", folder)
+    try:
+        return write_whole(target, matrix_files(instance("model", model, Substructure), format))
+    except OSError as error:
+        raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
+
+
+def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
+    """The files of `write_matrices`: name to a function that writes the content."""
+    choice("format", format, FORMATS)
+    parts: dict[str, Matrix] = {"M": model.M, "D": model.D, "K": model.K}
+    about: dict[str, Any] = {"femsub": VERSION, "name": model.name, "interface": model.interface.tolist(),
+                             "ports": {port: 0 if w.ndim == 1 else w.shape[1] for port, w in model.ports.items()}}
+    dofs = model.dofs
+    if isinstance(model, ReducedSubstructure):
+        parts["V"], dofs = model.V, model.full_dofs
+        about["reduced"] = {"interface": model.full_interface.tolist(), "kinds": model.kinds, "method": model.method,
+                            "dropped": model.dropped,
+                            "cutoff": None if np.isinf(model.cutoff) else model.cutoff,
+                            "port_error": {port: float(error) if np.isfinite(error) else None
+                                           for port, error in model.port_error.items()},
+                            "factorisations": model.factorisations,
+                            "estimate": None if model.estimate is None else model.estimate.record()}
+    if model.ports:
+        parts["ports"] = np.column_stack(list(model.ports.values()))
+    if dofs is not None:
+        about["labels"] = dofs.labels
+    writers: dict[str, Writer] = {}
+    if format in ("mat", "op4"):
+        target = f"model.{format}"
+        about["files"] = {key: f"{target}:{key}" for key in parts}
+        writers[target] = _matlab_writer(model, parts) if format == "mat" else _op4_writer(parts)
+    else:
+        about["files"] = {key: f"{key}.{'npy' if format == 'npz' and not sp.issparse(part) else format}"
+                          for key, part in parts.items()}
+        writers |= {file: _single_writer(parts[key], file) for key, file in about["files"].items()}
+    if dofs is not None:
+        about["dofs"], known = "dofs.csv", dofs
+        writers["dofs.csv"] = lambda file: write_dofs(file, known)
+    hashes: dict[str, str] = {}
+
+    def write_index(file: BinaryIO) -> None:  # the last: it tells which files belong together
+        text = json.dumps(about | {HASHES: hashes}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        file.write(text.encode())
+
+    return {name: _hashed(name, writer, hashes) for name, writer in writers.items()} | {INDEX: write_index}
+
+
+def _hashed(name: str, writer: Writer, hashes: dict[str, str]) -> Writer:
+    """The writer, which also notes the hash of what it wrote."""
+    def write(file: BinaryIO) -> None:
+        writer(file)
+        hashes[name] = content_hash(file)
+
+    return write
+
+
+def _single_writer(part: Matrix, file_name: str) -> Writer:
+    def write(file: BinaryIO) -> None:
+        if file_name.endswith(".npz"):
+            sp.save_npz(file, part)
+        elif file_name.endswith(".npy"):
+            np.save(file, part, allow_pickle=False)
+        else:
+            from scipy.io import mmwrite
+
+            mmwrite(file, part, precision=17)
+
+    return write
+
+
+def _matlab_writer(model: Substructure, parts: Mapping[str, Matrix]) -> Writer:
+    def write(file: BinaryIO) -> None:
+        from scipy.io import savemat
+
+        names = np.array(list(model.ports), dtype=object)
+        savemat(file, {**parts, "interface": (model.interface + 1).astype(float), "port_names": names, "name": model.name},
+                do_compression=False, oned_as="column")
+
+    return write
+
+
+def _op4_writer(parts: Mapping[str, Matrix]) -> Writer:
+    op4 = op4_module()  # before anything is written
+
+    def write(file: BinaryIO) -> None:
+        with tempfile.TemporaryDirectory() as folder:  # pyyeti wants a name, and closes what it opens
+            path = os.path.join(folder, "model.op4")
+            op4.write(path, dict(parts))
+            with open(path, "rb") as whole:
+                while block := whole.read(1 << 24):
+                    file.write(block)
+
+    return write
+
+
+def read_model(folder: Path) -> Substructure:
+    """What `write_matrices` wrote into a folder, to the last digit.
+
+    ===================  =======================================================================================
+    it reads             folders of this version, in each of the four formats, full and reduced models
+    it refuses           a file that is not the one model.json was written with (each has its hash there): damaged,
+                         changed, or of another model, as a write that was killed leaves it; a file outside the
+                         folder; entries of model.json that are missing, of another kind, or do not fit the
+                         matrices; another version, or one without hashes
+    it cannot know       whether an entry of model.json itself was changed to another possible one
+    ===================  =======================================================================================
+
+    Raises
+    ------
+    InputError
+        See the table; no such folder.
+    """
+    path = folder / INDEX
+    if not path.is_file():
+        raise InputError(f"K is missing: name its file (and {folder} is no folder of write_matrices: it holds no {INDEX})")
+    about = read_index(path)
+    part = _matrices(folder, about["files"])
+    found = read_dofs(folder / about["dofs"], tuple(about["labels"])) if "dofs" in about else None
+    columns, start, width = {}, 0, sum(max(width, 1) for width in about["ports"].values())
+    if width and part["ports"].shape[1] != width:
+        raise InputError(f"{path} is damaged: its ports have {width} columns, but there are {part['ports'].shape[1]}")
+    for port, width in about["ports"].items():
+        columns[port] = part["ports"][:, start] if width == 0 else part["ports"][:, start:start + width]
+        start += max(width, 1)
+    reduced = about.get("reduced")
+    if reduced is None:
+        return Substructure(part["M"], part["K"], part["D"], about["interface"], columns, about["name"], found)
+    V = np.array(part["V"])
+    interface = np.array(reduced["interface"], dtype=np.intp)
+    if V.shape[1] != part["M"].shape[0] or len(reduced["kinds"]) != V.shape[1] or (found and found.size != V.shape[0]):
+        raise InputError(f"{path} is damaged: V is {V.shape[0]} x {V.shape[1]}, but M has {part['M'].shape[0]} rows, "
+                         f"{len(reduced['kinds'])} kinds are listed"
+                         + (f", and the DOF map has {found.size}" if found else "") + "; write the model again")
+    if interface.max(initial=-1) >= V.shape[0] or len(set(reduced["interface"])) < len(interface) \
+            or not set(reduced["port_error"]) <= set(columns):
+        raise InputError(f"{path} is damaged: its interface or its errors of ports are not the model's; write the model again")
+    model = ReducedSubstructure(
+        part["M"], part["K"], part["D"], columns, about["name"], V=V, kinds=reduced["kinds"], full_interface=interface,
+        cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"], dropped=reduced["dropped"],
+        port_error={port: np.inf if error is None else error for port, error in reduced["port_error"].items()},
+        factorisations=reduced["factorisations"], full_dofs=found,
+        estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]))
+    if model.interface.tolist() != about["interface"]:
+        raise InputError(f"{path} is damaged: its interface {about['interface']} is not that of V; write the model again")
+    return model
+
+
+def _estimate(path: Path, record: Any) -> Estimate:
+    try:
+        return Estimate.of_record(record)
+    except InputError as error:
+        raise InputError(f"{path} is damaged: {error}; write the model again") from None
+
+
+def _matrices(folder: Path, places: Mapping[str, str]) -> dict[str, Matrix]:
+    """Each file is read once; V and ports are tables of real, finite numbers."""
+    files: dict[str, dict[str, str | None]] = {}
+    for key, place in places.items():
+        file, _, name = place.partition(":")
+        files.setdefault(file, {})[key] = name or None
+    part: dict[str, Matrix] = {}
+    for file, names in files.items():
+        part |= dict(zip(names, read_together(folder / file, names.values()), strict=True))
+    for key in part.keys() & {"V", "ports"}:
+        table = part[key]
+        if sp.issparse(table) or table.ndim != 2 or table.dtype.kind not in "biuf" or not np.isfinite(table).all():
+            raise InputError(f"{folder / places[key]} is no table of finite numbers for {key}; write the model again")
+    return part

@@ -1,0 +1,196 @@
+"""Factorise once, solve many: LAPACK for dense and small matrices, PETSc for sparse ones, behind one handle."""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import suppress
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import SingularMatrixError
+from femsub.linalg.ordering import leaves_first
+from femsub.linalg.petsc import Factor, Kind
+from femsub.model.matrices import Difference, equilibration
+
+COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
+# on the real form of twice the size
+QUADRATIC = 2000  # up to so many DOF all 2n eigenvalues of a quadratic problem are for LAPACK
+WIDE = 300  # up to so many DOF all eigenvalues of a dense quadratic problem are found where only a band is asked
+SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
+
+
+class Handle(Protocol):
+    """What a factorisation offers, whoever made it."""
+
+    kind: Kind
+    size: int
+    columns: int
+
+    @property
+    def negative_pivots(self) -> int: ...
+
+    def solve(self, B: Array) -> Array: ...
+
+    def close(self) -> None: ...
+
+
+class DenseFactor:
+    """A⁻¹B for a dense A by Cholesky (definite), LU with the inertia from eigenvalues (symmetric), or LU."""
+
+    def __init__(self, A: Array, kind: Kind) -> None:
+        import scipy.linalg as la
+
+        self.kind, self.size, self.columns = kind, int(A.shape[0]), 0
+        Factor.made += 1
+        try:
+            if kind == "definite":
+                factor = la.cho_factor(A, lower=True, check_finite=False)
+                self._solve = lambda b: la.cho_solve(factor, b, check_finite=False)
+                return
+            rows, columns = equilibration(A)
+            A = rows[:, None] * A * columns
+            self._matrix = A
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", la.LinAlgWarning)
+                warnings.simplefilter("error", RuntimeWarning)
+                factor = la.lu_factor(A, check_finite=False)
+            rcond, _ = la.lapack.dgecon(factor[0], float(np.linalg.norm(A, 1)))
+            if rcond < EPS:
+                raise la.LinAlgError(f"reciprocal condition {rcond:.1e}")
+        except (la.LinAlgError, la.LinAlgWarning, RuntimeWarning) as error:
+            raise SingularMatrixError(f"the {kind} factorisation of a {self.size} x {self.size} matrix broke down; it is "
+                                      f"singular, or not what it was taken for ({error})") from None
+        self._solve = lambda b: (columns * la.lu_solve(factor, (rows * b.T).T, check_finite=False).T).T
+
+    @property
+    def negative_pivots(self) -> int:
+        """The number of negative eigenvalues, which the scaling does not change (Sylvester)."""
+        return int(np.count_nonzero(np.linalg.eigvalsh(self._matrix) < 0))
+
+    def solve(self, B: Array) -> Array:
+        """A⁻¹B for B of shape (n,) or (n, k)."""
+        self.columns += 1 if np.ndim(B) == 1 else np.shape(B)[1]
+        return self._solve(B)
+
+    def close(self) -> None:
+        """Nothing to give back; there for the likeness with sparse factors."""
+
+
+def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
+    """A handle on A⁻¹, chosen by what A is: 'definite', 'symmetric' or 'general'.
+
+    Raises
+    ------
+    SingularMatrixError
+        A is singular, or not definite although it was called so.
+    """
+    if (small := _small(A)) is not None:
+        return DenseFactor(small, kind)
+    if kind == "definite" and A.diagonal().min() <= 0:
+        raise SingularMatrixError("a matrix with a diagonal entry that is not positive is not positive definite")
+    return Factor(A, kind)
+
+
+class TreeFactor:
+    """A = L D Lᵀ of a symmetric sparse A (n, n) whose graph is a forest, from the leaves on, without fill or pivoting.
+
+    The signs of D are those of a matrix that differs from A by rounding in each entry (Demmel and Gragg, Linear Algebra
+    Appl. 185 (1993) 203), which makes it the best of counts; for solutions there is no such promise.
+    """
+
+    kind: Kind = "symmetric"
+
+    def __init__(self, A: Matrix, order: Array) -> None:
+        from scipy.sparse.linalg import splu
+
+        self.size, self.columns, self._order = int(A.shape[0]), 0, order
+        Factor.made += 1
+        try:
+            self._lu = splu(sp.csc_array(A[order][:, order]), permc_spec="NATURAL", diag_pivot_thresh=0.0, relax=1, panel_size=1,
+                            options={"SymmetricMode": True})
+        except RuntimeError as error:
+            raise SingularMatrixError(f"a {self.size} x {self.size} matrix is singular ({error})") from None
+        self._pivots = self._lu.U.diagonal()
+        if not (np.array_equal(self._lu.perm_r, self._lu.perm_c) and np.isfinite(self._pivots).all() and self._pivots.all()):
+            raise SingularMatrixError(f"a {self.size} x {self.size} matrix has a pivot that is zero")
+
+    @property
+    def negative_pivots(self) -> int:
+        """The number of negative eigenvalues (Sylvester)."""
+        return int(np.count_nonzero(self._pivots < 0))
+
+    def solve(self, B: Array) -> Array:
+        """A⁻¹B for B of shape (n,) or (n, k)."""
+        self.columns += 1 if np.ndim(B) == 1 else np.shape(B)[1]
+        result = np.empty(np.shape(B))
+        result[self._order] = self._lu.solve(np.asarray(B, dtype=float)[self._order])
+        return result
+
+    def close(self) -> None:
+        """Nothing to give back; there for the likeness with PETSc's factors."""
+
+
+def counting(A: Matrix | Difference, keep: bool = True) -> Handle:
+    """A factorisation of a symmetric A for the sake of its inertia; nothing asserts how good its solutions are.
+
+    Where A is singular within rounding, eigenvalues that are rounding may count as negative or not. With keep=False it
+    cannot solve, and takes a quarter of the memory.
+
+    Raises
+    ------
+    SingularMatrixError
+        A has a null pivot.
+    """
+    if (small := _small(A)) is not None:
+        return DenseFactor(small, "symmetric")
+    if (sparse := A.K if isinstance(A, Difference) else A).nnz < 3 * A.shape[0]:
+        sparse = A.formed() if isinstance(A, Difference) else A
+        if (order := leaves_first(sparse)) is not None:
+            with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS will tell
+                return TreeFactor(sparse, order)
+    return Factor(A, "symmetric", keep, probed=False)
+
+
+def inertia(A: Matrix | Difference) -> int:
+    """The number of negative eigenvalues of a symmetric A (n, n), by a factorisation that is not kept (see `counting`)."""
+    handle = counting(A, keep=False)
+    count = handle.negative_pivots
+    handle.close()
+    return count
+
+
+def _small(A: Matrix | Difference) -> Array | None:
+    """A as an array where LAPACK is to take it, else None."""
+    sparse = sp.issparse(A.K if isinstance(A, Difference) else A)
+    if sparse and A.shape[0] > SMALL:
+        return None
+    formed = A.formed() if isinstance(A, Difference) else A
+    return formed.toarray() if sparse else np.asarray(formed)
+
+
+def complex_solve(matrix: Matrix, B: Array) -> Array:
+    """A⁻¹B for one complex sparse A, which real PETSc cannot factorise: SuperLU, and for large ones MUMPS on
+
+        [[Re A, -Im A], [Im A, Re A]] [Re x; Im x] = [Re b; Im b].
+
+    Raises
+    ------
+    SingularMatrixError
+        A is singular.
+    """
+    n = matrix.shape[0]
+    if n <= COMPLEX and matrix.nnz <= 15 * COMPLEX:
+        from scipy.sparse.linalg import splu
+
+        try:
+            return splu(sp.csc_array(matrix, dtype=complex)).solve(np.asarray(B, dtype=complex))
+        except RuntimeError as error:
+            raise SingularMatrixError(f"a complex {n} x {n} matrix is singular ({error})") from None
+    real, imaginary = sp.csr_array(matrix.real), sp.csr_array(matrix.imag)
+    handle = Factor(sp.block_array([[real, -imaginary], [imaginary, real]], format="csr"), "general")
+    x = handle.solve(np.concatenate([np.real(B), np.imag(B)]))
+    handle.close()
+    return x[:n] + 1j * x[n:]

@@ -1,0 +1,351 @@
+"""The only importer of petsc4py and slepc4py: factorise once, solve blocks, EPS and PEP on the same handle.
+
+Arrays and scipy matrices go in, arrays come out; no PETSc object leaves this file, and each is destroyed here.
+
+Which factorisation is chosen by what the matrix is: CHOLMOD where it is positive definite (fast, and on long chains a
+million times more accurate), MUMPS LDLᵀ where it is symmetric, MUMPS LU else. MUMPS calls singular matrices solved;
+each of its factors is therefore probed with a random right-hand side.
+"""
+
+from __future__ import annotations
+
+import os
+import weakref
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import BreakdownError, InputError, MissingPackageError, NotConvergedError, SingularMatrixError
+from femsub.linalg.freed_memory import give_back_freed_memory
+from femsub.linalg.ordering import good_order
+from femsub.model.matrices import Difference, equilibrated, upper
+
+Kind = Literal["definite", "symmetric", "general"]
+MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules a setMumpsIcntl(7)
+ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
+BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
+
+
+@cache
+def _load() -> tuple[Any, Any]:
+    # Debian's PETSc is linked to OpenMPI, which would start a helper process for each Python process.
+    os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
+    # All such processes share one folder in /tmp, and the first to end takes it from those that start: MPI_Init aborts.
+    os.environ.setdefault("OMPI_MCA_orte_create_session_dirs", "0")
+    try:
+        import slepc4py
+    except ImportError as error:
+        raise MissingPackageError(
+            "slepc4py (with petsc4py) is not installed for this Python. scripts/setup installs it from Debian's "
+            "packages, scripts/setup-from-source builds it from PyPI's sources") from error
+    # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT, and list at exit what went unused.
+    slepc4py.init(["femsub", "-no_signal_handler", "-options_left", "no"])
+    from petsc4py import PETSc
+    from slepc4py import SLEPc
+
+    give_back_freed_memory()
+    if np.dtype(PETSc.ScalarType).kind == "c":
+        raise MissingPackageError("this PETSc has complex scalars; femsub needs a build with real ones (twice as fast)")
+    options = PETSc.Options()
+    options.setValue("mat_cholmod_print", 0)
+    # Without these two CHOLMOD takes an indefinite matrix for granted (LDLᵀ with negative pivots) and says nothing.
+    options.setValue("mat_cholmod_final_asis", 0)
+    options.setValue("mat_cholmod_final_ll", 1)
+    for name, number in MUMPS_ORDERS.items():
+        options.setValue(f"femsub_{name}_mat_mumps_icntl_7", number)
+    return PETSc, SLEPc
+
+
+def versions() -> dict[str, str]:
+    """The versions of PETSc and SLEPc at work."""
+    PETSc, SLEPc = _load()
+    return {name: ".".join(map(str, module.Sys.getVersion())) for name, module in (("PETSc", PETSc), ("SLEPc", SLEPc))}
+
+
+def _destroy(objects: list[Any]) -> None:
+    while objects:
+        objects.pop().destroy()
+
+
+def _matrix(A: Matrix, kind: Kind = "general") -> Any:
+    """A as PETSc has it; for a symmetric factor the upper triangle alone."""
+    (PETSc, _), half = _load(), kind != "general"
+    A = sp.csr_array(A) if not half else A.upper() if isinstance(A, Difference) else upper(A)
+    index = PETSc.IntType
+    if A.nnz > np.iinfo(index).max:
+        raise InputError(f"{A.nnz} nonzeros are more than this PETSc's {np.dtype(index).name} can count")
+    arrays = (A.indptr.astype(index, copy=False), A.indices.astype(index, copy=False), A.data)
+    create = PETSc.Mat().createSBAIJ if half else PETSc.Mat().createAIJ
+    mat = create(A.shape, 1, csr=arrays, comm=PETSc.COMM_SELF)
+    mat.assemble()
+    if kind == "definite":
+        mat.setOption(PETSc.Mat.Option.SPD, True)
+    return mat
+
+
+class Factor:
+    """A = L Lᵀ, L D Lᵀ or L U of a sparse A (n, n), made once; `solve` is A⁻¹B for B (n,) or (n, k).
+
+    With keep=False only the signs of the pivots are kept of L D Lᵀ, which takes a quarter of the memory; probed=False is for
+    those who need no more than these signs.
+
+    Raises
+    ------
+    SingularMatrixError
+        The factorisation broke down, or the probe shows that A is singular to working precision.
+    """
+
+    made = 0  #: how many have been made in this process; tests count with it
+
+    def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True) -> None:
+        PETSc, _ = _load()
+        self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
+        self._order = None if kind == "definite" else good_order(A.K if isinstance(A, Difference) else A)
+        self._held: list[Any] = []
+        self._finalizer = weakref.finalize(self, _destroy, self._held)
+        probed = probed and kind != "definite"
+        scaling = equilibrated(A.formed() if isinstance(A, Difference) else A) if probed else None
+        Factor.made += 1
+        mat = _matrix(A, kind)
+        try:
+            pc = self._set_up(mat, ROOM[0])
+            if kind != "definite" and self._factor.getMumpsInfog(1) in (-8, -9):  # delayed pivots took more than that
+                _destroy(self._held)
+                pc = self._set_up(mat, ROOM[1])
+        except PETSc.Error as error:
+            self.close()
+            raise SingularMatrixError(f"the {kind} factorisation of a {self.size} x {self.size} matrix broke down; it is "
+                                      f"singular, or not what it was taken for ({_last_line(error)})") from None
+        finally:
+            mat.destroy()  # the KSP has a reference of its own
+        # Whoever else gets this KSP (EPS, PEP) must not factorise again.
+        pc.setReusePreconditioner(True)
+        if scaling is not None:
+            self._probe(A, *scaling)
+        elif kind != "definite" and (null := self._factor.getMumpsInfog(28)):
+            self.close()
+            raise SingularMatrixError(f"a {self.size} x {self.size} matrix is singular ({null} null pivots)")
+
+    def _set_up(self, mat: Any, room: int) -> Any:
+        """Makes the KSP with its factor; returns its PC."""
+        self._ksp = self._hold(_load()[0].KSP().create(comm=_load()[0].COMM_SELF))
+        self._ksp.setType("preonly")
+        self._ksp.setOperators(mat)
+        pc = self._hold(self._ksp.getPC())
+        pc.setType("lu" if self.kind == "general" else "cholesky")
+        pc.setFactorSolverType("cholmod" if self.kind == "definite" else "mumps")
+        if self.kind == "definite":
+            self._ksp.setUp()
+            self._factor = self._hold(pc.getFactorMatrix())
+            return pc
+        pc.setFactorSetUpSolverType()
+        self._factor = self._hold(pc.getFactorMatrix())
+        if self._order:
+            self._factor.setOptionsPrefix(f"femsub_{self._order}_")
+        self._factor.setMumpsIcntl(14, room)
+        self._factor.setMumpsIcntl(24, 1)  # null pivots are detected, and counted in INFOG(28)
+        self._factor.setMumpsIcntl(31, 0 if self.keep else 1)  # 1: the factor is thrown away while it is made
+        self._ksp.setUp()
+        return pc
+
+    def _hold(self, thing: Any) -> Any:
+        self._held.append(thing)
+        return thing
+
+    def _probe(self, A: Matrix | Difference, rows: Array, columns: Array, size: float) -> None:
+        b = np.random.default_rng(0).standard_normal(self.size)
+        try:
+            x = self.solve(b / rows) / columns
+        except SingularMatrixError:
+            self.close()
+            raise
+        self.columns = 0
+        length, given = float(np.linalg.norm(x)), float(np.linalg.norm(b))
+        growth = size * length / given
+        null = self._factor.getMumpsInfog(28)
+        wrong = float(np.linalg.norm(rows * (A @ (columns * x)) - b)) > 1e-6 * (size * length + given)
+        if null or wrong or not growth < 0.1 / EPS:
+            self.close()
+            raise SingularMatrixError(f"a {self.size} x {self.size} matrix is singular to working precision "
+                                      f"(condition at least {growth:.1e}, {null} null pivots)")
+
+    @property
+    def negative_pivots(self) -> int:
+        """The number of negative eigenvalues of a symmetric A (Sylvester's law of inertia)."""
+        if self.kind != "symmetric":
+            raise InputError("the inertia is counted by a symmetric factorisation")
+        return int(self._factor.getMumpsInfog(12))
+
+    @property
+    def fill(self) -> float:
+        """Nonzeros of L per row, where CHOLMOD made it: what a solve has to read."""
+        return float(self._factor.getInfo()["nz_used"]) / self.size if self.kind == "definite" else np.nan
+
+    def solve(self, B: Array) -> Array:
+        """A⁻¹B, in blocks of right-hand sides."""
+        if not self.keep:
+            raise InputError("this factor was made to count pivots and not kept: it cannot solve")
+        PETSc, _ = _load()
+        right = np.asarray(B, dtype=np.float64).reshape(self.size, -1)
+        result = np.empty(right.shape, order="F")
+        for start in range(0, right.shape[1], BLOCK):
+            b, x = np.require(right[:, start:start + BLOCK], requirements=["F", "W"]), result[:, start:start + BLOCK]
+            with ExitStack() as stack:
+                source, target = (PETSc.Mat().createDense(part.shape, array=part, comm=PETSc.COMM_SELF) for part in (b, x))
+                for mat in (source, target):
+                    stack.callback(mat.destroy)
+                    mat.assemble()
+                try:
+                    self._factor.matSolve(source, target)
+                except PETSc.Error as error:
+                    raise SingularMatrixError(f"a solve with a {self.size} x {self.size} matrix failed ({_last_line(error)})") \
+                        from None
+        self.columns += right.shape[1]
+        return result.reshape(np.shape(B))
+
+    def lend(self, st: Any, stack: ExitStack) -> None:
+        """Puts this factor into a spectral transformation for as long as the stack lives."""
+        PETSc, _ = _load()
+        st.setKSP(self._ksp)
+        spare = PETSc.KSP().create(PETSc.COMM_SELF)
+        stack.callback(spare.destroy)
+        # EPS, PEP and ST reset the KSP when they are destroyed, which would throw the factor away: take it back before.
+        stack.callback(st.setKSP, spare)
+
+    def close(self) -> None:
+        """Gives the memory back; the handle is of no use afterwards."""
+        self._finalizer()
+
+
+def _last_line(error: Exception) -> str:
+    lines = [line.split("]", 1)[-1].strip() for line in str(error).splitlines()]
+    return lines[-1][:120] if lines else type(error).__name__
+
+
+def _solve(solver: Any) -> None:
+    PETSc, _ = _load()
+    try:
+        solver.solve()
+    except PETSc.Error as error:
+        raise BreakdownError(f"{type(solver).__name__} failed ({_last_line(error)})") from None
+
+
+def _start_vector(stack: ExitStack, like: Any, seed: int) -> Any:
+    """A seeded start, so that a run can be repeated to the last digit."""
+    vector = like.createVecRight()
+    stack.callback(vector.destroy)
+    vector.setArray(np.random.default_rng(seed).standard_normal(vector.getLocalSize()))
+    return vector
+
+
+def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1,
+                    known: Array | None = None, most: int = 1000) -> tuple[Array, Array]:
+    """(K - λM)φ = 0 nearest to σ by Krylov-Schur on (K - σM)⁻¹M with the factor given: λ (k,), Φ (n, k), k >= count.
+
+    `known` (n, m), M-orthonormal, is kept out of the search. Φ is M-normalised.
+    """
+    PETSc, SLEPc = _load()
+    with ExitStack() as stack:
+        mats = [_matrix(K), _matrix(M)]
+        for mat in mats:
+            stack.callback(mat.destroy)
+        st = SLEPc.ST().create(PETSc.COMM_SELF)
+        stack.callback(st.destroy)
+        st.setType("sinvert")
+        st.setMatrices(mats)
+        st.setShift(sigma)
+        eps = SLEPc.EPS().create(PETSc.COMM_SELF)
+        stack.callback(eps.destroy)
+        factor.lend(st, stack)
+        eps.setST(st)
+        eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+        eps.setTarget(sigma)
+        eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+        room = factor.size - (0 if known is None else known.shape[1])
+        eps.setDimensions(count, min(room, max(2 * count, count + 15)))
+        eps.setTolerances(tol, most)
+        eps.setPurify(False)  # done below, in one block and between two deflations
+        eps.setInitialSpace([_start_vector(stack, mats[0], seed)])
+        if known is not None and known.shape[1]:
+            vectors = []
+            for column in known.T:
+                vectors.append(mats[0].createVecRight())
+                stack.callback(vectors[-1].destroy)
+                vectors[-1].setArray(column)
+            eps.setDeflationSpace(vectors)
+        _solve(eps)
+        found = eps.getConverged()
+        if found < count:
+            raise NotConvergedError(f"{found} of {count} modes converged to {tol:g} within {eps.getIterationNumber()} "
+                                    f"restarts (reason {eps.getConvergedReason()}); ask for fewer, or check the matrices")
+        values, shapes = _collect(stack, mats[0], found, lambda i, xr, xi: eps.getEigenpair(i, xr, xi).real, real=True)
+    return values, _purified(factor, M, shapes, known)
+
+
+def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array | None) -> Array:
+    """x ← (K - σM)⁻¹Mx, M-normalised: takes out what lies in the null space of M, where Krylov vectors are arbitrary.
+
+    It also blows up what is left of the `known` shapes, by 1/|σ|: with rigid-body modes and σ = -1e-7, 1e-9 of them in
+    the Krylov vectors would come out as 1e-2 of each mode. So they are projected out before and after.
+    """
+    def deflated(x: Array) -> Array:
+        return x if known is None or not known.shape[1] else x - known @ (known.T @ (M @ x))
+
+    x = deflated(factor.solve(M @ deflated(shapes)))
+    return x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
+
+
+def quadratic_modes(factor: Factor, matrices: Sequence[Matrix], shift: float, count: int, *, tol: float,
+                    scale: float, seed: int = 1, most: int = 1000) -> tuple[Array, Array]:
+    """(λ²M + λD + K)x = 0 nearest to a real shift by TOAR with the factor of P(shift): λ (k,), X (n, k) complex.
+
+    The matrices are (M, D, K). The eigenvalue is scaled, λ = scale · μ with `scale` of the size of the wanted ones:
+    with it the backward error at 10⁵ DOF is 1e-12, with SLEPc's own scaling 5e-11, and Re λ keeps its leading digits.
+    Of a conjugate pair only the member with Im λ > 0 is returned.
+    """
+    PETSc, SLEPc = _load()
+    M, D, K = matrices
+    with ExitStack() as stack:
+        mats = [_matrix(part) for part in (K, scale * D, scale**2 * M)]
+        for mat in mats:
+            stack.callback(mat.destroy)
+        pep = SLEPc.PEP().create(PETSc.COMM_SELF)
+        stack.callback(pep.destroy)
+        pep.setOperators(mats)
+        pep.setType(SLEPc.PEP.Type.TOAR)
+        pep.setProblemType(SLEPc.PEP.ProblemType.GENERAL)
+        pep.setTarget(shift / scale)
+        pep.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
+        pep.setDimensions(count, min(2 * factor.size, max(2 * count, count + 20)))
+        pep.setTolerances(tol, most)
+        pep.setInitialSpace([_start_vector(stack, mats[0], seed)])
+        st = pep.getST()
+        st.setType("sinvert")
+        factor.lend(st, stack)
+        st.setTransform(True)
+        _solve(pep)
+        found = pep.getConverged()
+        if found < count:
+            raise NotConvergedError(f"{found} of {count} complex modes converged to {tol:g} within "
+                                    f"{pep.getIterationNumber()} restarts (reason {pep.getConvergedReason()}); "
+                                    "ask for fewer, or scale the matrices")
+        values, shapes = _collect(stack, mats[0], found, pep.getEigenpair, real=False)
+        keep = values.imag >= 0
+        return scale * values[keep], shapes[:, keep]
+
+
+def _collect(stack: ExitStack, mat: Any, count: int, pair: Callable[..., Any], real: bool) -> tuple[Array, Array]:
+    xr, xi = mat.createVecs()
+    for vector in (xr, xi):
+        stack.callback(vector.destroy)
+    shapes = np.empty((mat.getSize()[0], count), dtype=float if real else complex, order="F")
+    values = np.empty(count, dtype=shapes.dtype)
+    for i in range(count):
+        values[i] = pair(i, xr, xi)
+        shapes[:, i] = xr.getArray() if real else xr.getArray() + 1j * xi.getArray()
+    return values, shapes

@@ -1,0 +1,129 @@
+"""`DofMap`: which motion of which node each row of a matrix stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, items, word
+from femsub.errors import InputError, unknown_name
+
+LARGEST = 10 ** 15  # node numbers are below: together with a motion they are one integer
+TRANSLATIONS = ("ux", "uy", "uz")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DofMap:
+    """DOF i is the motion `labels[components[i]]` of the node `nodes[i]`, which lies at `points[i]`.
+
+    Parameters
+    ----------
+    nodes : array_like of int, shape (n,)
+        Node numbers as their source counts them: a mesh file's own, or from 1.
+    components : array_like of int, shape (n,)
+        Indices into `labels`.
+    labels : sequence of str
+        E.g. ("ux", "uy", "uz") for a solid, ("w", "w,x") for a beam.
+    points : array_like, shape (n, d), optional
+        Where the node of each DOF lies, d = 1 to 3.
+
+    Raises
+    ------
+    InputError
+        Lengths that do not fit, a component without a label, the same motion of the same node twice, a node number of more
+        than 15 digits, points that are no finite real numbers.
+    """
+
+    nodes: Array
+    components: Array
+    labels: tuple[str, ...]
+    points: Array | None
+
+    def __init__(self, nodes: Iterable[int] | Array, components: Iterable[int] | Array, labels: Sequence[str] = TRANSLATIONS,
+                 points: Array | None = None) -> None:
+        numbers, kinds = _integers("nodes", nodes), _integers("components", components)
+        labels = tuple(word("labels of a DOF map", label) for label in items("labels of a DOF map", labels, "strings"))
+        if len(numbers) != len(kinds):
+            raise InputError(f"a DOF map needs one node and one component per DOF, but has {len(numbers)} and {len(kinds)}")
+        if len(kinds) and not 0 <= kinds.min() <= kinds.max() < len(labels):
+            raise InputError(f"components must be 0 to {len(labels) - 1}, one for each of {', '.join(labels)}, but one is "
+                             f"{kinds[(kinds < 0) | (kinds >= len(labels))][0]}")
+        if len(numbers) and max(-int(numbers.min()), int(numbers.max())) >= LARGEST:
+            raise InputError(f"nodes of a DOF map must be below {LARGEST:.0e}, but run from {numbers.min()} to {numbers.max()}")
+        where = None if points is None else _places(points, len(numbers))
+        pairs = numbers.astype(np.int64) * len(labels) + kinds
+        ordered = np.sort(pairs)
+        twice = ordered[1:][ordered[1:] == ordered[:-1]]
+        if len(twice):
+            raise InputError(f"DOF map: {labels[int(twice[0] % len(labels))]} at node {twice[0] // len(labels)} is listed twice")
+        small = np.int8 if len(labels) <= np.iinfo(np.int8).max else np.int32
+        for key, value in (("nodes", numbers.astype(np.int64)), ("components", kinds.astype(small)),
+                           ("labels", labels), ("points", where)):
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(self, key, value)
+
+    def __repr__(self) -> str:
+        return f"DofMap: {self.size} DOF at {len(np.unique(self.nodes))} nodes, {', '.join(self.labels)}"
+
+    @property
+    def size(self) -> int:
+        return len(self.nodes)
+
+    def name(self, index: int) -> str:
+        """E.g. 'uz at node 12', the name of one DOF (counted from 0)."""
+        return f"{self.labels[self.components[index]]} at node {self.nodes[index]}"
+
+    def find(self, node: int, label: str | None = None) -> Array:
+        """The DOF (counted from 0) of a node, all or one motion of it; an unknown node or label is an InputError."""
+        if label is not None and label not in self.labels:
+            raise unknown_name("motion", label, self.labels)
+        start, stop = np.searchsorted(self._sorted[0], [node, node + 1])
+        found = np.sort(self._sorted[1][start:stop])
+        if label is not None:
+            found = found[self.components[found] == self.labels.index(label)]
+        if not len(found):
+            what = "there is no" if label is None else f"there is no {label} at"
+            raise InputError(f"{what} node {node} in the DOF map (it may be held); nodes run from {self.nodes.min()} to "
+                             f"{self.nodes.max()}")
+        return found
+
+    def kept(self, rows: Array) -> DofMap:
+        """The map of a model that keeps only some of the DOF, in the order given."""
+        return DofMap(self.nodes[rows], self.components[rows], self.labels, None if self.points is None else self.points[rows])
+
+    @cached_property
+    def _sorted(self) -> tuple[Array, Array]:
+        order = np.argsort(self.nodes, kind="stable")
+        return self.nodes[order], order
+
+
+def _places(points: Any, count: int) -> Array:
+    try:
+        raw = np.asarray(points)
+        found: Array = np.array(raw, dtype=float) if raw.dtype.kind in "biuf" else np.full(raw.shape, np.nan)
+    except (TypeError, ValueError):
+        raise InputError("points must be a table of coordinates with one row per DOF") from None
+    if found.ndim != 2 or len(found) != count:
+        raise InputError(f"points must have {count} rows, one per DOF, but their shape is {found.shape}")
+    if not np.isfinite(found).all():
+        raise InputError(f"points must be finite real numbers, but those of DOF {int(np.argmin(np.isfinite(found).all(axis=1)))} "
+                         "(counted from 0) are not")
+    return found
+
+
+def _integers(name: str, values: Any) -> Array:
+    found = values if isinstance(values, np.ndarray) else items(f"{name} of a DOF map", values, "whole numbers")
+    try:
+        array = np.asarray(found)
+    except ValueError:  # ragged
+        array = np.zeros((0, 0))
+    if not array.size and array.ndim == 1:
+        return array.astype(np.int64)
+    if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"{name} of a DOF map must be a flat sequence of integers")
+    return array

@@ -1,0 +1,209 @@
+"""Friction laws μ(v) with their slopes μ'(v), and the belt that brings one of them to a port.
+
+The sign, once and for all: the belt drags the mass along, so the friction force acts on the right-hand side,
+M ẍ + P ẋ + Q x = w F μ(v0 - wᵀẋ). Linearised about steady sliding this is **D = P + F μ'(v0) w wᵀ**, and a
+falling characteristic (μ' < 0) takes damping away. The paper's eq. (1) read literally has the opposite sign, with
+which its own Fig. 4 could not be unstable.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from femsub.checks import EPS, Array, Matrix, finite_number, shown
+from femsub.errors import InputError, InputTypeError
+from femsub.model.pencil import contact_damping
+
+Scalar = Callable[[float], float]
+NARROWEST = 1e-100  # ε
+SLOPE_AGREES = 0.01  # relative difference of a law's slope and that of its values that is let pass
+
+
+class FrictionLaw(Protocol):
+    """What a friction law offers: μ and μ' at a sliding speed, scalar or array."""
+
+    def value(self, v: Any) -> Any: ...
+
+    def slope(self, v: Any) -> Any: ...
+
+
+@dataclass(frozen=True)
+class StribeckArctan:
+    """μ(v) = c (2/π) arctan(v/ε) + d exp(-r|v|), the law as the paper prints it (its eq. (7)).
+
+    With c = 0.3, d = 0.2, r = 2. It is not odd: μ(0) = d, so that the friction force does not vanish with the
+    sliding speed; `StribeckArctanOdd` is the odd law next to it.
+
+    Parameters
+    ----------
+    eps : float
+        Width ε of the transition from sticking to sliding, in units of speed.
+    coulomb, drop, decay : float
+        c and d (dimensionless) and r (1/speed).
+    """
+
+    eps: float = 1e-3
+    coulomb: float = 0.3
+    drop: float = 0.2
+    decay: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name in ("eps", "coulomb", "drop", "decay"):
+            finite_number(name, getattr(self, name))
+        if self.eps < NARROWEST:
+            raise InputError(f"eps must be positive, and at least {NARROWEST:g}, not {self.eps!r}: it is the width of the "
+                             "stick-slip transition")
+
+    def value(self, v: Any) -> Any:
+        """μ(v)."""
+        return self.coulomb * 2 / np.pi * np.arctan(v / self.eps) + self.drop * np.exp(-self.decay * np.abs(v))
+
+    def slope(self, v: Any) -> Any:
+        """μ'(v) = c (2/π) ε/(ε² + v²) - d r sign(v) exp(-r|v|); at v = 0 the mean of both sides."""
+        rise = self.coulomb * 2 / np.pi / self.eps / (1 + np.square(v / self.eps))
+        return rise - self.drop * self.decay * np.sign(v) * np.exp(-self.decay * np.abs(v))
+
+    def scalar(self) -> tuple[Scalar, Scalar]:
+        """μ and μ' for one Python float, ten times faster than through NumPy: for integrators, which ask one at a time."""
+        c, eps, drop, decay, atan, exp = self.coulomb * 2 / math.pi, self.eps, self.drop, self.decay, math.atan, math.exp
+
+        def value(v: float) -> float:
+            return c * atan(v / eps) + drop * exp(-decay * abs(v))
+
+        def slope(v: float) -> float:
+            fall = drop * decay * exp(-decay * abs(v)) if v else 0.0
+            ratio = v / eps
+            return c / eps / (1 + ratio * ratio) - math.copysign(fall, v)
+
+        return value, slope
+
+    def with_slope(self, slope: float, speed: float) -> Self:
+        """The same law with d chosen so that μ'(speed) = slope; ε, c and r stay. μ' is linear in d.
+
+        Raises
+        ------
+        InputError
+            d has no say in μ' at this speed, as at 0.
+        """
+        finite_number("slope", slope)
+        flat, one = replace(self, drop=0.0), replace(self, drop=1.0)
+        base = float(flat.slope(finite_number("speed", speed)))
+        gain = float(one.slope(speed)) - base
+        if abs(gain) <= 1e-9 * self.decay or speed == 0:
+            raise InputError(f"the falling part of the law has no slope at a sliding speed of {speed!r}, so that μ' cannot be "
+                             f"made {slope!r} there; choose another speed")
+        return replace(self, drop=(slope - base) / gain)
+
+
+@dataclass(frozen=True)
+class StribeckArctanOdd(StribeckArctan):
+    """μ(v) = (c + d exp(-r|v|)) (2/π) arctan(v/ε), the odd variant of the paper's eq. (7): μ(-v) = -μ(v)."""
+
+    def value(self, v: Any) -> Any:
+        """μ(v)."""
+        return (self.coulomb + self.drop * np.exp(-self.decay * np.abs(v))) * 2 / np.pi * np.arctan(v / self.eps)
+
+    def slope(self, v: Any) -> Any:
+        """μ'(v), even in v and smooth."""
+        level = self.coulomb + self.drop * np.exp(-self.decay * np.abs(v))
+        fall = self.drop * self.decay * np.exp(-self.decay * np.abs(v)) * np.arctan(np.abs(v) / self.eps)
+        return 2 / np.pi * (level / self.eps / (1 + np.square(v / self.eps)) - fall)
+
+    def scalar(self) -> tuple[Scalar, Scalar]:
+        """μ and μ' for one Python float."""
+        two, c, eps, drop, decay, atan, exp = (2 / math.pi, self.coulomb, self.eps, self.drop, self.decay, math.atan, math.exp)
+
+        def value(v: float) -> float:
+            return (c + drop * exp(-decay * abs(v))) * two * atan(v / eps)
+
+        def slope(v: float) -> float:
+            more = drop * exp(-decay * abs(v))
+            return two * ((c + more) / eps / (1 + (v / eps) * (v / eps)) - decay * more * atan(abs(v) / eps))
+
+        return value, slope
+
+
+LAWS = {"stribeck-arctan": StribeckArctan, "stribeck-arctan-odd": StribeckArctanOdd}
+
+
+def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
+    """μ and μ' of any law for one float: its own `scalar()` if it has one."""
+    if callable(own := getattr(law, "scalar", None)):
+        return own()
+    return lambda v: float(law.value(v)), lambda v: float(law.slope(v))
+
+
+@dataclass(frozen=True)
+class Belt:
+    """A belt sliding at speed v0 under a normal force F on a port w: D = P + F μ'(v0) w wᵀ.
+
+    Parameters
+    ----------
+    port : str
+        The port it acts on.
+    force : float
+        Normal force F, not negative.
+    speed : float, optional
+        Belt speed v0; needed with a `law`.
+    law : FrictionLaw, optional
+        Gives μ'(v0).
+    slope : float, optional
+        μ'(v0) itself, instead of a law. Negative destabilises.
+
+    Raises
+    ------
+    InputError
+        Neither `law` nor `slope`, both in contradiction, a law without a speed, a negative force, NaN.
+    """
+
+    port: str = "belt"
+    force: float = 1.0
+    speed: float | None = None
+    law: FrictionLaw | None = None
+    slope: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.port, str):
+            raise InputTypeError(f"port must be the name of a port, not {shown(self.port)}")
+        finite_number("force", self.force)
+        if self.force < 0:
+            raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
+        if self.speed is not None:
+            finite_number("speed", self.speed)
+        if self.law is None and self.slope is None:
+            raise InputError("a belt needs a friction law with the belt's speed, or a slope: Belt(slope=-0.2677)")
+        if self.law is not None:
+            if not callable(getattr(self.law, "slope", None)) or not callable(getattr(self.law, "value", None)):
+                raise InputTypeError("law must be a friction law with value(v) and slope(v), e.g. StribeckArctan(eps=1e-3), not "
+                                     f"{shown(self.law)}")
+            if self.speed is None:
+                raise InputError("a belt with a friction law needs its speed, e.g. Belt(speed=0.1911, law=...)")
+            slope = _consistent_slope(self.law, self.speed)
+            if self.slope is not None and finite_number("slope", self.slope) != slope:
+                raise InputError(f"slope={shown(self.slope)} contradicts the law, whose slope at {self.speed!r} is {slope!r}")
+            object.__setattr__(self, "slope", slope)
+        finite_number("slope", self.slope)
+
+    def damping(self, w: Array) -> Matrix:
+        """F μ'(v0) w wᵀ, sparse, shape (n, n), for a port w of shape (n,) or (n, p)."""
+        return contact_damping(w, self.force * self.slope)  # type: ignore[operator]
+
+
+def _consistent_slope(law: FrictionLaw, speed: float) -> float:
+    """μ'(v0) of a law, compared with differences of its values μ(v0 ± h) over several steps h."""
+    slope = float(law.slope(speed))
+    if speed == 0 or not np.isfinite(slope):
+        return finite_number("the slope of the law at the belt's speed", slope)
+    steps = abs(speed) * 10.0 ** -np.arange(2.0, 8.0)
+    ahead, behind = (np.array([float(law.value(speed + sign * h)) for h in steps]) for sign in (1.0, -1.0))
+    found = (ahead - behind) / (2 * steps)
+    rounding = 8 * EPS * (np.abs(ahead) + np.abs(behind)) / steps
+    if (np.abs(found - slope) > SLOPE_AGREES * np.maximum(np.abs(found), abs(slope)) + rounding).all():
+        raise InputError(f"the law's slope at the speed {speed:g} is {slope:.6g}, but its values rise by "
+                         f"{found[len(found) // 2]:.6g} per unit of speed there: value and slope contradict each other")
+    return slope

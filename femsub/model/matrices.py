@@ -1,0 +1,176 @@
+"""Real matrices, dense or sparse: checked, told symmetric or not, scaled, measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix
+from femsub.errors import InputError, InputTypeError
+
+ROUNDING = 1e-14  # of sqrt(|a_ii a_jj|): what two orders of adding up the same element matrices may differ by
+LARGEST = 1e100  # the largest entry of a matrix, and one over the smallest that a matrix may have for its largest
+
+
+def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
+    """A square real matrix, checked: dense as a read-only array, sparse as a canonical, read-only CSR.
+
+    The data are copied, so that what is checked stays as it was checked.
+
+    Raises
+    ------
+    InputTypeError
+        Not numeric, or complex.
+    InputError
+        Not square, not of the given size, or with NaN or Inf in it (the first place is named).
+    """
+    if sp.issparse(value):
+        matrix = sp.csr_array(value)
+        if np.iscomplexobj(matrix.data):
+            raise InputTypeError(f"{name} is complex; femsub takes real matrices (damping belongs in D)")
+        matrix = matrix.astype(np.float64, copy=True)
+        matrix.sum_duplicates()
+        data = matrix.data
+    else:
+        try:
+            raw = np.asarray(value)
+            if np.iscomplexobj(raw):
+                raise InputTypeError(f"{name} is complex; femsub takes real matrices (damping belongs in D)")
+            matrix = data = np.array(raw, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            if isinstance(error, InputTypeError):
+                raise
+            raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}")\
+                from None
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise InputError(f"{name} must be square, but its shape is {matrix.shape}")
+    if matrix.shape[0] == 0:
+        raise InputError(f"{name} is empty; a model needs at least one DOF")
+    if size is not None and matrix.shape[0] != size:
+        raise InputError(f"{name} is {matrix.shape[0]} x {matrix.shape[1]}, but the other matrices are {size} x {size}")
+    if not np.isfinite(data).all():
+        row, column = _first(matrix, ~np.isfinite(data))
+        raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
+    largest = float(np.abs(data).max(initial=0.0))
+    if largest > LARGEST or (name != "D" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
+        raise InputError(f"{name}'s largest entry is {largest:.3g}: products of such numbers leave the range of floating point; "
+                         "choose other units")
+    data.flags.writeable = False
+    return matrix
+
+
+def _first(matrix: Matrix, mask: Array) -> tuple[int, int]:
+    where = int(np.flatnonzero(mask)[0])
+    if sp.issparse(matrix):
+        return int(np.searchsorted(matrix.indptr, where, side="right") - 1), int(matrix.indices[where])
+    row, column = np.unravel_index(where, matrix.shape)
+    return int(row), int(column)
+
+
+def is_symmetric(matrix: Matrix) -> bool:
+    """A = Aᵀ to the last digit."""
+    if sp.issparse(matrix):
+        other = matrix.T.tocsr()  # canonical, as `matrix` is
+        if np.array_equal(matrix.indptr, other.indptr) and np.array_equal(matrix.indices, other.indices):
+            return np.array_equal(matrix.data, other.data)
+        return (matrix != other).nnz == 0
+    return bool(np.array_equal(matrix, matrix.T))
+
+
+def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
+    """(A + Aᵀ)/2 where |a_ij - a_ji| ≤ ROUNDING sqrt(|a_ii a_jj|) throughout, else A itself; and whether that is symmetric.
+
+    An assembly adds up the two triangles in different orders: the skew part is then rounding, and would cost all that
+    symmetric matrices are spared.
+    """
+    if is_symmetric(matrix):
+        return matrix, True
+    scale = np.sqrt(np.abs(matrix.diagonal()))
+    skew = sp.coo_array(matrix - matrix.T)
+    if (np.abs(skew.data) > ROUNDING * scale[skew.row] * scale[skew.col]).any():
+        return matrix, False
+    mean = (matrix + matrix.T) * 0.5
+    mean = sp.csr_array(mean) if sp.issparse(mean) else mean
+    (mean.data if sp.issparse(mean) else mean).flags.writeable = False
+    return mean, True
+
+
+def norm(matrix: Matrix) -> float:
+    """sqrt(‖A‖₁ ‖A‖_∞), which bounds the spectral norm from above (and is ‖A‖_∞ for a symmetric A)."""
+    absolute = abs(matrix)
+    return float(np.sqrt(np.max(absolute.sum(axis=0)) * np.max(absolute.sum(axis=1))))
+
+
+def equilibration(A: Matrix) -> tuple[Array, Array]:
+    """r and c, (n,) each, powers of two, with which the rows and columns of r_i a_ij c_j have sums near 1.
+
+    Deflections, slopes and twists in one vector make entries that differ by the fourth power of the element's length;
+    a condition number means something only once that is taken out. A symmetric A gets r = c.
+    (Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices, RAL-TR-2001-034.)
+    """
+    size = abs(A)
+    r, c = np.ones(A.shape[0]), np.ones(A.shape[0])
+    for _ in range(5):
+        rows, columns = r * (size @ c), c * (size.T @ r)
+        r /= np.sqrt(np.where(rows > 0, rows, 1.0))
+        c /= np.sqrt(np.where(columns > 0, columns, 1.0))
+    return 2.0 ** np.rint(np.log2(r)), 2.0 ** np.rint(np.log2(c))
+
+
+def equilibrated(A: Matrix) -> tuple[Array, Array, float]:
+    """Row and column scales, and the norm of the scaled matrix, which is not formed: beside a factor it would not fit."""
+    rows, columns = equilibration(A)
+    size = abs(A)
+    return rows, columns, float(np.sqrt(np.max(rows * (size @ columns)) * np.max(columns * (size.T @ rows))))
+
+
+def scaled(A: Matrix, rows: Array, columns: Array) -> Matrix:
+    """r_i a_ij c_j; powers of two change no digit."""
+    if not sp.issparse(A):
+        return rows[:, None] * A * columns
+    data = A.data * np.repeat(rows, np.diff(A.indptr)) * columns[A.indices]
+    return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
+
+
+def unit_length(x: Array) -> Array:
+    """The columns of x (n, k) divided by their lengths; zeros stay."""
+    size = np.linalg.norm(x, axis=0)
+    return x / np.where(size > 0, size, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """K - σM of symmetric sparse K and M, (n, n), formed only where it must be: beside a large factor it would not fit."""
+
+    K: Matrix
+    M: Matrix
+    sigma: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.K.shape
+
+    def diagonal(self) -> Array:
+        return self.K.diagonal() - self.sigma * self.M.diagonal()
+
+    def formed(self) -> Matrix:
+        """The matrix itself."""
+        return self.K - self.sigma * self.M if self.sigma else self.K
+
+    def upper(self) -> Matrix:
+        """Its upper triangle, made of those of K and M."""
+        return upper(self.K) - self.sigma * upper(self.M) if self.sigma else upper(self.K)
+
+    def __matmul__(self, x: Array) -> Array:
+        return self.K @ x - self.sigma * (self.M @ x) if self.sigma else self.K @ x
+
+
+def upper(A: Matrix) -> Matrix:
+    """The upper triangle of a sparse A, diagonal included, as CSR."""
+    A = sp.csr_array(A)
+    keep = A.indices >= np.repeat(np.arange(A.shape[0], dtype=A.indices.dtype), np.diff(A.indptr))
+    starts = np.append(0, np.cumsum(keep, dtype=A.indptr.dtype))[A.indptr]
+    return sp.csr_array((A.data[keep], A.indices[keep], starts), shape=A.shape)

@@ -1,0 +1,168 @@
+"""The quadratic pencil λ²M + λD + K: what every stability question is asked of, full and reduced alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix
+from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, without_rounding
+
+SPREAD = 16.0  # units of the DOF may differ by so much before a sparse pencil is brought to units of its own
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Pencil:
+    """P(λ) = λ²M + λD + K with real M, D, K of shape (n, n), sparse or dense, symmetric or not.
+
+    Parameters
+    ----------
+    M, D, K : array_like or sparse, shape (n, n)
+        Mass, damping and stiffness in any consistent units; λ then comes in radians per unit of time.
+        ``D=None`` means no damping. If one of the three is dense, all are kept dense.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Shapes that do not fit, NaN or Inf, complex entries.
+    """
+
+    M: Matrix
+    D: Matrix
+    K: Matrix
+    symmetric: tuple[bool, bool, bool]  #: whether M, D and K are, to the last digit
+    contacts: tuple[tuple[float, Array], ...]  #: (c, W) of each cWWᵀ in D; rounding hides their rank from its entries
+
+    def __init__(self, M: Any, D: Any, K: Any) -> None:
+        mass = as_matrix("M", M)
+        stiffness = as_matrix("K", K, mass.shape[0])
+        damping = sp.csr_array(mass.shape) if D is None else as_matrix("D", D, mass.shape[0])
+        parts = (mass, damping, stiffness)
+        if not all(sp.issparse(part) for part in ((mass, stiffness) if D is None else parts)):
+            parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)
+        checked, flags = zip(*(without_rounding(part) for part in parts), strict=True)
+        for name, part in zip(("M", "D", "K", "symmetric"), (*checked, flags), strict=True):
+            object.__setattr__(self, name, part)
+        object.__setattr__(self, "contacts", ())
+
+    def __repr__(self) -> str:
+        kind = "sparse" if self.is_sparse else "dense"
+        odd = [name for name, flag in zip("MDK", self.symmetric, strict=True) if not flag]
+        return f"Pencil: {self.size} DOF, {kind}, {'all symmetric' if not odd else ' and '.join(odd) + ' unsymmetric'}"
+
+    @property
+    def size(self) -> int:
+        return int(self.M.shape[0])
+
+    @property
+    def is_sparse(self) -> bool:
+        return bool(sp.issparse(self.K))
+
+    @cached_property
+    def norms(self) -> tuple[float, float, float]:
+        """Upper bounds of ‖M‖₂, ‖D‖₂ and ‖K‖₂ (see `norm`)."""
+        return norm(self.M), norm(self.D), norm(self.K)
+
+    def dense(self) -> Pencil:
+        """The same pencil with dense matrices."""
+        return Pencil(*(part.toarray() for part in (self.M, self.D, self.K))) if self.is_sparse else self
+
+    def sparse(self) -> Pencil:
+        """The same pencil with sparse matrices."""
+        if self.is_sparse:
+            return self
+        return Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))._beside(self.contacts)
+
+    def _beside(self, contacts: tuple[tuple[float, Array], ...]) -> Pencil:
+        object.__setattr__(self, "contacts", contacts)
+        return self
+
+    def transposed(self) -> Pencil:
+        """λ²Mᵀ + λDᵀ + Kᵀ, whose right eigenvectors are the conjugated left ones of this pencil."""
+        return Pencil(self.M.T, self.D.T, self.K.T)
+
+    def with_contact(self, coefficient: float, W: Array) -> Pencil:
+        """A copy with D + cWWᵀ, W of shape (n,) or (n, p); M and K are shared, and not checked again."""
+        found = self.with_damping(contact_damping(W, coefficient))
+        return found._beside((*self.contacts, *([(coefficient, W.reshape(len(W), -1))] if coefficient else [])))
+
+    def with_damping(self, extra: Matrix) -> Pencil:
+        """A copy with D + extra; M and K are shared, and not checked again."""
+        D = self.D + sp.csr_array(extra) if self.is_sparse else self.D + (extra.toarray() if sp.issparse(extra) else extra)
+        D, symmetric = without_rounding(as_matrix("D", D, self.size))
+        copy = object.__new__(Pencil)
+        flags = (self.symmetric[0], symmetric, self.symmetric[2])
+        copy.__dict__.update({"M": self.M, "D": D, "K": self.K, "symmetric": flags, "contacts": ()})
+        return copy
+
+    @cached_property
+    def units(self) -> tuple[Array, Array]:
+        """r and c, (n,) each, powers of two: the DOF of diag(r) P(λ) diag(c) are alike in size. r = c unless M is unsymmetric.
+
+        By the stiffness of each DOF, and where one has none by `equilibration` of |K| + ω|D| + ω²|M| with a typical ω.
+        """
+        stiffness = np.abs(self.K.diagonal())
+        if self.symmetric[0] and self.symmetric[2] and stiffness.all():
+            r = c = 2.0 ** np.rint(-np.log2(stiffness) / 2)
+            return r, c
+        mass = np.abs(self.M.diagonal())
+        both = (mass > 0) & (stiffness > 0)
+        omega = float(np.sqrt(np.median(stiffness[both] / mass[both]))) if both.any() else 1.0
+        r, c = equilibration(abs(self.K) + omega * abs(self.D) + omega**2 * abs(self.M))
+        if self.symmetric[0]:  # a congruence, so that M stays symmetric
+            r = c = 2.0 ** np.rint(np.log2(r * c) / 2)
+        return r, c
+
+    def alike(self) -> Pencil:
+        """diag(r) P(λ) diag(c) with the `units` r and c: its λ are those of P, its shapes x / c and y / r.
+
+        The pencil itself where its DOF are alike as they stand, within a factor of 16. Krylov vectors are orthonormal in
+        the units of the DOF: where those differ by 2ᵏ, some 4ᵏ roundings are lost.
+        """
+        if all(unit.max() <= SPREAD * unit.min() for unit in self.units):
+            return self
+        copy = object.__new__(Pencil)
+        rows, columns = self.units
+        parts = [scaled(part, rows, columns) for part in (self.M, self.D, self.K)]
+        copy.__dict__.update(dict(zip("MDK", parts, strict=True)) | {"symmetric": self.symmetric})
+        if np.array_equal(rows, columns):
+            return copy._beside(tuple((c, rows[:, None] * W) for c, W in self.contacts))
+        object.__setattr__(copy, "symmetric", tuple(is_symmetric(part) for part in parts))  # no congruence: D and K may lose it
+        return copy._beside(())
+
+    def at(self, value: complex) -> Matrix:
+        """P(value), shape (n, n); complex only if `value` is."""
+        return value * value * self.M + value * self.D + self.K
+
+    def residual(self, eigenvalues: Array, shapes: Array) -> Array:
+        """R = MXΛ² + DXΛ + KX, column by column P(λ_j) x_j; shapes (k,) and (n, k) give (n, k)."""
+        lam = np.asarray(eigenvalues)
+        return (self.M @ shapes) * lam**2 + (self.D @ shapes) * lam + self.K @ shapes
+
+    def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
+        """(|λ|²|M| + |λ||D| + |K|)|x| entry by entry: what rounding in P(λ)x is measured against."""
+        lam, size = np.abs(eigenvalues), np.abs(shapes)
+        return (abs(self.M) @ size) * lam**2 + (abs(self.D) @ size) * lam + abs(self.K) @ size
+
+    def backward_error(self, eigenvalues: Array, shapes: Array, residual: Array | None = None) -> Array:
+        """η_j = ‖P(λ_j)x_j‖ / ((|λ_j|²‖M‖ + |λ_j|‖D‖ + ‖K‖) ‖x_j‖), shape (k,).
+
+        The matrices would have to be changed by η, relatively, for (λ, x) to be an exact pair
+        (Tisseur, Linear Algebra Appl. 309 (2000), Th. 1); η is free of units and of the scale of x. `residual` is R
+        where it is at hand already.
+        """
+        lam = np.abs(eigenvalues)
+        mass, damping, stiffness = self.norms
+        scale = (lam**2 * mass + lam * damping + stiffness) * np.linalg.norm(shapes, axis=0)
+        size = np.linalg.norm(self.residual(eigenvalues, shapes) if residual is None else residual, axis=0)
+        return np.divide(size, scale, out=np.zeros_like(size), where=scale > 0)
+
+
+def contact_damping(w: Array, coefficient: float) -> Matrix:
+    """c w wᵀ as a sparse matrix, shape (n, n); w of shape (n,) or (n, p)."""
+    column = sp.csr_array(np.asarray(w).reshape(len(w), -1))
+    return sp.csr_array(coefficient * (column @ column.T))

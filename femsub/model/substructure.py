@@ -1,0 +1,297 @@
+"""`Substructure`: symmetric M, K, any D, an interface and named ports. A reduced one is one too."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix, instance, shown
+from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name
+from femsub.model.dof_map import DofMap
+from femsub.model.friction import Belt
+from femsub.model.pencil import Pencil
+
+if TYPE_CHECKING:
+    from femsub.model.estimate import Estimate
+
+SYMMETRY = 1e-9  # the largest |a_ij - a_ji| taken for rounding, relative to sqrt(|a_ii a_jj|): stiff DOF elsewhere say nothing
+UNUSUAL = 1e-13  # from here on that is warned of: assemblies round off less, products of matrices may round off more
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Substructure:
+    """M ü + D u̇ + K u = Σ w_p f_p + interface forces, with M, D, K of shape (n, n).
+
+    Parameters
+    ----------
+    M, K : array_like or sparse, shape (n, n)
+        Mass and stiffness, symmetric, in consistent units. A difference of a_ij and a_ji up to 1e-9 of
+        sqrt(|a_ii a_jj|) is taken for rounding and averaged away, with a warning above 1e-13. Sparse matrices stay
+        sparse (CSR). No negative mass; massless DOF are welcome.
+    D : array_like or sparse, shape (n, n), optional
+        Damping, symmetric or not.
+    interface : sequence of int
+        Interface DOF, counted from 0, in the order in which a reduced model will list them.
+    ports : mapping of str to array_like, shape (n,) or (n, p)
+        Named columns w on which belts, forces and outputs act.
+    name : str
+        For messages and for `couple`.
+    dofs : DofMap, optional
+        Which motion of which node each DOF is, and where.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Unsymmetric or negative M, unsymmetric K, NaN, sizes that do not fit, an interface DOF twice or out of
+        range, an unusable port.
+
+    Warns
+    -----
+    FemsubWarning
+        M or K is unsymmetric by more than an assembly rounds off.
+    """
+
+    M: Matrix
+    K: Matrix
+    D: Matrix
+    interface: Array
+    ports: Mapping[str, Array]
+    name: str
+    dofs: DofMap | None = None
+    cutoff: float = np.inf  #: rad per unit of time; modes above it are the reduction's, not the component's
+
+    def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] = (),
+                 ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None) -> None:
+        pencil = Pencil(M, D, K)
+        mass, stiffness = (part if flag else _symmetric(name, part) for name, part, flag in
+                           zip("MK", (pencil.M, pencil.K), pencil.symmetric[::2], strict=True))
+        diagonal = mass.diagonal()
+        if diagonal.min() < 0:
+            where = int(diagonal.argmin())
+            raise InputError(f"M has a negative mass: M[{where}, {where}] = {diagonal[where]:.6g}")
+        if not np.any(diagonal):
+            raise InputError("M has no mass at all: every diagonal entry is zero")
+        _semidefinite_pairs(mass, diagonal)
+        if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:
+            raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
+        values = {"M": mass, "K": stiffness, "D": pencil.D, "interface": _interface(interface, pencil.size),
+                  "ports": _ports({} if ports is None else ports, pencil.size), "name": str(name), "dofs": dofs}
+        if mass is pencil.M and stiffness is pencil.K:
+            values["pencil"] = pencil  # checked already
+        self.__dict__.update(values)
+
+    def __repr__(self) -> str:
+        kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
+        ports = f"ports {', '.join(self.ports)}" if self.ports else "no ports"
+        return f"{type(self).__name__} {self.name!r}: {self.size} DOF, {kind}, {len(self.interface)} interface DOF, {ports}"
+
+    @property
+    def size(self) -> int:
+        return int(self.M.shape[0])
+
+    @cached_property
+    def interior(self) -> Array:
+        """The DOF that are not interface, ascending."""
+        return np.setdiff1d(np.arange(self.size), self.interface)
+
+    @cached_property
+    def interface_rows(self) -> Matrix:
+        """B with u_b = B u, shape (n_b, n): how the physical interface is read from this model's coordinates."""
+        count = len(self.interface)
+        return sp.csr_array((np.ones(count), (np.arange(count), self.interface)), shape=(count, self.size))
+
+    @cached_property
+    def pencil(self) -> Pencil:
+        """λ²M + λD + K without any contact."""
+        return Pencil(self.M, self.D, self.K)
+
+    def linearised(self, contacts: Belt | Sequence[Belt] | None = None) -> Pencil:
+        """The pencil with D + Σ F μ' w wᵀ over the belts given."""
+        pencil = self.pencil
+        if contacts is not None and not isinstance(contacts, (Belt, Sequence)):
+            raise InputTypeError(f"a contact must be a Belt, not {type(contacts).__name__}")
+        for belt in [contacts] if isinstance(contacts, Belt) else contacts or []:
+            if not isinstance(belt, Belt):
+                raise InputTypeError(f"a contact must be a Belt, not {type(belt).__name__}")
+            pencil = pencil.with_contact(belt.force * float(belt.slope or 0.0), self.port(belt.port))
+        return pencil
+
+    def with_damping(self, D: Any) -> Self:
+        """The same model with another D, shape (n, n), symmetric or not; None takes all damping away."""
+        if D is not None and sp.issparse(self.K) and not sp.issparse(D):
+            D = sp.csr_array(np.asarray(D))
+        pencil = Pencil(self.M, D, self.K)
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__ | {"D": pencil.D, "pencil": pencil})
+        return copy
+
+    def port(self, name: str) -> Array:
+        """The column(s) w of a port, shape (n,) or (n, p); an unknown name is an InputError."""
+        if not isinstance(name, str) or name not in self.ports:
+            raise unknown_name("port", name, self.ports)
+        return self.ports[name]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReducedSubstructure(Substructure):
+    """u ≈ V q: a Substructure in the coordinates q of a basis V, shape (n, r), with M, D, K of shape (r, r).
+
+    It is used like any other substructure; what it knows beyond one is where it comes from.
+
+    Attributes
+    ----------
+    V : ndarray, shape (n, r)
+    kinds : tuple of str, length r
+        The label of each column: 'rigid', 'constraint', 'fixed-interface', 'free', 'residual attachment',
+        'static port'.
+    method : str
+        One line that names the method and its size.
+    cutoff : float
+        The frequency of the first mode left out (inf where none is). Above it, modes decide nothing.
+    dropped : int
+        Columns left out because they depended on the others.
+    port_error : dict of str to float
+        Per port, the error of the static response in the energy norm, relative to that of the full component.
+    factorisations : int
+        How many factorisations of the component the basis took.
+    full_dofs : DofMap, optional
+        That of the rows of V.
+    full_interface : ndarray of int
+        The interface as rows of V.
+    estimate : Estimate, optional
+        How far its modes in the band are off, where a tolerance was asked.
+    """
+
+    V: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    kinds: tuple[str, ...] = ()
+    method: str = ""
+    dropped: int = 0
+    port_error: Mapping[str, float] = field(default_factory=dict)
+    factorisations: int = 0
+    full_dofs: DofMap | None = None
+    full_interface: Array = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    estimate: Estimate | None = None
+
+    def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
+                 kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, dropped: int = 0,
+                 port_error: Mapping[str, float] | None = None, factorisations: int = 0,
+                 full_dofs: DofMap | None = None, estimate: Estimate | None = None) -> None:
+        # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
+        rows = V[full_interface]
+        places = [int(np.argmax(row == 1.0)) for row in rows if np.count_nonzero(row) == 1 and 1.0 in row]
+        physical = len(places) == len(rows) and len(set(places)) == len(places)
+        super().__init__(M, K, D, places if physical else (), ports, name)
+        values = {"V": V, "kinds": tuple(kinds), "cutoff": float(cutoff), "method": method, "dropped": dropped,
+                  "port_error": MappingProxyType(dict(port_error or {})), "factorisations": factorisations,
+                  "interface_rows": rows, "full_dofs": full_dofs, "full_interface": np.asarray(full_interface, dtype=np.intp),
+                  "estimate": estimate}
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+        V.flags.writeable = False
+
+    def __repr__(self) -> str:
+        limit = "complete" if np.isinf(self.cutoff) else f"cut-off {self.cutoff:.4g} rad/time"
+        return f"ReducedSubstructure {self.name!r}: {self.size} of {self.V.shape[0]} DOF by {self.method}, {limit}"
+
+    @property
+    def modes(self) -> int:
+        """The number of elastic modes in the basis."""
+        return sum(kind in ("fixed-interface", "free") for kind in self.kinds)
+
+    def with_damping(self, D: Any) -> Self:
+        """The same model with another D, shape (r, r); its estimate, which held for the other, is gone."""
+        copy = super().with_damping(D)
+        object.__setattr__(copy, "estimate", None)
+        return copy
+
+    def expand(self, q: Array) -> Array:
+        """u = V q, shape (r,) or (r, k) to (n,) or (n, k)."""
+        q = np.asarray(q)
+        if q.ndim == 0 or q.shape[0] != self.size:
+            raise InputError(f"q must have {self.size} rows, one per coordinate, but its shape is {q.shape}")
+        return self.V @ q
+
+
+def _symmetric(name: str, matrix: Matrix) -> Matrix:
+    """(A + Aᵀ)/2 of an A that is symmetric but for rounding, measured DOF by DOF: flutter between two soft DOF is none."""
+    skew, unit = sp.coo_array(matrix - matrix.T), np.sqrt(np.abs(matrix.diagonal()))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(skew.data == 0, 0.0, np.abs(skew.data) / (unit[skew.row] * unit[skew.col]))
+    where = int(share.argmax())
+    row, column = int(skew.row[where]), int(skew.col[where])
+    places = f"{name}[{row}, {row}] {name}[{column}, {column}]"
+    size = f"a difference of {share[where]:.1e} of sqrt({places})" if share[where] < np.inf else f"although {places} = 0"
+    found = (f"{name} is not symmetric: {name}[{row}, {column}] = {matrix[row, column]:.6g}, but {name}[{column}, {row}] = "
+             f"{matrix[column, row]:.6g}, {size}")
+    if share[where] > SYMMETRY:
+        raise InputError(f"{found}, and {SYMMETRY:g} is the most that passes for rounding; an unsymmetric matrix belongs to a "
+                         f"Pencil(M, D, K), friction to a contact; if it is rounding after all, give ({name} + {name}.T) / 2")
+    if share[where] > UNUSUAL:
+        warnings.warn(f"{found}: it is taken for rounding, and averaged away; if it is friction, give a Pencil(M, D, K), else "
+                      f"({name} + {name}.T) / 2", FemsubWarning, stacklevel=4)
+    mean = (matrix + matrix.T) * 0.5
+    return sp.csr_array(mean) if sp.issparse(mean) else mean
+
+
+def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
+    """m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too dear here."""
+    entries = M.tocoo() if sp.issparse(M) else sp.coo_array(M)
+    bound = np.sqrt(diagonal)
+    excess = np.abs(entries.data) - (1 + SYMMETRY) * bound[entries.row] * bound[entries.col]
+    if excess.max(initial=0.0) > 0:
+        where = int(excess.argmax())
+        i, j = int(entries.row[where]), int(entries.col[where])
+        raise InputError(f"M is not positive semidefinite: M[{i}, {j}] = {entries.data[where]:.6g} is larger than "
+                         f"sqrt(M[{i}, {i}] M[{j}, {j}]), so that some motion would have negative kinetic energy")
+
+
+def _interface(values: Iterable[int], size: int) -> Array:
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise InputTypeError(f"interface must be a sequence of DOF numbers, not {values!r}")
+    try:
+        raw = np.asarray(list(values))
+    except ValueError:  # ragged
+        raise InputTypeError(f"interface must be a flat sequence of integers, not {shown(values)}") from None
+    if raw.size == 0:
+        return np.zeros(0, dtype=np.intp)
+    if raw.ndim != 1 or not (np.issubdtype(raw.dtype, np.integer)):
+        raise InputTypeError(f"interface must be a flat sequence of integers, not {raw!r:.80}")
+    bad = raw[(raw < 0) | (raw >= size)]
+    if bad.size:
+        raise InputError(f"interface DOF {bad[0]} is out of range: the model has {size} DOF, counted from 0 to {size - 1}")
+    unique, counts = np.unique(raw, return_counts=True)
+    if (counts > 1).any():
+        raise InputError(f"interface DOF {unique[counts > 1][0]} is listed {counts.max()} times; list each once")
+    interface = raw.astype(np.intp)
+    interface.flags.writeable = False
+    return interface
+
+
+def _ports(ports: Mapping[str, Any], size: int) -> Mapping[str, Array]:
+    if not isinstance(ports, Mapping):
+        raise InputTypeError(f"ports must map names to columns, e.g. {{'belt': w}}, not {type(ports).__name__}")
+    checked = {}
+    for name, column in ports.items():
+        if not isinstance(name, str):
+            raise InputTypeError(f"a port's name must be a string, not {name!r}")
+        try:
+            raw = np.asarray(column.toarray() if sp.issparse(column) else column)
+            if np.iscomplexobj(raw):
+                raise TypeError
+            w = np.array(raw, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputTypeError(f"port {name!r} must be a real column of numbers") from None
+        if w.ndim not in (1, 2) or w.shape[0] != size or w.size == 0:
+            raise InputError(f"port {name!r} has the shape {w.shape}; the model has {size} DOF, so ({size},) or ({size}, p)")
+        if not np.isfinite(w).all():
+            raise InputError(f"port {name!r} holds a NaN or Inf, first at row {int(np.argwhere(~np.isfinite(w))[0][0])}")
+        w.flags.writeable = False
+        checked[name] = w
+    return MappingProxyType(checked)

@@ -1,0 +1,4 @@
+"""Undamped modes (K - ω²M)φ = 0, dense and sparse.
+
+In: K and M. Out: frequencies and shapes, each with its residual, and their count.
+"""

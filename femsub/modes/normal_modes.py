@@ -1,0 +1,349 @@
+"""Normal modes (K - ω²M)φ = 0 with their certificates: a residual for each, and an independent count.
+
+Elastic modes come from Krylov-Schur on a `ShiftInvert` handle, or from LAPACK where the model is small or most of its
+modes are wanted. Their number is confirmed by the inertia of K - ω²M, and what is missing is fetched.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import EPS, Array, Matrix, shown, whole_number
+from femsub.errors import (
+    ConditionWarning,
+    FemsubError,
+    InputError,
+    InputTypeError,
+    MissedModesError,
+    NotConvergedError,
+    SingularMatrixError,
+)
+from femsub.linalg.factor import SMALL, inertia
+from femsub.linalg.null_space import massless_apart
+from femsub.model.bands import EDGE, check_band, in_band, widened
+from femsub.model.evidence import CERTIFIED, NOT_CHECKED
+from femsub.model.matrices import Difference
+from femsub.modes.dense import dense_modes, negative_eigenvalues, orthonormalise
+from femsub.modes.shift_invert import ShiftInvert
+from femsub.timing import phase
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
+
+TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted eigenvalue
+ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
+BLOCK_TOLERANCE = 1e-9  # asked of block Lanczos, which ends with a step of inverse iteration
+HEAVY = 100  # nonzeros of the factor per row from which blocks of solves pay
+LOST = 0.1  # of ω² that rounding in K may take before it is warned of
+BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # by which a limit is moved up, relatively, until no mode is at it
+GAP = 1e-6  # between neighbouring ω², relative: less makes them a cluster, within which no inertia is counted
+DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NormalModes:
+    """Φ with KΦ = MΦΩ², ΦᵀMΦ = I; rigid-body modes first, then elastic ones by frequency.
+
+    Attributes
+    ----------
+    eigenvalues : ndarray, shape (k,)
+        ω², exactly 0 for rigid-body modes.
+    shapes : ndarray, shape (n, k)
+    rigid : int
+        The number of rigid-body modes.
+    residual : ndarray, shape (k,)
+        ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, free of units.
+    counted : tuple (limit, count)
+        An independent count: so many modes, from 0 on and rigid ones included, lie below the frequency `limit`, and all of them
+        were found. The limit lies behind the modes listed, or just below the last of them where these cut a cluster.
+    unlisted : int
+        How many of those found are not listed, since they lie outside of the band that was asked.
+    confirmed : bool
+        Whether that count was made yet, or is what was found, see `confirm`.
+    factorisations : int
+        Made for the modes (the one for the count comes on top).
+    rounding : ndarray, shape (k,)
+        eps |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: how far ω² moves, relatively, if each entry of K and M moves by one rounding
+        (0 for rigid-body modes).
+    """
+
+    eigenvalues: Array
+    shapes: Array
+    rigid: int
+    residual: Array
+    counted: tuple[float, int]
+    factorisations: int = 1
+    confirmed: bool = True
+    rounding: Array = field(default_factory=lambda: np.zeros(0))
+    unlisted: int = 0
+
+    @property
+    def evidence(self) -> str:
+        """That none is missing: 'certified', by inertia, once counted; see `femsub.model.evidence`."""
+        return CERTIFIED if self.confirmed else NOT_CHECKED
+
+    @property
+    def frequencies(self) -> Array:
+        """ω in radians per unit of time, shape (k,)."""
+        return np.sqrt(self.eigenvalues)
+
+    def __repr__(self) -> str:
+        elastic = self.frequencies[self.rigid:]
+        span = f", ω {elastic[0]:.5g} to {elastic[-1]:.5g} rad/time" if len(elastic) else ""
+        worst = f"{self.residual.max():.0e}" if len(self.residual) else "none"
+        beside = f", {self.unlisted} of them outside of the band" if self.unlisted else ""
+        return (f"NormalModes: {self.rigid} rigid and {len(elastic)} elastic{span}; largest residual {worst}; "
+                f"{self.counted[1]} counted below {self.counted[0]:.5g}{beside}")
+
+
+def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: NormalModes | None = None,
+                 certify: bool = True) -> NormalModes:
+    """The rigid-body modes and the `count` lowest elastic ones, certified.
+
+    With `defer`, the count of a large model is left to `confirm`, since it takes a second factorisation, and the memory
+    of the first may have to be given back before. Modes that are `known` are not sought again: only what lies beside
+    them. Without `certify` nothing is counted yet.
+    """
+    n, rigid, finite = handle.K.shape[0], handle.rigid.shape[1], handle.finite
+    if not 0 <= count <= handle.elastic:
+        raise InputError(f"{count} elastic modes were asked for, but there are {handle.elastic}"
+                         + (f" (and {rigid} rigid-body modes)" if rigid else ""))
+    if n <= SMALL or not sp.issparse(handle.K) or (count > 0.3 * n and n <= DENSE):
+        return _dense(handle, count)
+    return _sparse(handle, count, finite, defer, known, certify)
+
+
+def all_modes(K: Matrix, M: Matrix) -> NormalModes:
+    """Every mode, by LAPACK, however many there are; DOF without mass have none."""
+    return _dense(ShiftInvert(K, M), None)
+
+
+def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
+    """All by LAPACK. Massless DOF are condensed; rigid-body modes are moved to ω² = λ₁/4, by K + ω² MΦ_rΦ_rᵀM,
+    which leaves the elastic ones where they are.
+    """
+    import scipy.linalg as la
+
+    K, M = (part.toarray() if sp.issparse(part) else part for part in (handle.K, handle.M))
+    rigid = handle.rigid.shape[1]
+    if rigid:
+        held = M @ handle.rigid
+        lowest = handle.lowest_elastic() if handle.elastic else float(np.trace(K) / np.trace(M))
+        K = K + 0.25 * lowest * (held @ held.T)
+    turn = None
+    if handle.finite < np.count_nonzero(M.diagonal()):  # massless motion that no DOF by itself shows
+        turn, M = massless_apart(M, handle.finite)
+        K = turn.T @ K @ turn
+    massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
+    lift = np.zeros((0, len(massive)))
+    if len(bare):
+        lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
+        K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
+    K = (K + K.T) / 2
+    values, moving = dense_modes(K, M) if len(massive) else (np.zeros(0), np.zeros((0, 0)))
+    count = len(values) - rigid if count is None else count
+    if len(values) < rigid + count:  # the rank of M seen with K is less than that of M by itself
+        raise InputError(f"{count} elastic modes were asked for, but only {len(values) - rigid} can be told from infinite ones")
+    if len(values):
+        # above all of them far above: the uppermost is the first to lose digits where M is nearly singular
+        limit, below = _limit(values, rigid + count) if rigid + count < len(values) else (2 * float(values[-1]), len(values))
+        _check_count(negative_eigenvalues(K - limit * M), below, limit)
+    keep = slice(rigid, rigid + count)
+    shapes = np.zeros((handle.K.shape[0], count))
+    shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
+    shapes = shapes if turn is None else turn @ shapes
+    shapes = handle.deflate(shapes)
+    shapes /= np.sqrt(np.einsum("ij,ij->j", shapes, handle.M @ shapes))
+    return _result(handle, values[keep], shapes, (np.inf, len(values)))
+
+
+def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: NormalModes | None, certify: bool) -> NormalModes:
+    from femsub.linalg.petsc import Factor, symmetric_modes
+    from femsub.modes.block_lanczos import block_lanczos
+
+    assert isinstance(handle.factor, Factor)
+    rigid = handle.rigid.shape[1]
+    values, shapes = np.zeros(0), np.zeros((handle.K.shape[0], 0))
+    if known is not None:
+        values, shapes = known.eigenvalues[rigid:], known.shapes[:, rigid:]
+    # two more than asked tell where a cluster ends
+    ask = min(count + 2 if certify and known is None else count, finite - rigid) - len(values)
+    heavy = handle.factor.fill > HEAVY and finite > 20 * max(count, 1)
+    if ask > 0:
+        beside = np.hstack([handle.rigid, shapes])
+        if heavy:
+            more = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=BLOCK_TOLERANCE, known=beside)
+        else:
+            more = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE, known=beside)
+        values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]])
+    if len(values) == 0:
+        return _result(handle, values, shapes, (0.0, 0))
+    if not certify:
+        order = np.argsort(values, kind="stable")[:count]
+        return _result(handle, values[order], shapes[:, order], (0.0, 0), False)
+    for attempt in range(4):
+        order = np.argsort(values, kind="stable")
+        values, shapes = values[order], shapes[:, order]
+        limit, below = _limit(values, min(count, len(values)))
+        if heavy and defer:
+            return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), below + rigid), False)
+        counted = modes_under(handle.K, handle.M, limit)
+        missed = counted - below - rigid
+        if missed == 0:
+            return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted))
+        if missed < 0 or attempt == 3:
+            break
+        if missed > 0.3 * finite:  # a cluster for LAPACK, in which Krylov-Schur would run out of vectors
+            if handle.K.shape[0] > DENSE:
+                break
+            return _dense(handle, count)
+        extra = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, missed, tol=TOLERANCE, seed=17 + attempt,
+                                known=np.hstack([handle.rigid, shapes]))
+        values, shapes = np.append(values, extra[0]), np.hstack([shapes, extra[1]])
+    raise _missed(counted, below + rigid, limit)
+
+
+@phase("certificate")
+def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
+    """Makes the count that was deferred; the handle may have been released.
+
+    Raises
+    ------
+    MissedModesError
+        The inertia of K - ω²M counts another number of modes.
+    """
+    if modes.confirmed:
+        return modes
+    limit, expected = modes.counted
+    counted = modes_under(handle.K, handle.M, limit**2)
+    _check_count(counted, expected, limit**2)
+    return replace(modes, confirmed=True)
+
+
+def _check_count(counted: int, found: int, limit: float) -> None:
+    if counted != found:
+        raise _missed(counted, found, limit)
+
+
+def _missed(counted: int, found: int, limit: float) -> MissedModesError:
+    return MissedModesError(f"{found} modes were found below ω = {np.sqrt(limit):.6g}, but the inertia of K - ω²M counts "
+                            f"{counted}; ask for a few modes more or fewer, to leave the cluster")
+
+
+def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], confirmed: bool = True) -> NormalModes:
+    values = np.concatenate([np.zeros(handle.rigid.shape[1]), values])
+    shapes = np.hstack([handle.rigid, shapes])
+    orthonormalise(shapes, handle.M)
+    residual, rounding = _certificates(handle.K, handle.M, values, shapes)
+    if not residual.max(initial=0.0) <= ACCEPTED:
+        raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, and "
+                                f"{ACCEPTED:g} is the most that is accepted; check the scaling of K and M")
+    if rounding.max(initial=0.0) > LOST:
+        warnings.warn(f"rounding in the entries of K may move ω² of mode {int(rounding.argmax()) + 1} by {rounding.max():.0e} "
+                      "of itself: the forces that cancel in it are so much larger than those that are left; let stiffness "
+                      "differ less within the part, take fewer or larger elements, or support it less softly",
+                      ConditionWarning, stacklevel=5)
+    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed, rounding)
+
+
+def normal_modes(model: Substructure, count: int | None = None, band: tuple[float, float] | None = None) -> NormalModes:
+    """(K - ω²M)φ = 0: the lowest modes of a substructure, full or reduced, undamped and without contact.
+
+    Parameters
+    ----------
+    model : Substructure
+    count : int, optional
+        Elastic modes wanted; the rigid-body modes of a floating part come on top.
+    band : (lo, hi), optional
+        All modes with lo ≤ ω ≤ hi in radians per unit of time instead, rigid-body modes included if lo = 0. Those on an
+        edge are in, and so are those beyond it by less than 1e-9 of ω (`bands.in_band`), which is room for rounding.
+
+    Raises
+    ------
+    InputError
+        Neither or both of `count` and `band`; more modes than there are.
+    SingularMatrixError
+        K is not positive semidefinite.
+    NotConvergedError, MissedModesError
+        The solver gave up, or an independent count (the inertia of K - ω²M) contradicts what was found.
+    """
+    if not hasattr(model, "K") or not hasattr(model, "M"):
+        raise InputTypeError(f"normal_modes takes a Substructure, not {shown(model)}")
+    if (count is None) == (band is None):
+        raise InputError("give either count (elastic modes) or band=(lo, hi) in rad per unit of time")
+    if count is not None:
+        return lowest_modes(ShiftInvert(model.K, model.M), whole_number("count", count))
+    lo, hi = check_band(band)
+    modes = modes_below(model.K, model.M, widened(hi))
+    inside = in_band(modes.frequencies, (lo, hi))
+    return replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
+                   rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],
+                   unlisted=int(np.count_nonzero(~inside)))
+
+
+def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None) -> NormalModes:
+    """All modes with ω < limit; their number is the inertia of K - limit² M, known before the search begins, and the proof.
+
+    Where a mode lies at the limit, within rounding, the limit moves a little up.
+    """
+    handle = handle or ShiftInvert(K, M)
+    for beyond in BEYOND:
+        reach = limit * (1 + beyond)
+        try:
+            below = modes_under(K, M, reach**2)
+        except SingularMatrixError as error:
+            last: FemsubError = error
+            continue
+        count = below - handle.rigid.shape[1]
+        modes = lowest_modes(handle, max(0, count), certify=False)
+        if count > 0 and modes.frequencies[-1] > reach:  # one was missed, or lies on the edge: a count in between tells
+            modes = lowest_modes(handle, count, known=modes)
+        highest = float(modes.frequencies.max(initial=0.0))
+        if count >= 0 and highest < reach * (1 - EDGE):
+            return replace(modes, counted=(reach, below), confirmed=True)
+        last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the last of as many that were found is "
+                                f"at {highest:.9g}: move the band a little")
+    raise last
+
+
+@phase("certificate")
+def modes_under(K: Matrix, M: Matrix, value: float) -> int:
+    """How many ω² lie below `value`: the inertia of K - value M, by a factorisation of its own."""
+    return inertia(Difference(K, M, value))
+
+
+def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Array:
+    """‖Kφ - λMφ‖ / ‖(|K| + |λ||M|)|φ|‖ column by column, shape (k,)."""
+    return _certificates(K, M, values, shapes)[0]
+
+
+def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[Array, Array]:
+    """The relative residuals and `NormalModes.rounding`, (k,) each."""
+    residual = np.linalg.norm(K @ shapes - (M @ shapes) * values, axis=0)
+    size = abs(shapes)
+    doubt = abs(K) @ size + (abs(M) @ size) * abs(values)
+    scale, weight = np.linalg.norm(doubt, axis=0), EPS * np.einsum("ij,ij->j", size, doubt)
+    return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
+            np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
+
+
+def _limit(values: Array, count: int) -> tuple[float, int]:
+    """Where the inertia is counted, and how many of the values, ascending, lie below.
+
+    In the widest gap behind the `count` wanted ones. Where there is none, since they cut a cluster, just below that: no
+    mode lies lower than those found, and of equal ones any are as good.
+    """
+    if len(values) > count:
+        tail = values[count - 1:] if count else np.append(0.0, values)
+        gaps = np.diff(tail) / tail[1:]
+        at = int(np.argmax(gaps))
+        if gaps[at] > GAP:
+            return float((tail[at] + tail[at + 1]) / 2), at + count
+    below = np.flatnonzero(np.diff(values[:count]) > GAP * values[1:count])
+    first = int(below[-1]) + 1 if len(below) else 0
+    return float(values[first] * (1 - GAP / 2)), first

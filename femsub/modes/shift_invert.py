@@ -1,0 +1,290 @@
+"""(K - σM)⁻¹ factorised once, for modes and static solves alike, held or floating.
+
+σ is 0 for a component that is held, and a small negative number for one that floats: there the rigid-body modes are
+found first, by subspace iteration with the same factor, so that they can be kept out of everything elastic.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import SingularMatrixError
+from femsub.linalg.factor import Handle, factorise
+from femsub.linalg.null_space import SINGULAR, rank_of_mass
+from femsub.linalg.ordering import smooth_shape
+from femsub.model.matrices import Difference
+from femsub.timing import phase
+
+RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units,
+ENERGY = 4e-15  # unless φᵀKφ is more than this share of |φ|ᵀ|K||φ|: forces of a soft mount add up, those of rounding do not
+GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
+LARGE = 10_000  # DOF from which the first shift is worth a look at the graph
+COLUMNS = 64  # right-hand sides of an elastic solve held at a time, with four temporaries each
+CONVERGED = 1e-13  # of an elastic solution, which the next correction would change by less
+COUNTED = 3000  # DOF up to which the rank of M is counted
+SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
+
+
+class ShiftInvert:
+    """(K - σM)⁻¹ factorised once, with the rigid-body modes Φ_r (n, n_r), M-orthonormal, that K turned out to have."""
+
+    def __init__(self, K: Matrix, M: Matrix) -> None:
+        self.K, self.M, self.sigma, self.factorisations = K, M, 0.0, 0
+        self.rigid: Array = np.zeros((K.shape[0], 0))
+        self.lowest = np.inf  # ω² of the first elastic mode, about; known where rigid-body modes had to be sought
+        if not annihilates_a_translation(K):
+            try:
+                self._factorise(0.0)
+            except SingularMatrixError:
+                pass
+            else:
+                if not self._nearly_singular():
+                    return
+        self._float()
+        if not self.floating:
+            try:
+                self._factorise(0.0)  # held after all, by little
+            except SingularMatrixError as error:
+                raise SingularMatrixError(
+                    "K is singular to working precision, but no motion stands out as rigid. Elements too thin or too fine for "
+                    "so slender a part, or a soft piece that moves at hardly more cost than rounding in a stiff one: take "
+                    f"larger elements, hold each piece, or make pieces so different parts of their own ({error})") from None
+
+    @phase("factorisation")
+    def _factorise(self, sigma: float) -> None:
+        if hasattr(self, "factor"):
+            self.factor.close()  # two large ones would not fit
+        self.factorisations += 1
+        self.factor: Handle = factorise(Difference(self.K, self.M, sigma), "definite")
+        self.sigma = sigma
+
+    def _nearly_singular(self) -> bool:
+        # A Cholesky factorisation may survive a singular K by rounding; its inverse then blows up one shape.
+        # DOF in units of their own stiffness: QR would leave slopes with the rounding of deflections.
+        unit = units(self.K)[:, None]
+        x = np.random.default_rng(2).standard_normal((self.K.shape[0], 2))
+        for _ in range(3):
+            x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
+        return bool(costs_nothing(self.K, x).any())
+
+    def _float(self) -> None:
+        mass, stiffness = self.M.diagonal(), self.K.diagonal()
+        loaded = (mass > 0) & (stiffness > 0)
+        if not loaded.any():
+            raise SingularMatrixError("K has no stiffness on any DOF with mass: there is nothing to vibrate")
+        ratio = stiffness[loaded] / mass[loaded]
+        # Rayleigh: no lower than the lowest frequencies, and no higher than the highest, whose rounding is the floor.
+        floor = 16 * EPS * float(ratio.max())
+        guess = 1e-7 * float(ratio.min())
+        if self.K.shape[0] > LARGE and sp.issparse(self.K) and self.K.nnz > 10 * self.K.shape[0]:
+            # Of a fine mesh each DOF alone is far stiffer than the whole, and a second factorisation costs minutes.
+            wave = smooth_shape(self.K)
+            guess = min(guess, 1e-6 * float(wave @ (self.K @ wave)) / float(wave @ (self.M @ wave)))
+        self._shift(max(guess, floor))
+        elastic = self._find_rigid()
+        if elastic <= 10 * -self.sigma and -self.sigma > floor:
+            # A very soft component: the shift must stay below its first elastic mode.
+            self._shift(max(1e-3 * elastic, floor))
+            self._find_rigid()
+
+    def _shift(self, size: float) -> None:
+        """Factorises K - σM at σ = -size, or somewhat further down where rounding leaves K too indefinite for that."""
+        for sigma in (-size, -1e2 * size, -1e4 * size):
+            try:
+                return self._factorise(_short(sigma))
+            except SingularMatrixError as error:
+                last = error
+        raise SingularMatrixError(
+            f"K - σM is not positive definite for σ = {sigma:.3g}: K has a negative eigenvalue, or M is not "
+            f"positive semidefinite, or a DOF has neither mass nor stiffness ({last})")
+
+    def _find_rigid(self) -> float:
+        """Subspace iteration contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value.
+
+        It goes on until the lower half of the Ritz values stands still. Rigid are those that cost no more energy than
+        rounding and lie well below the next: the first bending mode of a long beam may be within rounding, too, but
+        the second is at most 40 times higher.
+        """
+        n, block = self.K.shape[0], SEEDS
+        while True:
+            x = np.random.default_rng(3).standard_normal((n, min(block, n)))
+            before = np.full(x.shape[1], np.inf)
+            for _ in range(20):
+                x = _normalised(self.factor.solve(self.M @ x), self.M)
+                values, rotation = np.linalg.eigh(x.T @ (self.K @ x))
+                x = x @ rotation
+                noise = 1e-14 * np.einsum("ij,ij->j", abs(x), abs(self.K) @ abs(x))
+                half = slice(0, (len(values) + 1) // 2)
+                still = np.abs(values - before[:len(values)]) <= 0.1 * np.abs(values) + noise
+                if still[half].all():
+                    break
+                before = values
+            # Ritz vectors of rigid motion still hold rounding of the stiff ones: one more solve cleans each.
+            cleaned = _normalised(self.factor.solve(self.M @ x), self.M, mix=False)
+            order = np.argsort(np.abs(values), kind="stable")
+            values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
+            cleaned = self._without_dust(cleaned)
+            elastic = ~costs_nothing(self.K, cleaned)
+            count = int(np.argmax(elastic)) if elastic.any() else len(values)
+            while 0 < count < len(values) and abs(values[count - 1]) > GAP * abs(values[count]):
+                count -= 1
+            if count < len(values) or block >= n:
+                break
+            block *= 2
+        self.rigid = _normalised(cleaned[:, :count], self.M)
+        rest = values[count:]
+        if (rest < -noise[count:]).any():
+            raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding: "
+                                      "is it the stiffness of a stable component, written with all its digits?")
+        if not len(rest) and count < self.finite:
+            return self.lowest_elastic()
+        self.lowest = float(rest.min(initial=np.inf))
+        return self.lowest
+
+    def _without_dust(self, x: Array) -> Array:
+        """Entries below rounding set to 0, where K leaves some DOF free of all forces (as reduced models do): there rigid
+        motion has no forces that cancel, against which dust in the other DOF could be measured.
+        """
+        if self.K.diagonal().all():
+            return x
+        mass = self.M.diagonal()
+        weighted = np.sqrt(mass)[:, None] * np.abs(x)
+        x = np.where((weighted > 0) & (weighted < 8 * EPS * np.linalg.norm(weighted, axis=0)), 0.0, x)
+        # DOF without mass follow the others: where no force of these reaches any of them, they are at rest
+        moved = np.where(mass[:, None] > 0, x, 0.0)
+        at_rest = ~(self.K @ moved)[mass == 0].any(axis=0)
+        return np.where(at_rest, moved, x)
+
+    def lowest_elastic(self) -> float:
+        """ω² of the first elastic mode by subspace iteration beside the rigid ones.
+
+        The search for rigid motion gives it only roughly: with σ far below the elastic modes of a small component, one solve
+        leaves less of these than rounding.
+        """
+        x = np.random.default_rng(5).standard_normal((self.K.shape[0], 2))
+        for _ in range(10):
+            x = _normalised(self.deflate(self.factor.solve(self.M @ x)), self.M)
+        self.lowest = float(np.linalg.eigvalsh(x.T @ (self.K @ x))[0])
+        return self.lowest
+
+    @cached_property
+    def finite(self) -> int:
+        """How many finite ω² there are: the rank of M. Each DOF with mass has one, unless some move one mass together (then
+        M, scaled to a unit diagonal, has eigenvalues at 0, counted up to COUNTED DOF).
+        """
+        massive = np.flatnonzero(self.M.diagonal())
+        M = self.M[massive][:, massive] if len(massive) < self.M.shape[0] else self.M
+        if len(massive) > COUNTED or is_diagonal(M):
+            return len(massive)
+        above = Difference(M, sp.diags_array(M.diagonal(), format="csr") if sp.issparse(M) else np.diag(M.diagonal()), SINGULAR)
+        try:
+            factorise(above, "definite").close()
+        except SingularMatrixError:
+            return rank_of_mass(M)
+        return len(massive)
+
+    @property
+    def elastic(self) -> int:
+        """How many elastic modes there are."""
+        return self.finite - self.rigid.shape[1]
+
+    @property
+    def floating(self) -> bool:
+        return self.rigid.shape[1] > 0
+
+    def release(self) -> None:
+        """Gives the memory of the factor back; what needs no solve goes on working."""
+        self.factor.close()
+
+    def deflate(self, x: Array, shapes: Array | None = None) -> Array:
+        """(I - ΦΦᵀM)x, by default with the rigid-body modes: what is left is M-orthogonal to them."""
+        basis = self.rigid if shapes is None else shapes
+        return x - basis @ (basis.T @ (self.M @ x))
+
+    def elastic_solve(self, B: Array, kept: Array | None = None) -> Array:
+        """X = (I - ΦΦᵀM) K⁺ (I - MΦΦᵀ) B, shape (n, k): the response to B without the share of the modes Φ.
+
+        Φ is the rigid-body modes, or `kept` (n, m) which must include them: then X is the residual flexibility
+        (Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, ch. 17). With σ = 0 one solve does it; with
+        σ < 0 the correction x ← x + (K - σM)⁻¹(b - Kx) contracts by |σ|/(λ + |σ|) with the lowest λ not in Φ. That tells
+        beforehand how many corrections are worth a solve: one or two.
+        """
+        basis = self.rigid if kept is None else kept
+        lowest = self.lowest  # no mode beside Φ, which is in ascending order, is lower
+        if basis.shape[1] > self.rigid.shape[1]:
+            lowest = float(basis[:, -1] @ (self.K @ basis[:, -1]))
+        rate = -self.sigma / (lowest - self.sigma)
+        x = np.empty(B.shape, order="F")
+        for start in range(0, B.shape[1], COLUMNS):
+            part = slice(start, start + COLUMNS)
+            x[:, part] = self._elastic_block(B[:, part], basis, rate)
+        return x
+
+    def _elastic_block(self, B: Array, basis: Array, rate: float) -> Array:
+        b = B - self.M @ (basis @ (basis.T @ B))
+        x = self.deflate(self.factor.solve(b), basis)
+        if self.sigma == 0:
+            return x
+        size, step = np.linalg.norm(x, axis=0), np.ones(x.shape[1])
+        going = size > 0
+        while going.any():
+            change = self.deflate(self.factor.solve(b - self.K @ x), basis)
+            x = x + change
+            before, step = step, np.linalg.norm(change, axis=0) / np.where(size > 0, size, 1.0)
+            going &= step < before / 2  # what does not contract is rounding
+            rate = max(rate, float((step[going] / before[going]).max(initial=0.0)))
+            going &= rate * step > CONVERGED
+        return self.deflate(x, basis)
+
+
+def is_diagonal(M: Matrix) -> bool:
+    """Whether a matrix holds nothing beside its diagonal."""
+    return bool(np.count_nonzero(M.data if sp.issparse(M) else M) == np.count_nonzero(M.diagonal()))
+
+
+def _short(x: float) -> float:
+    """The power of two next to x: where K and M are round numbers, K - σM is then exact."""
+    return float(np.copysign(2.0 ** np.round(np.log2(abs(x))), x))
+
+
+def annihilates_a_translation(K: Matrix) -> bool:
+    """Whether a uniform motion of every s-th DOF costs no energy: a cheap sign of a floating component."""
+    n = K.shape[0]
+    probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 4, 6) if n % stride == 0]
+    return bool(costs_nothing(K, np.stack(probes, axis=1)).any())
+
+
+def units(K: Matrix) -> Array:
+    """1/sqrt(k_ii), shape (n,): forces, moments and whatever else, times these, are alike in size and in units."""
+    diagonal = K.diagonal()
+    return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
+
+
+def costs_nothing(K: Matrix, x: Array) -> Array:
+    """Which columns K annihilates but for rounding, shape (k,): rigid-body motion, and no mode of a soft mount."""
+    size = np.abs(x)
+    energy, scale = np.einsum("ij,ij->j", x, K @ x), np.einsum("ij,ij->j", size, abs(K) @ size)
+    return (rounding_ratio(K, x) < RIGID) & (energy <= ENERGY * scale)
+
+
+def rounding_ratio(K: Matrix, x: Array) -> Array:
+    unit = units(K)[:, None]
+    scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
+    return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
+
+
+def _normalised(x: Array, M: Matrix, mix: bool = True) -> Array:
+    """Columns made M-orthonormal; with mix=False only scaled to unit length."""
+    if not mix:
+        return x / np.linalg.norm(x, axis=0)
+    for _ in range(2):  # the second pass gives back what DOF of mixed units cost the first
+        x = x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
+        gram = x.T @ (M @ x)
+        values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+        keep = values > 1e-14 * values[-1:]
+        x = x @ (vectors[:, keep] / np.sqrt(values[keep]))
+    return x

@@ -1,0 +1,111 @@
+"""Static shapes made M- and K-orthogonal to modes and to each other, with their stiffness and mass."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femsub.checks import EPS, Array
+from femsub.modes.shift_invert import ShiftInvert
+
+DEPENDENT = 1e-13  # share of a static shape's energy below which what the modes leave of it is rounding
+NOISE = 1e-13  # of the motion in a static response, which is what rounding may leave in place of none
+
+
+def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
+                values: Array) -> tuple[Array, Array, Array, int]:
+    """Static shapes Ψ (n, s) made M- and K-orthogonal: ΨC with CᵀEC = diag(k), CᵀMC = diag(m), m = 1 or exactly 0.
+
+    Parameters
+    ----------
+    handle : K and M
+    rest : Ψ, the response to `forces` without the share of the modes
+    forces : F with E = ΨᵀKΨ = ΨᵀF, which holds no cancellation
+    kept, values : the modes Φ (n, m) and ω² (m,), 0 for rigid ones
+
+    Returns
+    -------
+    shapes, k, m, dropped
+        Where a column moves no mass, k = 1 and m = 0. That is so of what massless DOF add to the modes: with all modes
+        kept their mass is rounding, and one that was scaled to m = 1 would be nothing else.
+    """
+    given, room = rest.shape[1], len(rest) - kept.shape[1]
+    static, motion = _whole(handle, rest, forces, kept, values)
+    scale = np.where(static > 0, static, 1.0) ** -0.5
+    share, vectors = np.linalg.eigh(block_energy(rest, forces) * np.outer(scale, scale))
+    keep = np.flatnonzero(share > DEPENDENT)[::-1][:max(room, 0)]
+    change = scale[:, None] * vectors[:, keep] / np.sqrt(share[keep])
+    inertia, rotation = np.linalg.eigh(change.T @ (rest.T @ (handle.M @ rest)) @ change)
+    order = np.argsort(-inertia)
+    inertia, change = inertia[order], change @ rotation[:, order]
+    shapes = rest @ change
+    top = np.append(inertia, 1 / values[-1:][values[-1:] > 0]).max(initial=0.0)  # that of the highest mode, too
+    least = np.maximum(lightest(handle) * top,
+                       (NOISE * (abs(change).T @ motion)) ** 2)
+    # no more columns can have mass than there are finite modes beside those kept
+    count = int(np.count_nonzero((inertia > least)[:max(handle.finite - kept.shape[1], 0)]))
+    unit = np.where(np.arange(len(inertia)) < count, inertia, 1.0)
+    shapes, stiffness = shapes / np.sqrt(unit), 1 / unit
+    noise = EPS / float(share[keep].min(initial=1.0))
+    if count:
+        shapes[:, :count], stiffness[:count] = _again(handle, shapes[:, :count], stiffness[:count], noise, kept)
+    if count < len(inertia):
+        shapes[:, count:] = _of_unit_energy(handle, shapes[:, count:], noise)
+    return shapes, stiffness, np.where(np.arange(len(inertia)) < count, 1.0, 0.0), given - len(keep)
+
+
+def _whole(handle: ShiftInvert, rest: Array, forces: Array, kept: Array, values: Array) -> tuple[Array, Array]:
+    """Of the whole static responses, of which Ψ is what the modes do not hold: the energy, and the size of the motion.
+
+    The size, sqrt(Σ m_ii x_i²), is what the rounding of each entry is measured against: without cancellation in M.
+    """
+    kept, values = kept[:, values.searchsorted(0.0, "right"):], values[values > 0]
+    share = (kept.T @ forces) / values[:, None]
+    energy = np.einsum("ij,ij->j", rest, forces) + values @ share**2
+    if not forces.shape[1]:
+        return energy, energy
+    motion = (np.einsum("i,ij,ij->j", handle.M.diagonal(), x, x) for x in (rest, kept))
+    return energy, np.sqrt(next(motion) + next(motion) @ share**2)
+
+
+def lightest(handle: ShiftInvert) -> float:
+    """The mass that counts, per stiffness, beside that of the modes kept.
+
+    A shape of a component without massless DOF is no faster than its highest mode. With them it may be a static
+    deflection that a mode hardly takes part in: made one of unit mass it would be stiffer than all else without bound, and
+    up to the highest mode kept its inertia changes nothing.
+    """
+    return 1e-14 if handle.finite == handle.K.shape[0] else 1e-8
+
+
+def _lost(handle: ShiftInvert, x: Array, stiffness: Array) -> float:
+    """The share of the energies that rounding in the product with K may take."""
+    return float((EPS * np.einsum("ij,ij->j", abs(x), abs(handle.K) @ abs(x)) / stiffness).max())
+
+
+def _again(handle: ShiftInvert, x: Array, stiffness: Array, noise: float, kept: Array) -> tuple[Array, Array]:
+    """A second pass: what was left of nearly dependent columns has lost digits, and picked up some of the modes.
+
+    Their energy is taken from K itself where its product loses fewer digits than the first pass did (`noise`).
+    """
+    x = x - kept @ (kept.T @ (handle.M @ x))
+    gram, energy = x.T @ (handle.M @ x), x.T @ (handle.K @ x)
+    if _lost(handle, x, stiffness) > noise:
+        energy = np.diag(stiffness)
+    root = np.linalg.inv(np.linalg.cholesky((gram + gram.T) / 2))
+    energy = root @ energy @ root.T
+    values, rotation = np.linalg.eigh((energy + energy.T) / 2)
+    return x @ (root.T @ rotation), values
+
+
+def _of_unit_energy(handle: ShiftInvert, x: Array, noise: float) -> Array:
+    """The same of shapes without mass, XᵀKX = I."""
+    if _lost(handle, x, np.ones(x.shape[1])) > noise:
+        return x
+    energy = x.T @ (handle.K @ x)
+    return x @ np.linalg.inv(np.linalg.cholesky((energy + energy.T) / 2)).T
+
+
+def block_energy(shapes: Array, forces: Array) -> Array:
+    """ΨᵀKΨ = ΨᵀF, made symmetric."""
+    energy = shapes.T @ forces
+    return (energy + energy.T) / 2

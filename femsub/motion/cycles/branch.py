@@ -1,0 +1,183 @@
+"""Branches of limit cycles over the belt's speed, the normal force or the slope of the friction, with their special points.
+
+A branch begins at a Hopf point, where steady sliding loses its stability, or at a known cycle. Along it the Floquet multipliers
+tell which cycles are stable, and where that changes, how: at a fold one passes +1 and the branch turns back; at a period
+doubling one passes -1; at a Neimark-Sacker point a pair leaves the unit circle, and quasi-periodic motion begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, choice, finite_number, listener, truth, whole_number
+from femsub.errors import InputError, InputTypeError
+from femsub.model.friction import Belt
+from femsub.model.substructure import Substructure
+from femsub.motion.cycles.balance import Orbit
+from femsub.motion.cycles.compliance import Compliance
+from femsub.motion.cycles.continuation import PARAMETERS, Path, Place
+from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of
+from femsub.motion.cycles.limit_cycle import LimitCycle, check_columns, flexibility_of
+from femsub.motion.cycles.special_points import SpecialPoint, Tracer
+from femsub.motion.nonlinear_model import Sliding, sliding
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch:
+    """Limit cycles over a parameter.
+
+    Attributes
+    ----------
+    parameter : str
+    values : ndarray, shape (m,)
+    points : tuple of LimitCycle, length m
+    special : tuple of SpecialPoint
+    hopf : HopfPoint or None
+    ended : str
+        Why the branch ends where it does.
+    """
+
+    parameter: str
+    values: Array
+    points: tuple[LimitCycle, ...]
+    special: tuple[SpecialPoint, ...]
+    hopf: HopfPoint | None
+    ended: str
+
+    @property
+    def omega(self) -> Array:
+        return np.array([point.omega for point in self.points])
+
+    @property
+    def rms(self) -> Array:
+        return np.array([point.rms for point in self.points])
+
+    @property
+    def peak(self) -> Array:
+        return np.array([point.peak for point in self.points])
+
+    @property
+    def stable(self) -> tuple[bool | None, ...]:
+        return tuple(point.is_stable for point in self.points)
+
+    def at(self, value: float) -> list[LimitCycle]:
+        """The points of the branch next to a value of the parameter, one for each time the branch passes it, none twice.
+
+        A branch that passes the value, turns, and passes it again within two steps has one point there, and lists that one.
+        """
+        gap = np.sign(self.values - value)
+        size = np.abs(self.values - value)
+        passes = np.flatnonzero(gap[1:] * gap[:-1] < 0)  # a point at the value itself belongs to two steps: it is taken apart
+        near = np.concatenate([np.flatnonzero(gap == 0), np.where(size[passes] <= size[passes + 1], passes, passes + 1)])
+        return [self.points[i] for i in np.unique(near)]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row per point, for tables."""
+        return [{self.parameter: float(value), "omega": point.omega, "rms": point.rms, "peak": point.peak,
+                 "sticking": point.sticking, "is_stable": point.is_stable, "harmonics": point.orbit.harmonics,
+                 "truncation": point.truncation, "residual": point.residual}
+                for value, point in zip(self.values, self.points, strict=True)]
+
+    def __repr__(self) -> str:
+        begin = "" if self.hopf is None or self.hopf.supercritical is None else \
+            f" from a {'super' if self.hopf.supercritical else 'sub'}critical Hopf point at {self.hopf.value:.6g}"
+        named = ", ".join(f"{point.kind} at {point.value:.5g}" for point in self.special) or "no special points"
+        stable = "stability not computed" if all(point.floquet is None for point in self.points) else \
+            f"{sum(flag is True for flag in self.stable)} stable"
+        return (f"Branch: {len(self.points)} cycles over the {self.parameter} {self.values.min():.5g} to {self.values.max():.5g}"
+                f"{begin}; {stable}; {named}; {self.ended}")
+
+
+def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "slope",
+           between: tuple[float, float] | None = None, *, start: float | LimitCycle | None = None, port: str | None = None,
+           points: int = 150, harmonics: int = 400, tolerance: float = 1e-3, stability: bool = True,
+           progress: Callable[[str], None] | None = None) -> Branch:
+    """Limit cycles over `parameter`, from a Hopf point or a cycle on.
+
+    Parameters
+    ----------
+    model, belts : as for `harmonic_balance`
+    parameter : {'slope', 'speed', 'force'}
+        'slope' is μ' at the belt's speed, varied by the falling part of the law (`StribeckArctan.with_slope`).
+    between : (lo, hi), optional
+        Range of the parameter at whose ends the branch ends. By default to five times the slope or the force of the Hopf point;
+        for the speed, a fifth to five times the belt's.
+    start : float or LimitCycle, optional
+        Nothing for the Hopf point of `critical_slope` (the first); a frequency, for that of the crossing nearest to it; or a
+        cycle of this model under these belts, from which the branch goes both ways.
+    port : str, optional
+        The belt that is varied, the first by default.
+    points : int
+        Cycles after which the branch ends.
+    harmonics : int
+        The most that are used.
+    tolerance : float
+        What the harmonics left out may move, relative to the cycle, before more are used.
+    stability : bool
+        Whether multipliers are computed (dense models), and special points other than folds named. False holds for the cycles
+        of the branch as well.
+
+    Raises
+    ------
+    InputError
+        No Hopf point (stability is never lost, or not within `between`); several pairs cross at it together, so that no single
+        branch begins there; an unknown parameter or port; zero force; a cycle with another number of contact columns.
+    NotConvergedError
+        The first cycles were not found.
+    """
+    contact = sliding(model, belts, "a branch of limit cycles")
+    check_columns(contact, start)
+    choice("parameter", parameter, PARAMETERS)
+    whole_number("points", points, least=1)
+    whole_number("harmonics", harmonics, least=1)
+    truth("stability", stability)
+    if not 0 < finite_number("tolerance", tolerance) < 1:
+        raise InputError(f"tolerance must lie between 0 and 1, such as 1e-3, not {tolerance!r}")
+    ports = [belt.port for belt in contact.belts]
+    at = 0 if port is None else ports.index(choice("belt's port", port, ports))
+    belt = contact.belts[at]
+    if parameter != "speed" and not belt.speed:
+        raise InputError("the belt is at rest and brings no energy: give it a speed")
+    if parameter != "force" and belt.force == 0:
+        raise InputError("the normal force is zero: nothing excites the model; give the belt a force")
+    _ = contact.equilibrium  # refuses what floats
+    flexibility = flexibility_of(contact, start)
+    tell = listener("progress", progress)
+    if isinstance(start, LimitCycle):
+        value = float(getattr(belt, parameter))
+        limits = limits_of(between, parameter, value, belt)
+        path = _path(contact, flexibility, parameter, at, limits, start.omega, tolerance, harmonics)
+        first = _on_path(path, start.orbit, value)
+        parts = [Tracer(path, sign, limits, stability).walk(first, points // 2, tell) for sign in (-1.0, 1.0)]
+        back, ahead = ([*part.cycles] for part in parts)
+        ends = [part.values for part in parts]
+        return Branch(parameter, np.array([*ends[0][:0:-1], *ends[1]]), (*back[:0:-1], *ahead),
+                      (*parts[0].special[::-1], *parts[1].special), None, f"{parts[0].ended}; {parts[1].ended}")
+    if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float))):
+        raise InputTypeError(f"start must be a frequency or a LimitCycle, not {type(start).__name__}")
+    if len(contact.belts) > 1:
+        raise InputError("with several belts a branch begins at a cycle: give start=, from fs.harmonic_balance")
+    hopf, shape = hopf_point(contact, flexibility, parameter, between, start)
+    limits = limits_of(between, parameter, hopf.value, belt)
+    path = _path(contact, flexibility, parameter, at, limits, hopf.omega, tolerance, harmonics)
+    hopf, first = begun(path, hopf, shape)
+    traced = Tracer(path, 1.0, limits, stability).walk(first, points, tell)
+    return Branch(parameter, np.array(traced.values), tuple(traced.cycles), tuple(traced.special), hopf, traced.ended)
+
+
+def _path(contact: Sliding, flexibility: Compliance, parameter: str, at: int, limits: tuple[float, float], omega: float,
+          tolerance: float, harmonics: int) -> Path:
+    speed = abs(contact.belts[at].speed or 0.0) or max(map(abs, limits))
+    return Path(contact, flexibility, parameter, at, (speed, omega, limits[1] - limits[0]), tolerance, harmonics)
+
+
+def _on_path(path: Path, orbit: Orbit, value: float) -> Place:
+    """The cycle at this very value, with its tangent and no more harmonics than are allowed."""
+    orbit = orbit.with_harmonics(min(orbit.harmonics, path.most))
+    row = np.zeros(2 * orbit.v.size + 2)
+    row[-1] = 1.0
+    return path.correct(orbit, value, row, value / path.scales[2])[0]

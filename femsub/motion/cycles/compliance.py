@@ -1,0 +1,295 @@
+"""The dynamic compliance of a contact: what a model of any size is, seen from under its belts.
+
+    h(s) = Wᵀ(s²M + sD + K)⁻¹W,   Y(s) = s h(s),   both (p, p)
+
+Y is the mobility: v_k = Y(ikω) f_k is the speed under the belts that harmonic k of the friction causes. Harmonic balance
+needs nothing else of a model. A dense one is decomposed once, after which each Y costs O(n); a sparse one is solved at the
+frequencies asked for, and what was solved serves as a basis for frequencies nearby.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Protocol
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import Array
+from femsub.errors import SingularMatrixError
+from femsub.linalg.factor import QUADRATIC, Handle, complex_solve, factorise
+from femsub.model.matrices import is_symmetric
+from femsub.model.pencil import Pencil
+from femsub.model.substructure import Substructure
+from femsub.modes.normal_modes import lowest_modes
+from femsub.modes.shift_invert import ShiftInvert
+from femsub.motion.nonlinear_model import Sliding
+from femsub.quadratic.dense import ModalForm, modal_form, with_energy
+
+AGREE = 1e-7  # partial fractions and a solve may differ by so much, relatively, where they differ most
+NEARBY = 1e-7  # relative error of h, as estimated, up to which a basis of responses is taken for the model itself
+MODES, MOMENTS = 40, 3  # with which the basis of a sparse model begins
+AT_ONCE = 8  # frequencies that are solved before the others are looked at again
+CHUNK = 2_000_000  # entries of a temporary array
+
+
+class Compliance(Protocol):
+    """Y(s) (m, p, p) and dY/ds at m frequencies; responses x = P(s)⁻¹W f (n, m) to forces f (m, p)."""
+
+    solves: int  #: linear systems of the size of the model that were solved for it
+
+    def mobility(self, s: Array) -> tuple[Array, Array]: ...
+
+    def estimate(self, s: Array) -> Array: ...
+
+    def response(self, s: Array, force: Array) -> Array: ...
+
+
+class Spectral:
+    """λ_j, right and left vectors of a dense pencil in modal form: (s - A)⁻¹ by partial fractions.
+
+    Attributes
+    ----------
+    form : ModalForm
+        The undamped modes, in which the state is (Ωq, q̇).
+    values : ndarray of complex, shape (m,)
+    right, left : ndarray of complex, shape (m, m)
+        A = right · diag(values) · left.
+    condition : float
+        Of the matrix of eigenvectors, ‖X‖ ‖X⁻¹‖ / m in the norm of Frobenius, which is 1 for a normal A.
+    """
+
+    def __init__(self, form: ModalForm) -> None:
+        A = form.state()
+        self.form, n, r = form, len(form.omega), form.rigid
+        values, right = la.eig(A, check_finite=False)
+        if form.H is None and (form.sign[r:] > 0).all() and is_symmetric(form.C):
+            values = with_energy(values, right[n - r:], form.C)
+        self.values, self.right = values, right
+        try:
+            self.left = la.inv(right, check_finite=False)
+            self.condition = float(np.linalg.norm(right) * np.linalg.norm(self.left)) / len(A)
+        except la.LinAlgError:
+            self.left, self.condition = np.full_like(right, np.nan), np.inf
+        self.lower = slice(n - r, None)  # the rows of q̇
+
+    @property
+    def usable(self) -> bool:
+        """False where eigenvalues (nearly) coalesce, so that partial fractions would cancel."""
+        return self.condition < 1e8
+
+
+_KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
+
+
+def spectral(model: Substructure) -> Spectral | None:
+    """The decomposition of a dense (or small) model, made once for each model; None where M is not definite."""
+    if model not in _KNOWN:
+        form = modal_form(model.pencil.dense())
+        _KNOWN[model] = None if form is None else Spectral(form)
+    return _KNOWN[model]
+
+
+def compliance(contact: Sliding) -> Compliance:
+    """The compliance of a model under its belts: by partial fractions where it is dense or has at most 2,000 DOF."""
+    model = contact.model
+    if model.pencil.is_sparse and model.size > QUADRATIC:
+        return Solved(model.pencil, contact.W)
+    found = spectral(model)
+    if found is not None and found.usable:
+        fractions = Fractions(found, contact.W)
+        if fractions.error <= AGREE:
+            return fractions
+    return Solved(model.pencil, contact.W)
+
+
+class Fractions:
+    """Y(s) = Σ_j R_j / (s - λ_j), R = c_j b_jᵀ with c = Wᵀ X, b = Wᵀ Y of the eigenvectors, m = 2n of them.
+
+    Conjugate pairs are taken together, (s 2Re R - 2Re(R λ̄)) / ((s - λ)(s - λ̄)), which is half of the work.
+    """
+
+    def __init__(self, found: Spectral, W: Array) -> None:
+        self.found, self.solves = found, 0
+        self._last: tuple[Array, Array, Array] | None = None
+        self.w = found.form.shapes.T @ W
+        self.out = self.w.T @ found.right[found.lower]
+        self.into = found.left[:, found.lower] @ self.w
+        self.residues = (self.out.T[:, :, None] * self.into[:, None, :]).reshape(len(found.values), -1)
+        upper, self.real = found.values.imag > 0, found.values.imag == 0
+        self.pairs, R = found.values[upper], self.residues[upper]
+        rise, rest = 2 * R.real, -2 * (R * self.pairs.conj()[:, None]).real
+        turn = -2 * self.pairs.real[:, None]
+        self.once = np.hstack([rise, rest]).astype(complex)
+        self.twice = np.hstack([2 * rise, turn * rise + 2 * rest, turn * rest]).astype(complex)
+        self.error = self._checked()
+
+    def mobility(self, s: Array) -> tuple[Array, Array]:
+        """Y(s) and dY/ds, shape (m, p, p) each."""
+        s = np.asarray(s, dtype=complex)
+        if self._last is not None and np.array_equal(self._last[0], s):
+            return self._last[1:]
+        p = self.out.shape[0]
+        Y, slope = (np.empty((len(s), p * p), dtype=complex) for _ in range(2))
+        step = max(1, CHUNK // len(self.found.values))
+        for start in range(0, len(s), step):
+            part = s[start:start + step, None]
+            inverse = 1 / ((part - self.pairs) * (part - self.pairs.conj()))
+            # einsum instead of @: so small a product is not worth waking the threads of a BLAS, which then stand in the
+            # way of the next one's (NumPy's, SciPy's and PETSc's have threads of their own)
+            rise, rest = np.split(np.einsum("mj,jk->mk", inverse, self.once), 2, axis=1)
+            square, line, constant = np.split(np.einsum("mj,jk->mk", np.square(inverse), self.twice), 3, axis=1)
+            Y[start:start + step] = part * rise + rest
+            slope[start:start + step] = rise - (part * (part * square + line) + constant)
+            if self.real.any():
+                poles = 1 / (part - self.found.values[self.real])
+                Y[start:start + step] += poles @ self.residues[self.real]
+                slope[start:start + step] -= np.square(poles) @ self.residues[self.real]
+        self._last = s.copy(), Y.reshape(-1, p, p), slope.reshape(-1, p, p)
+        return self._last[1:]
+
+    def estimate(self, s: Array) -> Array:
+        """Y(s), shape (m, p, p)."""
+        return self.mobility(s)[0]
+
+    def response(self, s: Array, force: Array) -> Array:
+        """x (n, m) with P(s_k) x_k = W f_k, s ≠ 0."""
+        state = (force @ self.into.T).T / (s[None, :] - self.found.values[:, None])
+        return self.found.form.shapes @ ((self.found.right[self.found.lower] @ state) / s)
+
+    def _checked(self) -> float:
+        """The largest relative difference from a solve, at frequencies next to the poles that stand out most."""
+        form, values = self.found.form, self.found.values
+        upper = np.flatnonzero(values.imag > 0)
+        if not len(upper):
+            return 0.0
+        height = np.abs(self.residues[upper]).sum(axis=1) / np.maximum(np.abs(values[upper].real), 1e-300)
+        s = 1j * values[upper[np.argsort(-height)[:3]]].imag * (1 + 1e-3)
+        found, stiffness = self.mobility(s)[0], np.diag(form.sign * form.omega**2 * (np.arange(len(form.omega)) >= form.rigid))
+        H = stiffness if form.H is None else form.H
+        exact = np.array([value * self.w.T @ la.solve(value**2 * np.eye(len(H)) + value * form.C + H, self.w) for value in s])
+        size = np.abs(exact).max(axis=(1, 2))
+        return float((np.abs(found - exact).max(axis=(1, 2)) / np.where(size > 0, size, 1.0)).max())
+
+
+class Solved:
+    """Y(s) by one solve for each frequency that the responses found so far cannot account for.
+
+    The real and imaginary parts of the responses span V; V q with VᵀP(s)V q = VᵀW stands for the model where the error of h
+    is below 1e-7, as its residual tells. Newton's method shifts ω a little in each step, and neighbouring harmonics share
+    modes: fewer systems are solved than there are harmonics.
+    """
+
+    def __init__(self, pencil: Pencil, W: Array) -> None:
+        self.pencil, self.W, self.solves = pencil, W, 0
+        self.symmetric = all(pencil.symmetric)
+        self.V = np.zeros((pencil.size, 0))
+        if pencil.is_sparse and pencil.size > QUADRATIC:
+            self._grow(self._first())
+        else:
+            self._project()
+
+    def _first(self) -> Array:
+        """The lowest modes, which responses nearby cannot tell apart, and the first moments of h about 0."""
+        handle = ShiftInvert(self.pencil.K, self.pencil.M)
+        modes = lowest_modes(handle, MODES, defer=True)
+        handle.release()
+        moments = [self.static.solve(self.W)]
+        for _ in range(MOMENTS):
+            moments.append(self.static.solve(self.pencil.M @ moments[-1]))
+        return np.hstack([modes.shapes, *moments])
+
+    def _project(self) -> None:
+        self.images = [part @ self.V for part in (self.pencil.M, self.pencil.D, self.pencil.K)]
+        M, D, K = (self.V.T @ image for image in self.images)
+        form = modal_form(Pencil((M + M.T) / 2, D, (K + K.T) / 2)) if len(M) else None
+        found = None if form is None else Spectral(form)
+        self.quick = Fractions(found, self.V.T @ self.W) if found is not None and found.usable else None
+
+    def _galerkin(self, s: Array) -> tuple[Array, Array]:
+        """x = V q - K⁻¹r with r = P(s)Vq - W, shape (m, n, p), and |rᵀK⁻¹r| / |h| (m,): infinite where there is no basis yet.
+
+        What the basis leaves out are high modes, on which P is nearly K: hence the correction, and what is left of the error.
+        """
+        n, p = self.W.shape
+        if self.quick is None:
+            return np.zeros((len(s), n, p), dtype=complex), np.full(len(s), np.inf)
+        found, wrong, size = np.empty((len(s), n, p), dtype=complex), np.zeros(len(s)), np.zeros(len(s))
+        for c in range(p):
+            q = self.quick.response(s, np.tile(np.eye(p)[c], (len(s), 1)))
+            gap = self.images[0] @ (q * s**2) + self.images[1] @ (q * s) + self.images[2] @ q - self.W[:, c, None]
+            both = self.static.solve(np.hstack([gap.real, gap.imag]))
+            change = both[:, :len(s)] + 1j * both[:, len(s):]
+            x = self.V @ q - change
+            found[:, :, c] = x.T
+            wrong += np.abs(np.einsum("nm,nm->m", gap, change))
+            size += np.abs(self.W[:, c] @ x)
+        return found, wrong / np.where(size > 0, size, 1.0)
+
+    @cached_property
+    def static(self) -> Handle:
+        """K⁻¹."""
+        return factorise(self.pencil.K, "definite")
+
+    def _exact(self, s: complex, transposed: bool = False) -> Array:
+        P = self.pencil.at(s)
+        P = P.T if transposed else P
+        self.solves += 1
+        if not self.pencil.is_sparse:
+            try:
+                return la.solve(P, self.W.astype(complex), check_finite=False)
+            except la.LinAlgError:
+                raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g}") from None
+        return complex_solve(P, self.W.astype(complex))
+
+    def _responses(self, s: Array) -> Array:
+        """P(s)⁻¹W, shape (m, n, p)."""
+        found, wrong = self._galerkin(s)
+        exact = np.zeros(len(s), dtype=bool)
+        while (wrong > NEARBY).any():
+            # those in between are often taken care of by their neighbours
+            bad = np.flatnonzero(wrong > NEARBY)
+            chosen = bad[np.unique(np.linspace(0, len(bad) - 1, min(len(bad), AT_ONCE)).astype(int))]
+            new = [self._exact(s[i]) for i in chosen]
+            self._grow(np.hstack(new))
+            exact[chosen] = True
+            again, wrong = self._galerkin(s)
+            found[~exact] = again[~exact]
+            found[chosen] = new
+            wrong[exact] = 0.0
+        return found
+
+    def _grow(self, new: Array) -> None:
+        new = np.hstack([new.real, new.imag]) if np.iscomplexobj(new) else new
+        new = new[:, np.linalg.norm(new, axis=0) > 0]
+        new = new / np.linalg.norm(new, axis=0)
+        for _ in range(2):
+            new = new - self.V @ (self.V.T @ new)
+        basis, triangle, _ = la.qr(new, mode="economic", pivoting=True, check_finite=False)
+        rank = int(np.count_nonzero(np.abs(triangle.diagonal()) > 1e-11))
+        basis = basis[:, :rank] - self.V @ (self.V.T @ basis[:, :rank])
+        self.V = np.hstack([self.V, basis])
+        self._project()
+
+    def mobility(self, s: Array) -> tuple[Array, Array]:
+        """Y(s) and dY/ds = h - s yᵀ(2sM + D)x, shape (m, p, p) each."""
+        s = np.asarray(s, dtype=complex)
+        x = self._responses(s)
+        y = x if self.symmetric else np.array([self._exact(value, True) for value in s]).reshape(x.shape)
+        Y, slope = (np.empty((len(s), x.shape[2], x.shape[2]), dtype=complex) for _ in range(2))
+        for i, value in enumerate(s):
+            h = self.W.T @ x[i]
+            Y[i] = value * h
+            slope[i] = h - value * (y[i].T @ (2 * value * (self.pencil.M @ x[i]) + self.pencil.D @ x[i]))
+        return Y, slope
+
+    def estimate(self, s: Array) -> Array:
+        """Y(s) from the responses found so far, without a new solve, shape (m, p, p)."""
+        if self.quick is None:
+            return self.mobility(s)[0]
+        return self.quick.mobility(s)[0].copy()
+
+    def response(self, s: Array, force: Array) -> Array:
+        """x (n, m) with P(s_k) x_k = W f_k."""
+        return np.einsum("mnp,mp->nm", self._responses(np.asarray(s, dtype=complex)), force)

@@ -1,0 +1,159 @@
+"""Pseudo-arclength continuation of limit cycles in one parameter of a belt.
+
+    R(v, ω; p) = 0,  phase(δv) = 0,  t·(x - x₀) = s,   x = [Re v / V, Im v / V, ω / Ω, p / P]
+
+with the scaled tangent t of the last point: folds are nothing special to it. Harmonics are added where the cycle asks for them.
+Keller in: Rabinowitz (ed.), Applications of Bifurcation Theory, Academic Press 1977, p. 359.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import Array
+from femsub.errors import InputError, NotConvergedError
+from femsub.model.friction import Belt
+from femsub.motion.cycles.balance import Balance, Orbit, coefficients
+from femsub.motion.cycles.compliance import Compliance
+from femsub.motion.nonlinear_model import Sliding
+
+PARAMETERS = ("speed", "force", "slope")
+EASY, HARD = 4, 8  # Newton steps below which a step along the branch grows, and at which it was too long
+DIFFERENCE = 1e-6  # of the scale of p, for dR/dp by a central difference
+CONVERGED = 1e-8
+
+
+def with_parameter(belt: Belt, name: str, value: float) -> Belt:
+    """A belt with another speed, force, or slope of its law at its speed (which needs a law with `with_slope`)."""
+    if name == "speed":
+        return replace(belt, speed=value, slope=None)
+    if name == "force":
+        return replace(belt, force=value)
+    if not callable(getattr(belt.law, "with_slope", None)):
+        raise InputError(f"the slope cannot be varied: {type(belt.law).__name__} has no with_slope(slope, speed)")
+    return replace(belt, law=belt.law.with_slope(value, belt.speed), slope=None)  # type: ignore[union-attr]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """One point of a path: an orbit at a value of the parameter, the unit tangent there, and what `Path.left_out` told of it."""
+
+    orbit: Orbit
+    value: float
+    tangent: Array
+    residual: float = 0.0
+    left_out: tuple[float, float] | None = None
+
+    @property
+    def direction(self) -> float:
+        """dp/ds, scaled: its sign changes at a fold."""
+        return float(self.tangent[-1])
+
+
+class Path:
+    """Cycles of one model over one parameter of one of its belts; how its steps are scaled."""
+
+    def __init__(self, contact: Sliding, flexibility: Compliance, parameter: str, at: int, scales: tuple[float, float, float],
+                 tolerance: float, most: int) -> None:
+        self.base, self.flexibility, self.parameter, self.at = contact, flexibility, parameter, at
+        self.scales, self.tolerance, self.most = scales, tolerance, most
+
+    def contact(self, value: float) -> Sliding:
+        """The contact at a value of the parameter."""
+        if self.parameter == "force" and value < 0:
+            raise NotConvergedError("the step led to a negative force")
+        belts = list(self.base.belts)
+        belts[self.at] = with_parameter(belts[self.at], self.parameter, value)
+        return replace(self.base, belts=tuple(belts))
+
+    def scaled(self, orbit: Orbit, value: float) -> Array:
+        """x of an orbit."""
+        speed, omega, size = self.scales
+        return np.concatenate([orbit.vector[:-1] / speed, [orbit.omega / omega, value / size]])
+
+    def unscaled(self, x: Array, like: Orbit) -> tuple[Orbit, float]:
+        speed, omega, size = self.scales
+        return like.at(np.append(x[:-2] * speed, x[-2] * omega)), float(x[-1] * size)
+
+    def _system(self, orbit: Orbit, value: float, count: int) -> tuple[Array, Array]:
+        """R and phase (2Hp + 1,), and their scaled derivatives (2Hp + 1, 2Hp + 2)."""
+        speed, omega, size = self.scales
+        balance = Balance(self.contact(value), self.flexibility)
+        parts = balance.residual(orbit, count)
+        J = balance.derivative(orbit, count, parts)
+        h = DIFFERENCE * size
+        v = orbit.samples(count)
+        ahead, behind = (coefficients(self.contact(value + sign * h).force(v), orbit.harmonics)[1:] for sign in (1, -1))
+        change = -np.einsum("kij,kj->ki", parts[1], (ahead - behind) / (2 * h))
+        column = np.concatenate([change.real.ravel(), change.imag.ravel()]) * (size / speed)
+        scaled = np.hstack([J[:, :-1], J[:, -1:] * (omega / speed), column[:, None]])
+        R = np.concatenate([parts[0].real.ravel(), parts[0].imag.ravel()]) / speed
+        phase = np.append(balance.phase(orbit), 0.0)
+        return np.append(R, 0.0), np.vstack([scaled, phase])
+
+    def correct(self, orbit: Orbit, value: float, row: Array, target: float, rounds: int = 14) -> tuple[Place, int]:
+        """Newton's method on R = 0, phase = 0, row·x = target; the tangent points as `row` does.
+
+        Raises
+        ------
+        NotConvergedError
+        """
+        count = Balance(self.contact(value), self.flexibility).samples(orbit)
+        x, before = self.scaled(orbit, value), np.inf
+        for turn in range(1, rounds + 1):
+            R, J = self._system(orbit, value, count)
+            bordered = np.vstack([J, row])
+            try:
+                step = la.solve(bordered, -np.append(R, row @ x - target), check_finite=False)
+            except (la.LinAlgError, ValueError):
+                raise NotConvergedError("the branch met a singular point") from None
+            size = float(np.linalg.norm(step))
+            if not np.isfinite(size) or (turn > 2 and size > 3 * before) or size > 1:
+                raise NotConvergedError(f"the corrector diverged at {self.parameter} = {value:.6g}")
+            x, before = x + step, size
+            orbit, value = self.unscaled(x, orbit)
+            if orbit.omega <= 0:
+                raise NotConvergedError(f"the frequency became negative at {self.parameter} = {value:.6g}")
+            if size <= CONVERGED * (1 + float(np.linalg.norm(x))):
+                break
+            if size < 1e-2:
+                count = Balance(self.contact(value), self.flexibility).samples(orbit)
+        else:
+            raise NotConvergedError(f"the corrector did not converge at {self.parameter} = {value:.6g}: last step {size:.1e}")
+        right = np.zeros(len(row))
+        right[-1] = 1.0
+        tangent = la.solve(bordered, right, check_finite=False)
+        return Place(orbit, value, tangent / np.linalg.norm(tangent),
+                     float(np.linalg.norm(R) / np.linalg.norm(x[:-2]))), turn
+
+    def resized(self, place: Place, harmonics: int) -> Place:
+        """The same place with another number of harmonics, not corrected."""
+        t, p = place.tangent, place.orbit.v.shape[1]
+        half = (len(t) - 2) // 2
+        parts = [np.zeros(harmonics * p), np.zeros(harmonics * p)]
+        for part, old in zip(parts, (t[:half], t[half:-2]), strict=True):
+            part[:min(half, len(part))] = old[:len(part)]
+        whole = np.concatenate([*parts, t[-2:]])
+        return replace(place, orbit=place.orbit.with_harmonics(harmonics), tangent=whole / np.linalg.norm(whole), left_out=None)
+
+    def step(self, place: Place, length: float) -> tuple[Place, int]:
+        """The place at arclength `length` ahead, with as many harmonics as it takes."""
+        while True:
+            x = self.scaled(place.orbit, place.value)
+            orbit, value = self.unscaled(x + length * place.tangent, place.orbit)
+            found, turns = self.correct(orbit, value, place.tangent, float(place.tangent @ x) + length)
+            left_out = self.left_out(found)
+            H = found.orbit.harmonics
+            if left_out[0] <= self.tolerance or self.most <= H:
+                return replace(found, left_out=left_out), turns
+            place = self.resized(place, min(self.most, max(H + 4, int(1.5 * H))))
+            # the old place with more harmonics, of which it now has a few that are not zero
+            x = self.scaled(place.orbit, place.value)
+            place, _ = self.correct(place.orbit, place.value, place.tangent, float(place.tangent @ x))
+
+    def left_out(self, place: Place) -> tuple[float, float]:
+        """Truncation and aliasing, see `Balance.unresolved`."""
+        return Balance(self.contact(place.value), self.flexibility).unresolved(place.orbit)[:2]

@@ -1,0 +1,140 @@
+"""Hopf points: where steady sliding loses its stability as a belt's speed, force or slope changes, and a branch of cycles begins.
+
+The linear border says F μ'(v0) = c, exactly; the first cycles of the branch, extrapolated to amplitude 0, must say the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.errors import InputError, InputTypeError
+from femsub.model.friction import Belt
+from femsub.motion.cycles.balance import Orbit
+from femsub.motion.cycles.compliance import Compliance, Fractions
+from femsub.motion.cycles.continuation import Path, Place
+from femsub.motion.cycles.initial_guess import crossings
+from femsub.motion.nonlinear_model import Sliding
+from femsub.stability.critical_slope import critical_slope
+
+SMALL = 1e-3  # amplitude of the first cycle, of the belt's speed
+TOGETHER = 1e-6  # crossings whose slopes agree to this, relatively, happen at once
+
+
+@dataclass(frozen=True)
+class HopfPoint:
+    """Where a branch begins: value of the parameter, ω, F μ' there, and on which side the cycles are.
+
+    `limit` holds the parameter and ω of the branch, extrapolated to amplitude 0; `supercritical` says that cycles exist where
+    steady sliding is unstable (a soft onset), False that they exist where it is stable (a hard one).
+    """
+
+    value: float
+    omega: float
+    coefficient: float
+    limit: tuple[float, float] = (np.nan, np.nan)
+    supercritical: bool | None = None
+
+    @property
+    def error(self) -> float:
+        """The larger relative difference between the branch's beginning and the linear border, in parameter and in ω."""
+        return float(max(abs(self.limit[0] / self.value - 1), abs(self.limit[1] / self.omega - 1)))
+
+
+def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, between: tuple[float, float] | None,
+               near: float | None) -> tuple[HopfPoint, Array]:
+    """Value of the parameter at which F μ'(v0) is the critical coefficient, and the speeds under the belt of the mode there."""
+    belt, model = contact.belts[0], contact.model
+    if near is None:
+        if not isinstance(flexibility, Fractions):
+            raise InputError(f"a model of {model.size} DOF has no list of modes at hand: start from a cycle (start=cycle, found "
+                             "from that of a reduced model)")
+        found = critical_slope(model, belt.port)
+        if np.isinf(found.slope):
+            raise InputError(f"{model.name!r} has no Hopf point: steady sliding never loses its stability, whatever the slope "
+                             "(the belt acts where the damping cannot be overcome)")
+        if len(found.crossing) > 1 and found.slope < 0:
+            raise InputError(f"{len(found.crossing)} pairs cross together at F μ' = {found.slope:.6g} (ω = "
+                             f"{', '.join(f'{omega:.5g}' for omega in found.crossing)}): as many branches begin at this point, "
+                             "and none of them is a simple one; move the belt or the damper apart, or start from a cycle "
+                             "(start=cycle)")
+        c, omega, speeds = found.slope, found.omega, contact.W.T @ found.shape
+    else:
+        c, omega, speeds = _nearest(contact, flexibility, near)
+    if c == 0:
+        raise InputError(f"{model.name!r} has undamped modes under the belt: each of them crosses at slope 0, and no "
+                         "branch begins at such a point; add damping")
+    return HopfPoint(_value_at(belt, parameter, c, between), omega, c), speeds / speeds[np.argmax(np.abs(speeds))]
+
+
+def _nearest(contact: Sliding, flexibility: Compliance, near: float) -> tuple[float, float, Array]:
+    if not isinstance(flexibility, Fractions) or contact.columns > 1:
+        raise InputError("a crossing by frequency is for one column of contact and up to 2,000 DOF; start from a cycle instead")
+    omega, c = crossings(flexibility, 0.0, np.inf)
+    if not len(omega):
+        raise InputError(f"{contact.model.name!r} has no Hopf point: no pair crosses the imaginary axis at any slope")
+    at = int(np.argmin(np.abs(omega - near)))
+    together = int(np.count_nonzero(np.abs(c - c[at]) <= TOGETHER * abs(c[at])))
+    if together > 1:
+        raise InputError(f"{together} pairs cross together at F μ' = {c[at]:.6g}: as many branches begin at this point, and none "
+                         "of them is a simple one; move the belt or the damper apart, or start from a cycle (start=cycle)")
+    return float(c[at]), float(omega[at]), np.ones(1, dtype=complex)
+
+
+def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float] | None) -> float:
+    """The parameter at which F μ'(v0) = c; of several speeds the largest."""
+    assert belt.law is not None
+    if parameter == "slope":
+        return c / belt.force
+    if parameter == "force":
+        slope = float(belt.law.slope(belt.speed))
+        if slope >= 0:
+            raise InputError(f"μ' = {slope:.6g} at the belt's speed is not negative: no normal force makes steady sliding "
+                             "unstable")
+        return c / slope
+    from scipy.optimize import brentq
+
+    lo, hi = limits_of(between, parameter, belt.speed or 1.0, belt)
+    speeds = np.linspace(lo, hi, 4001)
+    excess = belt.force * np.asarray(belt.law.slope(speeds)) - c
+    signs = np.flatnonzero(excess[1:] * excess[:-1] < 0)
+    if not len(signs):
+        raise InputError(f"no belt speed from {lo:.6g} to {hi:.6g} is a Hopf point: F μ' is never {c:.6g} there; widen between=")
+    last = signs[-1] if hi > 0 else signs[0]
+    law = belt.law
+    return float(brentq(lambda v: belt.force * float(law.slope(v)) - c, speeds[last], speeds[last + 1], xtol=1e-15, rtol=1e-15))
+
+
+def limits_of(between: tuple[float, float] | None, parameter: str, value: float, belt: Belt) -> tuple[float, float]:
+    if between is None:
+        if parameter == "speed":
+            return (0.2 * belt.speed, 5 * belt.speed) if (belt.speed or 0) > 0 else (5 * belt.speed, 0.2 * belt.speed)  # type: ignore[operator]
+        return (5 * value, 0.2 * value) if value < 0 else (0.2 * value, 5 * value)
+    try:
+        lo, hi = (float(edge) for edge in between)
+    except (TypeError, ValueError):
+        raise InputTypeError(f"between must be a pair (lo, hi) of values of the {parameter}, not {between!r}") from None
+    if not -np.inf < lo < hi < np.inf:
+        raise InputError(f"between must satisfy lo < hi, but is ({lo!r}, {hi!r})")
+    if parameter == "force" and lo < 0:
+        raise InputError(f"a force must not be negative, but between begins at {lo!r}")
+    return lo, hi
+
+
+def begun(path: Path, hopf: HopfPoint, shape: Array) -> tuple[HopfPoint, Place]:
+    """The first cycles at two small amplitudes a, 2a; p and ω are even in a, which gives their limit at 0."""
+    found = []
+    column = int(np.argmax(np.abs(shape)))
+    for size in (SMALL, 2 * SMALL):
+        a = size * path.scales[0]
+        orbit = Orbit((0.5 * a * shape)[None, :].astype(complex), hopf.omega).with_harmonics(5)
+        row = np.zeros(2 * orbit.v.size + 2)
+        row[column] = 1.0
+        found.append(path.correct(orbit, hopf.value, row, 0.5 * size)[0])
+    (one, two) = found
+    limit = ((4 * one.value - two.value) / 3, (4 * one.orbit.omega - two.orbit.omega) / 3)
+    belt = path.contact(two.value).belts[path.at]
+    assert belt.slope is not None
+    return replace(hopf, limit=limit, supercritical=bool(belt.force * belt.slope < hopf.coefficient)), two

@@ -1,0 +1,242 @@
+"""Where a search for a limit cycle begins: an unstable mode whose amplitude is balanced, or a signal in time.
+
+With v = a cos ωt the friction has the first harmonic N(a) a/2, N real, and one harmonic alone balances where
+
+    1 = Y(iω) N(a),   that is at a crossing of the linear model, c(ω) = -N(a)
+
+(describing function; Krack and Gross 2019, sec. 2.2). Every crossing ω_j at which the belt's slope exceeds c_j is the seed of a
+cycle. A law that changes from sliding to sticking within ε ≪ v0 is then sharpened in steps, from ε = v0/10 on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import is_dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.errors import InputError, InputTypeError
+from femsub.motion.cycles.balance import Orbit, coefficients
+from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
+from femsub.motion.nonlinear_model import Sliding
+from femsub.quadratic.dense import eigenvalues
+from femsub.quadratic.port_function import PortFunction
+
+WIDE = 0.1  # ε / v0 at which the sharpening begins
+SHARPER = 0.72  # factor of ε from one level to the next
+PER_EPS = 1.2  # harmonics for each v0/ε at such a level
+SWEPT = 3.0  # amplitudes up to so many belt speeds are tried
+
+
+def levels(contact: Sliding) -> list[Sliding]:
+    """The contact with laws that get sharper, the last one being its own; one entry where the law has no `eps`."""
+    widths = [float(getattr(belt.law, "eps", 0.0)) if is_dataclass(belt.law) else 0.0 for belt in contact.belts]
+    speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
+    most = max((WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width), default=1.0)
+    most = max(most, 1.0)
+    steps = max(0, int(np.ceil(np.log(most) / -np.log(SHARPER))))
+    found = []
+    for at in range(steps, -1, -1):
+        factor = most ** (at / steps) if steps else 1.0
+        belts = tuple(belt if not width or factor == 1 else
+                      replace(belt, law=widened(belt.law, width * factor, speed), slope=None)
+                      for belt, width, speed in zip(contact.belts, widths, speeds, strict=True))
+        found.append(replace(contact, belts=belts))
+    return found
+
+
+def widened(law: Any, eps: float, speed: float) -> Any:
+    """A law with another ε, at most a tenth of the belt's speed."""
+    return replace(law, eps=max(law.eps, min(eps, WIDE * speed)))
+
+
+def harmonics_for(contact: Sliding, most: int) -> int:
+    """How many harmonics the sharpest transition of a contact calls for, by experience."""
+    ratio = max((abs(belt.speed or 0.0) / belt.law.eps for belt in contact.belts  # type: ignore[union-attr]
+                 if getattr(belt.law, "eps", 0)), default=10.0)
+    return int(np.clip(PER_EPS * ratio, 10, most))
+
+
+def gain(contact: Sliding, shape: Array, amplitudes: Array, samples: int = 4096) -> Array:
+    """N_c(a) (m, p): first harmonic of f over that of v = Re(a shape e^{iωt}), column by column; shape (p,), a (m,)."""
+    wave = np.cos(2 * np.pi * np.arange(samples) / samples)
+    found = np.empty((len(amplitudes), len(shape)))
+    for i, a in enumerate(amplitudes):
+        size = np.abs(a * shape)
+        f = coefficients(contact.force(size[:, None] * wave), 1)[1].real
+        found[i] = np.where(size > 0, 2 * f / np.where(size > 0, size, 1.0), contact.tangent(np.zeros(len(shape))))
+    return found
+
+
+def unstable_modes(contact: Sliding, flexibility: Fractions) -> Array:
+    """λ with Re λ > 0 of steady sliding, (k,), the one that grows most first; what lies above the model's cut-off left out."""
+    form = flexibility.found.form
+    slopes = -contact.tangent(np.zeros(contact.columns))
+    values = eigenvalues(form, form.C + (flexibility.w * slopes) @ flexibility.w.T)
+    noise = 1e-12 * float(np.abs(values).max(initial=1.0))
+    values = values[(values.real > noise) & (values.imag > 0) & (values.imag <= contact.model.cutoff)]
+    return values[np.argsort(-values.real)]
+
+
+def seeds(contact: Sliding, flexibility: Compliance, near: float | None = None) -> list[Orbit]:
+    """Orbits of one harmonic: at the crossing next to the mode that grows most, or nearest to a frequency; best first.
+
+    Raises
+    ------
+    InputError
+        The model is too large for its modes; steady sliding is stable and no frequency was given; no amplitude balances.
+    """
+    if not isinstance(flexibility, Fractions):
+        raise InputError(f"a model of {contact.model.size} DOF has no list of modes to begin at; give start=, e.g. the cycle of "
+                         "a reduced model (start=cycle) or a signal in time (start=(t, v))")
+    growing = unstable_modes(contact, flexibility)
+    if not len(growing) and near is None:
+        raise InputError(f"steady sliding is stable{_because(contact)}: no mode of {contact.model.name!r} grows from which a "
+                         "cycle could begin; make the slope of the friction more negative or its force larger (see "
+                         "fs.critical_slope), or give start= where a cycle is known")
+    found = _of_modes(contact, flexibility, growing, near) if contact.columns > 1 else \
+        _of_crossings(contact, flexibility, growing, near)
+    if not found:
+        raise InputError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
+                         + (f" near ω = {near:g}" if near else "") +
+                         "; give start=(t, v), a signal in time, or another frequency")
+    return found
+
+
+def _because(contact: Sliding) -> str:
+    if all(belt.speed == 0 for belt in contact.belts):
+        return " (the belt is at rest and brings no energy: give it a speed)"
+    if all(belt.force == 0 for belt in contact.belts):
+        return " (the normal force is zero: give it one)"
+    slopes = ", ".join(f"F μ' = {belt.force * belt.slope:.4g}" for belt in contact.belts if belt.slope is not None)
+    return f" ({slopes})"
+
+
+def _sweep(contact: Sliding) -> Array:
+    top = max(abs(belt.speed or 0.0) for belt in contact.belts)
+    return top * np.concatenate([np.geomspace(1e-3, 0.3, 40), np.linspace(0.31, 1.3, 200), np.linspace(1.32, SWEPT, 60)])
+
+
+def port_function(flexibility: Fractions) -> PortFunction:
+    """Im G = 0 at the crossings of a contact of one column, from the decomposition that is there already."""
+    return PortFunction(flexibility.found.form, flexibility.w[:, 0], flexibility.found.values, flexibility.residues[:, 0])
+
+
+def onsets(contact: Sliding, band: tuple[float, float]) -> tuple[Array, Array]:
+    """(ω, c) of the crossings in a band that the belt's slope has passed, F μ' < c < 0, the first one first."""
+    flexibility = compliance(contact)
+    if not isinstance(flexibility, Fractions) or contact.columns > 1:
+        raise InputError("onsets are listed for one column of contact and up to 2,000 DOF")
+    omega, c = crossings(flexibility, band[0], min(band[1], contact.model.cutoff))
+    passed = np.flatnonzero(c > -contact.tangent(np.zeros(1))[0])
+    order = passed[np.argsort(-c[passed], kind="stable")]
+    return omega[order], c[order]
+
+
+def crossings(flexibility: Fractions, lo: float, hi: float) -> tuple[Array, Array]:
+    """(ω, c) of every crossing with lo ≤ ω ≤ hi, ascending in ω: mode by mode, since the search is for the first one only."""
+    function = port_function(flexibility)
+    centres = np.sort(function.poles.imag[(function.poles.imag > lo) & (function.poles.imag < hi)])
+    edges = np.unique([lo, *(centres[1:] + centres[:-1]) / 2, min(hi, 2 * float(np.abs(function.poles).max()))])
+    pairs = [function.crossings(float(a), float(b)) for a, b in pairwise(edges)]
+    omega, c = (np.concatenate([pair[i] for pair in pairs] or [np.zeros(0)]) for i in range(2))
+    order = np.argsort(omega)
+    omega, c = omega[order], c[order]
+    fresh = np.append(True, np.diff(omega) > 1e-9 * omega[1:]) if len(omega) else np.zeros(0, dtype=bool)
+    return omega[fresh], c[fresh]
+
+
+def _of_crossings(contact: Sliding, flexibility: Fractions, growing: Array, near: float | None) -> list[Orbit]:
+    function = port_function(flexibility)
+    centre = float(growing[0].imag) if near is None else near
+    omega, c = function.crossings(0.75 * centre, 1.3 * centre)
+    if near is not None and not len(omega):
+        omega, c = crossings(flexibility, 0.0, np.inf)
+    amplitudes = _sweep(contact)
+    N = gain(contact, np.ones(1), amplitudes)[:, 0]
+    found = []
+    for at in np.argsort(np.abs(omega - centre)):
+        balance = N + c[at]
+        for i in np.flatnonzero(balance[1:] * balance[:-1] <= 0)[::-1]:
+            a = amplitudes[i] - balance[i] * (amplitudes[i + 1] - amplitudes[i]) / (balance[i + 1] - balance[i] or 1.0)
+            found.append(Orbit(np.array([[a / 2 + 0j]]), float(omega[at])))
+    return found
+
+
+def _of_modes(contact: Sliding, flexibility: Fractions, growing: Array, near: float | None) -> list[Orbit]:
+    """Several columns: the mode is followed while the amplitude of its shape grows, until it neither grows nor decays."""
+    form, w = flexibility.found.form, flexibility.w
+    if not len(growing):
+        return []
+    first = growing[0] if near is None else growing[np.argmin(np.abs(growing.imag - near))]
+    target, shape, before = complex(first), np.zeros(0), None
+    for a in _sweep(contact):
+        N = gain(contact, shape, np.array([a]), 512)[0] if len(shape) else contact.tangent(np.zeros(contact.columns))
+        values, vectors = np.linalg.eig(form.state(form.C - (w * N) @ w.T))
+        at = int(np.argmin(np.abs(values - target)))
+        target = complex(values[at])
+        speeds = w.T @ vectors[len(form.omega) - form.rigid:, at]
+        shape = speeds / speeds[np.argmax(np.abs(speeds))]
+        if before is not None and target.real <= 0:
+            return [Orbit((before / 2 * shape)[None, :].astype(complex), target.imag)]
+        before = a
+    return []
+
+
+def of_signal(t: Any, v: Any, columns: int) -> Orbit:
+    """One period of the end of a signal v (m,) or (p, m) at times t (m,): its period by autocorrelation.
+
+    Raises
+    ------
+    InputError
+        Too short, not finite, or nothing in it repeats.
+    """
+    from scipy.signal import find_peaks
+
+    try:
+        time, speed = np.asarray(t, dtype=float), np.atleast_2d(np.asarray(v, dtype=float))
+    except (TypeError, ValueError):
+        raise InputTypeError("start=(t, v) takes times and speeds under the belts as numbers") from None
+    if time.ndim != 1 or speed.shape != (columns, len(time)) or not np.isfinite(speed).all() or not (np.diff(time) > 0).all():
+        raise InputError(f"start=(t, v) takes ascending times (m,) and finite speeds ({columns}, m), one row per column of the "
+                         f"contact, not {np.shape(t)} and {np.shape(v)}")
+    if len(time) < 64:
+        raise InputError(f"the signal has {len(time)} samples; at least 64 are needed to see a period")
+    even = np.linspace(time[len(time) // 2], time[-1], 2 ** int(np.ceil(np.log2(len(time)))))
+    tail = np.array([np.interp(even, time, row) for row in speed])
+    tail = tail - tail.mean(axis=1, keepdims=True)
+    spectrum = np.fft.rfft(tail, n=2 * len(even), axis=1)
+    alike = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=0))[:len(even) // 2] / np.arange(len(even), len(even) // 2, -1)
+    low = np.flatnonzero(alike < 0.3 * alike[0])
+    if not alike[0] > 0 or not len(low):
+        raise InputError("the signal does not oscillate twice within its second half; give a longer one")
+    tops, _ = find_peaks(alike)
+    tops = tops[tops > low[0]]
+    if not len(tops) or alike[tops].max() < 0.5 * alike[0]:
+        raise InputError("nothing in the second half of the signal repeats; give a longer one, or another start")
+    top = int(tops[np.flatnonzero(alike[tops] >= 0.98 * alike[tops].max())[0]])
+    left, middle, right = alike[top - 1:top + 2]
+    period = (top + 0.5 * (left - right) / (left - 2 * middle + right)) * (even[1] - even[0])
+    count = 4096
+    grid = even[-1] - period + period * np.arange(count) / count
+    one = np.array([np.interp(grid, time, row) for row in speed])
+    return Orbit(coefficients(one, count // 2 - 1)[1:], 2 * np.pi / period)
+
+
+def orbits(contact: Sliding, flexibility: Compliance, near: float | None) -> Iterator[tuple[list[Sliding], Orbit]]:
+    """Contacts from smooth to sharp with the orbit to begin at: the widest law at which an amplitude balances comes first."""
+    sharp = levels(contact)
+    for at in range(len(sharp)):
+        try:
+            found = seeds(sharp[at], flexibility, near)
+        except InputError:
+            if at + 1 == len(sharp):
+                raise
+            continue
+        for orbit in found[:2]:
+            yield sharp[at:], orbit
+        if at + 1 < len(sharp) and at > len(sharp) // 2:
+            return

@@ -1,0 +1,272 @@
+"""Limit cycles: the periodic motion of a model under its belts, by harmonic balance on the contact alone."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, finite_number, whole_number
+from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
+from femsub.model.friction import Belt
+from femsub.model.substructure import Substructure
+from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase
+from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
+from femsub.motion.cycles.floquet import Multipliers, multipliers
+from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
+from femsub.motion.nonlinear_model import Sliding, State, sliding
+
+MOST_ASKED = 100_000  # harmonics, each some 16 samples of every column
+MOST = 1500  # harmonics beyond which none are added unasked
+ROUGH = 1e-2  # truncation or aliasing above which a cycle is warned of
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LimitCycle:
+    """q(t + T) = q(t) of M q̈ + D q̇ + K q = W f(Wᵀq̇), T = 2π/ω, with what proves it.
+
+    Attributes
+    ----------
+    contact : Sliding
+        The model and its belts.
+    omega : float
+        ω, rad per unit of time.
+    harmonics : ndarray of complex, shape (H, p)
+        v_k, k = 1 … H, of the speed under the belts, v(t) = Σ v_k e^{ikωt} + conjugate; v_0 = 0. The largest is real.
+    residual : float
+        ‖R_k‖ / ‖v‖ over the harmonics kept.
+    truncation : float
+        ‖Y(ikω) f_k‖ / ‖v‖ over the harmonics left out: what they would move if they were kept.
+    aliasing : float
+        Change of the right-hand side, relative to ‖v‖, with four times as many samples.
+    newton : int
+        Newton steps, all levels together.
+    stability : bool
+        Whether multipliers are computed once something asks for them. `dataclasses.replace(cycle, stability=True)` changes that.
+    """
+
+    contact: Sliding
+    orbit: Orbit
+    flexibility: Compliance
+    residual: float
+    truncation: float
+    aliasing: float
+    newton: int = 0
+    stability: bool = True
+
+    @property
+    def omega(self) -> float:
+        return self.orbit.omega
+
+    @property
+    def period(self) -> float:
+        return 2 * np.pi / self.orbit.omega
+
+    @property
+    def harmonics(self) -> Array:
+        return self.orbit.v
+
+    @cached_property
+    def _wave(self) -> Array:
+        return self.orbit.samples(2 ** int(np.ceil(np.log2(max(16 * self.orbit.harmonics, 4096)))))
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square of the speed under the (first column of the) belts over one period."""
+        return float(np.sqrt(2) * np.linalg.norm(self.orbit.v[:, 0]))
+
+    @property
+    def peak(self) -> float:
+        """Largest |v| over one period, first column."""
+        return float(np.abs(self._wave[0]).max())
+
+    @cached_property
+    def sticking(self) -> float:
+        """Share of the period in which a column sticks, |v0 - v| ≤ 3 ε; NaN where a law has no ε, which says nothing of it."""
+        return np.nan if self.contact.without_eps else float(self.contact.sticks(self._wave).any(axis=0).mean())
+
+    def velocity(self, t: Any) -> Array:
+        """v(t) = Wᵀq̇, shape of t for one column, (p, *t.shape) for several."""
+        times = np.asarray(t, dtype=float)
+        k = np.arange(1, self.orbit.harmonics + 1)
+        waves = np.exp(1j * np.multiply.outer(times, k * self.omega))
+        found = np.moveaxis(2 * (waves @ self.orbit.v).real, -1, 0)
+        return found[0] if self.contact.columns == 1 else found
+
+    @cached_property
+    def _forces(self) -> tuple[Array, Array]:
+        """Mean of f (p,), and f_k (H, p)."""
+        f = coefficients(self.contact.force(self._wave), self.orbit.harmonics)
+        return f[0].real, f[1:]
+
+    @cached_property
+    def _motion(self) -> tuple[Array, Array, Array]:
+        """K⁻¹W f_0 (n,), ikω (H,) and q_k (n, H)."""
+        mean, f = self._forces
+        steady = self.contact.force(np.zeros(self.contact.columns))
+        if self.contact.columns == 1 and steady[0] != 0:
+            rest = self.contact.equilibrium * (mean[0] / steady[0])
+        else:
+            rest = static(self.contact.model, self.contact.W @ mean)
+        s = 1j * self.omega * np.arange(1, self.orbit.harmonics + 1)
+        return rest, s, self.flexibility.response(s, f)
+
+    def state(self, t: float = 0.0) -> State:
+        """q and q̇ on the cycle at time t in the model's own coordinates: q_k = P(ikω)⁻¹ W f_k, K q_0 = W f_0."""
+        rest, s, q = self._motion
+        q = q * np.exp(s * float(t))
+        return State(rest + 2 * q.real.sum(axis=1), 2 * (q * s).real.sum(axis=1))
+
+    @cached_property
+    def floquet(self) -> Multipliers | None:
+        """The multipliers; None for a model of more than 2,000 DOF, whose modes are not at hand, and without `stability`."""
+        if not self.stability or not isinstance(self.flexibility, Fractions):
+            return None
+        return multipliers(self.contact, self.flexibility, self.orbit)
+
+    @property
+    def is_stable(self) -> bool | None:
+        """All multipliers but the trivial one inside of the unit circle; None where that is undecided or not computed."""
+        return None if self.floquet is None else self.floquet.is_stable
+
+    def __repr__(self) -> str:
+        verdict = {True: "stable", False: "unstable",
+                   None: "stability not computed" if self.floquet is None else "stability undecided"}[self.is_stable]
+        without = self.contact.without_eps
+        sticking = f"unknown (the law on {without[0]!r} has no eps)" if without else f"{100 * self.sticking:.3g} %"
+        return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking {sticking}, {verdict}; "
+                f"{self.orbit.harmonics} harmonics, residual {self.residual:.0e}, left out {self.truncation:.0e}")
+
+
+def static(model: Substructure, load: Array) -> Array:
+    """K⁻¹ load of a model that does not float."""
+    from femsub.linalg.factor import factorise
+
+    handle = factorise(model.K, "definite")
+    found = handle.solve(load)
+    handle.close()
+    return found
+
+
+def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmonics: int | None = None, start: Any = None,
+                     tolerance: float = 1e-4) -> LimitCycle:
+    """v_k = Y(ikω) f_k(v), k = 1 … H: a limit cycle of M q̈ + D q̇ + K q = W f(Wᵀq̇), full and reduced models alike.
+
+    Parameters
+    ----------
+    model : Substructure
+    belts : Belt or sequence of Belt
+        With friction laws and speeds.
+    harmonics : int, optional
+        H. By default as many as leave out less than `tolerance`.
+    start : optional
+        Where to begin: nothing for the mode of steady sliding that grows most; a frequency, for the crossing of the linear
+        model nearest to it; a `LimitCycle` of any model under the same belts; a transient, or (t, v) with v the speed under
+        the belts, shape (m,) or (p, m). A cycle of each mode exists as a rule: which is meant is the caller's choice.
+    tolerance : float
+        What the harmonics left out may move, relative to the cycle.
+
+    Raises
+    ------
+    InputError
+        No friction law, a model that floats, a start that says nothing; steady sliding is stable and no start is given.
+    NotConvergedError
+        Newton's method found no cycle; the message holds the figures.
+
+    Warns
+    -----
+    FemsubWarning
+        `harmonics` are too few: the message says how many would do.
+    """
+    contact = sliding(model, belts, "harmonic balance")
+    check_columns(contact, start)
+    if harmonics is not None:
+        whole_number("harmonics", harmonics, least=1, most=MOST_ASKED)
+    if not 0 < finite_number("tolerance", tolerance) < 1:
+        raise InputError(f"tolerance must lie between 0 and 1, such as 1e-4, not {tolerance!r}")
+    if all(belt.force == 0 for belt in contact.belts):
+        raise InputError("the normal force is zero: nothing excites the model, and it has no limit cycle; give the belt a force")
+    _ = contact.equilibrium  # refuses what floats
+    flexibility = flexibility_of(contact, start)
+    orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
+    return refined(contact, flexibility, orbit, harmonics, tolerance, steps)
+
+
+def check_columns(contact: Sliding, start: Any) -> None:
+    """Refuses a cycle to start from that moves another number of columns than the contact has."""
+    if isinstance(start, LimitCycle) and start.contact.columns != contact.columns:
+        raise InputError(f"start: the cycle has {start.contact.columns} column(s) of contact, but {contact.model.name!r} has "
+                         f"{contact.columns} under its belts; give a cycle found with the same ports and belts, or none")
+
+
+def flexibility_of(contact: Sliding, start: Any) -> Compliance:
+    """That of the cycle to start from, where it is of the same model: a sparse one keeps its responses. Else a new one."""
+    known = start.contact if isinstance(start, LimitCycle) else None
+    same = known is not None and known.model is contact.model and np.array_equal(known.W, contact.W)
+    return start.flexibility if same else compliance(contact)
+
+
+def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: int | None, tolerance: float,
+            steps: int = 0) -> LimitCycle:
+    """Newton's method from an orbit that is near, with as many harmonics as it takes, or as many as are asked."""
+    balance = Balance(contact, flexibility)
+    orbit = orbit.with_harmonics(harmonics or min(orbit.harmonics, MOST))
+    while True:
+        orbit, residual, turns = balance.solve(orbit)
+        steps += turns
+        truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tolerance)
+        if harmonics is not None or truncation <= tolerance or orbit.harmonics >= MOST:
+            break
+        orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
+    if max(truncation, aliasing) > ROUGH:
+        target = 0.1 * truncation if harmonics else 0.5 * tolerance  # for which `enough` was counted
+        warnings.warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}); "
+                      f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning, stacklevel=3)
+    return LimitCycle(contact, in_phase(orbit), flexibility, residual, truncation, aliasing, steps)
+
+
+def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) -> tuple[Orbit, int]:
+    if isinstance(start, LimitCycle):
+        return _trimmed(start.orbit), 0
+    if start is not None and hasattr(start, "t") and callable(getattr(start, "velocity", None)):
+        start = (start.t, np.vstack([np.atleast_2d(start.velocity(belt.port)) for belt in contact.belts]))
+    if isinstance(start, tuple) and len(start) == 2:
+        orbit = of_signal(*start, contact.columns)
+        return orbit.with_harmonics(harmonics_for(contact, min(most, orbit.harmonics))), 0
+    if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float, np.integer, np.floating))):
+        raise InputTypeError("start must be a frequency, a LimitCycle, a transient or (t, v), not "
+                             f"{type(start).__name__}")
+    if start is not None and not 0 < start < np.inf:
+        raise InputError(f"start must be a positive frequency in rad per unit of time, not {start!r}")
+    return _sharpened(contact, flexibility, None if start is None else float(start), most)
+
+
+def _trimmed(orbit: Orbit, tail: float = 1e-5) -> Orbit:
+    """Without the harmonics that together are less than `tail` of the orbit."""
+    size = np.linalg.norm(orbit.v, axis=1)
+    beyond = np.sqrt(np.cumsum(size[::-1] ** 2)[::-1])
+    return orbit.with_harmonics(max(5, int(np.count_nonzero(beyond > tail * beyond[0]))))
+
+
+def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None, most: int) -> tuple[Orbit, int]:
+    """From one harmonic of a smooth law to all harmonics of the belts' own."""
+    failed: NotConvergedError | None = None
+    for sharp, orbit in orbits(contact, flexibility, near):
+        steps, level = 0, 0
+        try:
+            for count in (1, 3, 5, 10):
+                orbit, _, turns = Balance(sharp[0], flexibility).solve(orbit.with_harmonics(count))
+                steps += turns
+            for at in sharp:
+                level += 1
+                orbit, _, turns = Balance(at, flexibility).solve(orbit.with_harmonics(harmonics_for(at, MOST)))
+                steps += turns
+        except NotConvergedError as error:
+            failed = failed or error
+            continue
+        return orbit, steps
+    raise failed or NotConvergedError("no cycle was found; give start=")

@@ -1,0 +1,179 @@
+"""Shooting: the periodic motion as a fixed point of time integration, which knows nothing of harmonics.
+
+    F(y, T) = y(T; y) - y = 0,  ẏ(0)·(y - y_0) = 0,   y = (q, q̇) (2n,)
+
+by Newton's method; dF/dy = Φ(T) - I comes from the variational equation, integrated beside y by an explicit Runge-Kutta method
+of order 8 (SciPy's DOP853), and has the Floquet multipliers as its by-product. For models of a few dozen DOF: the cost grows
+with n³. It is there to check harmonic balance, see Peeters et al., Mech. Syst. Signal Process. 23 (2009) 195.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from femsub.checks import Array, finite_number, whole_number
+from femsub.errors import InputError, InputTypeError, NotConvergedError
+from femsub.model.friction import Belt
+from femsub.model.substructure import Substructure
+from femsub.modes.normal_modes import all_modes
+from femsub.motion.cycles.limit_cycle import LimitCycle
+from femsub.motion.nonlinear_model import Sliding, State, sliding
+
+LARGEST = 60  # DOF
+TIGHTEST = 1e-13  # relative tolerance of the integration; below it rounding decides the steps
+CLOSED = 1e-8  # ‖y(T) - y‖ / ‖y‖ at which the orbit counts as closed
+SAMPLES = 4096
+LONGEST = 100  # oscillations of the lowest elastic mode in a period
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ShotCycle:
+    """A closed orbit found by shooting.
+
+    Attributes
+    ----------
+    state : State
+        Where it begins.
+    period : float
+    multipliers : ndarray of complex, shape (2n,)
+        All, the largest first; one of them is 1.
+    residual : float
+        ‖y(T) - y(0)‖ / ‖y(0) - mean‖, in the scale of the motion.
+    velocity : ndarray, shape (p, m)
+        Speeds under the belts at m equidistant times of one period.
+    steps : int
+        Newton steps.
+    """
+
+    state: State
+    period: float
+    multipliers: Array
+    residual: float
+    velocity: Array
+    steps: int
+
+    @property
+    def omega(self) -> float:
+        return 2 * np.pi / self.period
+
+    @property
+    def rms(self) -> float:
+        """Of the first column, over one period."""
+        return float(np.sqrt(np.mean(self.velocity[0] ** 2)))
+
+    @property
+    def peak(self) -> float:
+        """Largest |v| of the first column."""
+        return float(np.abs(self.velocity[0]).max())
+
+    @property
+    def is_stable(self) -> bool:
+        """All multipliers but the one nearest to 1 inside of the unit circle."""
+        others = np.delete(self.multipliers, np.argmin(np.abs(self.multipliers - 1)))
+        return bool(np.abs(others).max(initial=0.0) < 1)
+
+    def __repr__(self) -> str:
+        return (f"ShotCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, "
+                f"{'stable' if self.is_stable else 'unstable'}; closed to {self.residual:.0e} in {self.steps} Newton steps")
+
+
+def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle | State, period: float | None = None, *,
+          rtol: float = 1e-10, rounds: int = 12) -> ShotCycle:
+    """y(T) = y(0) of M q̈ + D q̇ + K q = W f(Wᵀq̇), from a cycle of the same model, or a state and a period nearby.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A model of more than 60 DOF, a state without a period, or of another size.
+    NotConvergedError
+        The orbit did not close.
+    """
+    contact = sliding(model, belts, "shooting")
+    if not TIGHTEST <= finite_number("rtol", rtol) <= 1e-2:
+        raise InputError(f"rtol must lie between {TIGHTEST:g} and 0.01, not {rtol!r}")
+    whole_number("rounds", rounds, least=1)
+    if model.size > LARGEST:
+        raise InputError(f"shooting is for models of up to {LARGEST} DOF, and this has {model.size}: use fs.harmonic_balance")
+    if isinstance(start, LimitCycle):
+        period = start.period if period is None else period
+        start = start.state()
+    if not isinstance(start, State):
+        raise InputTypeError(f"start must be a LimitCycle or a State, not {type(start).__name__}")
+    if period is None or finite_number("period", period) <= 0:
+        raise InputError(f"shooting from a state needs a positive period, not {period!r}")
+    _check_period(model, period)
+    y = np.concatenate([start.displacement, start.velocity])
+    if len(y) != 2 * model.size:
+        raise InputError(f"the state has {len(start.displacement)} DOF, the model {model.size}")
+    flow = _Flow(contact, rtol)
+    for turn in range(1, rounds + 1):  # noqa: B007 - told in the result
+        end, Phi, _ = flow.run(y, period)
+        slope = flow.rate(y)
+        scale = float(np.linalg.norm(slope)) / (2 * np.pi / period)
+        gap = end - y
+        if np.linalg.norm(gap) <= CLOSED * scale:
+            break
+        J = np.block([[Phi - np.eye(len(y)), flow.rate(end)[:, None]], [slope[None, :], np.zeros((1, 1))]])
+        step = np.linalg.solve(J, np.append(-gap, 0.0))
+        y, period = y + step[:-1], period + float(step[-1])
+        if not 0 < period < np.inf:
+            raise NotConvergedError("shooting lost the cycle: the period became negative; start nearer to it")
+    else:
+        raise NotConvergedError(f"shooting did not close the orbit in {rounds} steps: the gap is "
+                                f"{np.linalg.norm(gap) / scale:.1e} of the motion, and {CLOSED:g} is asked")
+    values = np.linalg.eigvals(Phi)
+    n = model.size
+    return ShotCycle(State(y[:n], y[n:]), float(period), values[np.argsort(-np.abs(values))],
+                     float(np.linalg.norm(gap)) / scale, flow.run(y, period, SAMPLES)[2], turn)
+
+
+def _check_period(model: Substructure, period: float) -> None:
+    """Refuses a period in which the lowest elastic mode oscillates more than LONGEST times: it would take for ever."""
+    modes = all_modes(model.K, model.M)
+    slowest = modes.frequencies[modes.rigid:][:1]
+    if len(slowest) and period * slowest[0] > 2 * np.pi * LONGEST:
+        turns = period * slowest[0] / (2 * np.pi)
+        raise InputError(f"period={period:.6g} holds {turns:.3g} oscillations of the lowest mode; at most {LONGEST} can be: "
+                         "give the period in the model's unit of time")
+
+
+class _Flow:
+    """ẏ and the variational equation of one contact, dense."""
+
+    def __init__(self, contact: Sliding, rtol: float) -> None:
+        pencil, n = contact.model.pencil.dense(), contact.model.size
+        inverse = np.linalg.inv(pencil.M)
+        self.contact, self.n, self.rtol = contact, n, rtol
+        self.A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ pencil.K, -inverse @ pencil.D]])
+        self.B = np.vstack([np.zeros_like(contact.W), inverse @ contact.W])
+        self.C = np.vstack([np.zeros_like(contact.W), contact.W]).T
+
+    def rate(self, y: Array) -> Array:
+        """ẏ (2n,)."""
+        return self.A @ y + self.B @ self.contact.force(self.C @ y)
+
+    def run(self, y: Array, period: float, samples: int = 0) -> tuple[Array, Array, Array]:
+        """y(T), Φ(T), and v at equidistant times; without Φ where samples are asked."""
+        from scipy.integrate import solve_ivp
+
+        m = len(y)
+        if samples:
+            t = period * np.arange(samples) / samples
+            found = solve_ivp(lambda _, x: self.rate(x), (0, period), y, "DOP853", t, rtol=self.rtol, atol=1e-3 * self.rtol)
+            return found.y[:, -1], np.zeros((0, 0)), self.C @ found.y
+
+        def both(_: float, x: Array) -> Array:
+            whole = x.reshape(m + 1, m)
+            g = self.contact.tangent(self.C @ whole[0])
+            change = whole[1:] @ self.A.T + ((whole[1:] @ self.C.T) * g) @ self.B.T
+            return np.concatenate([self.rate(whole[0]), change.ravel()])
+
+        found = solve_ivp(both, (0, period), np.concatenate([y, np.eye(m).ravel()]), "DOP853", rtol=self.rtol,
+                          atol=1e-3 * self.rtol)
+        if not found.success:
+            raise NotConvergedError(f"the integration over one period failed: {found.message}")
+        last = found.y[:, -1].reshape(m + 1, m)
+        return last[0], last[1:].T, np.zeros((0, 0))

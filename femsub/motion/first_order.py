@@ -1,0 +1,350 @@
+"""A model under belts as a system of first order, and the integrators of SciPy that take it along.
+
+    ẋ = u,   u̇ = -K̂ x - D̂ u + G (f(Gᵀu) - f(0)),   q = T (x + x₀),   TᵀMT = I
+
+with x₀ steady sliding, K̂ x₀ = G f(0): the tolerance and the rounding of a static deflection would drown a small motion about
+it. (Where x₀ is not there, or known to a rounding only that would be felt, x₀ and f(0) are 0 here.) T is chosen so that the
+contact acts on the first p velocities only: G = TᵀW (n, p) is zero below row p. With one column a right-hand side is then one
+product of a matrix with a vector and a few operations on floats, about 1.3 µs at
+n = 10. Two more unknowns carry the belts' work ∫ fᵀWᵀq̇ dt and the dissipation ∫ q̇ᵀDq̇ dt along, with the same error
+control.
+
+Why LSODA (C code, one call for a stretch of the grid) is the default: `scripts/integrators.py`, 50 time units of stick-slip,
+seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; interpolated):
+
+    model (DOF)            LSODA   DOP853  Radau   BDF     alpha at an error of 2e-3
+    chain, full (10)       0.01    0.05    0.3     1       5
+    chain, HCB (5)         0.01    0.03    0.13    0.4     1
+    chain, full (100)      0.03    0.06    -       1.5     1.2
+    chain, HCB (20)        0.005   0.02    0.1     0.3     1
+    chain, full (1000)     -       -       -       -       1.8
+
+It changes to BDF by itself where the friction layer is stiff (ε → 1e-6), which DOP853 cannot. Sparse models with consistent
+masses have no sparse first-order form: see `second_order`.
+
+Error control: |local error of y_i| ≤ tol (|y_i| + s_i) in the largest norm. s = v/‖w‖_M⁻¹ for velocities, v the largest
+of the belts' speeds and of the speeds under them at the start, but no more than the motion itself, (‖u‖² + ‖u̇‖²/ω²)^½ where a
+stretch of the integration begins; s/ω for displacements, ω² = wᵀM⁻¹KM⁻¹w / wᵀM⁻¹w; s² + s ‖G f(0)‖/ω for work and dissipation.
+What rounding alone leaves in ‖G f‖ is never asked to be resolved.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import InputError, NotConvergedError
+from femsub.model.friction import scalar_law
+from femsub.motion.nonlinear_model import Sliding, State
+
+PERIODS = 200  # of the highest mode, integrated at a stretch: between two stretches progress is told
+SHARP = 1e-12  # of the friction that the rounding of K x₀ may add to it, where the motion is far from x₀
+NOISE = 4 * EPS  # of the friction's impulse over a period is rounding, and no motion
+MOST = 5_000_000  # steps between two points of the grid
+
+Right = Callable[[float, Array], Array]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Equations:
+    """ẏ = rhs(t, y) of y = [x, u, work, dissipation], shape (2n + 2,).
+
+    Attributes
+    ----------
+    rhs, jacobian : callable
+        ẏ and ∂ẏ/∂y **transposed**, in arrays that the next call overwrites.
+    rest : ndarray, shape (n,)
+        x₀.
+    scale : float
+        v/‖w‖_M⁻¹ of the error control, the largest s for velocities.
+    omega, thrust : float
+        ω and ‖G f(0)‖ of the error control.
+    highest : float
+        The largest ω of the model.
+    """
+
+    T: Array
+    Tinv: Array
+    K: Array
+    rest: Array
+    rhs: Right
+    jacobian: Right
+    scale: float
+    omega: float
+    thrust: float
+    highest: float
+
+    @property
+    def size(self) -> int:
+        return len(self.T)
+
+    def vector(self, state: State) -> Array:
+        """y of a state, nothing worked and dissipated yet."""
+        return np.concatenate([self.Tinv @ state.displacement - self.rest, self.Tinv @ state.velocity, [0.0, 0.0]])
+
+    def state(self, y: Array) -> State:
+        """q and q̇ of y."""
+        n = self.size
+        return State(self.T @ (y[:n] + self.rest), self.T @ y[n:2 * n])
+
+    def energy(self, y: Array) -> float:
+        """½ q̇ᵀMq̇ + ½ qᵀKq."""
+        n = self.size
+        x, u = y[:n] + self.rest, y[n:2 * n]
+        return float(u @ u + x @ (self.K @ x)) / 2
+
+    def tolerances(self, y: Array, tol: float) -> Array:
+        """tol s of the error control from y on, and no less than rounding, shape (2n + 2,)."""
+        n = self.size
+        s = min(self.scale, float(np.hypot(np.linalg.norm(y[n:2 * n]), np.linalg.norm(self.rhs(0.0, y)[n:2 * n]) / self.omega)))
+        at = max(tol * s, NOISE * self.thrust / self.omega, EPS * tol * self.scale)
+        return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, at * (s + self.thrust / self.omega))])
+
+
+def equations(contact: Sliding, start: State) -> Equations:
+    """The first-order system of a model small enough to be dense.
+
+    Raises
+    ------
+    InputError
+        M is singular.
+    """
+    model = contact.model
+    M, D, K = (_dense(part) for part in (model.M, model.D, model.K))
+    try:
+        L = la.cholesky(M, lower=True)
+    except la.LinAlgError:
+        L = np.zeros_like(M)
+    # entry by entry: rotations and displacements in one vector have masses of different units
+    if (np.diagonal(L) ** 2 <= len(M) * EPS * M.diagonal()).any():
+        raise InputError(f"M of {model.name!r} is singular (massless DOF): velocities are undetermined there; condense those "
+                         "DOF, or reduce the model first")
+    Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))
+    T = la.solve_triangular(L, Q, lower=True, trans="T")
+    K, D, G = T.T @ K @ T, T.T @ D @ T, T.T @ contact.W
+    K = (K + K.T) / 2
+    highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
+    Tinv, steady = T.T @ M, contact.force(np.zeros(contact.columns))
+    rest, thrust = _rest(contact, start, Tinv, K, G @ steady), float(np.linalg.norm(G @ steady))
+    if rest is None:
+        rest, steady = np.zeros(len(K)), np.zeros_like(steady)
+    rhs, jacobian = _functions(contact, K, D, G[:min(contact.columns, len(M))], steady)
+    return Equations(T, Tinv, K, rest, rhs, jacobian, *_scale(contact, start, K, G, highest), thrust, highest)
+
+
+def _rest(contact: Sliding, start: State, Tinv: Array, K: Array, force: Array) -> Array | None:
+    """x₀: where the model starts, if that is an equilibrium; else K⁻¹ force, if it is there and near enough to rely on."""
+    begin = Tinv @ start.displacement
+    if not contact.pull(start.displacement).any():
+        return begin
+    try:
+        found = la.cho_solve(la.cho_factor(K), force)
+    except la.LinAlgError:
+        return None
+    sharp = np.abs(K @ found - force).max() <= SHARP * np.abs(force).max()
+    return found if sharp or np.linalg.norm(found - begin) <= 0.5 * np.linalg.norm(found) else None
+
+
+def _dense(A: Matrix) -> Array:
+    return np.asarray(A if isinstance(A, np.ndarray) else A.toarray())
+
+
+def _scale(contact: Sliding, start: State, K: Array, G: Array, highest: float) -> tuple[float, float]:
+    """v/‖w‖_M⁻¹ and ω."""
+    norm = np.sqrt(np.einsum("ij,ij->j", G, G))
+    pull = max((float(g @ (K @ g) / (g @ g)) for g in G.T if g.any()), default=0.0)
+    omega = np.sqrt(pull) if pull > (1e-6 * highest) ** 2 else highest or 1.0
+    speed = max(*(abs(belt.speed or 0.0) for belt in contact.belts), float(np.abs(contact.W.T @ start.velocity).max()))
+    thickest = norm.max() or 1.0
+    if speed == 0:  # a belt at rest and a start at rest: what friction alone can bring about
+        speed = thickest**2 * float(np.abs(contact.force(np.zeros(contact.columns))).max()) / omega
+    return (speed or 1.0) / thickest, float(omega)
+
+
+def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array) -> tuple[Right, Right]:
+    """rhs and the transposed Jacobian; G holds the rows of GᵀW that are not zero, (p, p); `steady` is the friction at x₀."""
+    n, p = len(K), len(G)
+    work, loss, size = 2 * n, 2 * n + 1, 2 * n + 2
+    symmetric = (D + D.T) / 2
+    values, shapes = np.linalg.eigh(symmetric)
+    felt = np.abs(values) > n * EPS * np.abs(values).max(initial=0.0)
+    rows = shapes[:, felt].T
+    # Below ẏ stand the damped speeds lᵢᵀu: one product gives all. A single one (the chain's dashpot) stands where its square
+    # belongs.
+    one = len(rows) == 1
+    A = np.zeros((size + (0 if one else len(rows)), size))
+    A[:n, n:2 * n] = np.eye(n)
+    A[n:2 * n, :n], A[n:2 * n, n:2 * n] = -K, -D
+    A[loss if one else slice(size, None), n:2 * n] = rows[0] if one else rows
+    weights = values[felt]
+    weight = float(weights[0]) if one else 0.0
+    whole = np.empty(len(A))
+    out, tail = whole[:size], whole[size:]
+    linear = np.zeros((size, size))
+    linear[:, :2 * n] = A[:2 * n].T
+    gradient = np.empty((size, size))
+    dot = A.dot
+
+    def dissipated() -> None:
+        if one:
+            out[loss] *= weight * out.item(loss)
+        elif len(tail):
+            out[loss] = (weights * tail) @ tail
+
+    def start_gradient(y: Array) -> None:
+        np.copyto(gradient, linear)
+        gradient[n:work, loss] = 2 * (symmetric @ y[n:work])
+
+    if contact.columns == 1:
+        belt, g = contact.belts[0], float(G[0, 0])
+        force, speed, first = belt.force, float(belt.speed or 0.0), float(steady[0])
+        mu, mu_slope = scalar_law(belt.law)  # type: ignore[arg-type]
+
+        def rhs(t: float, y: Array) -> Array:
+            dot(y, whole)
+            v = g * y.item(n)
+            f = force * mu(speed - v)
+            out[n] += g * (f - first)
+            dissipated()
+            out[work] = f * v
+            return out
+
+        def jacobian(t: float, y: Array) -> Array:
+            start_gradient(y)
+            v = g * y.item(n)
+            tangent = -force * mu_slope(speed - v)
+            gradient[n, n] += g * g * tangent
+            gradient[n, work] = g * (force * mu(speed - v) + v * tangent)
+            return gradient
+    else:
+        def rhs(t: float, y: Array) -> Array:
+            dot(y, whole)
+            v = y[n:n + p] @ G
+            f = contact.force(v)
+            out[n:n + p] += G @ (f - steady)
+            dissipated()
+            out[work] = f @ v
+            return out
+
+        def jacobian(t: float, y: Array) -> Array:
+            start_gradient(y)
+            v = y[n:n + p] @ G
+            f, tangent = contact.force(v), contact.tangent(v)
+            gradient[n:n + p, n:n + p] += ((G * tangent) @ G.T).T
+            gradient[n:n + p, work] = G @ (f + v * tangent)
+            return gradient
+
+    return rhs, jacobian
+
+
+@dataclass(repr=False)
+class Flow:
+    """A trajectory under way: `advance` takes it along a grid and remembers where it stands.
+
+    Attributes
+    ----------
+    t, y
+        Where it stands.
+    columns, whole
+        What is seen of it: columnsᵀq; all of q or not.
+    stretch : float
+        The time to be integrated at one go.
+    steps, rhs, jacobians : int
+        What it has cost.
+    """
+
+    system: Equations
+    t: float
+    y: Array
+    tol: float
+    method: str
+    columns: Array
+    whole: bool
+    steps: int = 0
+    rhs: int = 0
+    jacobians: int = 0
+    error: float | None = None  # SciPy's integrators keep their local errors to themselves
+
+    @property
+    def stretch(self) -> float:
+        return PERIODS * 2 * np.pi / (self.system.highest or 1.0)
+
+    def advance(self, times: Array) -> tuple[Array, ...]:
+        """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n).
+
+        times[0] is where the trajectory stands, and the integrator starts anew there.
+
+        Raises
+        ------
+        NotConvergedError
+            The integrator gave up.
+        """
+        step = _lsoda if self.method == "lsoda" else _solve_ivp
+        with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is found below
+            found = step(self, times)
+        if not np.isfinite(found).all():
+            raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}: the motion "
+                                    "grows without bound (no belt makes it do so: look at D), or the friction law is not finite")
+        self.t, self.y = float(times[-1]), found[-1].copy()
+        n, T = self.system.size, self.system.T
+        parts = found[:, :n] + self.system.rest, found[:, n:2 * n]
+        C = T.T @ self.columns
+        ports = parts[0] @ C, parts[1] @ C
+        return (*ports, parts[0] @ T.T, parts[1] @ T.T) if self.whole else ports
+
+    def close(self) -> None:
+        """Nothing to give back; for the likeness with `AlphaFlow`."""
+
+    @property
+    def state(self) -> State:
+        return self.system.state(self.y)
+
+    @property
+    def balance(self) -> tuple[float, float, float]:
+        """Work of the belts and dissipation since the start, and the energy now."""
+        return float(self.y[-2]), float(self.y[-1]), self.system.energy(self.y)
+
+
+def _lsoda(flow: Flow, times: Array) -> Array:
+    from scipy.integrate import ODEintWarning, odeint
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ODEintWarning)  # its message is in the figures
+        found, info = odeint(flow.system.rhs, flow.y, times, Dfun=flow.system.jacobian, col_deriv=True, tfirst=True,
+                             rtol=flow.tol, atol=flow.system.tolerances(flow.y, flow.tol), full_output=True, mxstep=MOST)
+    flow.steps += int(info["nst"][-1])
+    flow.rhs += int(info["nfe"][-1])
+    flow.jacobians += int(info["nje"][-1])
+    if info["message"] != "Integration successful.":
+        raise NotConvergedError(_advice(flow, times, info["message"]))
+    return found
+
+
+def _solve_ivp(flow: Flow, times: Array) -> Array:
+    from scipy.integrate import solve_ivp
+
+    system, implicit = flow.system, flow.method in ("radau", "bdf")
+    options: dict[str, Any] = {"jac": lambda t, y: system.jacobian(t, y).T.copy()} if implicit else {}
+    done = solve_ivp(lambda t, y: system.rhs(t, y).copy(), (times[0], times[-1]), flow.y, method=METHODS[flow.method],
+                     t_eval=times, dense_output=True, rtol=flow.tol, atol=system.tolerances(flow.y, flow.tol), **options)
+    flow.steps += len(done.sol.ts) - 1
+    flow.rhs += int(done.nfev)
+    flow.jacobians += int(done.njev)
+    if not done.success:
+        raise NotConvergedError(_advice(flow, times, done.message))
+    return done.y.T
+
+
+def _advice(flow: Flow, times: Array, message: str) -> str:
+    return (f"{flow.method} stopped between t = {times[0]:g} and {times[-1]:g} at tol = {flow.tol:g}: "
+            f"{' '.join(message.split())}; take a larger tol or eps, or another method")
+
+
+#: name to what SciPy calls it
+METHODS = {"lsoda": "LSODA", "dop853": "DOP853", "radau": "Radau", "bdf": "BDF"}

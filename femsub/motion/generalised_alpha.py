@@ -1,0 +1,290 @@
+"""Large sparse models in time: M a + D v + K x = W f(Wᵀv) by the generalised-α method, with one solve per step.
+
+The method (Chung and Hulbert, J. Appl. Mech. 60 (1993) 371) is of second order, and damps what the step cannot
+resolve (spectral radius RADIUS at infinity). Each of its steps is an equation in which the contact is of rank p:
+
+    S d = -r + W (f(v₁) - f(v₀)),   v₁ = v₀ + s Wᵀd,   S = σM + sD + K,
+
+with r the residual at the predictor, s and σ the shifts of the step. S depends on the step size only and is factorised once
+for each; what is left is p equations for v₁, solved to rounding by Newton's method. (PETSc's own TSALPHA2 begins with twice the
+acceleration, as of 3.18, and begins anew after each step that is done again.)
+
+Error control: the local error of the velocities, e = ‖v₁ - 3v₀ + 3v₋₁ - v₋₂‖/12 in the norm of diag M, is at most
+tol (‖v‖ + min(v_s, V)). A block of 32 steps in which it is not is done again with half the step (or less), and one in which it
+never exceeds a sixteenth is followed by steps of twice the length. v_s is the belts' speed on the motion M⁻¹w that takes least
+energy for it. V is the largest ‖v‖ so far, which fades by half over a block: it carries the control over the turning points of a
+small motion, and at the start it is no less than aᵀMa/sqrt(aᵀKa), the speed that a displacement from equilibrium leads to. What
+rounding alone makes of e counts as no error.
+
+What is integrated is the distance from the start, K x₀ apart: the rounding of a static deflection would otherwise drown a
+motion of 1e-9 of it.
+
+The local errors of all steps over V, added up, are an estimate of the velocities' error at the end (`error`). It is that of a
+motion whose disturbances grow or decay as the motion itself does; on a limit cycle it is mostly a shift in time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import EPS, Array
+from femsub.errors import InputError, NotConvergedError, SingularMatrixError
+from femsub.linalg.factor import Handle, factorise
+from femsub.motion.nonlinear_model import Sliding, State, mass_solve
+
+RADIUS = 0.9  # amplification of what oscillates infinitely fast
+STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: where in a step the equation holds
+GAMMA, BETA = 0.5 + INERTIA - STAGE, 0.25 * (1 + INERTIA - STAGE) ** 2
+AT_ONCE = 8  # points of the grid: so many are lost at most by Ctrl-C
+BLOCK = 32  # steps between two decisions on their length
+KEPT, BYTES = (2, 12), 1e9  # factorisations kept, the last ones used: as many as go into so much memory, within limits
+FADE = 0.5 ** (1 / BLOCK)  # of V in each step
+NOISE = 64 * EPS  # of what is added up in a step: rounding
+AT_MOST = 5  # halvings after one look at the error
+HALVINGS = 40  # of the step at a stretch, before giving up
+
+
+Checkpoint = tuple[Array, Array, Array, float, float, float, float, int]  # x, v, a, work, loss, V, error, points shown
+
+
+class AlphaFlow:
+    """A trajectory of a sparse model under way; see `integrators.Flow`, whose attributes and methods it has."""
+
+    method = "alpha"
+
+    def __init__(self, contact: Sliding, start: State, t: float, step: float, tol: float, columns: Array, whole: bool) -> None:
+        model = contact.model
+        self.contact, self.t, self.tol, self.columns, self.whole = contact, t, tol, columns, whole
+        self.M, self.D, self.K = (sp.csr_array(part) for part in (model.M, model.D, model.K))
+        if self.M.diagonal().min() <= 0:
+            raise InputError(f"M of {model.name!r} is singular (massless DOF): velocities are undetermined there; condense those "
+                             "DOF, or reduce the model first")
+        self.kind: Any = "definite" if model.pencil.symmetric[1] else "general"
+        self.weight = self.M.diagonal()
+        self.steps = self.rhs = self.jacobians = 0
+        self.work = self.loss = 0.0
+        self.dt = self.largest = step
+        self.speed = _speed(contact, start)
+        self.rest, self.steady = start.displacement, contact.force(np.zeros(contact.columns))
+        self.pull = contact.pull(self.rest)
+        self.shaken = float(np.sqrt(np.square(contact.W @ self.steady) @ (1 / self.weight)))
+        self.moving, self.error = self._moving(start), 0.0
+        self.done, self.worst = 0, 0.0  # steps since the last decision on their length, and the largest local error of these
+        self.kept = KEPT[0]
+        self.factors: dict[tuple[float, float], tuple[Handle, Array, Array]] = {}
+        self.stepper = Stepper(self, start)
+        self.history: list[Array] = []  # the last speeds, at distances of `last`
+        self.last = 0.0
+        self.reached = self._checkpoint()
+
+    @property
+    def stretch(self) -> float:
+        return AT_ONCE * self.largest
+
+    @property
+    def state(self) -> State:
+        x, v = self.reached[:2]
+        return State(self.rest + x, v)
+
+    @property
+    def balance(self) -> tuple[float, float, float]:
+        """Work of the belts and dissipation since the start, and the energy now."""
+        moved, v, _, work, loss, *_ = self.reached
+        x = self.rest + moved
+        return work, loss, float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
+
+    def close(self) -> None:
+        """Gives the factors back."""
+        for handle, _, _ in self.factors.values():
+            handle.close()
+        self.factors.clear()
+
+    def advance(self, times: Array) -> tuple[Array, ...]:
+        """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n)."""
+        shown = [self._seen()]
+        begin, at, done, worst = self._checkpoint(), 0, self.done, self.worst
+        history, last, halved = self.history or [begin[1]], self.last, 0
+        while at < len(times) - 1:
+            span = times[at + 1] - times[at]
+            count = max(1, int(np.ceil(span / self.dt * (1 - 1e-9))))
+            step = float(f"{span / count:.9e}")  # equal steps share a factorisation
+            if step != last:  # the third difference needs four speeds at equal distances
+                history, last = history[-1:], step
+            failed = False
+            for _ in range(count):
+                history = [*history[-3:], self._step(step)]
+                done += 1
+                if len(history) == 4:
+                    worst = max(worst, self._error(history, step))
+                    if worst > self.tol:
+                        failed = True
+                        break
+            if failed:
+                halved += 1
+                if halved > HALVINGS:
+                    raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g} and the local error is still "
+                                            f"{worst:.1e} at tol = {self.tol:g}; take a larger tol or eps")
+                at -= self._back(begin, shown)
+                # the local error falls with the third power of the step: what is far too long is halved more than once
+                halvings = min(max(1, int(np.log2(worst / self.tol) / 3)), AT_MOST)
+                self.dt, done, worst, history = step / 2**halvings, 0, 0.0, [begin[1]]
+                continue
+            at += 1
+            shown.append(self._seen())
+            if done >= BLOCK:
+                if worst < self.tol / 16 and 2 * self.dt <= self.largest * (1 + 1e-9):
+                    self.dt *= 2
+                begin, done, worst, halved = self._checkpoint(), 0, 0.0, 0
+                begin = (*begin[:-1], len(shown))
+        self.t, self.done, self.worst, self.reached = float(times[-1]), done, worst, self._checkpoint()
+        self.history, self.last = history, last
+        return tuple(np.array(part) for part in zip(*shown, strict=True))
+
+    def _checkpoint(self) -> Checkpoint:
+        at = self.stepper
+        return at.x, at.v, at.a, self.work, self.loss, self.moving, self.error, 1
+
+    def _back(self, begin: Checkpoint, shown: list[Any]) -> int:
+        """Back to a checkpoint; returns how many points of the grid are lost with it."""
+        x, v, a, self.work, self.loss, self.moving, self.error, kept = begin
+        self.stepper.put(x, v, a)
+        lost = len(shown) - kept
+        del shown[kept:]
+        return lost
+
+    def _seen(self) -> tuple[Array, ...]:
+        x, v = self.rest + self.stepper.x, self.stepper.v
+        ports = (self.columns.T @ x, self.columns.T @ v)
+        return (*ports, x, v) if self.whole else ports
+
+    def _step(self, step: float) -> Array:
+        before = self.stepper.x
+        self.stepper.step(step)
+        v, moved = self.stepper.v, self.stepper.x - before
+        self.work += float(self.stepper.force @ (self.contact.W.T @ moved))
+        if self.D.nnz:
+            self.loss += float(moved @ (self.D @ moved)) / step
+        self.steps += 1
+        if not np.isfinite(v[0]):
+            raise NotConvergedError("alpha met a NaN or Inf: the motion grows without bound, or the friction law is not finite")
+        return v
+
+    def residual(self, x: Array, v: Array, a: Array, force: Array) -> Array:
+        """M a + D v + K (x₀ + x) - W f (n,), x the distance from the start."""
+        self.rhs += 1
+        found = self.M @ a + self.K @ x - self.contact.W @ (force - self.steady) - self.pull
+        return found + self.D @ v if self.D.nnz else found
+
+    def _norm(self, v: Array) -> float:
+        return float(np.sqrt(self.weight @ np.square(v)))
+
+    def _moving(self, start: State) -> float:
+        """V at the start: ‖v‖ and aᵀMa/sqrt(aᵀKa), which is the largest speed of a single mode that starts at rest."""
+        force = self.pull + self.contact.W @ (self.contact.force(self.contact.W.T @ start.velocity) - self.steady)
+        a = force / self.weight
+        stiffness = float(a @ (self.K @ a))
+        return float(np.hypot(self._norm(start.velocity), force @ a / np.sqrt(stiffness) if stiffness > 0 else 0.0))
+
+    def _error(self, v: list[Array], step: float) -> float:
+        """Local error of the velocity over its scale: third difference / 12, the trapezoidal rule's."""
+        wrong, size = self._norm(v[3] - v[0] - 3 * (v[2] - v[1])) / 12, self._norm(v[3])
+        noise = NOISE * (2 / step * self._norm(self.stepper.x) + step / 2 * self.shaken)
+        self.moving = max(size, FADE * self.moving)
+        self.error += wrong / (self.moving + noise)
+        return 0.0 if wrong <= noise else wrong / (size + min(self.speed, self.moving))
+
+    def factor(self, sigma: float, s: float) -> tuple[Handle, Array, Array]:
+        """The factor of S = σM + sD + K, with S⁻¹W and s WᵀS⁻¹W; made when the shifts are new."""
+        key = (sigma, s)
+        if key not in self.factors:
+            while len(self.factors) >= self.kept:
+                self.factors.pop(next(iter(self.factors)))[0].close()
+            S = sigma * self.M + s * self.D + self.K
+            self.jacobians += 1
+            try:
+                handle = factorise(S, self.kind)
+            except SingularMatrixError:  # a D that feeds energy
+                self.kind = "general"
+                handle = factorise(S, self.kind)
+            fill = getattr(handle, "fill", np.nan)
+            self.kept = int(np.clip(BYTES / (8 * len(self.weight) * (fill if np.isfinite(fill) else 500)), *KEPT))
+            Z = handle.solve(self.contact.W)
+            self.factors[key] = handle, Z, s * (self.contact.W.T @ Z)
+        self.factors[key] = self.factors.pop(key)  # the last one used stands last
+        return self.factors[key]
+
+
+def _speed(contact: Sliding, start: State) -> float:
+    """The belts' speed as a norm of velocities: v / sqrt(wᵀ(diag M)⁻¹w), the largest of the columns'."""
+    speed = max(*(abs(belt.speed or 0.0) for belt in contact.belts), float(np.abs(contact.W.T @ start.velocity).max())) or 1.0
+    norms = np.square(contact.W).T @ (1 / contact.model.M.diagonal())
+    return float(speed / np.sqrt(norms[norms > 0].min())) if norms.any() else speed
+
+
+class Stepper:
+    """x, v and a of a flow, and one step of the generalised-α method from them.
+
+    The stage is x_α = x₀ + α_f (x₁ - x₀), v_α likewise, a_α = a₀ + α_m (a₁ - a₀), with
+    x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). It starts from M a₀ = what the forces leave, and
+    a step of another length goes on from the a that the last one has left.
+    """
+
+    def __init__(self, flow: AlphaFlow, start: State) -> None:
+        self.flow, self.x, self.v = flow, np.zeros(len(start.velocity)), start.velocity.copy()
+        contact = flow.contact
+        speeds = contact.W.T @ self.v
+        self.force = contact.force(speeds)
+        self.a = mass_solve(flow.M, -flow.residual(self.x, self.v, np.zeros_like(self.v), self.force))
+
+    def put(self, x: Array, v: Array, a: Array) -> None:
+        """Another state, to go on from."""
+        self.x, self.v, self.a = x, v, a
+
+    def step(self, h: float) -> None:
+        """One step: one solve with S, p scalar equations, and the stage is right to rounding."""
+        flow, contact = self.flow, self.flow.contact
+        part, s, sigma = STAGE * BETA * h * h, GAMMA / (BETA * h), INERTIA / (STAGE * BETA * h * h)
+        # the predictor keeps a
+        speed = self.v + STAGE * h * self.a
+        speeds = contact.W.T @ speed
+        before = contact.force(speeds)
+        residual = flow.residual(self.x + STAGE * (h * self.v + h * h / 2 * self.a), speed, self.a, before)
+        handle, Z, C = flow.factor(sigma, s)
+        d = handle.solve(-residual)
+        self.force = _contact_force(contact, speeds + s * (contact.W.T @ d), speeds, before, C)
+        change = (d + Z @ (self.force - before)) / part  # of a
+        self.x = self.x + h * self.v + h * h * (self.a / 2 + BETA * change)
+        self.v = self.v + h * (self.a + GAMMA * change)
+        self.a = self.a + change
+
+
+def _contact_force(contact: Sliding, linear: Array, guess: Array, before: Array, C: Array) -> Array:
+    """f(v) with v = linear + C (f(v) - before), by Newton's method that halves its steps; shape (p,)."""
+    def gap(v: Array) -> tuple[Array, Array]:
+        f = contact.force(v)
+        return v - linear - C @ (f - before), f
+
+    v = guess
+    rest, f = gap(v)
+    floor = 8 * np.finfo(float).eps * (np.abs(linear).max() + np.abs(C).max() * np.abs(before).max() + np.abs(v).max())
+    for _ in range(200):
+        if np.abs(rest).max() <= floor:
+            return f
+        change = np.linalg.solve(np.eye(len(v)) - C * contact.tangent(v), rest)
+        part = 1.0
+        while part > 1e-12:
+            trial = v - part * change
+            found, f = gap(trial)
+            if np.linalg.norm(found) < np.linalg.norm(rest) or np.abs(found).max() <= floor:
+                break
+            part /= 2
+        else:
+            if np.abs(rest).max() <= 1e4 * floor:
+                return contact.force(v)
+            break
+        v, rest = trial, found
+    raise NotConvergedError(f"the contact's equation is left with a residual of {np.abs(rest).max():.1e}, where Newton's method "
+                            "stalled: several speeds fulfil it, or the friction law jumps; take a smaller step or a larger eps")

@@ -1,0 +1,207 @@
+"""What a trajectory shows: amplitude, frequencies, their change in time, sticking, growth of the first phase.
+
+All take the times and a signal on a uniform grid, e.g. run.t and run.velocity("belt"), and `between` = (from, to) to look at a
+part. Frequencies are in radians per unit of time, amplitudes in the signal's unit: a sin(ωt) shows as a at ω.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, finite_number, instance, interval, real_array, whole_number
+from femsub.errors import InputError
+from femsub.motion.nonlinear_model import STICKING, sticking_below
+from femsub.motion.transient import Transient
+
+WINDOW = "blackman"  # side lobes at -58 dB; the main lobe ends 3 bins off the middle
+LOBE = 3.0
+PADDED = 4  # times the length, for the interpolation of peaks
+FEWEST = 32  # points that make a spectrum
+FEWEST_PEAKS = 5  # of |signal| that make a growth rate
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Spectrum:
+    """|2/Σg Σ g_j (x_j - x̄) exp(-iωt_j)| of a signal x with the Blackman window g.
+
+    Attributes
+    ----------
+    omega, amplitude : ndarray, shape (m,)
+    peaks, heights : ndarray, shape (k,)
+        Where the amplitude peaks, the highest first, by a parabola through the logarithms of three points.
+    resolution : float
+        2π / length of the window: peaks nearer than three times that are one.
+    """
+
+    omega: Array
+    amplitude: Array
+    peaks: Array
+    heights: Array
+    resolution: float
+
+    def __repr__(self) -> str:
+        listed = ", ".join(f"{at:.5g} ({height:.3g})" for at, height in zip(self.peaks[:4], self.heights[:4], strict=True))
+        return f"Spectrum: peaks at {listed or 'none'}, resolution {self.resolution:.2g} rad/time"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Spectrogram:
+    """Spectra of a window that moves along: amplitude (len(omega), len(t)), t the middles of the windows."""
+
+    t: Array
+    omega: Array
+    amplitude: Array
+    length: float  #: of the window, in time
+
+    def __repr__(self) -> str:
+        return f"Spectrogram: {len(self.t)} windows of {self.length:g} from t = {self.t[0]:g} to {self.t[-1]:g}, " \
+               f"up to {self.omega[-1]:.4g} rad/time"
+
+
+@dataclass(frozen=True)
+class Growth:
+    """x ≈ a exp(rate t) cos(omega t + φ): `rate` fitted to the logarithms of the peaks of |x| over `between`.
+
+    `spread` is the standard error of the rate; a large one says that this was no exponential phase.
+    """
+
+    rate: float
+    omega: float
+    spread: float
+    between: tuple[float, float]
+
+
+def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None, *, count: int = 8,
+             floor: float = 0.01) -> Spectrum:
+    """Amplitudes over ω, and the `count` highest peaks of at least `floor` times the highest.
+
+    Below a floor of 0.0013 the window's own side lobes show as peaks.
+
+    Raises
+    ------
+    InputError
+        Fewer than 32 points.
+    """
+    from scipy.fft import next_fast_len, rfft
+    from scipy.signal import get_window
+
+    whole_number("count", count, least=0)
+    if not 0 <= finite_number("floor", floor) <= 1:
+        raise InputError(f"floor is a share of the highest peak between 0 and 1, not {floor!r}")
+    _, x, step = _part(t, signal, between, FEWEST)
+    m = len(x)
+    g = get_window(WINDOW, m)
+    long = next_fast_len(PADDED * m, real=True)
+    amplitude = np.abs(rfft(g * (x - g @ x / g.sum()), long)) * 2 / g.sum()
+    omega = 2 * np.pi * np.arange(len(amplitude)) / (long * step)
+    resolution = 2 * np.pi / (m * step)
+    peaks, heights = _peaks(omega, amplitude, count, floor, LOBE * resolution)
+    return Spectrum(omega, amplitude, peaks, heights, resolution)
+
+
+def _peaks(omega: Array, amplitude: Array, count: int, floor: float, apart: float) -> tuple[Array, Array]:
+    from scipy.signal import find_peaks
+
+    step = omega[1] - omega[0]
+    at, _ = find_peaks(amplitude, height=floor * amplitude.max(), distance=apart / step)
+    at = at[np.argsort(-amplitude[at])][:count]
+    vertices = np.array([_parabola(np.log(amplitude[i - 1:i + 2])) for i in at]).reshape(-1, 2)
+    return omega[at] + step * vertices[:, 0], np.exp(vertices[:, 1])
+
+
+def _parabola(y: Array) -> tuple[float, float]:
+    """Place (in steps from the middle) and height of the vertex through three values."""
+    curve, slope = y[0] - 2 * y[1] + y[2], (y[2] - y[0]) / 2
+    place = -slope / curve if curve < 0 else 0.0
+    return float(place), float(y[1] + slope * place / 2)
+
+
+def spectrogram(t: Array, signal: Array, length: float, *, between: tuple[float, float] | None = None,
+                windows: int = 200) -> Spectrogram:
+    """Short-time spectra by scipy.signal.ShortTimeFFT with a Blackman window of `length` (time), `windows` places for it.
+
+    The mean of each window is taken out.
+    """
+    from scipy.signal import ShortTimeFFT, get_window
+
+    times, x, step = _part(t, signal, between, FEWEST)
+    points = finite_number("length", length) / step
+    if not FEWEST - 0.5 <= points < len(x) + 0.5:
+        raise InputError(f"length must be between {FEWEST * step:g} and the signal's {len(x) * step:g}, but is {length!r}")
+    points = round(points)
+    hop = max(1, (len(x) - points) // max(1, whole_number("windows", windows) - 1))
+    g = get_window(WINDOW, points)
+    transform = ShortTimeFFT(g, hop, fs=1 / step, fft_mode="onesided", scale_to="magnitude")
+    first, last = transform.lower_border_end[1], transform.upper_border_begin(len(x))[1]
+    found = transform.stft_detrend(x, "constant", p0=first, p1=max(last, first + 1))
+    middles = times[0] + transform.t(len(x), p0=first, p1=max(last, first + 1))
+    return Spectrogram(middles, 2 * np.pi * transform.f, 2 * np.abs(found), points * step)
+
+
+def rms(t: Array, signal: Array, between: tuple[float, float] | None = None) -> float:
+    """Root of the mean square of x - x̄."""
+    return float(_part(t, signal, between, 2)[1].std())
+
+
+def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | None = None, *,
+             multiple: float = STICKING, below: float | None = None) -> float:
+    """The share of the time in which |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without an ε."""
+    relative = instance("run", run, Transient).relative_velocity(port)
+    belt = next(belt for belt in run.contact.belts if belt.port == port)
+    limit = finite_number("below", below) if below is not None else sticking_below(belt, finite_number("multiple", multiple))
+    if np.isnan(limit):
+        raise InputError(f"the friction law on {port!r} has no eps; say by `below` what counts as sticking")
+    part = _part(run.t, relative, between, 1)[1]
+    return float(np.mean(np.abs(part) <= limit))
+
+
+def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = None, *, below: float | None = None) -> Growth:
+    """σ of x ≈ a exp(σt) cos(ωt + φ): a straight line through the logarithms of the peaks of |x|, whose mean must be 0.
+
+    Parameters
+    ----------
+    below : float, optional
+        Only peaks before |x| first exceeds it: the phase of growth, before friction's nonlinearity ends it.
+
+    Raises
+    ------
+    InputError
+        Fewer than five peaks: the window is too short, or the grid too coarse.
+    """
+    from scipy.signal import find_peaks
+
+    times, x, step = _part(t, signal, between, 8)
+    if below is not None:
+        over = np.flatnonzero(np.abs(x) > finite_number("below", below))
+        end = over[0] if len(over) else len(x)
+        times, x = times[:end], x[:end]
+    y = np.abs(x)
+    at, _ = find_peaks(y)
+    if len(at) < FEWEST_PEAKS:
+        raise InputError(f"a growth rate needs at least {FEWEST_PEAKS} peaks of |x|, but there are {len(at)}: take a longer "
+                         "window, a finer grid or a larger `below`")
+    refined = [_parabola(y[i - 1:i + 2]) for i in at]
+    places = times[at] + step * np.array([place for place, _ in refined])
+    heights = np.log([height for _, height in refined])
+    (rate, _), covariance = np.polyfit(places, heights, 1, cov=True)
+    return Growth(float(rate), float(np.pi * (len(at) - 1) / (places[-1] - places[0])), float(np.sqrt(covariance[0, 0])),
+                  (float(places[0]), float(places[-1])))
+
+
+def _part(t: Any, signal: Any, between: tuple[float, float] | None, fewest: int) -> tuple[Array, Array, float]:
+    """The part of a signal, its times and its step, checked."""
+    times, x = real_array("t", t), real_array("signal", signal, finite=False)
+    if times.ndim != 1 or x.shape != times.shape:
+        raise InputError(f"t and the signal must have one and the same length, but their shapes are {times.shape} and {x.shape}; "
+                         "of a port with several columns take one")
+    if between is not None:
+        lo, hi = between = interval("between", between)
+        inside = (times >= lo) & (times <= hi)
+        times, x = times[inside], x[inside]
+    if len(times) < fewest:
+        span = "the signal" if between is None else f"the part between {between[0]:g} and {between[1]:g}"
+        raise InputError(f"{span} has {len(times)} points; at least {fewest} are needed")
+    return times, x, float((times[-1] - times[0]) / (len(times) - 1)) if len(times) > 1 else np.nan

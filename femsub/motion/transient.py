@@ -1,0 +1,330 @@
+"""The nonlinear model in time: M q̈ + D q̇ + K q = W f(Wᵀq̇), full and reduced alike."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, choice, finite_number, items, listener, positive_number, whole_number, word
+from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.model.friction import Belt
+from femsub.model.substructure import Substructure
+from femsub.motion.first_order import METHODS, Flow, equations
+from femsub.motion.nonlinear_model import Sliding, State, sliding
+
+if TYPE_CHECKING:
+    from femsub.motion.generalised_alpha import AlphaFlow
+
+DENSE = 300  # up to so many DOF a sparse model is integrated as a dense one
+LARGEST = 2000  # DOF for the integrators of dense models
+TOL = {"dense": 1e-9, "alpha": 1e-5}
+POINTS = 16  # per period of the highest mode, on the grid that is recorded
+MOST_ASKED = 10**8  # points of the record, 1.6 GB for each port
+MOST_POINTS = 200_000  # where nothing else is said
+FAINT = 1e-6  # of the energy there is: changes below it are no measure of the balance
+UNKNOWN = 2000  # points where no highest mode is known
+ROUNDING = 1e-9  # of a step, by which the grid may reach beyond the end
+TELL = 0.3  # seconds between two words of progress
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """work = dissipation + change: ∫ fᵀWᵀq̇ dt = ∫ q̇ᵀDq̇ dt + Δ(½q̇ᵀMq̇ + ½qᵀKq), and `residual`, what is missing.
+
+    `residual` is relative to the largest of the three (and to no less than a millionth of the energy there is, where nothing
+    much happens).
+    """
+
+    work: float
+    dissipation: float
+    change: float
+    residual: float
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a run has cost: steps, evaluations of the right-hand side and of the Jacobian, seconds of wall time."""
+
+    method: str
+    tol: float
+    steps: int
+    rhs: int
+    jacobians: int
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Transient:
+    """A trajectory, seen through ports on a uniform grid.
+
+    Attributes
+    ----------
+    contact : Sliding
+        The model and its belts.
+    t : ndarray, shape (m,)
+    displacements, velocities : mapping of str to ndarray, shape (m,) or (m, p)
+        wᵀq and wᵀq̇ on each port recorded.
+    states : tuple of ndarray, shape (m, n), or None
+        q and q̇ with record="states".
+    start, final : State
+        Where it began and where it stands: hand `final` to another run as its `start` to go on.
+    end : float
+        The time of `final`.
+    complete : bool
+        False if it was interrupted; what was reached by then is here.
+    energy : EnergyBalance
+    effort : Effort
+    error : float or None
+        The local errors of the velocities over the size of the motion, added up over the steps: an estimate of the error at the
+        end, where disturbances grow or decay as the motion does. On a limit cycle it is mostly a shift in time. The energy
+        balance knows nothing of it. None for SciPy's integrators, which do not tell their local errors.
+    """
+
+    contact: Sliding
+    t: Array
+    displacements: Mapping[str, Array]
+    velocities: Mapping[str, Array]
+    states: tuple[Array, Array] | None
+    start: State
+    final: State
+    end: float
+    complete: bool
+    energy: EnergyBalance
+    effort: Effort
+    error: float | None = None
+
+    def __repr__(self) -> str:
+        shown = f"t = {self.t[0]:g} to {self.t[-1]:g} in {len(self.t)} points" if len(self.t) else "nothing recorded"
+        state = "" if self.complete else f", interrupted at t = {self.end:g}"
+        wrong = "" if self.error is None else f"local errors add up to {self.error:.1e} of the motion, "
+        return (f"Transient: {self.contact.model.name!r} with {self.contact.model.size} DOF, {shown}{state}; "
+                f"{self.effort.method} at tol = {self.effort.tol:g}, {self.effort.steps} steps, {self.effort.seconds:.2g} s; "
+                f"{wrong}energy balance to {self.energy.residual:.0e}")
+
+    @property
+    def step(self) -> float:
+        """The step of the grid."""
+        return float(self.t[1] - self.t[0]) if len(self.t) > 1 else np.nan
+
+    def port(self, name: str) -> Array:
+        """wᵀq(t) on a port, shape (m,) or (m, p)."""
+        return self._recorded(self.displacements, name)
+
+    def velocity(self, name: str) -> Array:
+        """wᵀq̇(t) on a port, shape (m,) or (m, p)."""
+        return self._recorded(self.velocities, name)
+
+    def relative_velocity(self, name: str) -> Array:
+        """v0 - wᵀq̇(t) under a belt."""
+        return self._belt(name).speed - self.velocity(name)
+
+    def friction(self, name: str) -> Array:
+        """F μ(v0 - wᵀq̇(t)) under a belt."""
+        belt = self._belt(name)
+        return belt.force * belt.law.value(self.relative_velocity(name))  # type: ignore[union-attr]
+
+    def _belt(self, name: str) -> Belt:
+        belts = {belt.port: belt for belt in self.contact.belts}
+        return belts[choice("belt", name, belts)]
+
+    def _recorded(self, histories: Mapping[str, Array], name: str) -> Array:
+        if name not in histories:
+            if name in self.contact.model.ports:
+                raise InputError(f"port {name!r} was not recorded; ask for it with transient(..., ports=[{name!r}])")
+            raise unknown_name("port", name, histories)
+        return histories[name]
+
+
+def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[float, float] = (0.0, 500.0), *,
+              start: State | None = None, impulse: Mapping[str, float] | float | None = None, ports: Sequence[str] = (),
+              step: float | None = None, samples: int | None = None, record_from: float | None = None,
+              record: str = "ports", tol: float | None = None, method: str = "auto",
+              progress: Callable[[str], None] | None = None) -> Transient:
+    """M q̈ + D q̇ + K q = W f(Wᵀq̇) over time = (t0, t1), recorded on a uniform grid.
+
+    Parameters
+    ----------
+    model : Substructure
+        Full or reduced; M must not be singular.
+    belts : Belt or sequence of Belt
+        On any ports, of one or several columns; each needs a friction law.
+    start : State, optional
+        q and q̇ in the model's coordinates at t0. Default: sliding equilibrium and a blow on a port, see `impulse`.
+    impulse : float or mapping of str to float
+        The blow (mass · length / time), 1e-3 on the first belt's port by default. The same blow is the same physical
+        disturbance for every model, see `Sliding.impulse`.
+    ports : sequence of str
+        Recorded besides the belts' ports.
+    step, samples, record_from
+        The grid: from record_from (default t0) in steps of `step`, or in so many equal intervals up to t1. Default:
+        16 points per period of the highest mode, at most 200,000 in all; of a sparse model 2,000.
+    record : str
+        'ports', or 'states' for all coordinates as well (2 n numbers per point).
+    tol : float
+        Local error: tol times (value + scale); the scale of velocities is the belts' speed, or the motion's where that is
+        smaller. See `integrators` (default 1e-9) and `second_order` (default 1e-5).
+    method : str
+        'lsoda', 'dop853', 'radau', 'bdf' (SciPy's) for dense models, 'alpha' (the generalised-α method) for sparse ones; 'auto'
+        is lsoda for dense models and sparse ones of up to 300 DOF.
+    progress : callable, optional
+        Is told, now and then, how far the run has come.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        What cannot be integrated: times that do not ascend, NaN in the start, a singular M, a belt without a law, a floating
+        model without a start of its own.
+    NotConvergedError
+        The integrator gave up.
+
+    Notes
+    -----
+    Ctrl-C ends a run, not the program: what was reached comes back with `complete` False.
+    """
+    began = clock.perf_counter()
+    contact = sliding(model, belts, "transient")
+    t0, t1 = _interval(time)
+    choice("method", method, ("auto", "alpha", *METHODS))
+    tell = listener("progress", progress)
+    if tol is not None and not 1e-13 <= finite_number("tol", tol) <= 1e-2:
+        raise InputError(f"tol must lie between 1e-13 and 1e-2, not {tol!r}")
+    choice("record", record, ("ports", "states"))
+    columns, slices = _columns(contact, ports)
+    first = _start(contact, start, impulse)
+    flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns, record == "states")
+    before = flow.balance[2]
+    parts: list[tuple[Array, ...]] = []
+    complete, told = True, clock.perf_counter()
+    try:
+        for times, wanted in _stretches(t0, t1, grid, flow.stretch):
+            parts.append(tuple(part[wanted] for part in flow.advance(times)))
+            if clock.perf_counter() - told > TELL:
+                told = clock.perf_counter()
+                tell(f"t = {flow.t:.6g} of {t1:g}")
+    except KeyboardInterrupt:
+        complete = False
+    except BaseException:
+        flow.close()  # its factors
+        raise
+    q, v, *states = (np.concatenate(pieces) for pieces in zip(*parts, strict=True)) if parts else \
+        (np.zeros((0, columns.shape[1])),) * 2
+    work, loss, now = flow.balance
+    change = now - before
+    largest = max(abs(work), abs(loss), abs(change), FAINT * max(before, now))
+    balance = EnergyBalance(work, loss, change, abs(work - loss - change) / largest if largest else 0.0)
+    run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
+                     {name: v[:, at] for name, at in slices.items()}, (states[0], states[1]) if states else None, first,
+                     flow.state, flow.t, complete, balance,
+                     Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began),
+                     flow.error)
+    flow.close()
+    return run
+
+
+def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple[Any, Any, Any],
+          tol: float | None, method: str, columns: Array, whole: bool) -> tuple[Flow | AlphaFlow, Array]:
+    """The trajectory, ready to start, and the grid on which it is recorded."""
+    model = contact.model
+    large = sp.issparse(model.K) and model.size > DENSE
+    if method == "alpha" or (method == "auto" and large):
+        from femsub.motion.generalised_alpha import AlphaFlow
+
+        points = _grid(*time, *grid, 0.0)
+        apart = float(points[1] - points[0]) if len(points) > 1 else time[1] - time[0]
+        return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns, whole), points
+    if model.size > LARGEST:
+        raise InputError(f"{method!r} is for dense models of up to {LARGEST} DOF, and {model.name!r} has {model.size}; take "
+                         "method='alpha', or reduce the model first")
+    system = equations(contact, start)
+    points = _grid(*time, *grid, system.highest)
+    return Flow(system, time[0], system.vector(start), TOL["dense"] if tol is None else float(tol),
+                "lsoda" if method == "auto" else method, columns, whole), points
+
+
+def _interval(time: Any) -> tuple[float, float]:
+    try:
+        t0, t1 = time
+    except (TypeError, ValueError):
+        raise InputTypeError(f"time must be (t0, t1), not {time!r:.80}") from None
+    t0, t1 = float(finite_number("time[0]", t0)), float(finite_number("time[1]", t1))
+    if t1 <= t0:
+        raise InputError(f"time must ascend, but it goes from {t0:g} to {t1:g}")
+    return t0, t1
+
+
+def _columns(contact: Sliding, ports: Sequence[str]) -> tuple[Array, dict[str, Any]]:
+    """What is observed, (n, c), and where each port stands in it: an index for a port of one column, else a slice."""
+    asked = [word("ports", name) for name in items("ports", ports, "names of ports")]
+    names = dict.fromkeys([*(belt.port for belt in contact.belts), *asked])
+    parts, places, at = [], {}, 0
+    for name in names:
+        column = contact.model.port(name)
+        wide = column.reshape(len(column), -1)
+        places[name] = at if column.ndim == 1 else slice(at, at + wide.shape[1])
+        at += wide.shape[1]
+        parts.append(wide)
+    return np.hstack(parts), places
+
+
+def _start(contact: Sliding, start: State | None, impulse: Mapping[str, float] | float | None) -> State:
+    if start is None:
+        return contact.impulse(1e-3 if impulse is None else impulse)
+    if impulse is not None:
+        raise InputError("give either start or impulse: an impulse starts from the sliding equilibrium")
+    if not isinstance(start, State):
+        raise InputTypeError(f"start must be a State(displacement, velocity), not {type(start).__name__}")
+    checked = []
+    for name, value in (("displacement", start.displacement), ("velocity", start.velocity)):
+        part = np.asarray(value, dtype=float)
+        if part.shape != (contact.model.size,):
+            raise InputError(f"the start's {name} has the shape {part.shape}; the model has {contact.model.size} DOF. A state of "
+                             "the full model reaches a reduced one by contacts.project")
+        if not np.isfinite(part).all():
+            raise InputError(f"the start's {name} holds a NaN or Inf")
+        checked.append(part.copy())
+    return State(*checked)
+
+
+def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_from: float | None, highest: float) -> Array:
+    begin = t0 if record_from is None else float(finite_number("record_from", record_from))
+    if not t0 <= begin < t1:
+        raise InputError(f"record_from must lie in the time from {t0:g} to {t1:g}, but is {begin:g}")
+    if step is not None and samples is not None:
+        raise InputError("give either step or samples: one follows from the other")
+    if samples is not None:
+        whole_number("samples", samples, least=1, most=MOST_ASKED)
+        return np.linspace(begin, t1, samples + 1)
+    if step is None:
+        step = 2 * np.pi / (POINTS * highest) if highest else (t1 - begin) / UNKNOWN
+        step = max(step, (t1 - begin) / MOST_POINTS)
+    elif (t1 - begin) / positive_number("step", step) > MOST_ASKED:
+        raise InputError(f"a step of {step:g} makes {(t1 - begin) / step:.1e} points; at most {MOST_ASKED:.0e} are recorded")
+    step = float(step)
+    return begin + step * np.arange(int((t1 - begin) / step + ROUNDING) + 1)
+
+
+def _stretches(t0: float, t1: float, grid: Array, longest: float) -> Iterator[tuple[Array, Array]]:
+    """Times to integrate at a stretch, each from the end of the last, and which of them are recorded.
+
+    The ends are points of the grid as soon as there is one, and depend on the grid and the model only: a run can be repeated to
+    the last digit.
+    """
+    lead = np.linspace(t0, grid[0], int(np.ceil((grid[0] - t0) / longest)) + 1)
+    for begin, end in pairwise(lead):
+        yield np.array([begin, end]), np.array([False, False])
+    apart = float(grid[1] - grid[0]) if len(grid) > 1 else longest
+    count = max(1, int(longest / apart))
+    first = True
+    for at in range(0, max(1, len(grid) - 1), count):
+        times = grid[at:at + count + 1]
+        wanted = np.ones(len(times), dtype=bool)
+        wanted[0], first = first, False
+        if at + count >= len(grid) - 1 and t1 - times[-1] > ROUNDING * apart:
+            times, wanted = np.append(times, t1), np.append(wanted, False)
+        yield times, wanted

@@ -1,0 +1,4 @@
+"""Complex modes (λ²M + λD + K)x = 0, dense and sparse.
+
+In: a pencil. Out: eigenpairs with backward errors, error bars and counts.
+"""

@@ -1,0 +1,148 @@
+"""A sparse pencil taken apart: proportional damping, whose modes are those without damping, and a few columns beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix
+from femsub.model.pencil import Pencil
+
+RANK = 40  # columns of W at the most
+JUDGES = 500  # rows by which α and β are judged
+FILLED = 0.1  # of sqrt(d_ii d_jj): the least size at which an entry of D is judged
+EXACT = 1e-12  # what D and αM + βK may differ by, entry by entry, as rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """P(s) = (1 + βs)K0 + (s² + αs)M + W(sC_D + C_K)Wᵀ: K0 symmetric (n, n), W (n, q) orthonormal, C_D, C_K (q, q)."""
+
+    M: Matrix
+    K0: Matrix
+    alpha: float
+    beta: float
+    W: Array
+    C_D: Array
+    C_K: Array
+
+    def coupling(self, s: Array) -> Array:
+        """sC_D + C_K at each s, shape (m, q, q)."""
+        return s[:, None, None] * self.C_D + self.C_K
+
+    def squared(self, s: Array) -> Array:
+        """ζ with (1 + βs)(K0 + ζM) = P0(s): what -ω² is without damping."""
+        return s * (s + self.alpha) / (1 + self.beta * s)
+
+
+def split(pencil: Pencil) -> Split | None:
+    """The pencil taken apart; None where more than 40 columns W are needed, as with a damping that is nowhere proportional."""
+    M, D, K = pencil.M, pencil.D, pencil.K
+    if not pencil.is_sparse or not pencil.symmetric[0]:
+        return None
+    K0 = K if pencil.symmetric[2] else sp.csr_array((K + K.T) * 0.5)
+    own = np.sqrt(np.abs(D.diagonal()))
+    D = _without_contacts(D, pencil, own)
+    alpha, beta = _proportional(M, K0, D, own)
+    parts = [_without(D, alpha, M, beta, K0, own)]
+    if not pencil.symmetric[2]:
+        parts.append(sp.csr_array((K - K.T) * 0.5))
+    rows = np.unique(np.concatenate([np.concatenate(part.nonzero()) for part in parts]))
+    small = [part[rows][:, rows] for part in parts]
+    rng, sketch = np.random.default_rng(11), []
+    if any(_rank_of_some_rows(part, rng) > RANK for part in small):
+        return None
+    for part in small:
+        size = abs(part).max() if part.nnz else 0.0
+        if size:  # zeros may be stored
+            probes = rng.standard_normal((len(rows), RANK + 10))
+            sketch += [part @ probes / size, part.T @ probes / size]
+    if not sketch:
+        none = np.zeros((0, 0))
+        return _with_contacts(Split(M, K0, alpha, beta, np.zeros((pencil.size, 0)), none, none), pencil)
+    Q, sizes, _ = la.svd(np.hstack(sketch), full_matrices=False)
+    Q = Q[:, sizes > 1e-13 * sizes[0]]
+    if Q.shape[1] > RANK:
+        return None
+    cores = [Q.T @ (part @ Q) for part in small] + [np.zeros((Q.shape[1], Q.shape[1]))]
+    W = np.zeros((pencil.size, Q.shape[1]))
+    W[rows] = Q
+    return _with_contacts(Split(M, K0, alpha, beta, W, cores[0], cores[1]), pencil)
+
+
+def _without_contacts(D: Matrix, pencil: Pencil, own: Array) -> Matrix:
+    """D - Σ cWWᵀ over the contacts that the pencil knows of, without what is rounding beside `own`, sqrt(d_ii)."""
+    if not pencil.contacts:
+        return D
+    for c, W in pencil.contacts:
+        column = sp.csr_array(W)
+        D = D - c * (column @ column.T)
+    rest = sp.coo_array(D)
+    keep = np.abs(rest.data) > EXACT * FILLED * own[rest.row] * own[rest.col]
+    return sp.csr_array((rest.data[keep], (rest.row[keep], rest.col[keep])), shape=D.shape)
+
+
+def _with_contacts(parts: Split, pencil: Pencil) -> Split | None:
+    """What the pencil itself knows of its contacts joins W."""
+    columns = sum(column.shape[1] for _, column in pencil.contacts)
+    if not columns:
+        return parts
+    if parts.W.shape[1] + columns > RANK:
+        return None
+    Q, R = la.qr(np.hstack([parts.W, *(column for _, column in pencil.contacts)]), mode="economic")
+    added = np.concatenate([np.full(column.shape[1], c) for c, column in pencil.contacts])
+    C_D, C_K = la.block_diag(parts.C_D, np.diag(added)), la.block_diag(parts.C_K, np.zeros((columns, columns)))
+    return Split(parts.M, parts.K0, parts.alpha, parts.beta, Q, R @ C_D @ R.T, R @ C_K @ R.T)
+
+
+def _rank_of_some_rows(part: Matrix, rng: np.random.Generator) -> int:
+    """A lower bound of the rank, from a few of its rows: most dampings that are nowhere proportional are told by it."""
+    rows = part[rng.choice(part.shape[0], min(part.shape[0], 2 * RANK), replace=False)]
+    sizes = la.svdvals(rows[:, np.unique(rows.indices)].toarray()) if rows.nnz else np.zeros(1)
+    return int(np.count_nonzero(sizes > 1e-13 * sizes[0]))
+
+
+def _without(D: Matrix, alpha: float, M: Matrix, beta: float, K: Matrix, own: Array, rows: Array | None = None) -> Matrix:
+    """D - αM - βK, or some of its rows, without what is rounding.
+
+    `own` are sqrt(d_ii): a reduced D comes from a product, whose rounding is that of the diagonal everywhere.
+    """
+    if not alpha and not beta:
+        return D
+    rest = sp.coo_array(D - alpha * M - beta * K)
+    scale = sp.csr_array(abs(D) + abs(alpha) * abs(M) + abs(beta) * abs(K))
+    beside = own[rest.row if rows is None else rows[rest.row]] * own[rest.col]
+    allowed = EXACT * np.maximum(np.asarray(scale[rest.row, rest.col]).ravel(), FILLED * beside)
+    keep = np.abs(rest.data) > allowed
+    return sp.csr_array((rest.data[keep], (rest.row[keep], rest.col[keep])), shape=D.shape)
+
+
+def _proportional(M: Matrix, K: Matrix, D: Matrix, own: Array) -> tuple[float, float]:
+    """α and β with D = αM + βK on most rows, by trial on a few rows at a time, each judged by some hundred others; (0, 0) where
+    there are none.
+    """
+    if np.count_nonzero(np.diff(D.indptr)) <= D.shape[0] // 2:
+        return 0.0, 0.0
+    rng = np.random.default_rng(7)
+    best, found, judges = 0, (0.0, 0.0), rng.choice(D.shape[0], min(D.shape[0], JUDGES), replace=False)
+    M, K, D = M[judges], K[judges], D[judges]
+    n = len(judges)
+    for _ in range(12):
+        rows = rng.choice(n, min(n, 3), replace=False)
+        m, k, d = (part[rows].toarray().ravel() for part in (M, K, D))
+        scale = np.array([np.abs(m).max(), np.abs(k).max()])
+        if not scale.all():
+            continue
+        (a, b), *_ = np.linalg.lstsq(np.stack([m, k], axis=1) / scale, d, rcond=None)
+        # Where one of the two is all there is, the other comes out as rounding.
+        a, b = (0.0 if abs(x) <= 1e-12 * max(abs(a), abs(b)) else x for x in (a, b))
+        a, b = float(a / scale[0]), float(b / scale[1])
+        clean = n - len(np.unique(_without(D, a, M, b, K, own, judges).nonzero()[0]))
+        if clean > best:
+            best, found = clean, (a, b)
+        if clean > 0.5 * n:
+            break
+    return found

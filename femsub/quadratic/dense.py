@@ -1,0 +1,236 @@
+"""All eigenvalues of a small quadratic pencil, by LAPACK on a linearisation scaled to energy.
+
+With M positive definite the undamped modes come first: K_s Φ = MΦΩ² with K_s the symmetric part of K, and the state is
+(Ωq, q̇) in modal coordinates,
+
+    λ [a; b] = [[0, Ω], [-H Ω⁻¹, -C]] [a; b],   H = ΦᵀKΦ, C = ΦᵀDΦ, a = Ωq, b = λq.
+
+For a symmetric K this matrix is skew up to the damping, hence nearly normal: eigenvalues from 1e-5 to 1e7 keep the
+accuracy that their sensitivity allows. Where M is not definite, see `singular_mass`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import Array
+from femsub.errors import InputError, SingularMatrixError
+from femsub.model.matrices import is_symmetric, unit_length
+from femsub.model.pencil import Pencil
+from femsub.modes.dense import dense_modes
+from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, units
+from femsub.quadratic import singular_mass
+from femsub.quadratic.singular_mass import REGULAR
+
+
+@dataclass(frozen=True, eq=False)
+class ModalForm:
+    """A dense pencil in its undamped modes: Φ (n, n), Ω > 0 (n,), H = ΦᵀKΦ, C = ΦᵀDΦ; the first `rigid` have KΦ = 0.
+
+    H is None where K is symmetric: then it is diag(±Ω²), with `sign`.
+    """
+
+    shapes: Array
+    omega: Array
+    sign: Array
+    H: Array | None
+    C: Array
+    rigid: int
+
+    def state(self, C: Array | None = None) -> Array:
+        """The state matrix, shape (2n - rigid, 2n - rigid): a rigid-body mode has no potential energy, hence no a."""
+        damping = self.C if C is None else C
+        n, r = len(self.omega), self.rigid
+        A = np.zeros((2 * n - r, 2 * n - r))
+        A[:n - r, n:] = np.diag(self.omega[r:])
+        A[n - r:, n - r:] = -damping
+        rows = np.arange(n - r)
+        if self.H is None:
+            A[n + rows, rows] = -(self.sign * self.omega)[r:]
+        else:
+            A[n - r:, :n - r] = -self.H[:, r:] / self.omega[r:]
+        return A
+
+
+def definite_form(pencil: Pencil) -> ModalForm:
+    """The modal form of a pencil, made dense, whose M has to be definite for what is asked."""
+    form = modal_form(pencil.dense())
+    if form is None:
+        raise InputError("M is singular or nearly so (massless DOF), and a border needs mass under every motion: condense such "
+                         "DOF, or give them a little mass; of a reduced model keep fewer modes (complex_modes and sweep take "
+                         "it as it is)")
+    return form
+
+
+def modal_form(pencil: Pencil) -> ModalForm | None:
+    """The modal form of a dense pencil, or None where M is not symmetric positive definite."""
+    M, K = pencil.M, pencil.K
+    if not is_symmetric(M):
+        return None
+    symmetric = is_symmetric(K)
+    with np.errstate(all="ignore"):
+        try:
+            scale = M.diagonal() ** -0.5
+            if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
+                return None
+            values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K)
+        except la.LinAlgError:
+            return None
+    omega = np.sqrt(np.abs(values))
+    omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # only a scaling where it is not the frequency
+    H = None
+    if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
+        H = shapes.T @ (K @ shapes)
+    shapes, C = _unbraked(pencil.D, shapes, rigid, units(M))
+    return ModalForm(shapes, omega, np.sign(values), H, C, rigid)
+
+
+def _undamped(still: Array, M: Array, K: Array) -> tuple[Array, Array, int]:
+    """ω² (n,) and Φ (n, n) of the symmetric part of K, and how many rigid-body modes stand first, with ω² = 0.
+
+    Those are moved to a quarter of the lowest elastic ω² while LAPACK seeks the others, as for `normal_modes`.
+    """
+    values, shapes = _by_lapack(still, M)
+    low = np.abs(values) <= 1e-8 * np.abs(values).max()
+    if not low.any():
+        return values, shapes, 0
+    Z, lowest = _rigid(still, M, values, shapes, low)
+    if still is not K:
+        Z, free = unresisted(K - still, Z, units(M))
+        Z = Z[:, free]
+    r = Z.shape[1]
+    if 0 < r < len(values):
+        held = M @ Z
+        values, shapes = _by_lapack(still + 0.25 * lowest * (held @ held.T), M)
+        order = np.argsort(-np.linalg.norm(held.T @ shapes, axis=0), kind="stable")
+        rest = np.sort(order[r:])
+        values, shapes = np.append(np.zeros(r), values[rest]), np.hstack([Z, shapes[:, rest] - Z @ (held.T @ shapes[:, rest])])
+    elif r:
+        values, shapes = np.zeros(r), Z
+    return values, shapes, r
+
+
+def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
+    try:
+        return dense_modes(K, M)
+    except SingularMatrixError:  # floating, or made indefinite by friction
+        values, shapes = la.eigh(K, M, check_finite=False)
+        return values, shapes
+
+
+def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tuple[Array, float]:
+    """The rigid-body modes Z (n, r), M-orthonormal, and the lowest elastic ω²; as `ShiftInvert` decides it, if K is
+    semidefinite.
+    """
+    try:
+        handle = ShiftInvert(K, M)
+    except SingularMatrixError:  # a negative stiffness, or parts too unlike each other
+        top = float(np.abs(values).max()) or 1.0
+        return _annihilated(K, M, _cleaned(K, M, shapes[:, low], top)), float(np.abs(values[~low]).min(initial=top))
+    return handle.rigid, handle.lowest if np.isfinite(handle.lowest) else float(np.abs(values).max())
+
+
+def _annihilated(K: Array, M: Array, x: Array) -> Array:
+    """As many combinations of the motions x (n, k) as cost nothing however they are mixed, M-orthonormal.
+
+    A motion by itself may move only DOF in which K holds nothing but rounding of what it holds elsewhere: the reduced model
+    of a block that is joined at a few nodes in one plane resists no motion across it. There are no forces in such a motion
+    against which its own could be measured; in a mixture with the other rigid-body modes there are.
+    """
+    x = x @ np.linalg.inv(np.linalg.cholesky(x.T @ M @ x)).T
+    unit = units(K)[:, None]
+    force, turn = np.linalg.svd(unit * (K @ x), full_matrices=False)[1:]
+    x = x @ turn[::-1].T
+    most = int(np.count_nonzero(force <= RIGID * np.linalg.norm(unit * (abs(K) @ abs(x)))))
+    for count in range(most, 0, -1):
+        mix = np.linalg.qr(np.random.default_rng(7).standard_normal((count, count)))[0]
+        if costs_nothing(K, x[:, :count] @ mix).all():
+            return x[:, :count]
+    return x[:, :0]
+
+
+def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array) -> tuple[Array, Array]:
+    """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not brake.
+
+    Each of these has a double eigenvalue at 0, which rounding in C would break up.
+    """
+    C = shapes.T @ (D @ shapes)
+    if not rigid:
+        return shapes, C
+    z, free = unresisted(D, shapes[:, :rigid], unit)
+    shapes = np.hstack([z, shapes[:, rigid:]])
+    C = shapes.T @ (D @ shapes)
+    C[:, free] = 0.0
+    if is_symmetric(D):
+        C[free] = 0.0
+    return shapes, C
+
+
+def unresisted(A: Array, Z: Array, unit: Array) -> tuple[Array, Array]:
+    """The motions Z (n, r) turned so that A resists few of them, and the numbers of those with Az = 0, in each DOF's `unit`."""
+    Z = Z @ np.linalg.svd(unit[:, None] * (A @ Z), full_matrices=False)[2].T
+    scale = np.linalg.norm(unit * (abs(A) @ abs(Z).sum(axis=1)))  # of all: one at rest where the dashpot is has no scale
+    return Z, np.flatnonzero(np.linalg.norm(unit[:, None] * (A @ Z), axis=0) <= RIGID * scale)
+
+
+def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
+    # Rounding of the stiffest modes is left in the softest; two solves with K + sM remove it.
+    sigma = 1e-10 * top
+    with np.errstate(all="ignore"):
+        try:
+            factor = la.lu_factor(K + sigma * M, check_finite=False)
+        except la.LinAlgError:
+            return x
+        for _ in range(2):
+            x = la.lu_solve(factor, M @ x, check_finite=False)
+            x = x / np.sqrt(np.abs(np.einsum("ij,ij->j", x, M @ x)))
+    return x
+
+
+def eigenvalues(form: ModalForm, C: Array | None = None) -> Array:
+    """All 2n eigenvalues of the modal form, the rigid ones that are exact zeros included; C = ΦᵀDΦ may be another."""
+    return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
+
+
+def with_energy(values: Array, q: Array, C: Array) -> Array:
+    """Re λ = -q̄ᵀCq / (2 q̄ᵀq) for the complex λ of a symmetric pencil in modal form, C (n, n), q (n, k).
+
+    From q̄ᵀP(λ)q = 0 with real coefficients. It keeps its digits where Re λ is smaller than the rounding of λ, as it is
+    for the low modes of a large model with a single dashpot.
+    """
+    decay = np.einsum("ij,ij->j", q.conj(), C @ q).real / np.maximum(np.einsum("ij,ij->j", q.conj(), q).real, 1e-300) / 2
+    return np.where(values.imag != 0, -decay + 1j * values.imag, values)
+
+
+def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
+    """λ (2n,), right shapes X (n, 2n), left shapes Y (n, 2n), yᴴP(λ) = 0, of a dense pencil; infinite λ left out.
+
+    Conjugates are exact conjugates. Columns have unit length.
+    """
+    bare = singular_mass.bare(pencil)
+    if len(bare):
+        return singular_mass.condensed(pencil, bare, solve)
+    form = modal_form(pencil)
+    if form is None:
+        return singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)
+    n, r = pencil.size, form.rigid
+    plain = form.H is None and is_symmetric(form.C)
+    state = form.state()
+    if plain:
+        values, right = la.eig(state, check_finite=False)
+        left = right.conj()
+    else:
+        values, left, right = la.eig(state, left=True, right=True, check_finite=False)
+    if plain and (form.sign[r:] > 0).all():
+        values = with_energy(values, right[n - r:], form.C)
+    X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
+    # b = λq vanishes with λ: there the shape is in a = Ωq.
+    still = np.linalg.norm(right[n - r:], axis=0) < 1e-8
+    X[:, still] = form.shapes[:, r:] @ (right[:n - r, still] / form.omega[r:, None])
+    values, X, Y = np.append(values, np.zeros(r)), np.hstack([X, form.shapes[:, :r]]), np.hstack([Y, form.shapes[:, :r]])
+    if plain:
+        Y = X.conj()
+    return values, unit_length(X), unit_length(Y)

@@ -1,0 +1,155 @@
+"""Equal and almost equal eigenvalues of a sparse search: none listed twice, and several searches put together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from femsub.checks import Array
+from femsub.errors import NotConvergedError
+from femsub.model.bands import DOUBLE
+
+SAME = 1e-10  # |Δλ| / |λ| up to which one eigenvalue may have been found twice: a defective one is split by more
+PARALLEL = 1e-6  # what a unit vector leaves of another one that is the same: two of a double eigenvalue leave more
+SPLIT = 1e-5  # |Δλ| / |λ| that may lie between what two searches make of a defective eigenvalue: the root of their tolerance
+NEW = 1e-3  # share of a shape that no shape of the cluster has, by which it is one more
+FETCHES = 3  # more searches, each from another start, for eigenvalues that are missing
+
+
+class Search:
+    """Eigenvalues nearest to a shift by one search after another, each from a start of its own, and what they found together.
+
+    `nearest` (number, seed) → λ (k,), X (n, k) makes a search; `searches` is how many there were, `ask` the last number.
+    """
+
+    def __init__(self, nearest: Callable[[int, int], tuple[Array, Array]], size: int) -> None:
+        self.nearest, self.size, self.searches, self.ask = nearest, size, 1, 0
+        self.pool: tuple[Array, Array] = np.zeros(0), np.zeros((size, 0))
+
+    @property
+    def exhausted(self) -> bool:
+        return self.searches > FETCHES
+
+    def found(self, ask: int) -> tuple[Array, Array]:
+        """λ and X with so many asked for."""
+        if ask != self.ask:
+            new = self.nearest(ask, self.searches)
+            self.pool = joined(*self.pool, *new) if self.searches > 1 else new
+            self.ask = ask
+        return self.pool
+
+    def more(self, ask: int, missed: int) -> int:
+        """How many to ask for in a new search where so many are missing."""
+        self.searches, self.ask = self.searches + 1, 0
+        return min(ask + 2 * missed + 10, 2 * self.size)
+
+    def settled(self) -> bool:
+        """Whether there is no more to find in clusters, which nobody counts: none is there, or another search finds the same."""
+        values, X = self.pool
+        if self.exhausted or not clusters(values[values != 0], DOUBLE):
+            return True
+        self.searches += 1
+        with suppress(NotConvergedError):
+            self.pool = joined(values, X, *self.nearest(self.ask, self.searches))
+        return len(self.pool[0]) == len(values)
+
+
+def distinct(values: Array, X: Array) -> tuple[Array, Array]:
+    """λ (k,) and X (n, k) without ghosts: pairs of which both the eigenvalue and the shape are listed already.
+
+    A ghost would make up for one that is missing, wherever numbers are compared. Two equal real eigenvalues that rounding has
+    made a pair, of which only Im λ > 0 is listed, are two again, with Re x and Im x, so that both are compared.
+    """
+    values, X = _without_false_pairs(values, X)
+    keep = np.ones(len(values), dtype=bool)
+    for group in clusters(values, SAME):
+        if values[group[0]] == 0:
+            continue  # of rigid-body motion, whose number is known
+        R, order = la.qr(_unit(X[:, group]), mode="r", pivoting=True, check_finite=False)
+        small = np.abs(R.diagonal()) <= PARALLEL
+        keep[group[order[len(small) - np.count_nonzero(small):]]] = False
+    return (values, X) if keep.all() else (values[keep], X[:, keep])
+
+
+def _without_false_pairs(values: Array, X: Array) -> tuple[Array, Array]:
+    false = np.flatnonzero((values.imag != 0) & (np.abs(values.imag) <= SAME * np.abs(values)))
+    false = np.array([j for j in false if la.svdvals(_parts(X[:, j]))[1] > PARALLEL], dtype=int)
+    if not len(false):
+        return values, X
+    values, X = np.append(values, values[false].real), np.hstack([X, X[:, false].imag])
+    values[false], X[:, false] = values[false].real, X[:, false].real
+    return values, _unit(X)
+
+
+def _parts(x: Array) -> Array:
+    return np.column_stack([x.real, x.imag]) / np.linalg.norm(x)
+
+
+def joined(values: Array, X: Array, more: Array, Y: Array) -> tuple[Array, Array]:
+    """The eigenpairs (λ, X) of one search and what another one, (more, Y), has beyond it.
+
+    A search from one start vector sees one direction of each eigenspace, and others by rounding only: from another start
+    come others. Where a cluster is known, only shapes outside of its span are new.
+    """
+    known = len(values)
+    both, new = np.append(values, more), np.ones(len(more), dtype=bool)
+    for group in clusters(both, SPLIT):
+        old, late = group[group < known], group[group >= known] - known
+        if not len(old) or not len(late):
+            continue
+        if both[group[0]] == 0:
+            new[late] = False
+            continue
+        Q = la.qr(X[:, old], mode="economic", check_finite=False)[0]
+        for j in late:
+            rest = Y[:, j] / np.linalg.norm(Y[:, j])
+            for _ in range(2):
+                rest = rest - Q @ (Q.conj().T @ rest)
+            length = np.linalg.norm(rest)
+            new[j] = length > NEW
+            if new[j]:
+                Q = np.column_stack([Q, rest / length])
+    return np.append(values, more[new]), np.hstack([X, Y[:, new]])
+
+
+def clusters(values: Array, radius: float) -> list[Array]:
+    """Indices of values (k,) that hang together by relative distances ≤ radius, groups of two and more; zeros are one."""
+    from scipy.spatial import cKDTree
+
+    size = np.abs(values)
+    zeros, at = np.flatnonzero(size == 0), np.flatnonzero(size)
+    found = [zeros] if len(zeros) > 1 else []
+    if len(at) > 1:
+        relative = np.stack([np.log(size[at]), np.angle(values[at])], axis=1)
+        pairs = cKDTree(relative).query_pairs(radius, output_type="ndarray")
+        links = sp.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(at), len(at)))
+        label = sp.csgraph.connected_components(links, directed=False)[1]
+        order = np.argsort(label, kind="stable")
+        groups = np.split(at[order], np.flatnonzero(np.diff(label[order])) + 1)
+        found += [group for group in groups if len(group) > 1]
+    return found
+
+
+def clear_radius(size: Array, count: int) -> float:
+    """A radius at which eigenvalues of these sizes |λ|, ascending (k,), can be counted, for the `count` first of them.
+
+    In the widest gap behind them. Where there is none, since they cut a cluster, just below that: then none lies nearer to
+    0 than those found, and of equal ones any are as good.
+    """
+    tail = size[count - 1:]
+    if len(tail) > 1 and tail[-1] > 0:
+        floor = np.maximum(tail, 1e-3 * tail[-1])
+        ratios = floor[1:] / floor[:-1]
+        at = int(np.argmax(ratios))
+        if ratios[at] > 1 + DOUBLE:
+            return float(np.sqrt(floor[at] * floor[at + 1]))
+    gaps = np.flatnonzero(np.diff(size[:count]) > DOUBLE * size[1:count])
+    return float(size[gaps[-1] + 1 if len(gaps) else 0] * (1 - DOUBLE / 2))
+
+
+def _unit(x: Array) -> Array:
+    return x / np.linalg.norm(x, axis=0)

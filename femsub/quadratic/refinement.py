@@ -1,0 +1,318 @@
+"""Complex modes of a reduced model carried on to the full one, and how far they move: the error of the reduced result."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, items, positive_number, whole_number
+from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
+from femsub.model.bands import EDGE
+from femsub.model.friction import Belt
+from femsub.model.matrices import Difference
+from femsub.model.pencil import Pencil
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.modes.shift_invert import ShiftInvert
+from femsub.quadratic import dense as qep
+from femsub.quadratic.complex_modes import ComplexModes, certificates
+
+BELONGS = 1e-6  # the largest backward error with which modes are taken for those of the reduced model
+LOST = 0.5  # a mode that keeps less of its shape (as energy) than this is another one
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Refined:
+    """Complex modes of the full model, each with the reduced one that it started from; k of them.
+
+    Attributes
+    ----------
+    modes : ComplexModes
+        Of the full model, in the order of `which`.
+    which : ndarray of int, shape (k,)
+        Rows of the reduced model's modes.
+    reduced : ndarray of complex, shape (k,)
+        Their eigenvalues in the reduced model.
+    moved : ndarray, shape (k,)
+        |λ_full - λ_reduced|, the error bar of the reduced result; nan where there is no counterpart, see `lost`.
+    overlap : ndarray, shape (k,)
+        The share of its energy that the reduced shape has in common with the refined one, 0 to 1.
+    merged : tuple of (i, j)
+        Rows i and j of the reduced modes lead to the same mode of the full model; j is among the lost.
+    lost : ndarray of bool, shape (k,)
+        The refined mode has less than half of the reduced shape: the full model has no mode of that kind.
+    steps, factorisations, solves : int
+        Rounds; factorisations of the full model; right-hand sides solved with them.
+    """
+
+    modes: ComplexModes
+    which: Array
+    reduced: Array
+    moved: Array
+    overlap: Array
+    merged: tuple[tuple[int, int], ...]
+    lost: Array
+    steps: int
+    factorisations: int
+    solves: int
+
+    def __repr__(self) -> str:
+        size = np.abs(self.reduced)
+        share = np.divide(self.moved, size, out=np.zeros(len(size)), where=(size > 0) & np.isfinite(self.moved))
+        lost = f", {int(self.lost.sum())} without a counterpart in the full model" if self.lost.any() else ""
+        return (f"Refined: {len(self.which)} complex modes{lost}, moved by up to {share.max(initial=0.0):.2g} of |λ|; "
+                f"{self.steps} steps, {self.factorisations} factorisations, {self.solves} solves; backward error "
+                f"{self.modes.backward_error.max(initial=0.0):.0e}")
+
+
+def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
+           contacts: Belt | Sequence[Belt] | None = None, *, which: Sequence[int] | None = None, tol: float = 1e-8,
+           steps: int = 20) -> Refined:
+    """P(λ)x = 0 of the full model by x ← x - A⁻¹P(λ)x from x = Vq, A = K - σM factorised once; all modes together.
+
+    That is residual inverse iteration with a fixed real factor. Alone it would converge for the lowest mode only: a part
+    with the frequency Ω in the error of a mode at ω is multiplied by about ω²/Ω² in each step. So the corrections of all
+    modes join the reduction basis, and λ and x come from the pencil projected on it (Voss's nonlinear Arnoldi method, in
+    a block), where only Ω beyond the basis' cut-off are left.
+
+    Parameters
+    ----------
+    full : Substructure
+        The model that was reduced.
+    modes : ComplexModes
+        `complex_modes(rom, contacts)`, by count or by band.
+    rom : ReducedSubstructure
+    contacts : Belt or sequence of Belt, optional
+        As for `modes`.
+    which : sequence of int, optional
+        Rows of `modes`; all below the cut-off by default.
+    tol : float
+        Bound of sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) with r = P(λ)x, which is free of units. The relative error of λ is about its
+        square (its product with that of the left vector).
+    steps : int
+        The most that are made.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        The three do not belong together, or a row does not exist.
+    NotConvergedError
+        `steps` were not enough; the message holds the figures.
+
+    Warns
+    -----
+    FemsubWarning
+        Reduced modes without a counterpart in the full model, or with the same one.
+
+    References
+    ----------
+    A. Neumaier, SIAM J. Numer. Anal. 22 (1985) 914; H. Voss, BIT Numer. Math. 44 (2004) 387.
+    """
+    chosen = _check(full, modes, rom, contacts, which)
+    positive_number("tol", tol)
+    whole_number("steps", steps, least=1)
+    rows, mirrored = _representatives(modes, chosen)
+    pencil = full.linearised(contacts)
+    handle = ShiftInvert(full.K, full.M)
+    space = _Space(pencil, handle)
+    values, X = modes.eigenvalues[rows], rom.V @ modes.shapes[:, rows]
+    down = values.imag < 0
+    values, X = np.where(down, values.conj(), values), np.where(down, X.conj(), X)
+    still = modes.rigid[rows]
+    space.append(rom.V)
+    q = space.coordinates(X)
+    start, twin = q, np.full(len(rows), -1)
+    error = np.where(still, 0.0, np.inf)
+    for step in range(steps + 1):
+        small, xs, ys = qep.solve(space.pencil)
+        at, taken = _matched(values, q, small, xs, still)
+        twin = np.where(taken >= 0, taken, twin)
+        values, q = np.where(still, 0.0, small[at]), np.where(still, q, xs[:, at])
+        left = None if all(pencil.symmetric) else ys[:, at]
+        # Those once below tol stay there: the space only grows.
+        active = np.flatnonzero(error > tol)
+        if not len(active):
+            break
+        error[active], z, forces = space.corrections(values[active], q[:, active])
+        if left is not None:
+            other, *more = space.corrections(values[active].conj(), left[:, active], True)
+            error[active] = np.maximum(error[active], other)
+            z, forces = np.hstack([z, more[0]]), np.hstack([forces, more[1]])
+        if error.max(initial=0.0) <= tol:
+            break
+        if step == steps or not space.append(z, forces, 0.1 * tol):
+            worst = int(error.argmax())
+            raise NotConvergedError(
+                f"the mode that began at λ = {modes.eigenvalues[rows[worst]]:.6g} is at {values[worst]:.6g} after {step} steps "
+                f"with an error of {error[worst]:.1e}, and {tol:g} was asked; give more steps, a larger tol, or refine fewer "
+                "modes from a basis with a higher cut-off")
+        grown = space.V.shape[1] - len(q)
+        q, start = (np.vstack([part, np.zeros((grown, len(rows)))]) for part in (q, start))
+    share = np.abs(np.einsum("ij,ij->j", start.conj(), q)) ** 2 / np.maximum(
+        np.einsum("ij,ij->j", abs(start), abs(start)) * np.einsum("ij,ij->j", abs(q), abs(q)), 1e-300)
+    X = space.V @ q
+    X = X / np.linalg.norm(X, axis=0)
+    Y = X.conj() if left is None else space.V @ left
+    Y = Y / np.linalg.norm(Y, axis=0)
+    return _result(full, pencil, modes, chosen, (values, X, Y, share, twin, down), rows, mirrored,
+                   (step, handle.factorisations, space.solves))
+
+
+def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Array, found: tuple[Array, ...], rows: Array,
+            mirrored: Array, effort: tuple[int, int, int]) -> Refined:
+    values, X, Y, share, twin, down = found
+    at = np.array([int(np.flatnonzero(rows == row)[0]) for row in mirrored], dtype=int)
+    flip = down[at] != (mirrored != chosen)
+    values, X, Y = values[at], X[:, at], Y[:, at]
+    values, X, Y = np.where(flip, values.conj(), values), np.where(flip, X.conj(), X), np.where(flip, Y.conj(), Y)
+    result = certificates(pencil, values, X, Y)
+    result = replace(result, above_cutoff=result.frequencies > full.cutoff * (1 + EDGE))
+    lost = (share[at] < LOST) | (twin[at] >= 0)
+    lost[modes.rigid[chosen]] = False
+    merged = tuple((int(rows[twin[i]]), int(rows[i])) for i in range(len(rows)) if twin[i] >= 0)
+    moved = np.where(lost, np.nan, np.abs(values - modes.eigenvalues[chosen]))
+    if lost.any():
+        one = int(np.flatnonzero(lost)[0])
+        also = f"; rows {', '.join(f'{i} and {j}' for i, j in merged)} lead to the same mode" if merged else ""
+        warnings.warn(
+            f"{int(lost.sum())} of {len(chosen)} reduced modes have no counterpart in the full model, first row {chosen[one]}, "
+            f"λ = {modes.eigenvalues[chosen[one]]:.6g}, of whose shape {100 * share[at][one]:.2g} % is left at λ = "
+            f"{values[one]:.6g}{also}: take more modes into the basis", FemsubWarning, stacklevel=3)
+    return Refined(result, chosen, modes.eigenvalues[chosen], moved, share[at], merged, lost, *effort)
+
+
+class _Space:
+    """V with VᵀAV = I, A = K - σM, and the pencil projected on it."""
+
+    def __init__(self, pencil: Pencil, handle: ShiftInvert) -> None:
+        self.full, self.handle, self.solves = pencil, handle, 0
+        self.A = Difference(handle.K, handle.M, handle.sigma)
+        self.V = np.zeros((pencil.size, 0))
+        self.M, self.D = np.zeros((0, 0)), np.zeros((0, 0))
+
+    @property
+    def pencil(self) -> Pencil:
+        eye = np.eye(len(self.M))
+        return Pencil(self.M, self.D, eye + self.handle.sigma * self.M)
+
+    def coordinates(self, X: Array) -> Array:
+        return self.V.T @ (self.A @ X)
+
+    def append(self, new: Array, forces: Array | None = None, least: float = 0.0) -> bool:
+        """Takes in what of the columns is longer (in A) than `least`, and new; `forces` are A times the columns if known.
+
+        Corrections A⁻¹r are A-orthogonal to V already, since Vᵀr = 0 (Galerkin): only rounding is left to remove.
+        """
+        forces = self.A @ new if forces is None else forces
+        length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, forces), 0.0))
+        keep = length > least
+        if not keep.any():
+            return False
+        new, forces = new[:, keep] / length[keep], forces[:, keep] / length[keep]
+        new, old = _rotated(new, new.T @ forces, 1e-13), self.V.shape[1]
+        for _ in range(2 if old else 1):  # once is not enough: what V lacks in orthogonality would grow from step to step
+            forces = self.A @ new
+            share = self.V.T @ forces
+            new = _rotated(new - self.V @ share, new.T @ forces - share.T @ share, 1e-8)
+        Mnew, Dnew = self.full.M @ new, self.full.D @ new
+        Dleft = Dnew if self.full.symmetric[1] else self.full.D.T @ new
+        self.V = np.hstack([self.V, new])
+        M, D = self.V.T @ Mnew, self.V.T @ Dnew
+        own = (M[old:] + M[old:].T) / 2
+        damping = (D[old:] + D[old:].T) / 2 if self.full.symmetric[1] else D[old:]
+        self.M = np.block([[self.M, M[:old]], [M[:old].T, own]])
+        self.D = np.block([[self.D, D[:old]], [(self.V[:, :old].T @ Dleft).T, damping]])
+        return True
+
+    def corrections(self, values: Array, q: Array, left: bool = False) -> tuple[Array, Array, Array]:
+        """sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) per column of x = Vq, and A⁻¹r and r for x of unit energy, real and imaginary parts."""
+        # Turned in phase to be as real as can be: half of the corrections then hardly matter, and are left out.
+        q = q * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", q, q))) / np.linalg.norm(q, axis=0)
+        k = q.shape[1]
+        parts = self.V @ np.hstack([q.real, q.imag])
+        D = self.full.D.T if left else self.full.D
+        Mx, Dx, Kx = (_complex(part @ parts) for part in (self.full.M, D, self.full.K))
+        r = Mx * values**2 + Dx * values + Kx
+        forces = np.hstack([r.real, r.imag])
+        z = self.handle.factor.solve(forces)
+        self.solves += 2 * k
+        square = np.einsum("ij,ij->j", z, forces)
+        return np.sqrt(np.maximum(square[:k] + square[k:], 0.0)), z, forces
+
+
+def _complex(parts: Array) -> Array:
+    k = parts.shape[1] // 2
+    return parts[:, :k] + 1j * parts[:, k:]
+
+
+def _rotated(x: Array, gram: Array, least: float) -> Array:
+    """x made A-orthonormal by xᵀAx = gram, without directions below sqrt(least)."""
+    sizes, vectors = np.linalg.eigh((gram + gram.T) / 2)
+    keep = sizes > least * sizes[-1]
+    return x @ (vectors[:, keep] / np.sqrt(sizes[keep]))
+
+
+def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> tuple[Array, Array]:
+    """For each mode of the step before one Ritz pair, by shape and distance; and which other mode has taken a better one."""
+    from scipy.optimize import linear_sum_assignment
+
+    unit = q / np.maximum(np.linalg.norm(q, axis=0), 1e-300)
+    shapes = np.abs(unit.conj().T @ (xs / np.maximum(np.linalg.norm(xs, axis=0), 1e-300))) ** 2
+    distance = np.abs(values[:, None] - small) / np.maximum(np.abs(values[:, None]), 1e-300)
+    cost = 1 - shapes + np.minimum(distance, 1.0)
+    cost[:, small.imag < 0] = 3.0  # the conjugates, whose shapes are hardly different
+    cost[still] = 0.0
+    rows, at = linear_sum_assignment(cost)
+    twin = np.full(len(values), -1)
+    best = cost.argmin(axis=1)
+    for i in rows[~still]:
+        taken = np.flatnonzero((at == best[i]) & ~still)
+        if best[i] != at[i] and len(taken) and cost[i, at[i]] > cost[i, best[i]] + LOST:
+            twin[i] = int(taken[0])
+    return at, twin
+
+
+def _representatives(modes: ComplexModes, chosen: Array) -> tuple[Array, Array]:
+    """Rows to be refined, one of each pair of conjugates, and for each chosen row the one that stands for it."""
+    rows: list[int] = []
+    stands: list[int] = []
+    free: list[int] = []
+    for row in chosen:
+        value = modes.eigenvalues[row]
+        partner = [i for i in free if value.imag and modes.eigenvalues[i] == value.conjugate()]
+        if partner:
+            free.remove(partner[0])
+            stands.append(partner[0])
+        else:
+            rows.append(int(row))
+            free.append(int(row))
+            stands.append(int(row))
+    return np.array(rows, dtype=int), np.array(stands, dtype=int)
+
+
+def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> Array:
+    if not isinstance(full, Substructure) or not isinstance(rom, ReducedSubstructure) or not isinstance(modes, ComplexModes):
+        raise InputTypeError("refine takes (full, modes, rom): a Substructure, complex_modes(rom, …), and the reduced model; not "
+                             f"({type(full).__name__}, {type(modes).__name__}, {type(rom).__name__})")
+    if rom.V.shape[0] != full.size:
+        raise InputError(f"{rom.name!r} was reduced from {rom.V.shape[0]} DOF, but the full model has {full.size}")
+    if modes.shapes.shape[0] != rom.size:
+        raise InputError(f"the modes have {modes.shapes.shape[0]} coordinates, but {rom.name!r} has {rom.size}: give "
+                         "complex_modes of the reduced model")
+    if which is None:
+        chosen = np.flatnonzero(~modes.above_cutoff)
+    else:
+        chosen = np.array([whole_number("which", row) for row in items("which", which, "rows")], dtype=int)
+        bad = chosen[(chosen < 0) | (chosen >= len(modes))]
+        if len(bad) or len(np.unique(chosen)) < len(chosen):
+            raise InputError(f"which must list rows of the {len(modes)} modes, each once, but is {list(map(int, chosen))}")
+    if not len(chosen):
+        raise InputError("there is no mode to refine: none lies below the reduction's cut-off; name rows by which=")
+    error = rom.linearised(contacts).backward_error(modes.eigenvalues[chosen], modes.shapes[:, chosen])
+    if error.max() > BELONGS:
+        raise InputError(f"the modes are not those of {rom.name!r} with these contacts: their backward error is "
+                         f"{error.max():.1e}; give the same contacts as to complex_modes")
+    return chosen

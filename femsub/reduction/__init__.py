@@ -1,0 +1,4 @@
+"""Reduced models: one file for each method.
+
+In: a `Substructure`. Out: a `ReducedSubstructure`, which is a `Substructure` again.
+"""

@@ -1,0 +1,287 @@
+"""How far a reduced model's frequencies and complex eigenvalues are from the component's, without solving the component.
+
+Everything here is dense and small. `Nested` holds M, D and K in coordinates U = [C Φ Ξ] that contain the reduced model
+of every size up to that of Φ, and with Ξ = (I - ΦΦᵀM)K⁻¹[…] what the residual of the largest one asks for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from femsub.checks import EPS, Array
+from femsub.model.bands import EDGE, in_band
+from femsub.model.estimate import SHARE, Estimate, moving, paired, upper, within
+from femsub.model.pencil import Pencil
+from femsub.modes.normal_modes import all_modes
+from femsub.modes.shift_invert import RIGID
+from femsub.modes.static_shapes import DEPENDENT, NOISE
+from femsub.quadratic.dense import solve
+
+MARGIN = 1.01  # on each figure: where all modes are at hand it is the error itself, and rounding would take it below that
+
+
+@dataclass(frozen=True, eq=False)
+class Nested:
+    """M, D, K (R, R) in U = [C Φ Ξ]: `constraint` columns C, `rigid` rigid-body modes, the elastic modes of `values`, Ξ.
+
+    CᵀK[Φ Ξ] = 0, ΦᵀKΦ = diag(values), ΦᵀMΞ = ΦᵀKΞ = 0, ΞᵀKΞ diagonal. `loads` = UᵀF (R, s) are the forces whose static
+    response belongs to every reduced model; all K⁻¹F and, for C, all K⁻¹MC lie in the span of U. D is None without damping.
+    `rounding` (n_c, n_c) is what CᵀKC may be off by: stiff springs leave few digits of a soft interface's stiffness. Mass per
+    stiffness below `lightest` times that of the modes does not count (see `static_shapes.lightest`).
+    """
+
+    M: Array
+    K: Array
+    D: Array | None
+    constraint: int
+    rigid: int
+    values: Array
+    loads: Array
+    rounding: Array
+    symmetric: bool = True
+    lightest: float = 1e-14
+
+    @property
+    def modes(self) -> int:
+        return len(self.values)
+
+    @cached_property
+    def _first(self) -> int:
+        """The column of the first elastic mode."""
+        return self.constraint + self.rigid
+
+    @cached_property
+    def rest(self) -> slice:
+        """The columns of Ξ."""
+        return slice(self._first + self.modes, len(self.M))
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether the modes are all there are: Ξ is empty then, or what massless DOF add to them."""
+        return not self.M.diagonal()[self.rest].any()
+
+    def cutoff(self, count: int) -> float:
+        """The frequency of the first mode that `count` modes leave out, as far as it is known here."""
+        if count < self.modes:
+            return float(np.sqrt(self.values[count]))
+        return np.inf if self.complete or not self.modes else float(np.sqrt(self.values[-1]))
+
+    def basis(self, count: int) -> Array:
+        """T (R, r): the reduced model with the `count` lowest elastic modes in the coordinates of U.
+
+        The static shapes of F less `count` modes are Ξ(ΞᵀKΞ)⁻¹ΞᵀF and the left-out φ_k (φ_kᵀF)/ω_k². Those that move mass by
+        rounding only move none.
+        """
+        first, kept = self._first, self._first + count
+        shapes = np.zeros(self.loads.shape)
+        shapes[kept:first + self.modes] = self.loads[kept:first + self.modes] / self.values[count:, None]
+        shapes[self.rest] = self.loads[self.rest] / self.K.diagonal()[self.rest, None]
+        held = self.loads[first:kept]
+        energy = shapes.T @ (self.K @ shapes)
+        whole = energy.diagonal() + np.einsum("ij,ij->j", held, held / self.values[:count, None])
+        scale = np.where(whole > 0, whole, 1.0) ** -0.5
+        share, vectors = np.linalg.eigh(energy * np.outer(scale, scale))
+        good = share > DEPENDENT
+        change = scale[:, None] * vectors[:, good] / np.sqrt(share[good])
+        mass = self.M.diagonal()[first:]
+        inertia, turn = np.linalg.eigh((shapes[first:] @ change).T @ (mass[:, None] * (shapes[first:] @ change)))
+        change = change @ turn
+        motion = np.sqrt(mass @ shapes[first:] ** 2 + ((held / self.values[:count, None]) ** 2).sum(axis=0))
+        top = np.append(inertia, 1 / self.values[count - 1:count]).max(initial=0.0)
+        massless = inertia <= np.maximum(self.lightest * top, (NOISE * (np.abs(change).T @ motion)) ** 2)
+        shapes = shapes @ (change / np.sqrt(np.where(massless, 1.0, inertia)))
+        shapes[np.ix_(first + np.flatnonzero(mass), massless)] = 0.0
+        return np.hstack([np.eye(len(self.M))[:, :kept], shapes])
+
+    def projected(self, T: Array) -> tuple[Array, Array]:
+        """TᵀMT and TᵀKT, symmetric to the last digit."""
+        M, K = T.T @ self.M @ T, T.T @ self.K @ T
+        return (M + M.T) / 2, (K + K.T) / 2
+
+    def undamped(self, count: int) -> tuple[Array, Array]:
+        """ω of the undamped reduced model with `count` modes, ascending and without rigid-body modes, and their rounding."""
+        if not self.constraint:
+            return np.sqrt(self.values[:count]), np.zeros(count)
+        T = self.basis(count)
+        M, K = self.projected(T)
+        found = all_modes(K, M)
+        omega, q = found.frequencies[found.rigid:], T[:self.constraint] @ found.shapes[:, found.rigid:]
+        return omega, np.einsum("ij,ij->j", q, self.rounding @ q) / (2 * omega)
+
+    @cached_property
+    def bounds(self) -> Array:
+        """ω_j ≤ those of the component, j = 1, 2, … (elastic), of which those below the cut-off mean something.
+
+        The component's frequencies are where S(λ) = K_r - λM_r - λ² B(Ω² - λ)⁻¹Bᵀ is singular, with r for [C Φ], Ω² ≥ θ_c
+        of the modes left out and B = CᵀMΦ_left their coupling. For λ < θ_c
+
+            B(Ω² - λ)⁻¹Bᵀ ≤ G₀ + λG₁ / (1 - λ/θ_c),   G₀ = BΩ⁻²Bᵀ = ZᵀK⁻¹Z, G₁ = BΩ⁻⁴Bᵀ = ZᵀK⁻¹MK⁻¹Z,
+
+        Z the residual MC without the modes kept and K⁻¹ that of the interior. With the right-hand side S has no fewer
+        negative eigenvalues, hence no larger roots (Sylvester's inertia, as in the bounds of Lehmann and of Kato). It
+        is what modes at θ_c with BBᵀ = θ_c²G₁ and at infinity with G₀ - θ_cG₁ leave: the roots are those of one
+        symmetric eigenproblem.
+
+        References
+        ----------
+        R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics (2006), ch. 17; T. Kato, J. Phys. Soc. Jpn. 4
+        (1949) 334; C. Beattie, F. Goerisch, Numer. Math. 72 (1995) 143.
+        """
+        if not self.constraint:
+            return np.sqrt(self.values)
+        kept = self._first + self.modes
+        ritz = all_modes(self.K[:kept, :kept], self.M[:kept, :kept])
+        q, r = ritz.shapes[:self.constraint], ritz.rigid
+        if self.complete:
+            return ritz.frequencies[r:]
+        stiffness = self.K.diagonal()[self.rest]
+        inertia = self.M.diagonal()[self.rest]
+        coupling = self.M[:self.constraint, self.rest].T @ q
+        top = float(self.values[-1])
+        static = coupling / np.sqrt(stiffness)[:, None]  # G₀ = staticᵀ static
+        dynamic = coupling * (np.sqrt(inertia) / stiffness)[:, None]
+        soft = _root(static.T @ static - top * (dynamic.T @ dynamic))
+        L = np.vstack([np.sqrt(top) * dynamic, soft])  # rows: modes at θ_c, in units of their stiffness, and at infinity
+        a, b = len(ritz.eigenvalues), len(L)
+        weight = np.concatenate([np.zeros(r), ritz.eigenvalues[r:] ** -0.5])
+        mass = np.zeros((a + b,) * 2)
+        mass[:a, :a], mass[:a, a:], mass[a:, :a] = np.eye(a), L.T, L
+        mass[a:, a:] = np.diag(np.concatenate([np.full(len(dynamic), 1 / top), np.zeros(len(soft))]))
+        elastic = mass[r:, r:] - mass[r:, :r] @ mass[:r, r:]  # rigid motion has no stiffness: it follows
+        scale = np.concatenate([weight[r:], np.ones(b)])
+        inverse = np.linalg.eigvalsh(scale[:, None] * elastic * scale)[::-1]
+        inverse = inverse[inverse > 0]
+        return inverse[:a - r] ** -0.5
+
+    @cached_property
+    def reference(self) -> tuple[Array, Array]:
+        """λ of the whole of U with Im λ ≥ 0, the rigid ones left out, and what rounding may have done to each."""
+        return self._solved(np.eye(len(self.M)))[:2]
+
+    def damped(self, count: int) -> tuple[Array, Array, Array, Array, Array]:
+        """λ (k,), rounding (k,), right and left shapes in U (R, k) and |yᴴP'(λ)x| of the reduced model, Im λ ≥ 0."""
+        return self._solved(self.basis(count))
+
+    def _solved(self, T: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """All of TᵀP(λ)T with Im λ ≥ 0 that are not rigid, in ascending |λ|."""
+        assert self.D is not None
+        M, K = self.projected(T)
+        D = T.T @ self.D @ T
+        pencil = Pencil(M, (D + D.T) / 2 if self.symmetric else D, K)
+        values, X, Y = solve(pencil)
+        slope = np.abs(np.einsum("ij,ij->j", Y.conj(), (pencil.M @ X) * (2 * values) + pencil.D @ X))
+        x, y, size = np.abs(X), np.abs(Y), np.abs(values)
+        noise = EPS * np.einsum("ij,ij->j", y, (np.abs(M) @ x) * size**2 + (np.abs(D) @ x) * size)
+        noise += EPS * _product(K, X, Y)  # the energy, in which large forces of soft motion cancel: of these `rounding` tells
+        X, Y = T @ X, T @ Y
+        noise += _product(self.rounding, X[:self.constraint], Y[:self.constraint])
+        bar = np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0)
+        keep = upper(values) & (values != 0)
+        if self.at_zero:
+            keep &= moving(values, bar)
+            keep[np.argsort(np.abs(values), kind="stable")[:self.at_zero]] = False
+        order = np.flatnonzero(keep)[np.argsort(np.abs(values[keep]), kind="stable")]
+        return values[order], bar[order], X[:, order], Y[:, order], slope[order]
+
+    @cached_property
+    def at_zero(self) -> int:
+        """How many λ are 0: for each rigid-body mode, in C or beside it, one, and one more where D does not brake it."""
+        kept = self._first + self.modes
+        found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept])
+        if self.D is None or not found.rigid:
+            return 2 * found.rigid
+        Z, D = found.shapes[:, :found.rigid], self.D[:kept, :kept]
+        force = np.linalg.svd(Z.T @ D @ Z, compute_uv=False)
+        scale = float(np.linalg.norm(np.abs(Z).T @ np.abs(D) @ np.abs(Z)))
+        return 2 * found.rigid - int(np.count_nonzero(force > RIGID * scale))
+
+    @cached_property
+    def doubt(self) -> tuple[Array, Array]:
+        """λ of the largest reduced model, and how far the reference may be off where that has its λ.
+
+        With r = P(λ)Vq and s = P(λ)ᴴVz the shift to the component is sᴴ P_l(λ)⁻¹ r / (zᴴP'q), P_l in the modes left
+        out (first order, both vectors: Craig-Bampton's and Craig-Chang's residuals have no other part). U holds K⁻¹r and
+        K⁻¹s, so that the reference has all of it but the terms from the third on of
+
+            P_l⁻¹ = K_l⁻¹ - K_l⁻¹(λ²M + λD)K_l⁻¹ + …,
+
+        which with ρ = |λ|²/ω_cut² come to ρ²/(1 - ρ) sqrt(rᴴK_l⁻¹r · sᴴK_l⁻¹s) / |zᴴP'q| at most, where D turns
+        little in the modes left out.
+
+        References
+        ----------
+        F. Tisseur, Linear Algebra Appl. 309 (2000) 339 (left vectors); Z. Bai, Y. Su, SIAM J. Sci. Comput. 26 (2005)
+        1692 (second-order Krylov spaces).
+        """
+        assert self.D is not None
+        values, _, X, Y, slope = self.damped(self.modes)
+        if self.rest.start == self.rest.stop or not self.modes:  # nothing is left out, or nothing that has mass
+            return values, np.zeros(len(values))
+        pencil = Pencil(self.M, self.D, self.K)
+        stiffness = self.K.diagonal()[self.rest, None]
+        right = pencil.residual(values, X)[self.rest]
+        left = right.conj() if self.symmetric else pencil.transposed().residual(values.conj(), Y)[self.rest]
+        size = np.sqrt((np.abs(right) ** 2 / stiffness).sum(axis=0) * (np.abs(left) ** 2 / stiffness).sum(axis=0))
+        ratio = np.minimum(np.abs(values) ** 2 / self.values[-1], SHARE)
+        return values, ratio**2 / (1 - ratio) * np.divide(size, slope, out=np.full(len(size), np.inf), where=slope > 0)
+
+    def estimate(self, count: int, band: tuple[float, float], tol: float, damped: bool = True) -> Estimate:
+        """That of the reduced model with `count` modes."""
+        lo, hi = band[0] * (1 - EDGE), band[1] * (1 + EDGE)
+        (omega, rounding), low = self.undamped(count), self.bounds
+        known = min(len(omega), len(low))
+        inside = np.flatnonzero((low[:known] <= hi) & (omega[:known] >= lo))
+        error = MARGIN * np.maximum(omega[inside] - low[inside], 0.0) / low[inside]
+        error += rounding[inside] / omega[inside] + 4 * EPS
+        lacking = int(np.count_nonzero(low <= hi)) - int(np.count_nonzero(low[:known] <= hi))
+        values, errors, unmatched = np.zeros(0, dtype=complex), np.zeros(0), lacking
+        if self.D is not None and damped:
+            values, errors, more = self._compared(count, band)
+            unmatched += more
+        return Estimate(band, tol, count, self.cutoff(count), omega[inside], error, values, errors, unmatched, self.modes)
+
+    def floor(self, band: tuple[float, float]) -> float:
+        """The largest relative error that rounding alone may have made in the band."""
+        omega, rounding = self.undamped(self.modes)
+        inside = in_band(omega, band)
+        floor = float((rounding[inside] / omega[inside]).max(initial=4 * EPS))
+        if self.D is None:
+            return floor
+        exact, bar = self.reference
+        inside = within(exact, band)
+        return max(floor, float((bar[inside] / np.abs(exact[inside])).max(initial=0.0)))
+
+    def _compared(self, count: int, band: tuple[float, float]) -> tuple[Array, Array, int]:
+        """λ of the reduced model that belong to those of the reference in the band, their errors, and how many miss one."""
+        found, bar = self.damped(count)[:2]
+        exact, exact_bar = self.reference
+        at, to = paired(exact, found)
+        distance = np.abs(found[to] - exact[at])
+        inside = within(exact[at], band) | (within(found[to], band) & (distance < np.abs(exact[at]) / 2))
+        largest, doubt = self.doubt
+        near = paired(exact, largest)
+        tail = np.zeros(len(exact))
+        tail[near[0]] = doubt[near[1]]
+        size = np.abs(exact[at])
+        error = (MARGIN * (distance + tail[at]) + exact_bar[at] + bar[to]) / size
+        lone = within(exact, band)
+        lone[at] = False
+        extra = within(found, band)
+        extra[to] = False
+        return found[to[inside]], error[inside], int(lone.sum() + extra.sum())
+
+
+def _product(A: Array, X: Array, Y: Array) -> Array:
+    """sqrt(xᴴAx · yᴴAy) for a positive semidefinite A, column by column."""
+    x, y = (np.einsum("ij,ij->j", part.conj(), A @ part).real for part in (X, Y))
+    return np.sqrt(np.maximum(x, 0.0) * np.maximum(y, 0.0))
+
+
+def _root(A: Array) -> Array:
+    """L with LᵀL the positive part of a symmetric A."""
+    values, vectors = np.linalg.eigh((A + A.T) / 2)
+    keep = values > EPS * max(float(values[-1]), 0.0)
+    return np.sqrt(values[keep])[:, None] * vectors[:, keep].T

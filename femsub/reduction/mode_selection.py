@@ -1,0 +1,240 @@
+"""How many modes a basis needs for a band and a tolerance: found with one factorisation, in modes that are only added to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import NotConvergedError
+from femsub.linalg.memory import check_columns
+from femsub.model.bands import in_band
+from femsub.model.estimate import SHARE, Estimate, within
+from femsub.model.pencil import Pencil
+from femsub.modes.normal_modes import NormalModes, all_modes, lowest_modes
+from femsub.modes.static_shapes import independent, lightest
+from femsub.quadratic.dense import solve
+from femsub.reduction.basis import Kept
+from femsub.reduction.error_bounds import Nested
+from femsub.reduction.statics import Parts, Span
+
+BEGIN = 10  # modes of the first search
+MOST = 1000  # modes after which growth ends, where the model has more
+DENSE = 3000  # DOF up to which all modes may be taken
+TINY = float(np.finfo(float).tiny)
+FAINT = 1e-16  # share of the squared residuals below which a direction of them is not worth a solve
+
+
+class Search:
+    """The modes found so far, and the static shapes less their share; both only grow."""
+
+    def __init__(self, parts: Parts, pencil: Pencil | None, begin: int = BEGIN) -> None:
+        self.parts, self.pencil = parts, pencil
+        self.most = parts.handle.elastic
+        self.found = lowest_modes(parts.handle, min(begin, self.most), certify=False)
+        self.loads = np.hstack([parts.forces, parts.inertia[parts.rows]])
+        self.rest = parts.handle.elastic_solve(self.loads, self.found.shapes)
+
+    @property
+    def modes(self) -> int:
+        return len(self.found.eigenvalues) - self.found.rigid
+
+    @property
+    def top(self) -> float:
+        """The highest frequency found."""
+        return float(self.found.frequencies[-1]) if self.modes else 0.0
+
+    @property
+    def complete(self) -> bool:
+        return self.modes == self.most
+
+    @property
+    def bare(self) -> bool:
+        """Whether some motion has no mass."""
+        return self.parts.handle.finite < self.parts.handle.K.shape[0]
+
+    def grow(self, count: int) -> None:
+        """More modes beside those at hand; the static shapes lose their share without a further solve."""
+        handle, sub = self.parts.handle, self.parts.sub
+        count = min(count, self.most)
+        # modes twice, Krylov vectors of the new ones, loads and static shapes with those of the residuals
+        check_columns(sub.name, sub.size, 5 * (count - self.modes) + 4 * count + 4 * self.loads.shape[1])
+        self.replace(lowest_modes(handle, count, known=self.found, certify=False))
+
+    def replace(self, found: NormalModes) -> None:
+        self.found = found
+        self.rest = self.parts.handle.deflate(self.rest, found.shapes)
+
+    def needed(self, limit: float) -> int:
+        """About how many modes lie below `limit`, by the growth of their number with the frequency so far."""
+        omega = self.found.frequencies[self.found.rigid:]
+        half = len(omega) // 2
+        power = np.log(len(omega) / half) / max(np.log(omega[-1] / omega[half - 1]), 1e-3) if half else 1.0
+        guess = len(omega) * (limit / omega[-1]) ** min(max(power, 0.5), 3.0)
+        return int(np.clip(1.1 * guess + 4, 1.5 * len(omega) + 1, 4 * len(omega) + 4))
+
+    def undamped(self) -> tuple[Nested, Span]:
+        """M and K in U = [C Φ Ξ], and U."""
+        return self._space(self.loads, self.rest)
+
+    def damped(self, plain: Nested, span: Span, band: tuple[float, float]) -> Nested:
+        """M, D and K with what the residuals of the complex modes in the band ask for in Ξ, too."""
+        plain = self._with_damping(plain, span)
+        loads = self._residuals(plain, span, band)
+        if not loads.shape[1]:
+            return plain
+        rest = self.parts.handle.elastic_solve(loads, self.found.shapes)
+        return self._with_damping(*self._space(np.hstack([self.loads, loads]), np.hstack([self.rest, rest])))
+
+    def nested(self, band: tuple[float, float]) -> Nested:
+        """All of it."""
+        plain, span = self.undamped()
+        return plain if self.pencil is None else self.damped(plain, span, band)
+
+    def _with_damping(self, plain: Nested, span: Span) -> Nested:
+        assert self.pencil is not None
+        D, symmetric = span.projected(self.pencil.D), self.pencil.symmetric[1]
+        return replace(plain, D=(D + D.T) / 2 if symmetric else D, symmetric=symmetric)
+
+    def _space(self, loads: Array, rest: Array) -> tuple[Nested, Span]:
+        parts, found, rigid = self.parts, self.found, self.found.rigid
+        elastic = found.eigenvalues[rigid:]
+        static, stiffness, mass, _ = independent(parts.handle, rest, loads, found.shapes, found.eigenvalues)
+        span = Span(parts, found.shapes, static)
+        n_c = parts.constraint.shape[1]
+        M = np.diag(np.concatenate([np.zeros(n_c), np.ones(rigid + len(elastic)), mass]))
+        K = np.diag(np.concatenate([np.zeros(n_c + rigid), elastic, stiffness]))
+        M[:, :n_c] = span.dot(parts.inertia)
+        M[n_c + rigid + len(elastic) + np.flatnonzero(mass == 0), :n_c] = 0.0
+        M[:n_c] = M[:, :n_c].T
+        M[:n_c, :n_c] = (M[:n_c, :n_c] + M[:n_c, :n_c].T) / 2
+        K[:n_c, :n_c] = parts.condensed
+        inner = [parts.constraint[parts.rows], found.shapes, static]
+        forces = np.concatenate([shapes.T @ parts.forces for shapes in inner])
+        return Nested(M, K, None, n_c, rigid, elastic, forces, parts.rounding,
+                      lightest=lightest(parts.handle)), span
+
+    def _residuals(self, plain: Nested, span: Span, band: tuple[float, float]) -> Array:
+        """λ²MΞx + λDUx and, for an unsymmetric D, the left ones, less MΦ, F and MC, whose K⁻¹ is in U already; (n_i, k)."""
+        assert self.pencil is not None
+        values, _, X, Y, _ = plain.damped(plain.modes)
+        wanted = (values.imag <= 1.1 * band[1]) & (np.abs(values) <= 2 * band[1])
+        sides = [(values[wanted], X[:, wanted], self.pencil.D)]
+        if not self.pencil.symmetric[1]:
+            sides.append((values[wanted].conj(), Y[:, wanted], self.pencil.D.T))
+        blocks = []
+        for value, x, D in sides:
+            size = np.abs(value)
+            # to equal energy, of motion and of deflection: one that moves no mass would drown all others
+            kinetic, elastic = (np.abs(np.einsum("ij,ij->j", x.conj(), part @ x)) for part in (plain.M, plain.K))
+            x = x / np.sqrt(kinetic + elastic / size**2)
+            for part in (np.real, np.imag):
+                static = np.zeros(x.shape)
+                static[plain.rest] = part(x * (value**2 / size))[plain.rest]
+                residual = self.pencil.M @ span.times(static) + D @ span.times(part(x * (value / size)))
+                blocks.append(residual[self.parts.rows])
+        return _compressed(np.hstack(blocks), self.parts.handle.K.diagonal())
+
+
+def chosen(parts: Parts, band: Any, tol: Any, pencil: Pencil | None) -> tuple[Kept, Estimate]:
+    """The modes and the estimate of the smallest basis that meets `tol` in the band, which ends below 0.7 of its cut-off.
+
+    Parameters
+    ----------
+    pencil : Pencil, optional
+        With the damping whose complex eigenvalues must be within `tol`, too.
+
+    Raises
+    ------
+    NotConvergedError
+        No basis meets it, all modes or 1000 of them taken.
+    """
+    search, counted = Search(parts, pencil), False
+    hi = band[1]
+    while True:
+        if not search.complete and SHARE * search.top <= hi:
+            search.grow(search.needed(hi / SHARE))
+            continue
+        nested, span = search.undamped()
+        best = _smallest(nested, band, tol, search.complete)
+        if best.met and pencil is not None:
+            nested = search.damped(nested, span, band)
+            best = _smallest(nested, band, tol, search.complete, best.modes)
+        if not best.met:
+            search.grow(_further(nested, best, search, parts.sub.name))
+            continue
+        if counted or search.found.confirmed:
+            return Kept(search.found, best.modes, best.cutoff), best
+        # what the count confirms is the modes kept and the one that gives the cut-off
+        least = min(best.modes + 1, search.most)
+        found = lowest_modes(parts.handle, least, known=search.found, defer=True)
+        if np.array_equal(found.eigenvalues, search.found.eigenvalues[:len(found.eigenvalues)]):
+            return Kept(found, best.modes, best.cutoff), best
+        counted = True  # it has found one that had been missed
+        search.replace(lowest_modes(parts.handle, search.modes, known=found, certify=False))
+
+
+def _smallest(nested: Nested, band: tuple[float, float], tol: float, complete: bool, least: int = 0) -> Estimate:
+    """The estimate of the smallest basis from `least` modes on that meets `tol`, by bisection, or of the largest."""
+    most = nested.modes if complete else nested.modes - 1
+    cutoffs = np.array([nested.cutoff(count) for count in range(most + 1)])
+    low = int(np.searchsorted(SHARE * cutoffs, band[1], side="right"))  # the fewest with the band below 0.7 of the cut-off
+    low, best = max(low, least), nested.estimate(most, band, tol)
+    if not best.met:
+        return best
+    while low < best.modes:
+        middle = (low + best.modes) // 2
+        other = nested.estimate(middle, band, tol)
+        if other.met:
+            best = other
+        else:
+            low = middle + 1
+    return best
+
+
+def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
+    """How many modes to go on with, by the slope of the error over their number.
+
+    Raises
+    ------
+    NotConvergedError
+        There are no more, 1000 are at hand and the model is large, or rounding alone takes more than is allowed.
+    """
+    count, size = search.modes, search.parts.handle.K.shape[0]
+    floor = nested.floor(best.band)
+    if search.complete or floor > best.tol or (count >= MOST and size > DENSE):
+        where = "all modes" if search.complete else f"{best.modes} modes"
+        rounding = f"; rounding alone takes {floor:.1e}" if floor > best.tol else ""
+        bare = ", and those with damping but no mass," if search.complete and search.pencil is not None and search.bare else ""
+        raise NotConvergedError(f"{name!r} cannot be reduced to {best.tol:g} from {best.band[0]:.5g} to {best.band[1]:.5g} "
+                                f"rad/time: with {where} {best!r}{rounding}; lower the band, allow more, put the belt's "
+                                f"DOF{bare} into the interface, or call reduce(..., ports=True)")
+    half = nested.estimate(best.modes // 2, best.band, best.tol, damped=False) if best.modes > 1 else best
+    factor = 1.5
+    if not best.unmatched and np.isfinite(best.worst):
+        slope = np.log(max(half.worst, best.worst) / best.worst) / np.log(2.0) if np.isfinite(half.worst) else 4.0
+        factor = (best.worst / best.tol) ** (1 / max(slope, 0.5))
+    return int(count * np.clip(1.1 * factor, 1.5, 3.0)) + 1
+
+
+def _compressed(columns: Array, stiffness: Array) -> Array:
+    """An orthonormal basis of the columns, in units of force free of those of each DOF; faint directions left out."""
+    unit = np.where(stiffness > 0, stiffness, 1.0)[:, None] ** -0.5
+    scaled = unit * columns
+    share, vectors = np.linalg.eigh(scaled.T @ scaled)
+    keep = share > FAINT * float(share.max(initial=TINY))
+    return columns @ (vectors[:, keep] / np.sqrt(share[keep]))
+
+
+def unreduced(K: Matrix, M: Matrix, band: Any, tol: Any, pencil: Pencil | None) -> Estimate:
+    """That of a model which keeps all of its DOF: nothing is left out."""
+    modes = all_modes(K, M)
+    omega = modes.frequencies[modes.rigid:]
+    omega = omega[in_band(omega, band)]
+    values = np.zeros(0, dtype=complex)
+    if pencil is not None:
+        values = solve(pencil.dense())[0]
+        values = values[within(values, band) & (values != 0)]
+    return Estimate(band, tol, 0, np.inf, omega, np.full(len(omega), 4 * EPS), values, np.full(len(values), 4 * EPS))

@@ -1,0 +1,241 @@
+"""The border of stability of a pencil under D + c W Wᵀ: on a dense one, and on a sparse one through a growing basis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from femsub.checks import EPS, Array
+from femsub.errors import NotConvergedError, UnstableModelError
+from femsub.linalg.factor import complex_solve
+from femsub.linalg.threads import FEW, one_thread
+from femsub.model.bands import in_band
+from femsub.model.matrices import is_symmetric
+from femsub.model.pencil import Pencil, contact_damping
+from femsub.model.substructure import Substructure
+from femsub.modes.normal_modes import lowest_modes, modes_below
+from femsub.modes.shift_invert import ShiftInvert, units
+from femsub.modes.static_shapes import independent
+from femsub.quadratic.complex_modes import complex_modes
+from femsub.quadratic.dense import unresisted
+from femsub.quadratic.port_function import PortFunction
+from femsub.stability.bracketing import BESIDE, bracketed
+from femsub.stability.contact_model import MARGIN, TOGETHER, Band, Border, Model
+
+ROUNDS = 8  # in which the basis of a large model may grow
+NEXT = 1e-3  # of an edge of the band, up to which an undamped mode may cross on it
+
+
+def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
+    """The border of a small model, every mode of which is at hand; by `method` 'auto' a root, if the contact has one column."""
+    with one_thread(pencil.size <= FEW):
+        return _dense_border(Model(pencil.dense(), W), band, method)
+
+
+def _dense_border(model: Model, band: Band, method: str) -> Border:
+    start = _at_rest(model, band)
+    if start is not None:
+        return start
+    if method == "bracketing" or model.W.shape[1] > 1:
+        border = bracketed(model, band)
+        if np.isfinite(border.c) and border.omega > 0:
+            border = replace(border, growth=_verify(model, border.c, border.omega))
+    else:
+        border = _rooted(model, band)
+    already = model.growth(border.c * (1 - MARGIN), band) if np.isfinite(border.c) else 0.0
+    if already > 1e2 * model.noise:
+        raise NotConvergedError(f"at c = {border.c:.9g} (ω = {border.omega:.6g}) the model is unstable already: Re λ = "
+                                f"{already:.3g} just before; a pair that lost its stability outside of the band has moved into "
+                                "it, or one was overlooked: widen the band, or use method='bracketing'")
+    return border
+
+
+def _at_rest(model: Model, band: Band) -> Border | None:
+    """The cases that are decided at c = 0: unstable there, or undamped motion that feels the contact."""
+    form = model.form
+    values, q = model.spectrum(0.0, band)
+    undamped = model.undamped(values, q) & (np.abs(values.real) <= 1e3 * model.noise)
+    growing = [values[(values.real > (0.0 if model.symmetric else model.noise)) & ~undamped]]
+    if band[0] == 0:
+        every = model.decomposition(0.0)[0]
+        growing.append(every[(every.imag == 0) & (every.real > 1e3 * model.noise)])
+    unstable = np.concatenate(growing)
+    if len(unstable):
+        worst = unstable[np.argmax(unstable.real)]
+        raise UnstableModelError(f"the model is unstable before the belt acts: λ = {worst.real:.6g} {worst.imag:+.6g}i; a border "
+                                 "is sought from a stable state at c = 0 downwards")
+    free = np.flatnonzero(model.felt(q) & undamped)
+    order = free[np.argsort(values[free].imag)]
+    if band[0] == 0 and model.drift is not None and model.drift.c == 0:
+        return replace(model.drift, crossing=np.append(0.0, values[order].imag))
+    return Border(0.0, values[order].imag, form.shapes @ q[:, order[0]]) if len(free) else None
+
+
+def _rooted(model: Model, band: Band) -> Border:
+    """The first root of the scalar function at which a pair begins to grow, or rigid motion that does so before."""
+    function = PortFunction.of(model.form, model.W[:, 0], model.decomposition(0.0))
+    omega, c = function.crossings(*band)
+    drift = model.drift if band[0] == 0 else None
+    limit = -np.inf if drift is None else drift.c
+    at = 0
+    while at < len(c) and c[at] >= limit * (1 + TOGETHER):
+        group = np.flatnonzero(np.abs(c - c[at]) <= TOGETHER * abs(c[at]))
+        doubt = function.rounding(float(omega[at]))
+        if doubt > MARGIN:
+            raise NotConvergedError(f"rounding may move the border c = {c[at]:.3g} at ω = {omega[at]:.6g} by {doubt:.0e} of "
+                                    "itself: some damping is so much heavier than what counts; hold DOF with such dashpots, "
+                                    "or leave them out")
+        growth = _verify(model, float(c[at]), float(omega[at]))
+        if growth[1] > 0:
+            if drift is not None and abs(c[at] - drift.c) <= TOGETHER * abs(drift.c):
+                return replace(drift, crossing=np.append(0.0, np.sort(omega[group])))
+            first = group[np.argmin(omega[group])]
+            shape = model.form.shapes @ function.exact(float(omega[first]))[2]
+            return Border(float(c[at]), np.sort(omega[group]), shape / np.linalg.norm(shape), growth)
+        at = int(group[-1]) + 1
+    if drift is not None:
+        return drift
+    _check_damping(model, band)
+    return Border.none(model.pencil.size)
+
+
+def _check_damping(model: Model, band: Band) -> None:
+    """Where a heavy dashpot has drowned the damping of a mode that feels the contact, nothing can be said of its border."""
+    values, q = model.spectrum(0.0, band)
+    lost, noise = model.lost(q), EPS * np.einsum("ij,ij->j", np.abs(q), np.abs(model.form.C) @ np.abs(q))
+    drowned = np.flatnonzero(model.felt(q) & (noise > MARGIN * np.abs(lost)) & ~model.undamped(values, q))
+    if model.symmetric and len(drowned):
+        raise NotConvergedError(f"the damping of the mode at ω = {values[drowned[0]].imag:.6g} is lost in the rounding of a "
+                                "dashpot that is so much heavier: hold the DOF of that dashpot, or leave it out")
+
+
+def _verify(model: Model, c: float, omega: float) -> tuple[float, float]:
+    """Re λ of the pair next to iω at c(1 - 1e-3) and at c(1 + 1e-3)."""
+    pair = []
+    for factor in (1 - MARGIN, 1 + MARGIN):
+        values, _ = model.spectrum(c * factor, (0.0, np.inf))
+        pair.append(float(values[np.argmin(np.abs(values - 1j * omega))].real))
+    return pair[0], pair[1]
+
+
+def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto") -> Border:
+    """The border of a large model, by a basis that grows until the border stands still.
+
+    It starts as the undamped modes up to 1.5 times the band with the static responses of the contact and of dashpots
+    (a Craig-Chang basis, in which Ω is known to rounding), and takes in the full model's response to the contact,
+    (-ω²M + iωD + K)⁻¹W, at each border found. So it does at an edge of the band where a pair may cross: of a border there it
+    is to be known whether it belongs to the band.
+    """
+    basis = _Growing(model, W, 1.5 * band[1])
+    basis.grow(_crossed_edges(basis, band))
+    previous = np.nan
+    for _ in range(ROUNDS):
+        border = dense_border(basis.pencil, basis.W, band, method)
+        if not np.isfinite(border.c) or border.c == 0 or border.omega == 0 or abs(border.c - previous) <= 1e-10 * abs(border.c):
+            break
+        previous = border.c
+        basis.grow(border.crossing[:4])
+    else:
+        raise NotConvergedError(f"the border moved from {previous:.9g} to {border.c:.9g} in the last of {ROUNDS} rounds; "
+                                "narrow the band")
+    border = replace(border, shape=basis.V @ border.shape)
+    if border.omega == 0 and border.c < 0:  # rigid motion is in the basis from the start: what oscillates is still to be refined
+        later = sparse_border(model, W, (BESIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method)
+        return later if later.c > border.c * (1 - TOGETHER) else border
+    return border if not np.isfinite(border.c) or border.c == 0 else _verified(model.pencil, W, border, band)
+
+
+def _crossed_edges(basis: _Growing, band: Band) -> Array:
+    """The edges of a band next to which a pair may cross: a mode is there, or a root of the scalar function."""
+    edges = [edge for edge in band if 0 < edge < np.inf]
+    at_modes = [edge for edge in edges if np.abs(basis.frequencies - edge).min(initial=np.inf) <= NEXT * edge]
+    if len(at_modes) == len(edges):
+        return np.array(edges)
+    with one_thread(len(basis.K) <= FEW):
+        model = Model(basis.pencil, basis.W)
+        functions = [PortFunction.of(model.form, w, model.decomposition(0.0)) for w in model.W.T]
+        return np.array([edge for edge in edges if edge in at_modes or any(
+            len(function.crossings((1 - BESIDE) * edge, (1 + BESIDE) * edge)[0]) for function in functions)])
+
+
+class _Growing:
+    """An M-orthonormal basis V of a sparse model with the projected pencil; `grow` adds responses to the contact."""
+
+    def __init__(self, model: Substructure, W: Array, limit: float) -> None:
+        self.full, self.load = model.pencil, W
+        handle = ShiftInvert(model.K, model.M)
+        modes = modes_below(model.K, model.M, limit, handle)
+        if modes.rigid == len(modes.eigenvalues):
+            modes = lowest_modes(handle, 1)
+        braked = np.unique(model.D.nonzero()[1])
+        forces = np.hstack([W, _units(model.size, braked if len(braked) <= 12 else braked[:0])])
+        rest = handle.elastic_solve(forces, modes.shapes)
+        statics, stiffness, mass, _ = independent(handle, rest, forces, modes.shapes, modes.eigenvalues)
+        massive = mass > 0
+        self.rigid = modes.rigid
+        loose = unresisted(model.D, modes.shapes[:, :modes.rigid], units(model.M))
+        self.loose = loose[1]
+        self.V = np.hstack([loose[0], modes.shapes[:, modes.rigid:], statics[:, massive]])
+        self.K = np.diag(np.concatenate([modes.eigenvalues, stiffness[massive]]))
+        self.frequencies = modes.frequencies[modes.rigid:]
+
+    @property
+    def W(self) -> Array:
+        return self.V.T @ self.load
+
+    @property
+    def pencil(self) -> Pencil:
+        force = self.full.D @ self.V
+        force[:, self.loose] = 0.0  # what D takes from rigid motion must not be rounding: it would be the border of its drift
+        D = self.V.T @ force
+        if is_symmetric(self.full.D):
+            D[self.loose] = 0.0
+        return Pencil(np.eye(len(self.K)), D, self.K)
+
+    def grow(self, omega: Array) -> None:
+        if not len(omega):
+            return
+        new = np.hstack([complex_solve(self.full.at(1j * value), self.load) for value in omega])
+        new = np.hstack([new.real, new.imag])
+        new = new[:, np.linalg.norm(new, axis=0) > 0]
+        new = new / np.sqrt(np.einsum("ij,ij->j", new, self.full.M @ new))
+        for _ in range(2):
+            new = new - self.V @ (self.V.T @ (self.full.M @ new))
+        values, vectors = np.linalg.eigh(new.T @ (self.full.M @ new))
+        keep = values > 1e-18
+        new = new @ (vectors[:, keep] / np.sqrt(values[keep]))
+        new = new - self.V @ (self.V.T @ (self.full.M @ new))
+        cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
+        cross[:self.rigid] = 0.0  # K resists no rigid motion: rounding beside exact zeros would pass for a soft mount
+        self.K = np.block([[self.K, cross], [cross.T, (own + own.T) / 2]])
+        self.V = np.hstack([self.V, new])
+
+
+def _units(size: int, at: Array) -> Array:
+    columns = np.zeros((size, len(at)))
+    columns[at, np.arange(len(at))] = 1.0
+    return columns
+
+
+def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
+    """Re λ of the full model at c(1 ∓ 1e-3) by PEP; an error where they contradict the border."""
+    growth = []
+    followed = (min(band[0], (1 - BESIDE) * border.omega), max(band[1], (1 + BESIDE) * border.omega))
+    for factor in (1 - MARGIN, 1 + MARGIN):
+        modes = complex_modes(pencil.with_damping(contact_damping(W, border.c * factor)), band=followed,
+                              re=(-0.2 * band[1], 0.2 * band[1]), certify=False)
+        values, bars = modes.eigenvalues, modes.error_bar
+        if modes.rigid.all():
+            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} could not be verified on the full "
+                                    f"model: it has no eigenvalue there at {factor:g} c; narrow the band")
+        at = int(np.argmin(np.abs(values - 1j * border.omega) + np.where(modes.rigid, np.inf, 0.0)))
+        growth.append(float(values[at].real))
+        # Real eigenvalues that grow are what became of a pair that crossed outside of the band.
+        early = modes.unstable[values[modes.unstable].imag > 0] if factor < 1 else np.zeros(0, dtype=int)
+        early = early[in_band(values[early], band)]
+        if len(early) or (factor > 1 and values[at].real < -bars[at]):
+            shown = values[early[0]] if len(early) else values[at]
+            raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} does not hold on the full model: "
+                                    f"at {factor:g} c it has λ = {shown:.6g}; narrow the band")
+    return replace(border, growth=(growth[0], growth[1]))

@@ -1,0 +1,1 @@
+"""Comparisons of models: error against run time, and quality under self-excitation. In: models. Out: tables."""

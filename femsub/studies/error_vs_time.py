@@ -1,0 +1,205 @@
+"""Error against run time: reduced models next to the full one, in one run, in alternating order."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, listener, real_array, shown, whole_number
+from femsub.errors import CutoffWarning, FemsubError, InputError, InputTypeError, PortWarning
+from femsub.linalg.factor import QUADRATIC, SMALL, WIDE
+from femsub.model.bands import check_band, in_band
+from femsub.model.friction import Belt
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes
+from femsub.quadratic.complex_modes import ComplexModes, complex_modes
+from femsub.quadratic.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors, turnover
+from femsub.reduction.reduce import METHODS, CraigBampton, CraigChang, reduce
+from femsub.stability.critical_slope import CriticalSlope, critical_slope
+from femsub.studies.results import PHASES, Row, Study, Timing, with_front
+from femsub.timing import timed
+
+Progress = Callable[[str], None]
+SHORT_RUNS = 3  # so often a reduced model is solved in each turn
+
+
+def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band: tuple[float, float], *,
+          belt: Belt | None = None, port: str = "belt", ports: bool = False, repeats: int = 5,
+          slopes: Sequence[float] | None = None, assembly: float = np.nan, progress: Progress | None = None) -> Study:
+    """Reduces `sub` by each method and compares complex modes and critical slope with the full model.
+
+    Parameters
+    ----------
+    sub : Substructure
+    methods : sequence of CraigBampton or CraigChang
+        One entry per reduced model; list the same method with several numbers of modes to see convergence. With a band
+        and a tolerance, the row shows how many modes were chosen (under the belt, if there is one).
+    band : (lo, hi)
+        Where the errors count, in radians per unit of time.
+    belt : Belt, optional
+        The contact under which complex modes are compared; without one the models' own damping.
+    port : str
+        For the critical slope (the belt's port, if a belt is given).
+    ports : bool
+        Passed to `reduce`: static port columns join each basis.
+    repeats : int
+        Each time is a median over so many runs (solutions of reduced models: three times as many); models take turns, so
+        that a slow spell hits all of them.
+    slopes : sequence of float, optional
+        The critical slopes of the full model and of each reduced one, where they are known already.
+    assembly : float
+        Seconds that it took to build `sub`, for the record.
+    progress : callable, optional
+        Told in a few words what is being done.
+
+    Returns
+    -------
+    Study
+        The seconds of the full model are those of the eigensolver alone: where the number of its eigenvalues in the band
+        is confirmed by an independent count (up to 2,000 DOF), that is done once and not timed.
+    """
+    if not isinstance(sub, Substructure):
+        raise InputTypeError(f"study takes a Substructure, not {type(sub).__name__}")
+    if belt is not None and not isinstance(belt, Belt):
+        raise InputTypeError(f"belt must be a Belt, not {type(belt).__name__}")
+    lo, hi = check_band(band)
+    if not isinstance(methods, Sequence):
+        raise InputTypeError(f"methods must be a list, e.g. [CraigBampton(modes=4)], not {methods!r}")
+    for method in methods:
+        if not isinstance(method, tuple(METHODS.values())):
+            raise InputTypeError(f"methods must hold reductions, e.g. CraigBampton(modes=4), not {shown(method)}")
+    if not methods:
+        raise InputError("methods is empty: name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
+    whole_number("repeats", repeats, least=1, most=1000)
+    place, force = (belt.port, belt.force) if belt is not None else (port, 1.0)
+    if sub.ports:  # without any there is no critical slope, and that is all
+        sub.port(place)
+    tell = listener("progress", progress)
+    costs = _measured(sub, methods, belt, (lo, hi), ports, repeats, tell)
+    models, spectra = [sub, *costs.models], costs.spectra
+    reasons = [""] * len(models)
+    if slopes is None:
+        tell(f"{sub.name}: critical slopes")
+        borders = [_border(model, place, force, (lo, hi)) for model in models]
+        slopes, reasons = [np.nan if border is None else border.slope for border, _ in borders], [reason for _, reason in borders]
+    elif len(slopes := list(real_array("slopes", slopes, finite=False).ravel())) != len(models):
+        raise InputError(f"slopes must be {len(models)}, of the full model and of each method, not {len(slopes)}")
+    tell(f"{sub.name}: undamped frequencies")
+    own = _frequencies(sub, (lo, hi))
+    rates = turnover(sub, belt, spectra[0])
+    rows = []
+    for i, model in enumerate(models):
+        found = spectrum_errors(spectra[0], spectra[i], (sub, model), rates)
+        growth, stable = _judged(spectra[i], (lo, hi))
+        taken = costs.phases[i]
+        rows.append(Row(
+            type(methods[i - 1]).__name__ if i else "full", model.modes if isinstance(model, ReducedSubstructure) else 0,
+            model.size, found.eigenvalue, found.growth, relative_error(slopes[i], slopes[0]), found.missing, slopes[i],
+            growth,
+            Timing.of([sum(one.values()) for one in taken]), Timing.of(costs.solving[i]),
+            model.port_error.get(place, 0.0) if isinstance(model, ReducedSubstructure) else 0.0, model.cutoff,
+            extra_eigenvalues(spectra[0], spectra[i], (lo, hi)),
+            frequency_error(own, all_frequencies(model)) if i else 0.0, found.mac,
+            {name: Timing.of([one.get(name, 0.0) for one in taken]) for name in PHASES} if i else {}, _megabytes(model),
+            stable=stable, reason=reasons[i]))
+    return Study(sub.name, (lo, hi), repeats, rows[0], with_front(rows[1:], hi), assembly)
+
+
+@dataclass(frozen=True, eq=False)
+class _Costs:
+    """Reduced models, all spectra (the full model's first), and the seconds of each run."""
+
+    models: list[ReducedSubstructure]
+    spectra: list[ComplexModes]
+    phases: list[list[dict[str, float]]]
+    solving: list[list[float]]
+
+
+def _measured(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], belt: Belt | None, band: tuple[float, float],
+              ports: bool, repeats: int, tell: Progress) -> _Costs:
+    solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
+    phases: list[list[dict[str, float]]] = [[{}], *([] for _ in methods)]
+    models: list[Any] = [None] * len(methods)
+    spectra: list[Any] = [None] * (len(methods) + 1)
+    if sub.size <= QUADRATIC:
+        tell(f"{sub.name}: complex modes of the full model")
+        spectra[0] = complex_modes(sub, belt, band=band)
+    for turn in range(repeats):
+        for i, method in enumerate(methods):
+            tell(f"{sub.name}: run {turn + 1} of {repeats}, {type(method).__name__} with {method}")
+            with warnings.catch_warnings(), timed() as spent:
+                warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
+                models[i], seconds = _clocked(reduce, sub, method, ports=ports,
+                                              contacts=belt if method.band is not None else None)
+            phases[i + 1].append(spent | {"basis": seconds - sum(spent.values())})
+        tell(f"{sub.name}: run {turn + 1} of {repeats}, full model")
+        found, seconds = _clocked(complex_modes, sub, belt, band=band, certify=False)
+        spectra[0] = found if spectra[0] is None else spectra[0]
+        solving[0].append(seconds)
+        for i, model in enumerate(models, start=1):  # of a small dense model all of it costs what the band would
+            for _ in range(SHORT_RUNS):  # threads of BLAS that wake up, or wait for a core, cost as much as the work
+                spectra[i], seconds = _clocked(complex_modes, model, belt, band=None if model.size <= WIDE else band,
+                                                certify=False)
+                solving[i].append(seconds)
+    return _Costs(models, spectra, phases, solving)
+
+
+def _frequencies(sub: Substructure, band: tuple[float, float]) -> Array:
+    """The undamped elastic frequencies of the full model in the band."""
+    found = all_frequencies(sub) if sub.size <= SMALL else elastic(normal_modes(sub, band=band))
+    return found[in_band(found, band)]
+
+
+def all_frequencies(model: Substructure) -> Array:
+    """Every undamped elastic frequency of a small model."""
+    return elastic(all_modes(model.K, model.M))
+
+
+def elastic(modes: NormalModes) -> Array:
+    """The frequencies that do not belong to rigid motion."""
+    return modes.frequencies[modes.rigid:]
+
+
+def _megabytes(model: Substructure) -> float:
+    parts = [model.M, model.D, model.K, *([model.V] if isinstance(model, ReducedSubstructure) else [])]
+    return sum(part.data.nbytes + part.indices.nbytes + part.indptr.nbytes if sp.issparse(part) else part.nbytes
+               for part in parts) / 1e6
+
+
+def _judged(modes: ComplexModes, band: tuple[float, float]) -> tuple[float, bool | None]:
+    """The largest Re λ in a band and below the cut-off, and whether what is there is stable."""
+    keep = np.flatnonzero(~modes.rigid & ~modes.above_cutoff & in_band(modes.eigenvalues, band))
+    votes = [modes.stable[i] for i in keep]
+    stable = False if False in votes else (True if votes and None not in votes else None)
+    return float(modes.eigenvalues.real[keep].max(initial=-np.inf)), stable
+
+
+def border_or_reason(search: Callable[[], CriticalSlope]) -> tuple[CriticalSlope | None, str]:
+    """The critical slope; or None and the reason why there is none to be had, such as a band that the model does not reach.
+
+    For tables of many models, in which one that has no answer must not take those of the others away.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CutoffWarning)  # the error is measured beside it
+            return search(), ""
+    except FemsubError as error:
+        return None, str(error)
+
+
+def _border(model: Substructure, port: str, force: float, band: tuple[float, float]) -> tuple[CriticalSlope | None, str]:
+    if port not in model.ports or force == 0:
+        return None, ""
+    return border_or_reason(lambda: critical_slope(model, port, force=force, band=band))
+
+
+def _clocked(call: Callable[..., Any], *arguments: Any, **options: Any) -> tuple[Any, float]:
+    start = time.perf_counter()
+    result = call(*arguments, **options)
+    return result, time.perf_counter() - start

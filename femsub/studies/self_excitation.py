@@ -1,0 +1,320 @@
+"""What linear data say about the self-excited motion of a reduced model: growing modes that it lacks or makes up, the
+error of those it has, and the compliance h(iω) = Wᵀ(-ω²M + iωD + K)⁻¹W that the contact feels.
+
+Linear analysis of a reduced model leaves out what lies above its cut-off; an integrator does not. So all modes count here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, finite_number, items
+from femsub.errors import InputError, InputTypeError, SingularMatrixError
+from femsub.linalg.factor import complex_solve, factorise
+from femsub.model.bands import in_band
+from femsub.model.friction import Belt
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.motion.nonlinear_model import project
+from femsub.quadratic.complex_modes import ComplexModes, complex_modes
+from femsub.quadratic.matching import SWAP, likeness, match
+
+NEAR = 0.05  # |Δλ| / |λ| up to which a mode of a reduced model can stand for one of the full model
+ALIKE = 0.9  # and the MAC of the two shapes from which on it does
+DENSE_POINTS, SPARSE_POINTS = 400, 40  # frequencies at which compliances are compared; each is a solve
+SMALL = 150  # up to so many DOF it is DENSE_POINTS
+FAIR = 0.1  # an error of growth rates or compliance up to which the verdict has nothing to say against a model
+MANY = 0.3  # with a larger share missing no start of a reduced chain ended where the full one's do (scripts/attractors.py)
+CRITERIA = ("missing_share", "spurious_share", "growth_error", "frequency_error", "growth_distance", "projection_loss",
+            "compliance_static", "compliance_max", "compliance_mean")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SelfExcitation:
+    """Growing modes and port compliance of a reduced model against those of the full one; k modes of the full one grow.
+
+    Attributes
+    ----------
+    growing : ndarray of complex, shape (k,)
+        λ of the full model with Re λ > 0 and Im λ ≥ 0, by ascending Im λ.
+    counterpart : ndarray of complex, shape (k,)
+        λ of the reduced model that stands for it, growing or not: within 5 % of |λ|, and with a MAC of at least 0.9 where
+        shapes can be compared; NaN where there is none.
+    mac : ndarray, shape (k,)
+        See `matching.likeness`, with the mode assigned, fit or not; NaN where none is, or neither a basis V nor the same DOF.
+    loss : ndarray, shape (k,)
+        The share of xᴴMx that the basis cannot do; NaN without a basis.
+    spurious : ndarray of complex
+        λ of the reduced model that grow and stand for none of the full model.
+    compliance_static, compliance_max, compliance_mean : float
+        ‖Δh‖ / ‖h‖ at ω = 0; the largest ‖Δh‖ over the largest ‖h‖; the mean of ‖Δh‖ / (‖h‖ + ‖h_r‖), which lies between
+        0 and 1 and is not ruled by resonances. Each with the models' own D.
+    omega : ndarray
+        Where compliances were compared.
+    band : (lo, hi) or None
+        Where eigenvalues were compared; None for all.
+    """
+
+    growing: Array
+    counterpart: Array
+    mac: Array
+    loss: Array
+    spurious: Array
+    compliance_static: float
+    compliance_max: float
+    compliance_mean: float
+    omega: Array
+    band: tuple[float, float] | None
+
+    @property
+    def missing(self) -> Array:
+        """λ of growing modes of the full model that the reduced one does not have, or has as decaying ones."""
+        return self.growing[~(self.counterpart.real > 0)]
+
+    @property
+    def missing_share(self) -> float:
+        """Missing ones among the growing modes of the full model (0 where none grows)."""
+        return len(self.missing) / len(self.growing) if len(self.growing) else 0.0
+
+    @property
+    def spurious_share(self) -> float:
+        """Σ Re λ of spurious modes over Σ Re λ of the full model's growing ones (inf where none of these is)."""
+        return _share(self.spurious.real.sum(), self.growing.real.sum())
+
+    @property
+    def growth_error(self) -> float:
+        """The largest |Δ Re λ| / Re λ over modes with a counterpart; 0 without any."""
+        return self._error(np.abs(self.counterpart.real - self.growing.real) / self.growing.real)
+
+    @property
+    def frequency_error(self) -> float:
+        """The largest |Δ Im λ| / |λ| over modes with a counterpart; 0 without any."""
+        return self._error(np.abs(self.counterpart.imag - self.growing.imag) / np.abs(self.growing))
+
+    @property
+    def growth_distance(self) -> float:
+        """(Σ_missing Re λ + Σ_spurious Re λ + Σ_others |Δ Re λ|) / Σ Re λ: 0 for the full model itself."""
+        paired = self.counterpart.real > 0
+        change = np.abs(self.counterpart.real[paired] - self.growing.real[paired]).sum()
+        return _share(self.missing.real.sum() + self.spurious.real.sum() + change, self.growing.real.sum())
+
+    @property
+    def projection_loss(self) -> float:
+        """Σ Re λ loss / Σ Re λ: the share of the growing modes' energy outside the basis; NaN without one."""
+        return _share(float((self.growing.real * self.loss).sum()), self.growing.real.sum())
+
+    @staticmethod
+    def _error(values: Array) -> float:
+        return float(values[np.isfinite(values)].max(initial=0.0))
+
+    @property
+    def verdict(self) -> str:
+        """What to expect of a transient, in words; FAIR and MANY say where the lines are drawn."""
+        if not len(self.growing) and not len(self.spurious):
+            return "nothing grows, in either model"
+        found = [f"{len(self.missing)} of {len(self.growing)} growing modes are missing (ω = {_list(self.missing)})"
+                 if len(self.missing) else f"all {len(self.growing)} growing modes are there"]
+        if len(self.spurious):
+            found.append(f"{len(self.spurious)} that the full model has not grow{'s' * (len(self.spurious) == 1)} "
+                         f"(ω = {_list(self.spurious)})")
+        found.append(f"growth rates within {100 * self.growth_error:.2g} %")
+        found.append(f"the contact feels a compliance {100 * self.compliance_mean:.2g} % off on average")
+        if self.missing_share > MANY or not len(self.growing):
+            expected = "other motions are to be expected"
+        elif len(self.missing) or len(self.spurious) or max(self.growth_error, self.compliance_mean) > FAIR:
+            expected = "the main motion may be the same, not all that coexist"
+        else:
+            expected = "the same motions are to be expected"
+        return f"{expected}: {', '.join(found)}"
+
+    def flat(self) -> dict[str, float]:
+        """The criteria by name (those of CRITERIA), with the numbers of growing modes, for tables, CSV and JSON."""
+        return {"growing": len(self.growing), "missing": len(self.missing), "spurious": len(self.spurious),
+                **{name: float(getattr(self, name)) for name in CRITERIA}}
+
+    def __repr__(self) -> str:
+        return (f"SelfExcitation: {len(self.missing)} of {len(self.growing)} growing modes missing, {len(self.spurious)} "
+                f"spurious, growth rates within {100 * self.growth_error:.2g} %, compliance {100 * self.compliance_mean:.2g} % "
+                f"off up to ω = {self.omega.max():.4g}")
+
+
+def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substructure], belts: Belt | Sequence[Belt], *,
+                    band: tuple[float, float] | None = None, count: int | None = None,
+                    omega: Any = None, harmonics: float = 3.0) -> SelfExcitation | tuple[SelfExcitation, ...]:
+    """Growing modes and port compliance of reduced models against the full one; a tuple for a sequence of models.
+
+    Parameters
+    ----------
+    full, reduced : Substructure
+        Reduced ones with a basis V (`reduce`) are compared in their shapes too. The full model is solved once.
+    belts : Belt or sequence of Belt
+    band, count
+        As for `complex_modes`: what of a sparse full model's spectrum is looked at. With either, modes of the reduced models
+        beyond it are not judged.
+    omega : array_like, optional
+        Where compliances are compared, in radians per unit of time. Default: evenly from 0 to `harmonics` times the highest
+        growing frequency (of all, where none grows), 400 points, and 40 for a full model of more than 150 DOF.
+    harmonics : float
+        Friction is a harsh function of speed: it answers a frequency with its harmonics.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        An unknown port, a basis of another model, a sparse full model without band or count, bad frequencies.
+    SingularMatrixError
+        A model's dynamic stiffness is singular at one of the frequencies: an undamped resonance.
+    """
+    several = not isinstance(reduced, Substructure)
+    models = tuple(reduced) if isinstance(reduced, Sequence) else (reduced,)
+    for model in (full, *models):
+        if not isinstance(model, Substructure):
+            raise InputTypeError(f"self_excitation takes Substructures, not {type(model).__name__}")
+    for model in models:
+        if isinstance(model, ReducedSubstructure) and len(model.V) != full.size:
+            raise InputError(f"the basis of {model.name!r} has {len(model.V)} rows, but the full model {full.size} DOF")
+    contacts = [belts] if isinstance(belts, Belt) else items("belts", belts, "Belts")
+    if not contacts:
+        raise InputError("self_excitation needs at least one Belt: without contact nothing feeds the motion")
+    values, shapes, grows, modes = _upper(complex_modes(full, contacts, band=band, count=count))
+    limits = band
+    if band is None and len(modes) < 2 * full.size:
+        limits = (0.0, float(np.abs(values).max(initial=0.0)))
+    top = float((values[grows] if grows.any() else values).imag.max(initial=0.0))
+    grid = _grid(omega, harmonics, top, full)
+    reference = _compliance(full, contacts, grid)
+    found = []
+    for model in models:
+        others, fields, increase, _ = _upper(complex_modes(model, contacts))
+        found.append(_compare(full, model, (values, shapes, grows), (others, fields, increase), limits,
+                              reference, _compliance(model, contacts, grid), grid))
+    return tuple(found) if several else found[0]
+
+
+def compliance_error(full: Substructure, reduced: Substructure, belts: Belt | Sequence[Belt], omega: Any) -> Array:
+    """‖h_r - h‖ / ‖h‖ at given frequencies, such as those of an observed motion and its harmonics, shape (m,)."""
+    contacts = [belts] if isinstance(belts, Belt) else items("belts", belts, "Belts")
+    grid = _grid(omega, 1.0, 0.0, full)
+    h, other = _compliance(full, contacts, grid), _compliance(reduced, contacts, grid)
+    return np.linalg.norm(other - h, axis=(1, 2)) / np.linalg.norm(h, axis=(1, 2))
+
+
+def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Belt | Sequence[Belt],
+               measured: Sequence[Mapping[str, Any]], **options: Any) -> list[dict[str, Any]]:
+    """One flat dict per reduced model: method, size, the criteria, the verdict, and what was measured of that model.
+
+    `measured` holds for each model its errors by name, such as those of frequency and amplitude of a transient or a limit
+    cycle, or the distance of shares; `options` are those of `self_excitation`. `rank_correlation` takes the rows.
+    """
+    if len(measured) != len(reduced):
+        raise InputError(f"measured must be as many as there are reduced models, {len(reduced)}, not {len(measured)}")
+    found = self_excitation(full, tuple(reduced), belts, **options)
+    return [{"method": getattr(model, "method", model.name), "size": model.size, **one.flat(), "verdict": one.verdict, **errors}
+            for model, one, errors in zip(reduced, found, measured, strict=True)]  # type: ignore[arg-type]
+
+
+def rank_correlation(rows: Sequence[Mapping[str, Any]], criteria: Sequence[str], measured: Sequence[str]) -> list[dict[str, Any]]:
+    """Spearman's ρ between each criterion and each measured error over rows of a table; NaN where one of them is constant.
+
+    One dict per criterion: its name, and ρ under the name of each measured error. Rows in which either is NaN are left out.
+    """
+    from scipy.stats import rankdata
+
+    table: list[dict[str, Any]] = []
+    for name in criteria:
+        line: dict[str, Any] = {"criterion": name}
+        for error in measured:
+            pairs = np.array([(row[name], row[error]) for row in rows], dtype=float).reshape(-1, 2)
+            x, y = (rankdata(column) for column in pairs[np.isfinite(pairs).all(axis=1)].T)
+            spread = x.std() * y.std() if len(x) > 1 else 0.0
+            line[error] = float(((x - x.mean()) * (y - y.mean())).mean() / spread) if spread > 0 else np.nan
+        table.append(line)
+    return table
+
+
+def _upper(modes: ComplexModes) -> tuple[Array, Array, Array, ComplexModes]:
+    """λ with Im λ ≥ 0 that belong to no rigid motion, ascending; their shapes; which grow for certain, cut-off or not."""
+    keep = np.flatnonzero(~modes.rigid & (modes.eigenvalues.imag >= 0))
+    keep = keep[np.argsort(modes.eigenvalues[keep].imag, kind="stable")]
+    grows = np.array([modes.stable[i] is False for i in keep], dtype=bool)
+    return modes.eigenvalues[keep], modes.shapes[:, keep], grows, modes
+
+
+Spectrum = tuple[Array, Array, Array]
+
+
+def _compare(full: Substructure, model: Substructure, ours: Spectrum, theirs: Spectrum, limits: tuple[float, float] | None,
+             h: Array, other: Array, grid: Array) -> SelfExcitation:
+    (values, x, grows), (others, y, increase) = ours, theirs
+    alike, loss = likeness(full, model, x, y), np.full(len(values), np.nan)
+    if isinstance(model, ReducedSubstructure):
+        q = project(model, full.M, np.hstack([x.real, x.imag]))
+        kept = np.einsum("ij,ij->j", q, model.M @ q).reshape(2, -1).sum(axis=0)
+        loss = np.clip(1 - kept / np.einsum("ij,ij->j", x.conj(), full.M @ x).real, 0.0, 1.0)
+    # Where frequencies lie close, shapes decide.
+    penalty = SWAP * np.abs(values)[:, None] * np.nan_to_num(1 - alike)
+    at, to = match(values, others, penalty)
+    fit = np.abs(others[to] - values[at]) <= NEAR * np.abs(values[at])
+    fit &= ~(alike[at, to] < ALIKE)
+    counterpart, mac = np.full(len(values), complex(np.nan, np.nan)), np.full(len(values), np.nan)
+    counterpart[at[fit]] = others[to[fit]]
+    mac[at] = alike[at, to]
+    # A growing mode that stands for a decaying one is as spurious as one that stands for none.
+    extra = increase.copy()
+    extra[to[fit & grows[at]]] = False
+    if limits is not None:
+        extra &= in_band(others, limits, (-limits[1], limits[1]))
+    norm, error, sizes = (np.linalg.norm(part, axis=(1, 2)) for part in (h, other - h, other))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        even = np.nan_to_num(error / (norm + sizes))
+    still = float(error[0] / norm[0]) if grid[0] == 0 else np.nan
+    return SelfExcitation(values[grows], counterpart[grows], mac[grows], loss[grows], others[extra], still,
+                          float(error.max() / norm.max()), float(even.mean()), grid, limits)
+
+
+def _grid(omega: Any, harmonics: float, top: float, full: Substructure) -> Array:
+    if omega is None:
+        many = DENSE_POINTS if full.size <= SMALL else SPARSE_POINTS
+        if finite_number("harmonics", harmonics) <= 0:
+            raise InputError(f"harmonics must be positive, not {harmonics!r}")
+        return np.linspace(0.0, harmonics * (top or 1.0), many)
+    try:
+        grid = np.atleast_1d(np.asarray(omega, dtype=float))
+    except (TypeError, ValueError):
+        raise InputTypeError(f"omega must be frequencies, not {omega!r:.80}") from None
+    if grid.ndim != 1 or grid.size == 0 or not np.isfinite(grid).all() or grid.min() < 0:
+        raise InputError("omega must be a flat, non-empty sequence of finite frequencies, none negative")
+    return np.unique(grid)
+
+
+def _compliance(model: Substructure, belts: Sequence[Belt], grid: Array) -> Array:
+    """h(iω) = WᵀP(iω)⁻¹W over all belts' columns, shape (m, p, p), without friction."""
+    W = np.hstack([model.port(belt.port).reshape(model.size, -1) for belt in belts])
+    pencil = model.pencil
+    if model.size <= SMALL:
+        pencil = pencil.dense()
+    found = np.empty((len(grid), W.shape[1], W.shape[1]), dtype=complex)
+    for row, value in enumerate(grid):
+        if pencil.is_sparse:
+            x = complex_solve(pencil.at(1j * value), W) if value else factorise(pencil.K, "symmetric").solve(W)
+        else:
+            try:
+                x = np.linalg.solve(pencil.at(1j * value), W.astype(complex))
+            except np.linalg.LinAlgError:
+                raise SingularMatrixError(f"the dynamic stiffness of {model.name!r} is singular at ω = {value:.6g}; give omega "
+                                          "without this frequency, or damping") from None
+        found[row] = W.T @ x
+    return found
+
+
+def _share(part: float, whole: float) -> float:
+    if np.isnan(part):
+        return np.nan
+    return float(part / whole) if whole > 0 else (0.0 if part == 0 else np.inf)
+
+
+def _list(values: Array) -> str:
+    shown = ", ".join(f"{value.imag:.4g}" for value in values[:4])
+    return shown + (", …" if len(values) > 4 else "")
