@@ -26,7 +26,7 @@ class NodesOf(NamedTuple):
     elements: str
 
 
-Part: TypeAlias = Array | Range | NodesOf
+Part: TypeAlias = "Array | Range | NodesOf"
 
 
 @dataclass
