@@ -4,10 +4,10 @@
     python scripts/attractors.py [--starts N] [--sizes 4 5 ...] [--interfaces 1 1,2] [--seed S] [--workers N] [--out DIR]
 
 Several motions coexist, so one trajectory proves nothing. Every model gets the same physical starts, projected M-orthogonally:
-random ones around the sliding equilibrium, from small kicks to sticking (`random_start` in attractors_runs.py), and besides
-an impulse and a start from rest, which are only listed. Each trajectory is followed until two successive windows show one
-motion; what has not settled by then is a class of its own. Motions of all models are told apart by
-`femsub.studies.attractor_states`: both periodic or both not, rms within 10 %, 80 % of the power on lines within 1.5 %.
+random ones around the sliding equilibrium, from small kicks to sticking (`random_start` in benchmarks/attractor_runs.py), and
+besides an impulse and a start from rest, which are only listed. Each trajectory is followed until two successive windows show
+one motion; what has not settled by then is a class of its own. Motions of all models are told apart by
+`benchmarks/attractor_states.py`: both periodic or both not, rms within 10 %, 80 % of the power on lines within 1.5 %.
 
 From where the full model has ended in each of its states, every reduced model starts once more: the states in which it
 stays are those it `holds`, whatever the chance of reaching them.
@@ -38,14 +38,12 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout will do
-import attractors_runs as runs
-
 import femsub as fs
+from benchmarks import attractor_runs as runs
+from benchmarks import attractor_states
+from benchmarks.attractor_states import Motion
 from femsub.app import report
 from femsub.app.scene import Result
-from femsub.studies import attractor_states as attractors
-from femsub.studies.attractor_states import Motion
 from femsub.studies.self_excitation import CRITERIA, rank_correlation, table_rows
 
 SHORT = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC"}
@@ -65,7 +63,7 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
     motions = [Motion.of(line["motion"]) for line in records]
     steady = [at for at, line in enumerate(records) if line["settled"]]
     labels = np.full(len(records), -1)
-    labels[steady] = attractors.states([motions[at] for at in steady])
+    labels[steady] = attractor_states.states([motions[at] for at in steady])
     count = int(labels.max()) + 2
     labels[labels < 0] = count - 1  # what has not settled is a class of its own
     groups: dict[tuple[Model, str], list[int]] = {}
@@ -75,14 +73,14 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
     reference = groups[full, "random"]
     starts = len(reference)
     own = [*labels[reference], *labels[groups[full, "again"]]]
-    limit = attractors.chance(own, count, starts)
+    limit = attractor_states.chance(own, count, starts)
     numbers = {records[at]["number"]: labels[at] for at in reference}
     rows = []
     for model in dict.fromkeys(model for model, _ in groups):
         mine = groups[model, "random"]
-        low, high = attractors.bootstrap(labels[mine], labels[reference], count)
-        distance = attractors.total_variation(*(attractors.shares(labels[part], count) for part in (mine, reference)))
-        measured = {"interface": list(model[2]), "starts": len(mine), "shares": attractors.shares(labels[mine], count),
+        low, high = attractor_states.bootstrap(labels[mine], labels[reference], count)
+        distance = _distance(labels[mine], labels[reference], count)
+        measured = {"interface": list(model[2]), "starts": len(mine), "shares": attractor_states.shares(labels[mine], count),
                     "distance": distance, "distance_low": low, "distance_high": high, "agrees": distance <= limit,
                     "same_start_same_state": float(np.mean(labels[mine] == labels[reference])),
                     **_errors([motions[at] for at in mine], [motions[at] for at in reference]),
@@ -92,7 +90,7 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
         exact, found = runs.full_model(settings, model[2]), runs.model(settings, *model)
         rows += [row | {"method": model[0]} for row in table_rows(exact, [found], settings.contact(), [measured])]
     again = [labels[at] for at in groups[full, "again"]]
-    self_distance = attractors.total_variation(*(attractors.shares(part, count) for part in (labels[reference], again)))
+    self_distance = _distance(labels[reference], again, count)
     partial: dict[tuple[int, ...], list[Row]] = {}
     for row in rows:
         if row["method"] != "full" and row["size"] < settings.masses:
@@ -101,7 +99,7 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
                     for interface, mine in partial.items() for line in rank_correlation(mine, CRITERIA, MEASURED)]
     early = [line for line in records if line["family"] == "again" and line["settled_at"]]
     return {"states": [_state(motions, labels, label) for label in range(count - 1)], "rows": rows, "chance": limit,
-            "again": {"starts": len(again), "shares": attractors.shares(again, count), "distance": self_distance,
+            "again": {"starts": len(again), "shares": attractor_states.shares(again, count), "distance": self_distance,
                       "settled_at_most": max((line["settled_at"] for line in early), default=None)},
             "correlations": correlations, "unsettled": int(np.sum(labels == count - 1)),
             "seconds": float(sum(line["seconds"] for line in records))}
@@ -110,8 +108,13 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
 def first_of_each(records: Sequence[Row]) -> list[int]:
     """The number of the first random start of the full model that ended in each of its states."""
     mine = [line for line in records if line["method"] == "full" and line["family"] == "random" and line["settled"]]
-    labels = attractors.states([Motion.of(line["motion"]) for line in mine])
+    labels = attractor_states.states([Motion.of(line["motion"]) for line in mine])
     return [mine[labels.index(label)]["number"] for label in dict.fromkeys(labels)]
+
+
+def _distance(labels: Sequence[int], reference: Sequence[int], count: int) -> float:
+    """The total variation between the shares of two sets of starts."""
+    return attractor_states.total_variation(*(attractor_states.shares(part, count) for part in (labels, reference)))
 
 
 def _told_apart(rows: Sequence[Row], criterion: str) -> float:
@@ -126,7 +129,7 @@ def _errors(mine: Sequence[Motion], reference: Sequence[Motion]) -> Row:
     pairs = list(zip(mine, reference, strict=True))
     return {"error_frequency": float(np.median([_relative(one.omega, other.omega) for one, other in pairs])),
             "error_amplitude": float(np.median([_relative(one.rms, other.rms) for one, other in pairs])),
-            "error_spectrum": float(np.mean([1 - attractors.overlap(one, other) for one, other in pairs]))}
+            "error_spectrum": float(np.mean([1 - attractor_states.overlap(one, other) for one, other in pairs]))}
 
 
 def _relative(value: float, exact: float) -> float:

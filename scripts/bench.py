@@ -30,10 +30,9 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
-import bench_tasks as tasks
-from scaling import Row, fresh, machine
-
 import femsub as fs
+from benchmarks import comparisons as tasks
+from benchmarks.processes import Row, fresh, machine
 from femsub.app import report
 from femsub.app.scene import Result
 
@@ -233,7 +232,7 @@ def main() -> int:
     except fs.InputError as error:
         parser.error(str(error))
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that measures stays behind
-    # Debian's PETSc starts OpenMPI, see femsub/_slepc.py; here slepc4py is loaded without it.
+    # Debian's PETSc starts OpenMPI, see femsub/linalg/petsc.py; here slepc4py is loaded without it.
     os.environ |= {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
     computer, sizes = fresh(machine), SIZES[asked.quick]
     with tempfile.TemporaryDirectory() as folder:

@@ -22,20 +22,16 @@ from __future__ import annotations
 import argparse
 import os
 import statistics
-import sys
 import time
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 os.environ["OMP_NUM_THREADS"] = "1"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout will do
-import scaling_models as models
-
 import femsub as fs
+from benchmarks import models
 from femsub.app import report
 from femsub.app.scene import Result
 from femsub.modes import normal_modes as eigen

@@ -1,4 +1,4 @@
-"""Are the estimates of `reduce(sub, CraigBampton(band=…, tol=…))` right, and do they choose well? Over tests/gallery.py.
+"""Are the estimates of `reduce(sub, CraigBampton(band=…, tol=…))` right, and do they choose well? Over benchmarks/gallery.py.
 
     python scripts/effectivity.py [--only TEXT] [--out out/effectivity]
 
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 import warnings
 from pathlib import Path
@@ -21,17 +20,14 @@ from typing import Any
 
 import numpy as np
 
+import femsub as fs
+from benchmarks import gallery
+from femsub.io.atomic import write_whole
+from femsub.model.estimate import SHARE, paired, within
+from femsub.reduction.error_bounds import Nested
+from femsub.reduction.mode_selection import Search
+
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests"))
-
-import gallery  # noqa: E402
-
-import femsub as fs  # noqa: E402
-from femsub.io.atomic import write_whole  # noqa: E402
-from femsub.model.estimate import SHARE, paired, within  # noqa: E402
-from femsub.reduction.error_bounds import Nested  # noqa: E402
-from femsub.reduction.mode_selection import Search  # noqa: E402
-
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6)
 SMALLEST = 1e-10  # true relative errors below it are rounding
 CLUSTER = 1e-6  # frequencies and eigenvalues nearer than this, relatively, count as one, with the largest figures

@@ -25,8 +25,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout will do
-
 import femsub as fs
 from femsub.app import report
 from femsub.io.atomic import write_whole

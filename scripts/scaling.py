@@ -7,7 +7,7 @@
 Measured are the assembly (from the mesh on), HCB and CC, and the CEA of the full model by PEP (of a solid above 300,000 DOF
 only where --steps asks for it) and of both reduced ones. Chain, beam and plate keep 20 modes and give the 20 eigenvalues
 nearest to 0; the floating solid keeps 50 and gives 32, of which 12 belong to its rigid-body modes. What the components are
-is in scaling_models.py. Beams end at 20,000 DOF: the condition of their K grows with n⁴, and at 10,000 rounding takes 1.5 % of
+is in benchmarks/models.py. Beams end at 20,000 DOF: the condition of their K grows with n⁴, and at 10,000 rounding takes 1.5 % of
 their lowest frequencies, full and reduced, at 20,000 that of HCB altogether (`fs.beam` warns from 6,300 on).
 
 Cores are threads of BLAS: OMP_NUM_THREADS and OPENBLAS_NUM_THREADS of the process; all else runs on one core.
@@ -26,58 +26,31 @@ residual  The largest of the kept modes, ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|
 from __future__ import annotations
 
 import argparse
-import ctypes
-import os
-import resource
 import signal
 import statistics
 import sys
 import time
-import warnings
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # a bare checkout will do
-import scaling_models as models
-
 import femsub as fs
+from benchmarks import models
+from benchmarks.processes import Row, fresh, machine, peak_mb, warm_up
 from femsub.app import report
 from femsub.app.scene import Result
 
 STEPS = ("assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC")
 METHODS: dict[str, Any] = {"HCB": fs.CraigBampton, "CC": fs.CraigChang}
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 LARGE = 10_000  # below it fixed costs rule
 LIMITS = {"exponent": 1.25, "peak_mb": 4000.0}  # what HCB and CC are held to at 10⁶ masses
-Row = dict[str, Any]
-
-
-def peak_mb() -> float:
-    """The largest resident memory of this process so far, in 10⁶ bytes."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
 
 
 def largest_error(found: np.ndarray, exact: np.ndarray) -> float:
     """The largest relative one."""
     return float(np.max(np.abs(found / exact - 1)))
-
-
-def warm_up(kind: str = "chain") -> None:
-    """Loads everything, below and above the size from which the sparse solvers are taken."""
-    # The belt at m2 is outside the interface {m1} on purpose, as in the paper; the scene chain shows what that costs.
-    warnings.simplefilter("ignore", fs.PortWarning)
-    for size in (20, 200):
-        fs.complex_modes(fs.reduce(fs.chain(size, belt=2), fs.CraigBampton(modes=3)), count=2)
-        fs.complex_modes(fs.chain(size, belt=2), count=2)
-    if kind != "chain":
-        fs.reduce(models.build(kind, models.KINDS[kind].sizes[0]), fs.CraigBampton(modes=3), ports=True)
 
 
 def measure(kind: str, step: str, n: int, known: Row, reduced: tuple[np.ndarray, ...] | None) -> Row:
@@ -140,27 +113,6 @@ def modes_kept(kind: str, step: str, model: fs.Substructure, rom: fs.ReducedSubs
     rigid, count = models.KINDS[kind].rigid, min(len(exact), model.size // 2)
     squares = scipy.linalg.eigh(rom.K, rom.M, eigvals_only=True)[rigid:rigid + count]
     return result | {"error": largest_error(np.sqrt(np.maximum(squares, 0)), exact[:count])}
-
-
-def machine() -> Row:
-    """Processor, cores, versions, and how many threads each BLAS has, when everything is loaded."""
-    warm_up()
-    threads, maps = {}, Path("/proc/self/maps")
-    loaded = maps.read_text().splitlines() if maps.exists() else []
-    for library in sorted({Path(line.split()[-1]) for line in loaded if "openblas" in line.rpartition("/")[2]}):
-        for name in ("openblas_get_num_threads", "openblas_get_num_threads64_", "scipy_openblas_get_num_threads"):
-            if hasattr(handle := ctypes.CDLL(str(library)), name):
-                threads[library.name] = getattr(handle, name)()
-    return report.machine() | {"femsub": fs.__version__, "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS"),
-                               "blas_threads": threads}
-
-
-def fresh(task: Callable[..., Any], *args: Any, cores: int | None = None) -> Any:
-    """task(*args) in a process of its own, with so many threads of BLAS. It is started by this one, which therefore must
-    stay small: on Linux the peak of a child begins at the size of its parent."""
-    threads = {} if cores is None else dict.fromkeys(THREADS, str(cores))
-    with patch.dict(os.environ, threads), ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(task, *args).result()
 
 
 def sizes(kind: str, largest: int | None) -> list[int]:

@@ -115,6 +115,8 @@ install_femsub() {
         [ ${#redo[@]} -gt 0 ] || rm "$unfinished" # when pip fails by itself it leaves things as they were
         failed "pip could not install femsub with the extra '$extra'"
     }
+    # the commands in scripts/ import benchmarks/ as well, which is not installed
+    echo "$root" >"$(echo "$venv"/lib/python3*/site-packages)/femsub-root.pth"
     run "petsc4py and slepc4py do not import in $venv" \
         "$python" -c 'from petsc4py import PETSc; from slepc4py import SLEPc'
     echo "$root" >"$state/root"

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from conftest import lattice
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
+from benchmarks.lattices import lattice
 from femsub.checks import EPS
 
 REACH = 17  # units from 2⁻¹⁷ to 2¹⁷

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import runpy
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.studies.attractor_states import (
+from benchmarks import attractor_runs as runs
+from benchmarks.attractor_states import (
     Motion,
     bootstrap,
     chance,
@@ -27,9 +29,6 @@ from femsub.studies.attractor_states import (
 )
 
 ROOT = Path(__file__).parent.parent
-sys.path.insert(0, str(ROOT / "scripts"))
-import attractors  # noqa: E402
-import attractors_runs as runs  # noqa: E402
 
 STEP = 0.25
 T = STEP * np.arange(8000)
@@ -229,11 +228,12 @@ def test_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
         assert rows[method, 10]["distance"] == 0 and rows[method, 10]["growth_distance"] < 1e-9
         assert rows[method, 4]["missing"] == 5 and rows[method, 10]["holds"] == rows["full", 10]["holds"]
     assert {line["criterion"] for line in found["correlations"]} > {"growth_distance", "missing_share"}
+    main = runpy.run_path(command[1])["main"]
     for extra, what in ((["--sizes", "11"], "between 2 and 10"), (["--seed", "9"], "results of other settings")):
         monkeypatch.setattr(sys, "argv", [*command[1:], *extra])
         with pytest.raises(SystemExit, match="2"):
-            attractors.main()
+            main()
         assert what in capsys.readouterr().err
     monkeypatch.setattr(runs, "follow", lambda *_: pytest.fail("it has everything"))
     monkeypatch.setattr(sys, "argv", command[1:])
-    assert attractors.main() == 0 and capsys.readouterr().out == done.stdout
+    assert main() == 0 and capsys.readouterr().out == done.stdout

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
-from conftest import lattice, rigid_motions
 
 import femsub as fs
+from benchmarks.lattices import lattice, rigid_motions
 from femsub.linalg import threads
 from femsub.linalg.petsc import Factor
 from femsub.modes.normal_modes import lowest_modes

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
-from conftest import lattice
 
 import femsub as fs
+from benchmarks.lattices import lattice
 from femsub.quadratic import dense as qep
 from femsub.quadratic.complex_modes import certificates
 from femsub.quadratic.matching import match

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from conftest import lattice
 
 import femsub as fs
+from benchmarks.lattices import lattice
 from femsub.linalg.factor import factorise
 from femsub.linalg.petsc import Factor
 from femsub.quadratic import damping_split as splitting

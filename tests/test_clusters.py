@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
-from conftest import lattice, membrane, membrane_eigenvalues
 
 import femsub as fs
+from benchmarks.clusters import evaluate, make
+from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
 from femsub.linalg import petsc as _slepc
 from femsub.model.bands import DOUBLE, EDGE, in_band, widened
 from femsub.modes.dense import dense_modes
 from femsub.quadratic import sparse as pep
 from femsub.quadratic.multiplicity import clear_radius, clusters, distinct, joined
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "scripts"))
-
-from clusters import evaluate, make
 
 # Of 1000 numbers these were wrong or refused at some time, each in a way of its own.
 KNOWN = (51, 91, 113, 153, 161, 167, 365, 453, 557, 873)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from conftest import lattice, membrane
 
 import femsub as fs
+from benchmarks.lattices import lattice, membrane
 
 STEEL = {"E": 210e9, "I": 1e-2**4 / 12, "rho": 7850.0, "A": 1e-4}
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
-from conftest import lattice, membrane, membrane_eigenvalues, rigid_motions
 
 import femsub as fs
+from benchmarks.lattices import lattice, membrane, membrane_eigenvalues, rigid_motions
 from femsub.modes.shift_invert import ShiftInvert
 
 

@@ -12,15 +12,15 @@ import pytest
 import scipy.linalg as la
 
 import femsub as fs
+from benchmarks.extreme.complex import cea
+from benchmarks.extreme.motion import Chain
+from benchmarks.extreme.reference import Sturm, border, chain_border, matched, mp, quadratic
+from benchmarks.extreme.spectra import copies, damped, edge, listed, mixed
+from benchmarks.extreme.table import CASES
+from benchmarks.extreme.verdict import evaluate
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
-sys.path.insert(0, str(SCRIPTS))
 
-from extreme import CASES, evaluate  # noqa: E402
-from extreme_complex import cea  # noqa: E402
-from extreme_motion import Chain  # noqa: E402
-from extreme_reference import Sturm, border, chain_border, matched, mp, quadratic  # noqa: E402
-from extreme_spectra import copies, damped, edge, listed, mixed  # noqa: E402
 
 
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.quick])
@@ -106,8 +106,8 @@ def test_mixed_oscillators_and_friction_are_what_they_say() -> None:
     ({"ratio": 1.1}, "1.1 times its bound"), ({"missed": 1}, "1 missed"), ({"lie": "no"}, "no"), ({"bound": 1.0}, "says nothing"),
     ({"orthogonality": 1e-7}, "ΦᵀMΦ"), ({"backward": 1e-8}, "backward error")])
 def test_what_is_wrong_is_called_wrong(worse: dict, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from extreme_cases import Case
-    from extreme_reference import Found
+    from benchmarks.extreme.cases import Case
+    from benchmarks.extreme.reference import Found
 
     good = {"computed": "", "error": 0.0, "bound": 1e-12, "ratio": 0.1, "why": ""}
     monkeypatch.setitem(CASES, "planted", Case("planted", "ratios", lambda: Found(**(good | worse))))

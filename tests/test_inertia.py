@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from conftest import lattice
 
 import femsub as fs
+from benchmarks.lattices import lattice
 from femsub.linalg import factor as factors
 from femsub.linalg.factor import TreeFactor, counting, inertia
 from femsub.linalg.ordering import good_order, leaves_first

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from conftest import membrane, membrane_eigenvalues
 
 import femsub as fs
+from benchmarks.lattices import membrane, membrane_eigenvalues
 from femsub.linalg import petsc as _slepc
 from femsub.model import pencil
 from femsub.modes import normal_modes as eigen

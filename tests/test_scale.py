@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
-from conftest import lattice, membrane, membrane_eigenvalues
 
 import femsub as fs
+from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
 from femsub.errors import InputError, MissedModesError, NotConvergedError, NotEnoughMemoryError
 from femsub.linalg import memory
 from femsub.linalg.factor import factorise

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from conftest import lattice
 from scaledmodels import complex_outcome, normal_outcome, problem, same
 
 import femsub as fs
+from benchmarks.lattices import lattice
 from femsub.quadratic.complex_modes import certificates
 
 SEEDS = (0, 3, 5, 6, 9, 17, 22, 25, 37, 55, 58, 62, 78)  # each kind of model, damping, units and question; most were refused

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
-from conftest import lattice
 from scipy.linalg import null_space
 
 import femsub as fs
+from benchmarks.lattices import lattice
 from femsub.stability.border import dense_border
 
 TABLE = {  # belt: full, HCB and CC with 5 DOF; d1 = 0.1, interface {m1}

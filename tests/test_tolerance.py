@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from conftest import lattice
-from gallery import GALLERY, Problem, positive, quick
 
 import femsub as fs
+from benchmarks.gallery import GALLERY, Problem, positive, quick
+from benchmarks.lattices import lattice
 from femsub.linalg.factor import inertia
 from femsub.linalg.petsc import Factor
 from femsub.model.estimate import SHARE, paired, within

@@ -1,4 +1,4 @@
-"""What attractors.py computes: one trajectory for each task, followed until it has settled; safe to interrupt and resume."""
+"""The trajectories of scripts/attractors.py: one for each task, followed until it has settled; safe to interrupt and resume."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
+from benchmarks.attractor_states import Motion, motion, settled
 from femsub.motion.nonlinear_model import STICKING, State, project, sliding
 from femsub.reduction.reduce import METHODS
-from femsub.studies.attractor_states import Motion, motion, settled
 
 Record = dict[str, Any]
 

@@ -1,4 +1,4 @@
-"""What scaling.py measures: components of about a wanted number of DOF, and what their frequencies must be.
+"""Components of about a wanted number of DOF, for scaling and certificates, and what their frequencies must be.
 
 The chain has unit masses and springs and a dashpot; the others are of steel, in m, kg and s, without damping. Their belt
 takes so little (damping ratios of about 1e-6) that it moves no frequency by more than 1e-12.
@@ -14,7 +14,7 @@ import numpy as np
 import femsub as fs
 
 DAMPING = 0.1  # of the chain
-STEEL = {"E": 2.1e11, "rho": 7850.0}
+STEEL: dict[str, Any] = {"E": 2.1e11, "rho": 7850.0}
 NU = 0.3
 LENGTH, SIDE = 1.0, 0.02  # of the beam, which is square
 SIDES, THICKNESS = (1.0, 0.8), 0.005  # of the plate

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from extreme_cases import judge
-from extreme_reference import (
+
+import femsub as fs
+from benchmarks.extreme.cases import judge
+from benchmarks.extreme.reference import (
     EPS,
     Array,
     Found,
@@ -22,8 +24,6 @@ from extreme_reference import (
     quadratic,
     worst,
 )
-
-import femsub as fs
 
 
 def roots(damping: Any, stiffness: Any) -> Array:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from extreme_cases import judge
-from extreme_reference import Array, Found, claim
 from scipy.integrate import solve_ivp
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.linalg import spsolve
 
 import femsub as fs
+from benchmarks.extreme.cases import judge
+from benchmarks.extreme.reference import Array, Found, claim
 
 
 @dataclass(frozen=True)
@@ -109,6 +109,7 @@ def floquet(chain: Chain, harmonics: int | None) -> Found:
         warnings.simplefilter("ignore", fs.FemsubWarning)
         found = fs.harmonic_balance(model, contact, harmonics=harmonics)
         start, multipliers = found.state(), found.floquet
+    assert multipliers is not None
     Phi = _closed(chain, np.concatenate([start.displacement, start.velocity]), found.period)
     exact = np.linalg.eigvals(Phi)
     exact = exact[np.argsort(np.abs(exact - 1))[1:]]  # without the trivial one
@@ -124,7 +125,7 @@ def floquet(chain: Chain, harmonics: int | None) -> Found:
 def _closed(chain: Chain, y: Array, period: float) -> Array:
     """Φ(T) of the cycle next to a start, by Newton's method: y(T) - y(0) = 0, ẏ(0)ᵀδy = 0."""
     n = chain.n
-    K, D, w = (part.toarray() if sp.issparse(part) else part for part in chain.parts)
+    K, D, w = (sp.csr_array(part).toarray() if sp.issparse(part) else part for part in chain.parts)
 
     def field(y: Array) -> Array:
         return np.concatenate([y[n:], w * chain.friction(chain.speed - y[n + chain.belt - 1]) - D @ y[n:] - K @ y[:n]])

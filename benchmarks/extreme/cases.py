@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from extreme_reference import EPS, Array, Found, Sturm, dense, entry_condition, exact, mp
 
 import femsub as fs
+from benchmarks.extreme.reference import EPS, Array, Found, Sturm, dense, entry_condition, exact, mp
 
-STEEL = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
+STEEL: dict[str, Any] = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
 ASKED = 1e-12  # of Krylov-Schur by femsub, relative to the shifted and inverted eigenvalue
 DEPENDENT = 1e-13  # share of its energy below which Craig-Chang drops a column
 
@@ -51,7 +51,8 @@ def one(n: int, at: int, value: float) -> Array:
 
 def pieces(*parts: fs.Substructure, interface: tuple[int, ...] = ()) -> fs.Substructure:
     """Components side by side, not joined."""
-    return fs.Substructure(*(sp.block_diag([getattr(part, key) for part in parts]) for key in "MK"), interface=interface)
+    M, K = (sp.block_diag([getattr(part, key) for part in parts]) for key in "MK")
+    return fs.Substructure(M, K, interface=interface)
 
 
 def lattice(nx: int, ny: int, seed: int = 0, diagonals: bool = True) -> fs.Substructure:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from extreme_cases import (
+
+import femsub as fs
+from benchmarks.extreme.cases import (
     CASES,
     STEEL,
     alternating,
@@ -23,10 +26,10 @@ from extreme_cases import (
     ring,
     soft_rigid,
 )
-from extreme_complex import cea, drift, on_an_edge, paired, proportional, slope, tiny_slope
-from extreme_continua import beam_entries, beam_frequency, edge_mean, face_mean, mixed_set
-from extreme_motion import Chain, floquet, proportional_to_its_blow, small_motion, sticking_unknown
-from extreme_reduction import (
+from benchmarks.extreme.complex import cea, drift, on_an_edge, paired, proportional, slope, tiny_slope
+from benchmarks.extreme.continua import beam_entries, beam_frequency, edge_mean, face_mean, mixed_set
+from benchmarks.extreme.motion import Chain, floquet, proportional_to_its_blow, small_motion, sticking_unknown
+from benchmarks.extreme.reduction import (
     above_cutoff,
     bare,
     issue,
@@ -41,8 +44,8 @@ from extreme_reduction import (
     unsymmetric_files,
     without_artefact,
 )
-from extreme_reference import Found, answered, worst
-from extreme_spectra import (
+from benchmarks.extreme.reference import Found, answered, worst
+from benchmarks.extreme.spectra import (
     component,
     copies,
     critical,
@@ -59,8 +62,6 @@ from extreme_spectra import (
     tied,
 )
 
-import femsub as fs
-
 __all__ = ["CASES"]
 
 HCB, CC = fs.CraigBampton, fs.CraigChang
@@ -76,7 +77,7 @@ def every(run: Callable[..., Found], *arguments: object, asks: Sequence[dict[str
     return worst(run(*arguments, **options, **ask) for ask in asks)
 
 
-def chain(n: int, **options: object) -> object:
+def chain(n: int, **options: Any) -> Callable[[], fs.Substructure]:
     return lambda: fs.chain(n, **options)
 
 
@@ -303,15 +304,15 @@ for belt in (2, 7):
          chain=(400, belt, 0.1))
 
 group = "border"
-for label, method in (("HCB", HCB(6)), ("CC", CC(6))):
-    case(group, f"slope, {label}, band above the cut-off", above_cutoff, method, "slope", expect="reaches above the cut-off")
-    case(group, f"sweep, {label}, band above the cut-off", above_cutoff, method, "sweep", expect="reaches above the cut-off")
-    case(group, f"CEA, {label}, band above the cut-off", above_cutoff, method, "modes")
+for label, six in (("HCB", HCB(6)), ("CC", CC(6))):
+    case(group, f"slope, {label}, band above the cut-off", above_cutoff, six, "slope", expect="reaches above the cut-off")
+    case(group, f"sweep, {label}, band above the cut-off", above_cutoff, six, "sweep", expect="reaches above the cut-off")
+    case(group, f"CEA, {label}, band above the cut-off", above_cutoff, six, "modes")
 case(group, "slope, CC, shape above the cut-off", without_artefact)
 case(group, "slope, CC, next to the cut-off", near_cutoff)
-for method in ("auto", "bracketing"):
-    case(group, f"drift first, {method}", drift, 10, 1e-4, 0.05, method=method)
-    case(group, f"drift first, CC, {method}", drift, 10, 1e-4, 0.05, True, method=method)
+for way in ("auto", "bracketing"):
+    case(group, f"drift first, {way}", drift, 10, 1e-4, 0.05, method=way)
+    case(group, f"drift first, CC, {way}", drift, 10, 1e-4, 0.05, True, method=way)
 case(group, "drift first, 3,000 masses", drift, 3000, 1e-6, 5.0, band=(0.0, 0.01))
 case(group, "drift without damping, 400 masses", drift, 400, 0.0, 0.05, band=(0.0, 0.006))
 case(group, "drift first, pairs above it", slope, lambda: fs.damped(fs.chain(10, belt=10, damping=0.0, fixed=False),
@@ -324,8 +325,8 @@ group = "motion"
 for n, belt, blow in ((120, 5, 1e-3), (320, 20, 1e-3), (320, 20, 1e-9), (320, 20, 0.1)):
     case(group, f"alpha, {n} masses, blow of {blow:g}", small_motion, n, belt, blow, 60.0)
 case(group, "alpha, 320 masses, few samples", small_motion, 320, 20, 1e-3, 60.0, 100, quick=False)
-for method in ("alpha", "lsoda", "dop853", "radau"):
-    case(group, f"{method}, tiny blows", proportional_to_its_blow, method, 1e-4, quick=method != "radau")
+for integrator in ("alpha", "lsoda", "dop853", "radau"):
+    case(group, f"{integrator}, tiny blows", proportional_to_its_blow, integrator, 1e-4, quick=integrator != "radau")
 for cycle, harmonics in ((Chain(2, 2, 0.05, 0.2, 0.01, odd=True), 8), (Chain(3, 2, 0.1, 0.3, 0.01), 10),
                          (Chain(3, 3, 0.1, 0.2, 0.005), None), (Chain(4, 4, 0.2, 0.15, 0.01), 20),
                          (Chain(5, 2, 0.1, 0.3, 0.01, odd=True), 12)):
@@ -375,7 +376,7 @@ case(group, "triple eigenvalue", cea, lambda: fs.Pencil(np.eye(3), None, np.eye(
 case(group, "PEP, every mode of 150 a defective pair", cea, lambda: paired(150, 0.0, TWIN), closed=True, count=12, quick=False)
 
 group = "slender"
-BAR = {"E": 2.1e11, "I": 1e-16 / 12, "rho": 7850.0, "A": 1e-8}
+BAR: dict[str, Any] = {"E": 2.1e11, "I": 1e-16 / 12, "rho": 7850.0, "A": 1e-8}
 case(group, "beam of 1 : 1e-4, 100 elements", modes, lambda: fs.beam(1.0, 100, **BAR, supports={"left": "clamped"}), 6, checked=4)
 case(group, "beam of 2,000 elements", modes, lambda: fs.beam(1.0, 2000, **BAR, supports={"left": "pinned", "right": "pinned"}), 6,
      checked=2, quick=False)
@@ -383,9 +384,9 @@ case(group, "beam of 6,000 elements", modes, lambda: fs.beam(1.0, 6000, **BAR, s
      expect="rounding may take", quick=False)
 for n in (1000, 3000):
     case(group, f"entries of a beam of {n:,} elements", beam_entries, n)
-for ends in ("clamped", "pinned"):
+for held_as in ("clamped", "pinned"):
     for n in (500, 1000, 2000, 3000):
-        case(group, f"ω of a {ends} beam of {n:,} elements", beam_frequency, n, ends)
+        case(group, f"ω of a {held_as} beam of {n:,} elements", beam_frequency, n, held_as)
 case(group, "plate cells of 1 : 1e4", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-4), (2, 2)), **STEEL, thickness=1e-6,
      supports={"left": "clamped"}), 5, checked=4, expect="rounding may take")
 case(group, "plate cells of 1 : 100", modes, lambda: fs.plate(fs.rectangle((1.0, 1e-2), (2, 2)), **STEEL, thickness=1e-4,

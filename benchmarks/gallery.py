@@ -1,7 +1,7 @@
 """Components on which estimates are checked against full solutions: chains, beams, plates, solids, held and floating.
 
-Each is small enough for all of its eigenvalues to be had by LAPACK. `tests/test_tolerance.py` takes the quick ones,
-`scripts/effectivity.py` takes all.
+Each is small enough for all of its eigenvalues to be had by LAPACK. tests/test_tolerance.py takes the quick ones,
+scripts/effectivity.py takes all.
 """
 
 from __future__ import annotations
@@ -9,15 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from conftest import lattice, membrane
 
 import femsub as fs
+from benchmarks.lattices import lattice, membrane
 from femsub.model.estimate import moving, upper
 
-STEEL = {"E": 2.1e11, "rho": 7850.0}
+STEEL: dict[str, Any] = {"E": 2.1e11, "rho": 7850.0}
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 import warnings
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
-from extreme_cases import STEEL
-from extreme_reference import EPS, Array, Found, answered, mp
 
 import femsub as fs
+from benchmarks.extreme.cases import STEEL
+from benchmarks.extreme.reference import EPS, Array, Found, answered, mp
 
 
 def edge_mean(kind: str, cells: int) -> Found:
@@ -22,7 +23,8 @@ def edge_mean(kind: str, cells: int) -> Found:
     mesh = mesh.with_sets(all=np.arange(len(mesh.points)), two=corners)
     ports = ("edge", "right", "all", "two")
     sub = fs.plate(mesh, **STEEL, thickness=0.01, ports={name: name for name in ports})
-    x, y = sub.dofs.points.T
+    dofs: Any = sub.dofs
+    x, y = dofs.points.T
     normal = _normals(sub) if kind == "triangle" else np.zeros((2, sub.size))
     # the second along x = 0, x = 1, y = 0 and y = 1, the rim's sides: 1, 1 + 1 + 1, 1/3, 1/3 + 1 + 3
     rim = (Fraction(1) + 3 + Fraction(1, 3) + Fraction(13, 3)) / 4
@@ -33,10 +35,10 @@ def edge_mean(kind: str, cells: int) -> Found:
         w = x + 2 * y if degree == 1 else x**2 + 2 * x * y + 3 * y**2
         values = {"w": w, "w,x": gradient[0], "w,y": gradient[1], "w,xy": np.full(len(x), 2.0 if degree == 2 else 0.0),
                   "w,n": normal[0] * gradient[0] + normal[1] * gradient[1]}
-        u = np.choose(sub.dofs.components, [values[label] for label in sub.dofs.labels])
+        u = np.choose(dofs.components, [values[label] for label in dofs.labels])
         for name, mean in zip(ports, means[degree], strict=True):
             worst = max(worst, abs(float(sub.port(name) @ u) / float(mean) - 1))
-    weighed = np.unique(sub.dofs.nodes[(sub.port("edge") != 0) & (sub.dofs.components == 0)])
+    weighed = np.unique(dofs.nodes[(sub.port("edge") != 0) & (dofs.components == 0)])
     lie = "" if np.isin(mesh.numbers[mesh.sets["edge"]], weighed).all() else "nodes of the rim have no weight"
     bound = 8 * EPS * len(x)
     return Found(f"means over {len(ports)} sets, {kind}", worst, bound, worst / bound, "8 n eps, sums of n terms", lie=lie)
@@ -46,8 +48,9 @@ def _normals(sub: fs.Substructure) -> Array:
     """n of each w,n of a grid of triangles, (2, n): by its place along x, y or a diagonal, with the sign for which w = x and
     w = y, without stiffness, have K u = 0.
     """
-    x, y = sub.dofs.points.T
-    slopes = np.array(sub.dofs.labels)[sub.dofs.components] == "w,n"
+    dofs: Any = sub.dofs
+    x, y = dofs.points.T
+    slopes = np.array(dofs.labels)[dofs.components] == "w,n"
     K = sub.K.toarray()
     n = np.zeros((2, sub.size))
     for row, field in enumerate((x, y)):
@@ -80,7 +83,7 @@ def mixed_set(kind: str) -> Found:
     return answered(lambda: fs.plate(mesh, **STEEL, thickness=0.01, ports={"p": "mixed"}))
 
 
-SPEED = {"E": 210e9, "I": 1e-2**4 / 12, "rho": 7850.0, "A": 1e-4}
+SPEED: dict[str, Any] = {"E": 210e9, "I": 1e-2**4 / 12, "rho": 7850.0, "A": 1e-4}
 
 
 def _wave_number() -> float:

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
-from extreme_cases import ASKED, judge, lattice, spread
-from extreme_complex import roots
-from extreme_reference import Array, Found, dense, entry_condition, exact, mp
 
 import femsub as fs
+from benchmarks.extreme.cases import ASKED, judge, lattice, spread
+from benchmarks.extreme.complex import roots
+from benchmarks.extreme.reference import Array, Found, dense, entry_condition, exact, mp
 
 Known = tuple[fs.Pencil, Array]
 

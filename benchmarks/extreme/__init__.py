@@ -1,0 +1,1 @@
+"""The stiff and extreme cases of scripts/extreme.py: models, references in many digits, and the verdict on each case."""
