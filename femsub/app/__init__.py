@@ -1,1 +1,4 @@
-"""What people run: the command line, scenes, reports and figures."""
+"""What people run: the command line, scenes, reports and figures.
+
+In: the name of a scene or a scene file. Out: what the run printed, as results.json, tables, figures and VTU in one folder.
+"""
