@@ -94,7 +94,8 @@ def unexplained(package: Path = PACKAGE) -> list[str]:
     """Rooms whose docstring does not say what goes in and what comes out."""
     rooms = [name for name in LEVEL if (package / name).is_dir()]
     texts = {name: (package / name / "__init__.py").read_text(encoding="utf-8") for name in rooms}
-    return [name for name, text in texts.items() if not re.search(r"\bIn: .+Out: ", ast.get_docstring(ast.parse(text)) or "", re.DOTALL)]
+    return [name for name, text in texts.items()
+            if not re.search(r"\bIn: .+Out: ", ast.get_docstring(ast.parse(text)) or "", re.DOTALL)]
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from femsub.checks import Array
-from femsub.io.gmsh_store import Found, Numbers
+from femsub.errors import InputError
+from femsub.io.mesh_text import as_numbers
 
 BODIES = ("point", "line", "surface", "volume")
 VERSIONS = ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1")
@@ -50,7 +52,7 @@ def read_gmsh(path: Path) -> tuple[Any, list[str]]:
     InputError
         What is refused, by section.
     """
-    found = Found(path)
+    found = _Found(path)
     raw, place = path.read_bytes(), 0
     while (place := _next(found, raw, place)) < len(raw):
         end = raw.find(b"\n", place)
@@ -60,7 +62,88 @@ def read_gmsh(path: Path) -> tuple[Any, list[str]]:
     return _assembled(found), []
 
 
-def _next(found: Found, raw: bytes, place: int) -> int:
+# ---- what has been read so far, and its numbers, of which none is taken that is not there
+
+@dataclass
+class _Found:
+    path: Path
+    version: str = ""
+    binary: bool = False
+    words: str = "<u8"  # how sizes are stored in binary
+    names: dict[tuple[int, int], str] = field(default_factory=dict)
+    entities: dict[tuple[int, int], list[int]] = field(default_factory=dict)
+    numbers: Array | None = None
+    points: Array | None = None
+    #: kind, numbers of the elements, nodes by number, physical tags: of each element, or those all of them have
+    blocks: list[tuple[int, Array, Array, Array | list[int]]] = field(default_factory=list)
+    point_data: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+    cell_data: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+
+    def wrong(self, why: str) -> InputError:
+        return InputError(f"{self.path} cannot be read as a Gmsh mesh: {why}")
+
+
+class _Numbers:
+    """Takes numbers one after the other from a section, and never more than there are."""
+
+    def __init__(self, found: _Found, section: str, raw: bytes, start: int, kind: type = float) -> None:
+        self.found, self.section, self.raw, self.place = found, section, raw, start
+        self.end = len(raw)
+        self.values: Array | None = None
+        if not found.binary:
+            self.end = raw.find(b"$End" + section.encode(), start)
+            if self.end < 0:
+                raise found.wrong(f"${section} does not end: is it cut short?")
+            text = raw[start:self.end].decode("latin-1")
+            self.values, self.place = as_numbers(f"{found.path}: the data of ${section}", text, kind), 0
+
+    def take(self, kind: str, count: int) -> Array:
+        """`count` numbers: 'i' whole, 'n' sizes and tags, 'd' real."""
+        if self.values is not None:
+            part = self.values[self.place:self.place + count]
+            if len(part) < count or count < 0:
+                raise self.found.wrong(f"${self.section} has fewer numbers than it says: is it cut short or damaged?")
+            self.place += count
+            if kind == "d":
+                return part.astype(float)
+            if (part % 1 != 0).any() or (np.abs(part) > 2.0**53).any():
+                raise self.found.wrong(f"${self.section} has {part[part % 1 != 0][:1]} where a whole number belongs")
+            return part.astype(np.int64)
+        dtype = np.dtype({"i": "<i4", "n": self.found.words, "d": "<f8"}[kind])
+        if count < 0 or self.place + count * dtype.itemsize > self.end:
+            raise self.found.wrong(f"${self.section} says it has {count} numbers more than the file: is it cut short or damaged?")
+        part = np.frombuffer(self.raw, dtype=dtype, count=count, offset=self.place)
+        self.place += count * dtype.itemsize
+        if kind == "n" and len(part) and part.max() > np.uint64(2**62):
+            raise self.found.wrong(f"${self.section} has a number beyond all limits")
+        return part.astype(float if kind == "d" else np.int64)
+
+    def one(self, kind: str) -> int:
+        return int(self.take(kind, 1)[0])
+
+    def records(self, dtype: Any, count: int) -> Array:
+        """Rows of a binary section."""
+        size = np.dtype(dtype).itemsize
+        if count < 0 or self.place + count * size > self.end:
+            raise self.found.wrong(f"${self.section} says it has {count} rows, more than the file: is it cut short or damaged?")
+        self.place += count * size
+        return np.frombuffer(self.raw, dtype=dtype, count=count, offset=self.place - count * size)
+
+    def done(self) -> int:
+        """The place in the file behind the section, all of which must have been taken."""
+        if self.values is not None and self.place != len(self.values):
+            raise self.found.wrong(f"${self.section} has {len(self.values) - self.place} numbers more than it says")
+        mark = b"$End" + self.section.encode()
+        place = self.end if self.values is not None else self.place + len(self.raw[self.place:self.place + 9]) - len(
+            self.raw[self.place:self.place + 9].lstrip())
+        if self.raw[place:place + len(mark)] != mark:
+            raise self.found.wrong(f"${self.section} does not end where it says: is it cut short or damaged?")
+        return place + len(mark)
+
+
+# ---- the sections
+
+def _next(found: _Found, raw: bytes, place: int) -> int:
     match = re.compile(rb"\s*").match(raw, place)
     place = match.end() if match else place
     if place < len(raw) and raw[place:place + 1] != b"$":
@@ -68,7 +151,7 @@ def _next(found: Found, raw: bytes, place: int) -> int:
     return place
 
 
-def _skipped(found: Found, section: str, raw: bytes, start: int) -> int:
+def _skipped(found: _Found, section: str, raw: bytes, start: int) -> int:
     if section == "PartitionedEntities":
         raise found.wrong("it is partitioned: save it whole")
     end = raw.find(b"$End" + section.encode("latin-1"), start)
@@ -77,7 +160,7 @@ def _skipped(found: Found, section: str, raw: bytes, start: int) -> int:
     return end + 4 + len(section)
 
 
-def _format(found: Found, section: str, raw: bytes, start: int) -> int:
+def _format(found: _Found, section: str, raw: bytes, start: int) -> int:
     end = raw.find(b"\n", start)
     words = raw[start:max(end, start)].split()
     if len(words) < 3 or words[1] not in (b"0", b"1") or words[2] not in (b"4", b"8"):
@@ -91,7 +174,7 @@ def _format(found: Found, section: str, raw: bytes, start: int) -> int:
     return _skipped(found, section, raw, end)
 
 
-def _names(found: Found, section: str, raw: bytes, start: int) -> int:
+def _names(found: _Found, section: str, raw: bytes, start: int) -> int:
     end = raw.find(b"$EndPhysicalNames", start)
     if end < 0:
         raise found.wrong("$PhysicalNames does not end: is it cut short?")
@@ -110,8 +193,8 @@ def _names(found: Found, section: str, raw: bytes, start: int) -> int:
     return end + len("$EndPhysicalNames")
 
 
-def _entities(found: Found, section: str, raw: bytes, start: int) -> int:
-    numbers = Numbers(found, section, raw, start)
+def _entities(found: _Found, section: str, raw: bytes, start: int) -> int:
+    numbers = _Numbers(found, section, raw, start)
     for dimension, count in enumerate(numbers.take("n", 4).tolist()):
         for _ in range(count):
             tag = numbers.one("i")
@@ -122,7 +205,7 @@ def _entities(found: Found, section: str, raw: bytes, start: int) -> int:
     return numbers.done()
 
 
-def _nodes(found: Found, section: str, raw: bytes, start: int) -> int:
+def _nodes(found: _Found, section: str, raw: bytes, start: int) -> int:
     if found.version[0] == "2":
         numbers, count = _counted(found, section, raw, start, float)
         if found.binary:
@@ -134,7 +217,7 @@ def _nodes(found: Found, section: str, raw: bytes, start: int) -> int:
             if (found.numbers != table[:, 0]).any():
                 raise found.wrong("a node's number is not whole")
         return numbers.done()
-    numbers = Numbers(found, section, raw, start)
+    numbers = _Numbers(found, section, raw, start)
     blocks, total = numbers.take("n", 2 if found.version == "4.0" else 4)[:2].tolist()
     tags, points = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))]
     for _ in range(blocks):
@@ -154,24 +237,24 @@ def _nodes(found: Found, section: str, raw: bytes, start: int) -> int:
     return numbers.done()
 
 
-def _counted(found: Found, section: str, raw: bytes, start: int, kind: type) -> tuple[Numbers, int]:
+def _counted(found: _Found, section: str, raw: bytes, start: int, kind: type) -> tuple[_Numbers, int]:
     """Version 2 gives the count as a line of text, in binary files too."""
     if not found.binary:
-        numbers = Numbers(found, section, raw, start, kind)
+        numbers = _Numbers(found, section, raw, start, kind)
         return numbers, numbers.one("n")
     end = raw.find(b"\n", start)
     word = raw[start:max(end, start)].strip()
     if not re.fullmatch(rb"\d{1,15}", word):
         raise found.wrong(f"${section} begins with {word[:20]!r}, which is no count")
-    return Numbers(found, section, raw, end + 1), int(word)
+    return _Numbers(found, section, raw, end + 1), int(word)
 
 
-def _elements(found: Found, section: str, raw: bytes, start: int) -> int:
+def _elements(found: _Found, section: str, raw: bytes, start: int) -> int:
     if found.version[0] == "2":
         numbers, total = _counted(found, section, raw, start, np.int64)
         found.blocks = list(_runs_binary(found, numbers, total) if found.binary else _runs(found, numbers, total))
     else:
-        numbers = Numbers(found, section, raw, start, np.int64)
+        numbers = _Numbers(found, section, raw, start, np.int64)
         early = found.version == "4.0"
         blocks, total = numbers.take("n", 2 if early else 4)[:2].tolist()
         for _ in range(blocks):
@@ -189,13 +272,13 @@ def _elements(found: Found, section: str, raw: bytes, start: int) -> int:
     return numbers.done()
 
 
-def _size(found: Found, kind: int) -> int:
+def _size(found: _Found, kind: int) -> int:
     if kind not in _KINDS:
         raise found.wrong(f"elements of Gmsh's type {kind} (of third order or above, or none) are not read")
     return _KINDS[kind][1]
 
 
-def _runs(found: Found, numbers: Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
+def _runs(found: _Found, numbers: _Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
     """Elements of the text of version 2, as many at a time as have the same kind and number of tags."""
     assert numbers.values is not None
     left = total
@@ -221,7 +304,7 @@ def _runs(found: Found, numbers: Numbers, total: int) -> Iterator[tuple[int, Arr
         yield kind, table[:, 0], table[:, 3 + tags:], np.abs(table[:, 3]) if tags else np.zeros(count, dtype=np.int64)
 
 
-def _runs_binary(found: Found, numbers: Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
+def _runs_binary(found: _Found, numbers: _Numbers, total: int) -> Iterator[tuple[int, Array, Array, Array]]:
     left = total
     while left > 0:
         kind, count, tags = numbers.take("i", 3).tolist()
@@ -233,7 +316,7 @@ def _runs_binary(found: Found, numbers: Numbers, total: int) -> Iterator[tuple[i
         yield kind, table[:, 0], table[:, 1 + tags:], np.abs(table[:, 1]) if tags else np.zeros(count, dtype=np.int64)
 
 
-def _data(found: Found, section: str, raw: bytes, start: int) -> int:
+def _data(found: _Found, section: str, raw: bytes, start: int) -> int:
     """$NodeData and $ElementData of `write_mesh`; those of others are passed over."""
     place, lists = start, list[list[str]]()
     for _ in range(3):  # names, real numbers (time), whole numbers (step, components, rows)
@@ -249,7 +332,7 @@ def _data(found: Found, section: str, raw: bytes, start: int) -> int:
         return _skipped(found, section, raw, place)
     if len(lists[2]) < 3 or lists[2][1] != "1" or not lists[2][2].isdecimal():
         raise found.wrong(f"${section} {name!r} has not one number for each row")
-    numbers, count = Numbers(found, section, raw, place), int(lists[2][2])
+    numbers, count = _Numbers(found, section, raw, place), int(lists[2][2])
     if found.binary:
         rows = numbers.records([("tag", "<i4"), ("value", "<f8")], count)
         columns = rows["tag"].astype(np.int64), rows["value"].astype(float)
@@ -260,14 +343,14 @@ def _data(found: Found, section: str, raw: bytes, start: int) -> int:
     return numbers.done()
 
 
-def _line(found: Found, section: str, raw: bytes, start: int) -> tuple[int, str]:
+def _line(found: _Found, section: str, raw: bytes, start: int) -> tuple[int, str]:
     end = raw.find(b"\n", start)
     if end < 0:
         raise found.wrong(f"${section} does not end: is it cut short?")
     return end + 1, raw[start:end].decode("utf-8", "replace").strip()
 
 
-def _assembled(found: Found) -> Any:
+def _assembled(found: _Found) -> Any:
     import meshio
 
     if found.points is None or found.numbers is None or not found.blocks:

@@ -8,18 +8,26 @@ names them.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.inp_decks import blocks, names
-from femsub.io.inp_generate import GENERATORS
-from femsub.io.inp_store import Found, NodesOf, Range, once, rows_of, table_of, whole_numbers
-from femsub.io.mesh_text import as_numbers, as_table, fields
+from femsub.io.inp_generate import along, between, in_rows, mapped, moved, reflected
+from femsub.io.mesh_text import as_numbers, as_table, fields, once, rows_of, text_of
 
+#: keywords with data from which a mesh is made
+_MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
+#: keywords that change a mesh in ways that are not read
+_CHANGING = ("IMPERFECTION", "IMPORT", "IMPORT ELSET", "IMPORT NSET", "SYMMETRIC MODEL GENERATION", "REFINE MESH", "PARAMETER")
+_DEEPEST = 9  # files included by files
+_ITEM = re.compile(r'(?:[^,"]|"[^"]*"?)+')
 _PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9", 65: "triangle6"}
 #: how the name of an element begins, and what the number after that means
 _FAMILIES = (
@@ -84,8 +92,7 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
 
 
 def _collect(path: Path, found: Found) -> None:
-    makers = {"NODE": _nodes, "ELEMENT": _elements, "NSET": _set, "ELSET": _set, **GENERATORS}
-    for keyword, options, data in blocks(path):
+    for keyword, options, data in _blocks(path):
         if keyword == "SYSTEM" and data.strip():
             raise InputError(f"{path} has a *SYSTEM, which moves coordinates; write the nodes in the global system")
         if keyword in _SCOPES:
@@ -95,12 +102,212 @@ def _collect(path: Path, found: Found) -> None:
                                  "'do not use parts and assemblies in input files' in Abaqus/CAE")
             continue
         in_assembly = found.scopes["ASSEMBLY"] > found.scopes["END ASSEMBLY"]
-        if keyword in makers:
+        if keyword in _MAKERS:
             name = options.get("NSET" if keyword in ("NODE", "NSET") else "ELSET", "")
             if in_assembly and "INSTANCE" not in options:
                 found.apart.add(f"*{keyword} {name}".strip())
             else:
-                makers[keyword](found, keyword, options, data)
+                _MAKERS[keyword](found, keyword, options, data)
+
+
+# ---- what has been read so far, by the file's numbers
+
+class Range(NamedTuple):
+    first: int
+    last: int
+    step: int
+
+
+class NodesOf(NamedTuple):
+    elements: str
+
+
+Part: TypeAlias = "Array | Range | NodesOf"
+
+
+@dataclass
+class Found:
+    """What a file holds, by the file's numbers."""
+
+    path: Path
+    nodes: list[tuple[Array, Array]] = field(default_factory=list)
+    elements: list[tuple[str, Array, Array]] = field(default_factory=list)
+    others: list[Array] = field(default_factory=list)  # numbers of elements of kinds that are no cells
+    node_sets: dict[str, list[Part]] = field(default_factory=dict)
+    cell_sets: dict[str, list[Part]] = field(default_factory=dict)
+    spelling: dict[str, str] = field(default_factory=dict)
+    skipped: Counter[str] = field(default_factory=Counter)
+    scopes: Counter[str] = field(default_factory=Counter)
+    apart: set[str] = field(default_factory=set)
+
+    def add(self, sort: str, name: str, members: Part) -> None:
+        """Names are the same in capitals and small letters, and a set that comes again grows."""
+        self.spelling.setdefault(sort + name.upper(), name)
+        self.sets(sort).setdefault(name.upper(), []).append(members)
+
+    def sets(self, sort: str) -> dict[str, list[Part]]:
+        return self.node_sets if sort == "n" else self.cell_sets
+
+    def all_nodes(self) -> tuple[Array, Array]:
+        """Numbers, ascending, and points; a number that comes twice is an error."""
+        if not self.nodes:
+            raise InputError(f"{self.path} has no *NODE data where they are needed")
+        if len(self.nodes) > 1 or not (np.diff(self.nodes[0][0]) > 0).all():
+            numbers = np.concatenate([part for part, _ in self.nodes])
+            order = once(self.path, "nodes", numbers)
+            self.nodes = [(numbers[order], np.concatenate([part for _, part in self.nodes])[order])]
+        return self.nodes[0]
+
+    def all_elements(self) -> Array:
+        return np.sort(np.concatenate([np.zeros(0, dtype=np.int64), *(part for _, part, _ in self.elements), *self.others]))
+
+    def place(self, what: str, wanted: Array) -> Array:
+        """The points of nodes."""
+        numbers, points = self.all_nodes()
+        return points[rows_of(self.path, what, "node", numbers, wanted)]
+
+    def members(self, sort: str, name: str, what: str) -> Array:
+        """Numbers in a set as it is now, ascending."""
+        parts = self.sets(sort).get(name.upper())
+        if parts is None:
+            raise InputError(f"{self.path}: {what} names the set {name!r}, which is not above it")
+        found = [self._resolved(what, sort, part) for part in parts]
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
+
+    def _resolved(self, what: str, sort: str, part: Part) -> Array:
+        if isinstance(part, NodesOf):
+            cells = self.members("e", part.elements, what)
+            return np.concatenate([np.zeros(0, dtype=np.int64),
+                                   *(nodes[np.isin(numbers, cells)].ravel() for _, numbers, nodes in self.elements)])
+        if not isinstance(part, Range):
+            return part
+        numbers = self.all_nodes()[0] if sort == "n" else self.all_elements()
+        count = (part.last - part.first) // part.step + 1
+        inside = numbers[(numbers >= part.first) & (numbers <= part.last) & ((numbers - part.first) % part.step == 0)]
+        if len(inside) < count:
+            wrong = np.flatnonzero(inside != part.first + part.step * np.arange(len(inside)))
+            missing = part.first + part.step * (int(wrong[0]) if len(wrong) else len(inside))
+            raise InputError(f"{self.path}: {what} names {'node' if sort == 'n' else 'element'} {missing}, which the file does "
+                             "not give")
+        return inside
+
+
+def _table_of(what: str, data: str, kind: type = np.int64) -> list[list[Any]]:
+    """The numbers of each line."""
+    values, counts = fields(f"{what}: its data", data, kind)
+    return [part.tolist() for part in np.split(values, np.cumsum(counts)[:-1])] if len(counts) else []
+
+
+def _whole_numbers(what: str, values: Array) -> Array:
+    if not ((values >= 1) & (values < 2.0**53)).all() or (values % 1).any():
+        raise InputError(f"{what} must be whole and positive, not {values[np.argmin((values >= 1) & (values % 1 == 0))]}")
+    return values.astype(np.int64)
+
+
+def _padded(what: str, data: str) -> Array:
+    values, counts = fields(f"{what}: its data", data, float)
+    return as_table(values, counts) if len(counts) else np.zeros((0, 1))
+
+
+def _integer(what: str, options: Mapping[str, str], name: str) -> int:
+    if not re.fullmatch(r"[+-]?\d{1,15}", options.get(name, "")):
+        raise InputError(f"{what} needs {name}=..., a whole number; it has {options.get(name)!r}")
+    return int(options[name])
+
+
+# ---- keywords; what *INCLUDE and INPUT= bring in stands where it belongs
+
+class Block(NamedTuple):
+    """A keyword, its options in capitals (quotes taken off the values), and the lines of data below it."""
+
+    keyword: str
+    options: Mapping[str, str]
+    data: str
+
+
+def _blocks(path: Path) -> Iterator[Block]:
+    """The keywords of a file in their order.
+
+    Raises
+    ------
+    InputError
+        A file that is named but not there; a last line that may be cut; a keyword that changes the mesh in a way that is
+        not read; one that is nearly, but not quite, the name of one that is.
+    """
+    text = re.sub(r"^[ \t]*\*\*.*\n?", "", _whole(path, 0), flags=re.MULTILINE)
+    quoted: dict[str, str] = {}
+    for part in re.split(r"^[ \t]*\*", text, flags=re.MULTILINE)[1:]:
+        head, _, data = part.partition("\n")
+        while head.rstrip().endswith(",") and data:
+            more, _, data = data.partition("\n")
+            head += more
+        words = _ITEM.findall(head)
+        keyword = " ".join(words[0].split()).upper() if words else ""
+        options = {key.strip().upper(): _unquoted(value) for key, _, value in (word.partition("=") for word in words[1:])}
+        _refuse(path, keyword, options)
+        for name in re.findall(r'SET\s*=\s*"([^"]*)"', head, flags=re.IGNORECASE):
+            if quoted.setdefault(name.upper(), name) != name:
+                raise InputError(f"{path} has sets {quoted[name.upper()]!r} and {name!r}, which differ in capitals only and "
+                                 "would become one: rename one of them")
+        if keyword in _MESH and "INPUT" in options:
+            data = _input(path, keyword, options["INPUT"]) + data
+        yield Block(keyword, options, data)
+
+
+def _names(data: str) -> list[str]:
+    """What stands between commas and ends of lines, without the blanks around it; quotes stay."""
+    return [word for line in data.split("\n") for item in _ITEM.findall(line) if (word := item.strip())]
+
+
+def _unquoted(value: str) -> str:
+    return value.strip().strip('"')
+
+
+def _refuse(path: Path, keyword: str, options: Mapping[str, str]) -> None:
+    if keyword in _CHANGING or (keyword == "MODEL CHANGE" and options.get("TYPE", "ELEMENT").upper() == "ELEMENT"):
+        raise InputError(f"{path} has *{keyword}, which changes the mesh in a way that femsub does not read: write the mesh as "
+                         "it is after it")
+    near = get_close_matches(keyword.replace(" ", ""), _MESH, n=1, cutoff=0.8)
+    if near and keyword not in _MESH:
+        raise InputError(f"{path} has the unknown keyword *{keyword}; did you mean *{near[0]}?")
+
+
+def _whole(path: Path, depth: int) -> str:
+    """The text with the files it includes, as if they had been typed there."""
+    text = text_of(path)
+    _ended(path, text, alone=depth == 0)
+    parts = re.split(r"^[ \t]*\*[ \t]*INCLUDE\b([^\n]*(?:,[ \t]*\n[^\n]*)*)\n?", text, flags=re.MULTILINE | re.IGNORECASE)
+    for i in range(1, len(parts), 2):
+        found = re.search(r'INPUT\s*=\s*("[^"]*"|[^,\n]*)', parts[i], flags=re.IGNORECASE)
+        name = _unquoted(found[1]) if found else ""
+        if depth >= _DEEPEST or not name or not (path.parent / name).is_file():
+            raise InputError(f"{path} includes {name or 'no file'!r}, which is not a file beside it")
+        parts[i] = _whole(path.parent / name, depth + 1)
+    return "".join(part if part.endswith("\n") or not part else f"{part}\n" for part in parts)
+
+
+def _input(path: Path, keyword: str, name: str) -> str:
+    place = path.parent / name
+    if not place.is_file():
+        raise InputError(f"{path}: *{keyword} takes its data from {name!r}, which is not a file beside it")
+    text = text_of(place)
+    _ended(place, text, alone=False)
+    text = re.sub(r"^[ \t]*\*\*.*\n?", "", text, flags=re.MULTILINE)
+    if re.search(r"^[ \t]*\*", text, flags=re.MULTILINE):
+        raise InputError(f"{place} is the INPUT of *{keyword}, but has a keyword of its own: *INCLUDE it instead")
+    return text if text.endswith("\n") or not text else f"{text}\n"
+
+
+def _ended(path: Path, text: str, alone: bool) -> None:
+    """Refuses a last line without an end where mesh data, or a keyword that brings some, may be cut in it."""
+    if text.endswith("\n") or not text:
+        return
+    heads = re.findall(r"^[ \t]*\*(?!\*)([^\n,]*)", text, flags=re.MULTILINE)
+    last = " ".join(heads[-1].split()).upper() if heads else "" if alone else "NODE"
+    line = text[text.rfind("\n") + 1:].lstrip()
+    cut = line.startswith("*") and not line.startswith("**") and any(word.startswith(last) for word in (*_MESH, "INCLUDE"))
+    if line and not line.startswith("**") and (last in _MESH or cut):
+        raise InputError(f"{path} ends within a line of *{last} data: is it cut short? If not, end that line")
 
 
 # ---- what is listed
@@ -117,7 +324,7 @@ def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) ->
         raise InputError(f"{path}: *NODE has {len(values)} numbers in {len(counts)} lines; each line must be number, x, y, z "
                          "(or number, x, y)")
     table = as_table(values, counts)
-    whole = whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
+    whole = _whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
     points = np.zeros((len(table), 3))
     points[:, :least - 1] = table[:, 1:least]
     found.nodes.append((whole, points))
@@ -150,7 +357,7 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
         number = table[begins[::width].argmin(), 0]
         raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: what should be element {number} begins within a line; a line "
                          f"above it has not {width} numbers")
-    found.elements.append((kind, whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
+    found.elements.append((kind, _whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
     if "ELSET" in options:
         found.add("e", options["ELSET"], table[:, 0])
 
@@ -176,7 +383,7 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> N
         found.add(sort, name, NodesOf(options["ELSET"]))
         return
     if "GENERATE" in options:
-        for row in table_of(f"{what}, GENERATE", data):
+        for row in _table_of(f"{what}, GENERATE", data):
             first, last, step = (*row[:2], row[2] if len(row) > 2 and row[2] else 1) if 2 <= len(row) <= 4 else (0, 0, 0)
             if step < 1 or last < first or first < 1:
                 raise InputError(f"{what}, GENERATE has a line {', '.join(map(str, row))}; it must be first, last, step with "
@@ -187,7 +394,7 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> N
         found.add(sort, name, as_numbers(f"{what}: its data", data))
         return
     members: list[int] = []
-    for word in names(data):
+    for word in _names(data):
         if word.lstrip("+-").isdecimal():
             members.append(int(word))
             continue
@@ -198,3 +405,105 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> N
         for part in list(known):
             found.add(sort, name, part)
     found.add(sort, name, np.array(members, dtype=np.int64))
+
+
+# ---- what is made
+
+def _only(what: str, options: Mapping[str, str], known: tuple[str, ...]) -> None:
+    """Refuses options that mean something else is to be made."""
+    other = [f"{key}={value}" if value else key for key, value in options.items() if key not in (*known, "INPUT")]
+    if other:
+        raise InputError(f"{what}, {other[0]} is not read: write the mesh with all nodes and elements listed")
+
+
+def _line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+    what = f"{found.path}: *NGEN"
+    _only(what, options, ("LINE", "NSET"))
+    for row in _table_of(what, data, float):
+        if not 2 <= len(row) <= 11 or any(value % 1 for value in row[:4]):
+            raise InputError(f"{what} needs first node, last node, step; it has {row}")
+        full = np.zeros(11)
+        full[:len(row)] = row
+        line = options.get("LINE", "").upper()
+        numbers, points, every = along(what, full, lambda wanted: found.place("*NGEN", wanted), line)
+        found.nodes.append((numbers, points))
+        if "NSET" in options:
+            found.add("n", options["NSET"], every)
+
+
+def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+    what = f"{found.path}: *NFILL"
+    _only(what, options, ("NSET",))
+    for line in filter(str.strip, data.split("\n")):
+        first, last, *rest = (*_names(line), "", "")
+        steps = [int(word) for word in rest if word.isdecimal()]
+        if not steps or len(steps) > 2:
+            raise InputError(f"{what} needs two sets, the number of intervals and a step; it has {line.strip()!r}")
+        ends = found.members("n", first.strip('"'), "*NFILL"), found.members("n", last.strip('"'), "*NFILL")
+        numbers, points = between(what, *ends, steps[0], steps[1] if len(steps) > 1 else 1,
+                                              lambda wanted: found.place("*NFILL", wanted))
+        found.nodes.append((numbers, points))
+        if "NSET" in options:
+            found.add("n", options["NSET"], np.concatenate([*ends, numbers]))
+
+
+def _copied_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+    what = f"{found.path}: *NCOPY"
+    _only(what, options, ("CHANGE NUMBER", "OLD SET", "NEW SET", "SHIFT", "REFLECT"))
+    old, change = found.members("n", options.get("OLD SET", ""), "*NCOPY"), _integer(what, options, "CHANGE NUMBER")
+    points, rows = found.place("*NCOPY", old), _padded(what, data)
+    if ("SHIFT" in options) == ("REFLECT" in options):
+        raise InputError(f"{what} needs one of SHIFT and REFLECT")
+    points = (moved(what, rows, points) if "SHIFT" in options
+              else reflected(what, options["REFLECT"].upper(), rows, points))
+    found.nodes.append((_whole_numbers(f"{what}: the new numbers", old + change), points))
+    if "NEW SET" in options:
+        found.add("n", options["NEW SET"], old + change)
+
+
+def _mapped_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+    what = f"{found.path}: *NMAP"
+    _only(what, options, ("NSET", "TYPE"))
+    members = found.members("n", options.get("NSET", ""), "*NMAP")
+    points = mapped(what, options.get("TYPE", "").upper(), _padded(what, data), found.place("*NMAP", members))
+    numbers, places = found.all_nodes()
+    places = places.copy()
+    places[np.searchsorted(numbers, members)] = points
+    found.nodes = [(numbers, places)]
+
+
+def _rows_of_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+    what = f"{found.path}: *ELGEN"
+    _only(what, options, ("ELSET",))
+    for row in _table_of(what, data):
+        master, node, element = in_rows(what, np.array(row))
+        _copy_elements(found, what, np.array([master]), node, element)
+        if "ELSET" in options:
+            found.add("e", options["ELSET"], master + np.concatenate([[0], element]))
+
+
+def _copied_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+    what = f"{found.path}: *ELCOPY"  # REFLECT changes the order of nodes in a cell, which is checked and mended for every cell
+    _only(what, options, ("ELEMENT SHIFT", "OLD SET", "NEW SET", "SHIFT NODES", "REFLECT"))
+    old = found.members("e", options.get("OLD SET", ""), "*ELCOPY")
+    shift = _integer(what, options, "ELEMENT SHIFT")
+    _copy_elements(found, what, old, np.array([_integer(what, options, "SHIFT NODES")]), np.array([shift]))
+    if "NEW SET" in options:
+        found.add("e", options["NEW SET"], old + shift)
+
+
+def _copy_elements(found: Found, what: str, old: Array, node: Array, element: Array) -> None:
+    """Copies of elements, one for each pair of what is added to the numbers of nodes and of the element."""
+    left = np.setdiff1d(old, np.concatenate([np.zeros(0, dtype=np.int64), *(numbers for _, numbers, _ in found.elements)]))
+    if len(left):
+        raise InputError(f"{what} copies element {left[0]}, which is not above it")
+    for kind, numbers, nodes in list(found.elements):
+        taken = np.isin(numbers, old)
+        if taken.any() and len(element):
+            new = _whole_numbers(f"{what}: the new numbers", (numbers[taken] + element[:, None]).ravel())
+            found.elements.append((kind, new, (nodes[taken] + node[:, None, None]).reshape(-1, nodes.shape[1])))
+
+
+_MAKERS: dict[str, Callable[[Found, str, Mapping[str, str], str], None]] = {
+    "NODE": _nodes, "ELEMENT": _elements, "NSET": _set, "ELSET": _set, "NGEN": _line_of_nodes, "NFILL": _nodes_between,
+    "NCOPY": _copied_nodes, "NMAP": _mapped_nodes, "ELGEN": _rows_of_elements, "ELCOPY": _copied_elements}

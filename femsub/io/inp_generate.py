@@ -1,28 +1,19 @@
-"""Nodes and elements that an Abaqus or CalculiX file does not list but has made: *NGEN, *NFILL, *NCOPY, *NMAP, *ELGEN, *ELCOPY.
+"""Where the nodes and elements lie that an Abaqus or CalculiX file has made: *NGEN, *NFILL, *NCOPY, *NMAP and *ELGEN.
 
 What each line means stands in the Abaqus Keywords Reference Guide, under the keyword.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.inp_decks import names
-from femsub.io.inp_store import Found, integer, padded, table_of, whole_numbers
 
 MOST = 50_000_000  # nodes or elements that one line may make
 Place = Callable[[Array], Array]  # numbers of nodes to their points (n, 3); an unknown number is an InputError
-
-
-def _only(what: str, options: Mapping[str, str], known: tuple[str, ...]) -> None:
-    """Refuses options that mean something else is to be made."""
-    other = [f"{key}={value}" if value else key for key, value in options.items() if key not in (*known, "INPUT")]
-    if other:
-        raise InputError(f"{what}, {other[0]} is not read: write the mesh with all nodes and elements listed")
 
 
 def steps(what: str, first: int, last: int, step: int) -> Array:
@@ -143,98 +134,3 @@ def in_rows(what: str, table: Array) -> tuple[int, Array, Array]:
         raise InputError(f"{what} of element {full[0]} makes {' x '.join(map(str, count))} elements, which is none or too many")
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)[1:]
     return int(full[0]), grid @ node, grid @ element
-
-
-# ---- the keywords
-
-def line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
-    what = f"{found.path}: *NGEN"
-    _only(what, options, ("LINE", "NSET"))
-    for row in table_of(what, data, float):
-        if not 2 <= len(row) <= 11 or any(value % 1 for value in row[:4]):
-            raise InputError(f"{what} needs first node, last node, step; it has {row}")
-        full = np.zeros(11)
-        full[:len(row)] = row
-        line = options.get("LINE", "").upper()
-        numbers, points, every = along(what, full, lambda wanted: found.place("*NGEN", wanted), line)
-        found.nodes.append((numbers, points))
-        if "NSET" in options:
-            found.add("n", options["NSET"], every)
-
-
-def nodes_between(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
-    what = f"{found.path}: *NFILL"
-    _only(what, options, ("NSET",))
-    for line in filter(str.strip, data.split("\n")):
-        first, last, *rest = (*names(line), "", "")
-        steps = [int(word) for word in rest if word.isdecimal()]
-        if not steps or len(steps) > 2:
-            raise InputError(f"{what} needs two sets, the number of intervals and a step; it has {line.strip()!r}")
-        ends = found.members("n", first.strip('"'), "*NFILL"), found.members("n", last.strip('"'), "*NFILL")
-        numbers, points = between(what, *ends, steps[0], steps[1] if len(steps) > 1 else 1,
-                                              lambda wanted: found.place("*NFILL", wanted))
-        found.nodes.append((numbers, points))
-        if "NSET" in options:
-            found.add("n", options["NSET"], np.concatenate([*ends, numbers]))
-
-
-def copied_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
-    what = f"{found.path}: *NCOPY"
-    _only(what, options, ("CHANGE NUMBER", "OLD SET", "NEW SET", "SHIFT", "REFLECT"))
-    old, change = found.members("n", options.get("OLD SET", ""), "*NCOPY"), integer(what, options, "CHANGE NUMBER")
-    points, rows = found.place("*NCOPY", old), padded(what, data)
-    if ("SHIFT" in options) == ("REFLECT" in options):
-        raise InputError(f"{what} needs one of SHIFT and REFLECT")
-    points = (moved(what, rows, points) if "SHIFT" in options
-              else reflected(what, options["REFLECT"].upper(), rows, points))
-    found.nodes.append((whole_numbers(f"{what}: the new numbers", old + change), points))
-    if "NEW SET" in options:
-        found.add("n", options["NEW SET"], old + change)
-
-
-def mapped_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
-    what = f"{found.path}: *NMAP"
-    _only(what, options, ("NSET", "TYPE"))
-    members = found.members("n", options.get("NSET", ""), "*NMAP")
-    points = mapped(what, options.get("TYPE", "").upper(), padded(what, data), found.place("*NMAP", members))
-    numbers, places = found.all_nodes()
-    places = places.copy()
-    places[np.searchsorted(numbers, members)] = points
-    found.nodes = [(numbers, places)]
-
-
-def rows_of_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
-    what = f"{found.path}: *ELGEN"
-    _only(what, options, ("ELSET",))
-    for row in table_of(what, data):
-        master, node, element = in_rows(what, np.array(row))
-        _copy_elements(found, what, np.array([master]), node, element)
-        if "ELSET" in options:
-            found.add("e", options["ELSET"], master + np.concatenate([[0], element]))
-
-
-def copied_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
-    what = f"{found.path}: *ELCOPY"  # REFLECT changes the order of nodes in a cell, which is checked and mended for every cell
-    _only(what, options, ("ELEMENT SHIFT", "OLD SET", "NEW SET", "SHIFT NODES", "REFLECT"))
-    old = found.members("e", options.get("OLD SET", ""), "*ELCOPY")
-    shift = integer(what, options, "ELEMENT SHIFT")
-    _copy_elements(found, what, old, np.array([integer(what, options, "SHIFT NODES")]), np.array([shift]))
-    if "NEW SET" in options:
-        found.add("e", options["NEW SET"], old + shift)
-
-
-def _copy_elements(found: Found, what: str, old: Array, node: Array, element: Array) -> None:
-    """Copies of elements, one for each pair of what is added to the numbers of nodes and of the element."""
-    left = np.setdiff1d(old, np.concatenate([np.zeros(0, dtype=np.int64), *(numbers for _, numbers, _ in found.elements)]))
-    if len(left):
-        raise InputError(f"{what} copies element {left[0]}, which is not above it")
-    for kind, numbers, nodes in list(found.elements):
-        taken = np.isin(numbers, old)
-        if taken.any() and len(element):
-            new = whole_numbers(f"{what}: the new numbers", (numbers[taken] + element[:, None]).ravel())
-            found.elements.append((kind, new, (nodes[taken] + node[:, None, None]).reshape(-1, nodes.shape[1])))
-
-
-GENERATORS: dict[str, Callable[[Found, str, Mapping[str, str], str], None]] = {
-    "NGEN": line_of_nodes, "NFILL": nodes_between, "NCOPY": copied_nodes, "NMAP": mapped_nodes, "ELGEN": rows_of_elements,
-    "ELCOPY": copied_elements}

@@ -1,4 +1,4 @@
-"""Text of mesh files: decoded, and its fields as numbers, a million lines as fast as one."""
+"""Text of mesh files: decoded, its fields as numbers, a million lines as fast as one, and numbers that name nodes and cells."""
 
 from __future__ import annotations
 
@@ -72,3 +72,20 @@ def as_table(values: Array, counts: Array) -> Array:
     table = np.zeros((len(counts), width), dtype=values.dtype)
     table[np.arange(width) < counts[:, None]] = values
     return table
+
+
+def once(path: Path, what: str, numbers: Array) -> Array:
+    order = np.argsort(numbers, kind="stable")
+    again = numbers[order][1:][numbers[order][1:] == numbers[order][:-1]]
+    if len(again):
+        raise InputError(f"{path} gives {len(np.unique(again))} {what} more than once, the first is {what[:-1]} {again[0]}")
+    return order
+
+
+def rows_of(path: Path, what: str, sort: str, numbers: Array, wanted: Array) -> Array:
+    """Where the numbers wanted are among the ascending `numbers`."""
+    rows = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
+    missing = wanted[numbers[rows] != wanted] if len(numbers) else wanted
+    if missing.size:
+        raise InputError(f"{path}: {what} names {sort} {missing.ravel()[0]}, which the file does not give")
+    return rows

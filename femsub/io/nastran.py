@@ -17,8 +17,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.inp_store import once, rows_of
-from femsub.io.mesh_text import as_numbers, text_of
+from femsub.io.mesh_text import as_numbers, once, rows_of, text_of
 
 DEEPEST = 9  # files included by files
 CHUNK = 400_000  # lines taken apart at a time
