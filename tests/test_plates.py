@@ -247,7 +247,7 @@ SOLID = fs.Mesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]], "tetra")
     ({"mesh": fs.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 1]], [[0, 1, 2]], "triangle")}, "plane of constant z"),
     ({"mesh": fs.Mesh([[0, 0], [1, 0], [0, 1], [5, 5]], [[0, 1, 2]], "triangle")}, "1 nodes of 'mesh' belong to no cell"),
     ({"supports": {"rim": "clamped"}}, "unknown set of nodes"), ({"supports": {"left": "simply suported"}}, "did you mean"),
-    ({"supports": ["left"]}, "must map names"), ({"interface": "left"}, "a list of names of sets"),
+    ({"supports": ["left"]}, "supports must be a dict of names of sets"), ({"interface": "left"}, "a list of names of sets"),
     ({"interface": ("left",), "supports": {"left": "clamped"}}, "held by the supports"),
     ({"ports": {"p": "hub"}}, "unknown set of nodes"), ({"ports": {"p": (9.0, 9.0)}}, r"nearest is number 12 at \(1, 0.7\)"),
     ({"ports": {"p": 3}}, "name of a set or a place"), ({"ports": {"p": "left"}, "supports": {"left": "clamped"}}, "DOF that"),

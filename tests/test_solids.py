@@ -229,7 +229,7 @@ def test_bricks_of_8_nodes_lock_as_the_docstring_says_and_those_of_20_do_not(lay
     ({"supports": {"left": 5}}, "supports: the motions of the set 'left' must be letters, such as 'xyz', not 5"),
     ({"supports": [["left"]]}, "unknown set of nodes"),
     ({"interface": 7}, "interface must be a list of names of sets"),
-    ({"ports": ["p"]}, "ports must map names"),
+    ({"ports": ["p"]}, "ports must be a dict of names"),
     ({"ports": {"p": "right"}}, "port 'p' must be (set of nodes, direction)"),
     ({"ports": {"p": ("right", [[1, 2], [3]])}}, "the direction of port 'p' must be rows of the same length"),
     ({"ports": {"p": ("right", [1j, 0, 0])}}, "the direction of port 'p' must be real numbers"),

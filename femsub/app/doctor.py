@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 import femsub
 from femsub.errors import FemsubError
-from femsub.linalg import petsc as _slepc
+from femsub.linalg import petsc
 from femsub.linalg.factor import inertia
 from femsub.linalg.memory import available
 from femsub.linalg.threads import libraries
@@ -22,6 +22,9 @@ from femsub.linalg.threads import libraries
 OPTIONAL = {"matplotlib": "figures", "scikit-fem": "fe", "meshio": "fe", "pyyeti": "nastran"}  # by the extra that brings it
 PACKAGES = {"MUMPS": "mumps", "CHOLMOD": "suitesparse", "METIS": "metis", "Scotch": "ptscotch"}  # as PETSc calls them
 LITTLE = 2e9  # bytes of memory below which models of some 10,000 solid DOF do not fit
+#: by packages that are missing, broken, or do not fit each other
+THROWN = (ArithmeticError, AttributeError, FemsubError, ImportError, LookupError, OSError, RuntimeError, SystemError, TypeError,
+          ValueError, np.linalg.LinAlgError)
 WRONG = 1e-12  # a relative residual of small systems above which a factorisation is not what it should be
 
 
@@ -42,7 +45,7 @@ def examine() -> Findings:
     for part in (_python, _packages, _petsc, _blas, _memory):
         try:
             part(found)
-        except Exception as error:  # whatever a broken installation throws is what is to be told
+        except THROWN as error:
             found.wrong.append(f"{part.__name__.strip('_')}: {type(error).__name__}: {' '.join(str(error).split())}")
     return found
 
@@ -75,12 +78,12 @@ def _packages(found: Findings) -> None:
 
 def _petsc(found: Findings) -> None:
     try:
-        for name, version in _slepc.versions().items():
+        for name, version in petsc.versions().items():
             found.add(name, version)
     except FemsubError as error:
         found.wrong.append(str(error))
         return
-    there = {name: bool(_slepc._load()[0].Sys.hasExternalPackage(key)) for name, key in PACKAGES.items()}
+    there = {name: bool(petsc._load()[0].Sys.hasExternalPackage(key)) for name, key in PACKAGES.items()}
     for name in there:
         found.add(name, "in PETSc" if there[name] else "not in PETSc")
     if not there["MUMPS"]:
@@ -90,11 +93,11 @@ def _petsc(found: Findings) -> None:
         found.add("", "without CHOLMOD, long chains and beams lose digits: scripts/setup brings it")
     n = 400
     A = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
-    kinds: dict[_slepc.Kind, float] = {"definite": 0.0, "symmetric": 0.5, "general": 0.5}
+    kinds: dict[petsc.Kind, float] = {"definite": 0.0, "symmetric": 0.5, "general": 0.5}
     b = np.linspace(-1.0, 1.0, n)
     for kind, shift in kinds.items():
         K = sp.csr_array(A - shift * sp.eye_array(n))
-        x = _slepc.Factor(K, kind).solve(b)
+        x = petsc.Factor(K, kind).solve(b)
         residual = float(np.linalg.norm(K @ x - b) / (np.linalg.norm(x) * 4 + np.linalg.norm(b)))
         if not residual <= WRONG:
             found.wrong.append(f"a {kind} factorisation has a residual of {residual:.0e}: PETSc and its packages do not fit each "

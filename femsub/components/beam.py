@@ -9,7 +9,7 @@ import numpy as np
 
 from femsub.checks import Array, finite_number, positive_number, whole_number
 from femsub.components.bending_elements import hermite_matrices
-from femsub.components.build import component, free_to_lift, gathered, tell_rounding
+from femsub.components.build import component, free_to_lift, gathered, optional_mapping, tell_rounding
 from femsub.components.mesh import real_numbers
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.linalg.memory import check_room
@@ -69,6 +69,8 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     ----------
     Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, sec. 14.3 (the element matrices).
     """
+    supports = optional_mapping("supports", supports, "places and kinds, as {'left': 'clamped'}")
+    ports = optional_mapping("ports", ports, "names and places, as {'belt': 0.3}")
     x = _nodes(length, elements)
     m = len(x) - 1
     bending = _per_element("E", E, m) * _per_element("I", I, m)
@@ -90,14 +92,14 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     tell_rounding(K, np.arange(size) % 2 == 0, whole, ROUNDING, name, "take longer elements")
     if bed.any():
         K = K + gathered(places, size, bedding)[0]
-    held = [2 * _node(x, place, "supports") + dof for place, kind in _mapping("supports", supports).items()
+    held = [2 * _node(x, place, "supports") + dof for place, kind in supports.items()
             for dof in _held(kind)]
     dofs = DofMap(np.repeat(np.arange(1, m + 2), 2), np.tile([0, 1], m + 1), LABELS, np.repeat(x, 2)[:, None])
     if isinstance(interface, str) or not isinstance(interface, Iterable):
         raise InputTypeError(f"interface must be a sequence of places, e.g. ({interface!r},), not {interface!r}")
     return component(
         K, M, np.array(held, dtype=int), {repr(place): 2 * _node(x, place, "interface") + np.arange(2) for place in interface},
-        {port: _column(x, place, f"port {port!r}") for port, place in _mapping("ports", ports).items()}, dofs, rayleigh, name)
+        {port: _column(x, place, f"port {port!r}") for port, place in ports.items()}, dofs, rayleigh, name)
 
 
 def _nodes(length: Any, elements: Any) -> Array:
@@ -122,12 +124,6 @@ def _per_element(name: str, value: Any, count: int, zero: bool = False) -> Array
         raise InputError(f"{name} must be {'zero or more' if zero else 'positive'} and finite, but is "
                          f"{values[np.argmin(good)]:.6g}" + (f" in element {np.argmin(good) + 1}" if np.ndim(value) else ""))
     return values
-
-
-def _mapping(name: str, value: Any) -> Mapping[Any, Any]:
-    if value is not None and not isinstance(value, Mapping):
-        raise InputTypeError(f"{name} must be a mapping such as {{'left': ...}}, not {type(value).__name__}")
-    return value or {}
 
 
 def _held(kind: Any) -> tuple[int, ...]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, Matrix
+from femsub.checks import EPS, Array, Matrix, mapping
 from femsub.components.damping import damped
 from femsub.errors import ConditionWarning, InputError
 from femsub.model.dof_map import DofMap
@@ -17,6 +18,11 @@ from femsub.model.substructure import Substructure
 CHUNK = 4_000_000  # entries of element matrices held at a time
 TOLD = 1e-6  # of the lowest frequencies that rounding may take before it is warned of
 LOSS = 2.0**-46  # of sqrt(K_ii K_jj) that an entry may be rounded to: more would cost the turning motion its digits
+
+
+def optional_mapping(name: str, value: Any, of: str) -> Mapping[Any, Any]:
+    """A dict of an argument that may be left out (None)."""
+    return {} if value is None else mapping(name, value, of)
 
 
 def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ...]]) -> tuple[Matrix, ...]:

@@ -19,7 +19,7 @@ from femsub.components.bending_elements import (
     morley_integrals,
     morley_matrices,
 )
-from femsub.components.build import component, gathered, tell_rounding
+from femsub.components.build import component, gathered, optional_mapping, tell_rounding
 from femsub.components.mesh import Mesh
 from femsub.components.mesh_checks import refuse_spoilt
 from femsub.components.patches import Patch, patch, sides_of
@@ -94,19 +94,18 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     refuse_spoilt(mesh)
     layout = _Layout(mesh)
     bending = steel.E * (h * h * h) / (12 * (1 - steel.nu**2))
-    for key, named in (("supports", supports), ("ports", ports)):
-        if named is not None and not isinstance(named, Mapping):
-            raise InputTypeError(f"{key} must map names, e.g. {{'edge': ...}}, not {type(named).__name__}")
+    supports = optional_mapping("supports", supports, "names of sets and kinds, as {'edge': 'clamped'}")
+    ports = optional_mapping("ports", ports, "names and places, as {'belt': 'patch'}")
     interface = items("interface", interface, "names of sets")
     K, M = layout.gathered(steel.nu)
     K = bending * K
     sides = np.ptp(layout.plane, axis=0)
     tell_rounding(K, layout.deflections, bending * sides.prod() / sides.max() ** 4, ROUNDING, name, "take larger cells")
-    held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in (supports or {}).items()),
+    held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in supports.items()),
                            np.zeros(0, dtype=int)])
     return component(
         K, steel.rho * h * M, held, {repr(where): layout.all_of(mesh.nodes(where)) for where in interface},
-        {port: layout.column(where, port, held) for port, where in (ports or {}).items()}, layout.dofs(), rayleigh, name)
+        {port: layout.column(where, port, held) for port, where in ports.items()}, layout.dofs(), rayleigh, name)
 
 
 @dataclass(frozen=True, eq=False)

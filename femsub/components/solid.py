@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from femsub.checks import Array, items, shown, word
-from femsub.components.build import component
+from femsub.components.build import component, optional_mapping
 from femsub.components.mesh import Mesh, real_numbers
 from femsub.components.mesh_checks import refuse_spoilt
 from femsub.components.patches import solid_average
@@ -69,7 +69,8 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     interface = () if interface is None else interface
     held = _motions(mesh, "supports", supports)
     joined = _motions(mesh, "interface", interface)
-    columns = {key: _port(mesh, key, value) for key, value in _ports(ports).items()}
+    ports = optional_mapping("ports", ports, "names and (set, direction)")
+    columns = {key: _port(mesh, key, value) for key, value in ports.items()}
     K, M = stiffness_and_mass(mesh, _materials(mesh, material))
     every = np.arange(3 * len(mesh.points))
     dofs = DofMap(mesh.numbers[every // 3], every % 3, TRANSLATIONS, mesh.points[every // 3])
@@ -96,12 +97,6 @@ def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[
         raise InputError(f"material: {np.count_nonzero(covered == 0)} cells of {mesh.name!r} have none, and "
                          f"{np.count_nonzero(covered > 1)} have several; each cell needs just one")
     return parts
-
-
-def _ports(ports: Any) -> Mapping[str, tuple[str, Direction]]:
-    if ports is not None and not isinstance(ports, Mapping):
-        raise InputTypeError(f"ports must map names, e.g. {{'belt': ('contact', 'x')}}, not {type(ports).__name__}")
-    return ports or {}
 
 
 def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | None) -> Array:

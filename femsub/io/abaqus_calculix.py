@@ -16,6 +16,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
+from femsub.io.damage import check_end, check_extent
 from femsub.model.dof_map import LARGEST, DofMap
 
 #: directions 1 to 6 of Abaqus, CalculiX and Nastran; others (8 pressure, 11 temperature, ...) are called 'dof8'
@@ -168,30 +169,6 @@ def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float, 
     if not table.size:
         raise InputError(f"{path} is empty")
     return table
-
-
-def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = False) -> None:
-    """Refuses a size (rows or columns, if dense their product) so far beyond the entries that a digit of it must be wrong."""
-    if (shape[0] * shape[1] if dense else max(shape)) > 10_000_000 + 100 * count or max(shape) >= 2 ** 31:
-        raise InputError(f"{path} announces a matrix of {shape[0]} x {shape[1]}, but holds {count} entries: one of these must be "
-                         "wrong; write it again")
-
-
-def check_end(path: Path) -> None:
-    """A text file that does not end its last line was cut short: a number lost its last digits, and looks like a number.
-
-    (SciPy's reader of Matrix Market, 1.17, even takes the interpreter down where the cut is behind the 'e' of a number.)
-    """
-    with open(path, "rb") as file:
-        end = file.seek(0, io.SEEK_END)
-        file.seek(max(0, end - 200))
-        tail = file.read()
-    if not tail:
-        raise InputError(f"{path} is empty")
-    if not tail.endswith((b"\n", b"\r")):
-        last = tail.splitlines()[-1].decode("ascii", "replace")
-        raise InputError(f"{path} seems to be cut short: its last line, {last[-40:]!r}, does not end; write the file again (or, "
-                         "if it is whole, end the line)")
 
 
 def dof_map(labels: Array) -> DofMap:

@@ -14,6 +14,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError, MissingPackageError
+from femsub.io.damage import THROWN
 from femsub.io.mesh_text import as_numbers, text_of
 
 MOST = 200_000_000  # points of a grid that a VTK file gives by its dimensions only
@@ -68,14 +69,12 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
 
 def quietly(act: Callable[[], Any], what: str) -> tuple[Any, str]:
     """The result and what was printed; whatever meshio raises, SystemExit included, becomes one line."""
-    said = io.StringIO()
+    said, own = io.StringIO(), meshio()._exceptions  # of which it exports two only
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return act(), " ".join(said.getvalue().split())
-    except MemoryError:
-        raise
-    except (Exception, SystemExit) as error:
+    except (*THROWN, own.ReadError, own.WriteError, own.CorruptionError, SystemExit) as error:
         text = " ".join(said.getvalue().split()) if isinstance(error, SystemExit) else " ".join(str(error).split())
         if isinstance(error, (LookupError, AssertionError)):  # whose text alone says little
             text = f"{text} ({type(error).__name__}); is it cut short or damaged?".strip()

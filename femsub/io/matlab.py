@@ -16,9 +16,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
-from femsub.errors import InputError, MissingPackageError, NotEnoughMemoryError
-from femsub.io.abaqus_calculix import check_extent
-from femsub.linalg.memory import available
+from femsub.errors import InputError, MissingPackageError
+from femsub.io.damage import check_extent, check_room
 
 HDF = b"\x89HDF\r\n"
 #: number type of a data element (mi...) and of a numeric class (mx...), as NumPy calls them
@@ -66,13 +65,6 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
             raise InputError(f"{path} holds two matrices called {name!r}; give each a name of its own")
         found[name] = matrix
     return found
-
-
-def check_room(path: Path, size: int) -> None:
-    """Refuses what would not fit into memory, before any is taken."""
-    free = available()
-    if free is not None and size > free:
-        raise NotEnoughMemoryError(f"{path} holds {size / 1e9:.0f} GB, and {free / 1e9:.0f} GB of memory are available")
 
 
 def compressed_columns(path: Path, name: str, values: Array, rows: Array, starts: Array, shape: tuple[int, int]) -> Matrix:

@@ -12,8 +12,9 @@ import scipy.sparse as sp
 
 from femsub.checks import Matrix, path_of, word
 from femsub.errors import FemsubError, InputError
-from femsub.io.abaqus_calculix import TextMatrix, check_extent, read_text_matrix
-from femsub.io.matlab import check_room, read_matlab
+from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
+from femsub.io.damage import THROWN, check_extent, check_room
+from femsub.io.matlab import read_matlab
 from femsub.io.matrix_market import read_market
 from femsub.io.op4 import read_op4
 
@@ -116,9 +117,9 @@ def _chosen(path: Path, found: Mapping[str, Any], wanted: str | None, usual: str
 def _guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
     try:
         return reader(path)
-    except (FemsubError, MemoryError):
+    except FemsubError:
         raise
-    except Exception as error:  # what a reader meets in a damaged file can be anything: struct.error, zlib.error, ...
+    except THROWN as error:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise InputError(f"{path} cannot be read as a matrix ({reason:.160}); it may be cut short or damaged, write it again")\
             from None

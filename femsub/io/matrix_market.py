@@ -13,7 +13,8 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, unknown_name
-from femsub.io.abaqus_calculix import check_end, check_extent, fortran_mended
+from femsub.io.abaqus_calculix import fortran_mended
+from femsub.io.damage import check_end, check_extent
 
 LAYOUTS = ("coordinate", "array")
 FIELDS = {"real": 1, "integer": 1, "complex": 2}  # and how many numbers a value has

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Matrix
 from femsub.errors import InputError, MissingPackageError
-from femsub.io.abaqus_calculix import check_extent
+from femsub.io.damage import check_extent
 
 _INTEGER = re.compile(rb" *-?\d+ *")
 BIG = 65536  # rows from which the sparse format is the one for big matrices
