@@ -133,9 +133,10 @@ def _table(path: Path) -> Array:
                          f"{AS_WRITTEN}")
     delimiter = "," if "," in first else None
     try:
-        return _loaded(path, path, delimiter, skip=heading)
-    except InputError:  # as a file with comments between its lines, or with exponents of Fortran
-        return _loaded(path, _tidied(path, heading), delimiter)
+        table = _by_numpy(path, delimiter, skip=heading)
+    except ValueError:  # NumPy knows no comments between the lines and no exponents of Fortran
+        table = np.zeros((0, 0))
+    return table if table.size else _loaded(path, _tidied(path, heading), delimiter)
 
 
 def _tidied(path: Path, heading: int) -> Iterator[str]:
@@ -151,13 +152,18 @@ def fortran_mended(text: bytes) -> bytes:
     return re.sub(rb"(\d\.\d*|\.\d+)([+-]\d{3})(?!\d)", rb"\1e\2", text)
 
 
-def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float, skip: int = 0) -> Array:
+def _by_numpy(source: Any, delimiter: str | None, dtype: Any = float, skip: int = 0) -> Array:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a file without data: the caller tells
+        return np.loadtxt(source, dtype=dtype, delimiter=delimiter, ndmin=2 if dtype is float else 1, encoding="utf-8",
+                          skiprows=skip, comments=None, quotechar=None if dtype is float else '"')
+
+
+def _loaded(path: Path, source: Any, delimiter: str | None, dtype: Any = float) -> Array:
+    """The table, or an error that names the line in which NumPy stopped."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # a file without data: found below
-            table = np.loadtxt(source, dtype=dtype, delimiter=delimiter, ndmin=2 if dtype is float else 1, encoding="utf-8",
-                               skiprows=skip, comments=None, quotechar=None if dtype is float else '"')
-    except (ValueError, UnicodeDecodeError) as error:
+        table = _by_numpy(source, delimiter, dtype)
+    except ValueError as error:
         reason = str(error).split(";")[0].rstrip(".")
         if found := re.search(r"could not convert string (.+) to \w+ at row (\d+)", reason):
             reason = f"{found[1]} in data line {int(found[2]) + 1} is not a number"
