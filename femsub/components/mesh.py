@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from femsub.checks import Array, items
 from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.model.frozen import Frozen
 
 #: kind: (dimension of the cell, nodes)
 CELLS = {"line": (1, 2), "triangle": (2, 3), "quad": (2, 4), "tetra": (3, 4), "tetra10": (3, 10), "hexahedron": (3, 8),
@@ -18,7 +18,7 @@ CELLS = {"line": (1, 2), "triangle": (2, 3), "quad": (2, 4), "tetra": (3, 4), "t
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Mesh:
+class Mesh(Frozen):
     """Points (n, d), cells (m, k) of one kind, and sets of nodes and of cells by name.
 
     Parameters
@@ -77,14 +77,8 @@ class Mesh:
         if isinstance(repairs, (str, Mapping)):
             repairs = (repairs,) if isinstance(repairs, str) else list(repairs)
         repairs = items("repairs", repairs, "strings")
-        values = {
-            "points": places, "cells": corners, "kind": kind, "numbers": named, "repairs": tuple(repairs), "name": str(name),
-            "sets": MappingProxyType(node_sets), "groups": MappingProxyType(cell_sets)}
-        for key, value in values.items():
-            for array in value.values() if isinstance(value, Mapping) else [value]:
-                if isinstance(array, np.ndarray):
-                    array.flags.writeable = False
-            object.__setattr__(self, key, value)
+        self._set(points=places, cells=corners, kind=kind, numbers=named, repairs=tuple(repairs), name=str(name),
+                  sets=node_sets, groups=cell_sets)
 
     def __repr__(self) -> str:
         sets = f"sets {', '.join(self.sets)}" if self.sets else "no sets"
@@ -110,8 +104,7 @@ class Mesh:
         points (n, d) that returns either.
         """
         found = {name: rows(self.points) if callable(rows) else rows for name, rows in sets.items()}
-        return Mesh(self.points, self.cells, self.kind, {**self.sets, **found}, self.groups, self.numbers, self.repairs,
-                    self.name)
+        return replace(self, sets={**self.sets, **found})
 
 
 def _array(what: str, values: Any) -> Array:

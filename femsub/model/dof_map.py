@@ -11,13 +11,14 @@ import numpy as np
 
 from femsub.checks import Array, items, word
 from femsub.errors import InputError, unknown_name
+from femsub.model.frozen import Frozen
 
 LARGEST = 10 ** 15  # node numbers are below: together with a motion they are one integer
 TRANSLATIONS = ("ux", "uy", "uz")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DofMap:
+class DofMap(Frozen):
     """DOF i is the motion `labels[components[i]]` of the node `nodes[i]`, which lies at `points[i]`.
 
     Parameters
@@ -61,11 +62,7 @@ class DofMap:
         if len(twice):
             raise InputError(f"DOF map: {labels[int(twice[0] % len(labels))]} at node {twice[0] // len(labels)} is listed twice")
         small = np.int8 if len(labels) <= np.iinfo(np.int8).max else np.int32
-        for key, value in (("nodes", numbers.astype(np.int64)), ("components", kinds.astype(small)),
-                           ("labels", labels), ("points", where)):
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-            object.__setattr__(self, key, value)
+        self._set(nodes=numbers.astype(np.int64), components=kinds.astype(small), labels=labels, points=where)
 
     def __repr__(self) -> str:
         return f"DofMap: {self.size} DOF at {len(np.unique(self.nodes))} nodes, {', '.join(self.labels)}"

@@ -138,9 +138,16 @@ def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
     return lambda v: float(law.value(v)), lambda v: float(law.slope(v))
 
 
+class SlopeOfLaw(float):
+    """μ'(v0) that a belt has taken from its law."""
+
+
 @dataclass(frozen=True)
 class Belt:
     """A belt sliding at speed v0 under a normal force F on a port w: D = P + F μ'(v0) w wᵀ.
+
+    A changed copy, such as ``dataclasses.replace(belt, speed=0.3)``, takes the slope anew from the law. A slope that was given
+    stays, and must still be that of the law, if there is one.
 
     Parameters
     ----------
@@ -184,9 +191,10 @@ class Belt:
             if self.speed is None:
                 raise InputError("a belt with a friction law needs its speed, e.g. Belt(speed=0.1911, law=...)")
             slope = _consistent_slope(self.law, self.speed)
-            if self.slope is not None and finite_number("slope", self.slope) != slope:
+            if self.slope is None or isinstance(self.slope, SlopeOfLaw):
+                object.__setattr__(self, "slope", SlopeOfLaw(slope))
+            elif finite_number("slope", self.slope) != slope:
                 raise InputError(f"slope={shown(self.slope)} contradicts the law, whose slope at {self.speed!r} is {slope!r}")
-            object.__setattr__(self, "slope", slope)
         finite_number("slope", self.slope)
 
     def damping(self, w: Array) -> Matrix:

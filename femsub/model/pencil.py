@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -10,13 +10,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
+from femsub.model.frozen import Frozen
 from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, without_rounding
 
 SPREAD = 16.0  # units of the DOF may differ by so much before a sparse pencil is brought to units of its own
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Pencil:
+class Pencil(Frozen):
     """P(λ) = λ²M + λD + K with real M, D, K of shape (n, n), sparse or dense, symmetric or not.
 
     Parameters
@@ -24,6 +25,13 @@ class Pencil:
     M, D, K : array_like or sparse, shape (n, n)
         Mass, damping and stiffness in any consistent units; λ then comes in radians per unit of time.
         ``D=None`` means no damping. If one of the three is dense, all are kept dense.
+
+    Attributes
+    ----------
+    symmetric : (bool, bool, bool)
+        Whether M, D and K are, to the last digit.
+    contacts : tuple of (float, ndarray)
+        (c, W) of each cWWᵀ that `with_contact` has put into D: rounding hides their rank from its entries.
 
     Raises
     ------
@@ -34,8 +42,8 @@ class Pencil:
     M: Matrix
     D: Matrix
     K: Matrix
-    symmetric: tuple[bool, bool, bool]  #: whether M, D and K are, to the last digit
-    contacts: tuple[tuple[float, Array], ...]  #: (c, W) of each cWWᵀ in D; rounding hides their rank from its entries
+    symmetric: tuple[bool, bool, bool] = field(init=False)
+    contacts: tuple[tuple[float, Array], ...] = field(init=False)
 
     def __init__(self, M: Any, D: Any, K: Any) -> None:
         mass = as_matrix("M", M)
@@ -45,9 +53,7 @@ class Pencil:
         if not all(sp.issparse(part) for part in ((mass, stiffness) if D is None else parts)):
             parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)
         checked, flags = zip(*(without_rounding(part) for part in parts), strict=True)
-        for name, part in zip(("M", "D", "K", "symmetric"), (*checked, flags), strict=True):
-            object.__setattr__(self, name, part)
-        object.__setattr__(self, "contacts", ())
+        self._set(**dict(zip("MDK", checked, strict=True)), symmetric=flags, contacts=())
 
     def __repr__(self) -> str:
         kind = "sparse" if self.is_sparse else "dense"
@@ -75,11 +81,13 @@ class Pencil:
         """The same pencil with sparse matrices."""
         if self.is_sparse:
             return self
-        return Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))._beside(self.contacts)
+        return Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))._with(contacts=self.contacts)
 
-    def _beside(self, contacts: tuple[tuple[float, Array], ...]) -> Pencil:
-        object.__setattr__(self, "contacts", contacts)
-        return self
+    def _with(self, **changed: Any) -> Pencil:
+        """A copy with other fields, which are not checked again."""
+        copy = object.__new__(Pencil)
+        copy._set(**self.__getstate__() | changed)
+        return copy
 
     def transposed(self) -> Pencil:
         """λ²Mᵀ + λDᵀ + Kᵀ, whose right eigenvectors are the conjugated left ones of this pencil."""
@@ -88,16 +96,18 @@ class Pencil:
     def with_contact(self, coefficient: float, W: Array) -> Pencil:
         """A copy with D + cWWᵀ, W of shape (n,) or (n, p); M and K are shared, and not checked again."""
         found = self.with_damping(contact_damping(W, coefficient))
-        return found._beside((*self.contacts, *([(coefficient, W.reshape(len(W), -1))] if coefficient else [])))
+        return found._with(contacts=(*self.contacts, *([(coefficient, W.reshape(len(W), -1))] if coefficient else [])))
 
     def with_damping(self, extra: Matrix) -> Pencil:
         """A copy with D + extra; M and K are shared, and not checked again."""
-        D = self.D + sp.csr_array(extra) if self.is_sparse else self.D + (extra.toarray() if sp.issparse(extra) else extra)
+        return self.damped_by(self.D + (sp.csr_array(extra) if self.is_sparse else _dense(extra)))
+
+    def damped_by(self, D: Any) -> Pencil:
+        """A copy with another D (None: no damping), sparse or dense as M and K are; these are shared, and not checked again."""
+        D = sp.csr_array(self.M.shape) if D is None else D
+        D = (D if sp.issparse(D) else sp.csr_array(np.asarray(D))) if self.is_sparse else _dense(D)
         D, symmetric = without_rounding(as_matrix("D", D, self.size))
-        copy = object.__new__(Pencil)
-        flags = (self.symmetric[0], symmetric, self.symmetric[2])
-        copy.__dict__.update({"M": self.M, "D": D, "K": self.K, "symmetric": flags, "contacts": ()})
-        return copy
+        return self._with(D=D, symmetric=(self.symmetric[0], symmetric, self.symmetric[2]), contacts=())
 
     @cached_property
     def units(self) -> tuple[Array, Array]:
@@ -125,14 +135,12 @@ class Pencil:
         """
         if all(unit.max() <= SPREAD * unit.min() for unit in self.units):
             return self
-        copy = object.__new__(Pencil)
         rows, columns = self.units
-        parts = [scaled(part, rows, columns) for part in (self.M, self.D, self.K)]
-        copy.__dict__.update(dict(zip("MDK", parts, strict=True)) | {"symmetric": self.symmetric})
+        parts = {name: scaled(getattr(self, name), rows, columns) for name in "MDK"}
         if np.array_equal(rows, columns):
-            return copy._beside(tuple((c, rows[:, None] * W) for c, W in self.contacts))
-        object.__setattr__(copy, "symmetric", tuple(is_symmetric(part) for part in parts))  # no congruence: D and K may lose it
-        return copy._beside(())
+            return self._with(**parts, contacts=tuple((c, rows[:, None] * W) for c, W in self.contacts))
+        # no congruence: D and K may lose their symmetry
+        return self._with(**parts, symmetric=tuple(is_symmetric(part) for part in parts.values()), contacts=())
 
     def at(self, value: complex) -> Matrix:
         """P(value), shape (n, n); complex only if `value` is."""
@@ -160,6 +168,10 @@ class Pencil:
         scale = (lam**2 * mass + lam * damping + stiffness) * np.linalg.norm(shapes, axis=0)
         size = np.linalg.norm(self.residual(eigenvalues, shapes) if residual is None else residual, axis=0)
         return np.divide(size, scale, out=np.zeros_like(size), where=scale > 0)
+
+
+def _dense(A: Any) -> Any:
+    return A.toarray() if sp.issparse(A) else A
 
 
 def contact_damping(w: Array, coefficient: float) -> Matrix:

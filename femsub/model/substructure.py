@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -16,6 +15,7 @@ from femsub.checks import Array, Matrix, instance, shown
 from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name
 from femsub.model.dof_map import DofMap
 from femsub.model.friction import Belt
+from femsub.model.frozen import Frozen
 from femsub.model.pencil import Pencil
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ UNUSUAL = 1e-13  # from here on that is warned of: assemblies round off less, pr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Substructure:
+class Substructure(Frozen):
     """M ü + D u̇ + K u = Σ w_p f_p + interface forces, with M, D, K of shape (n, n).
 
     Parameters
@@ -65,7 +65,7 @@ class Substructure:
     ports: Mapping[str, Array]
     name: str
     dofs: DofMap | None = None
-    cutoff: float = np.inf  #: rad per unit of time; modes above it are the reduction's, not the component's
+    cutoff: float = field(default=np.inf, init=False)  #: rad per unit of time; above it, modes are those of the reduction
 
     def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] = (),
                  ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None) -> None:
@@ -81,11 +81,10 @@ class Substructure:
         _semidefinite_pairs(mass, diagonal)
         if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:
             raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
-        values = {"M": mass, "K": stiffness, "D": pencil.D, "interface": _interface(interface, pencil.size),
-                  "ports": _ports({} if ports is None else ports, pencil.size), "name": str(name), "dofs": dofs}
+        self._set(M=mass, K=stiffness, D=pencil.D, interface=_interface(interface, pencil.size),
+                  ports=_ports({} if ports is None else ports, pencil.size), name=str(name), dofs=dofs)
         if mass is pencil.M and stiffness is pencil.K:
-            values["pencil"] = pencil  # checked already
-        self.__dict__.update(values)
+            self.__dict__["pencil"] = pencil  # checked already
 
     def __repr__(self) -> str:
         kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
@@ -125,9 +124,7 @@ class Substructure:
 
     def with_damping(self, D: Any) -> Self:
         """The same model with another D, shape (n, n), symmetric or not; None takes all damping away."""
-        if D is not None and sp.issparse(self.K) and not sp.issparse(D):
-            D = sp.csr_array(np.asarray(D))
-        pencil = Pencil(self.M, D, self.K)
+        pencil = self.pencil.damped_by(D)
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__ | {"D": pencil.D, "pencil": pencil})
         return copy
@@ -167,8 +164,13 @@ class ReducedSubstructure(Substructure):
         The interface as rows of V.
     estimate : Estimate, optional
         How far its modes in the band are off, where a tolerance was asked.
+    estimated : (M, D, K), optional
+        The matrices that `estimate` holds for, by default the model's own: of a copy with others it is gone.
     """
 
+    interface: Array = field(init=False)
+    dofs: DofMap | None = field(default=None, init=False)
+    cutoff: float = np.inf
     V: Array = field(default_factory=lambda: np.zeros((0, 0)))
     kinds: tuple[str, ...] = ()
     method: str = ""
@@ -178,23 +180,23 @@ class ReducedSubstructure(Substructure):
     full_dofs: DofMap | None = None
     full_interface: Array = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     estimate: Estimate | None = None
+    estimated: tuple[Matrix, Matrix, Matrix] | None = None
 
     def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
                  kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, dropped: int = 0,
-                 port_error: Mapping[str, float] | None = None, factorisations: int = 0,
-                 full_dofs: DofMap | None = None, estimate: Estimate | None = None) -> None:
+                 port_error: Mapping[str, float] | None = None, factorisations: int = 0, full_dofs: DofMap | None = None,
+                 estimate: Estimate | None = None, estimated: tuple[Matrix, Matrix, Matrix] | None = None) -> None:
         # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
         rows = V[full_interface]
         places = [int(np.argmax(row == 1.0)) for row in rows if np.count_nonzero(row) == 1 and 1.0 in row]
         physical = len(places) == len(rows) and len(set(places)) == len(places)
         super().__init__(M, K, D, places if physical else (), ports, name)
-        values = {"V": V, "kinds": tuple(kinds), "cutoff": float(cutoff), "method": method, "dropped": dropped,
-                  "port_error": MappingProxyType(dict(port_error or {})), "factorisations": factorisations,
-                  "interface_rows": rows, "full_dofs": full_dofs, "full_interface": np.asarray(full_interface, dtype=np.intp),
-                  "estimate": estimate}
-        for key, value in values.items():
-            object.__setattr__(self, key, value)
-        V.flags.writeable = False
+        own = self.M, self.D, self.K
+        if estimate is None or not all(_same(*pair) for pair in zip(estimated or own, own, strict=True)):
+            estimate = estimated = None
+        self._set(V=V, kinds=tuple(kinds), cutoff=float(cutoff), method=method, dropped=dropped, port_error=port_error or {},
+                  factorisations=factorisations, full_dofs=full_dofs, full_interface=np.array(full_interface, dtype=np.intp),
+                  estimate=estimate, estimated=None if estimate is None else estimated or own)
 
     def __repr__(self) -> str:
         limit = "complete" if np.isinf(self.cutoff) else f"cut-off {self.cutoff:.4g} rad/time"
@@ -205,10 +207,15 @@ class ReducedSubstructure(Substructure):
         """The number of elastic modes in the basis."""
         return sum(kind in ("fixed-interface", "free") for kind in self.kinds)
 
+    @cached_property
+    def interface_rows(self) -> Matrix:
+        """B with u_b = B q, shape (n_b, r)."""
+        return self.V[self.full_interface]
+
     def with_damping(self, D: Any) -> Self:
         """The same model with another D, shape (r, r); its estimate, which held for the other, is gone."""
         copy = super().with_damping(D)
-        object.__setattr__(copy, "estimate", None)
+        copy._set(estimate=None, estimated=None)
         return copy
 
     def expand(self, q: Array) -> Array:
@@ -217,6 +224,10 @@ class ReducedSubstructure(Substructure):
         if q.ndim == 0 or q.shape[0] != self.size:
             raise InputError(f"q must have {self.size} rows, one per coordinate, but its shape is {q.shape}")
         return self.V @ q
+
+
+def _same(A: Matrix, B: Matrix) -> bool:
+    return A is B or (A.shape == B.shape and not (A != B).sum())
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:
@@ -269,9 +280,7 @@ def _interface(values: Iterable[int], size: int) -> Array:
     unique, counts = np.unique(raw, return_counts=True)
     if (counts > 1).any():
         raise InputError(f"interface DOF {unique[counts > 1][0]} is listed {counts.max()} times; list each once")
-    interface = raw.astype(np.intp)
-    interface.flags.writeable = False
-    return interface
+    return raw.astype(np.intp)
 
 
 def _ports(ports: Mapping[str, Any], size: int) -> Mapping[str, Array]:
@@ -292,6 +301,5 @@ def _ports(ports: Mapping[str, Any], size: int) -> Mapping[str, Array]:
             raise InputError(f"port {name!r} has the shape {w.shape}; the model has {size} DOF, so ({size},) or ({size}, p)")
         if not np.isfinite(w).all():
             raise InputError(f"port {name!r} holds a NaN or Inf, first at row {int(np.argwhere(~np.isfinite(w))[0][0])}")
-        w.flags.writeable = False
         checked[name] = w
-    return MappingProxyType(checked)
+    return checked

@@ -10,7 +10,7 @@ frequencies asked for, and what was solved serves as a basis for frequencies nea
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -231,6 +231,9 @@ class Solved:
     def static(self) -> Handle:
         """K⁻¹."""
         return factorise(self.pencil.K, "definite")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "static"}  # a factor does not travel
 
     def _exact(self, s: complex, transposed: bool = False) -> Array:
         P = self.pencil.at(s)

@@ -29,12 +29,12 @@ CONVERGED = 1e-8
 def with_parameter(belt: Belt, name: str, value: float) -> Belt:
     """A belt with another speed, force, or slope of its law at its speed (which needs a law with `with_slope`)."""
     if name == "speed":
-        return replace(belt, speed=value, slope=None)
+        return replace(belt, speed=value)
     if name == "force":
         return replace(belt, force=value)
     if not callable(getattr(belt.law, "with_slope", None)):
         raise InputError(f"the slope cannot be varied: {type(belt.law).__name__} has no with_slope(slope, speed)")
-    return replace(belt, law=belt.law.with_slope(value, belt.speed), slope=None)  # type: ignore[union-attr]
+    return replace(belt, law=belt.law.with_slope(value, belt.speed))  # type: ignore[union-attr]
 
 
 @dataclass(frozen=True, eq=False)

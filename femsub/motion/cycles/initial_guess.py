@@ -42,7 +42,7 @@ def levels(contact: Sliding) -> list[Sliding]:
     for at in range(steps, -1, -1):
         factor = most ** (at / steps) if steps else 1.0
         belts = tuple(belt if not width or factor == 1 else
-                      replace(belt, law=widened(belt.law, width * factor, speed), slope=None)
+                      replace(belt, law=widened(belt.law, width * factor, speed))
                       for belt, width, speed in zip(contact.belts, widths, speeds, strict=True))
         found.append(replace(contact, belts=belts))
     return found

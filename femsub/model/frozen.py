@@ -1,0 +1,43 @@
+"""What models, meshes and maps have in common: nobody writes into them, here or after a journey."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+
+class Frozen:
+    """Base of dataclasses whose arrays are read-only and whose mappings are views, also after pickle and `deepcopy`.
+
+    Both forget the one and refuse the other. What travels are the fields; what is cached is made again when it is asked for.
+    """
+
+    def _set(self, **values: Any) -> None:
+        """Fields of an object under construction."""
+        for name, value in values.items():
+            object.__setattr__(self, name, frozen(value))
+
+    def __getstate__(self) -> dict[str, Any]:
+        values = {item.name: getattr(self, item.name) for item in fields(self)}  # type: ignore[arg-type]
+        return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items()}
+
+    def __setstate__(self, values: dict[str, Any]) -> None:
+        self._set(**values)
+
+
+def frozen(value: Any) -> Any:
+    """The same array or matrix, read-only, alone or in a tuple; a mapping as a view of a copy; anything else as it is."""
+    if isinstance(value, Mapping):
+        return MappingProxyType({key: frozen(item) for key, item in value.items()})
+    if isinstance(value, tuple):
+        return tuple(frozen(item) for item in value)
+    if sp.issparse(value):
+        value.data.flags.writeable = False
+    elif isinstance(value, np.ndarray):
+        value.flags.writeable = False
+    return value
