@@ -30,6 +30,10 @@ class BreakdownError(NotConvergedError):
     """An eigensolver broke off within an iteration. That depends on its start vector: with another one it may succeed."""
 
 
+class NoCycleError(InputError):
+    """There is no limit cycle of the kind that was asked for: no mode grows, no simple Hopf point, no amplitude that balances."""
+
+
 class MissedModesError(FemsubError, ArithmeticError):
     """Fewer modes were found than an independent count says there are."""
 

@@ -1,4 +1,6 @@
-"""What the seconds went into: phases named where the work is done, added up by whoever asks.
+"""Long work: what its seconds went into, and what is left of it after Ctrl-C.
+
+Phases are named where the work is done, and added up by whoever asks.
 
     @phase("factorisation")              with timed() as seconds:
     def _factorise(...): ...                 reduce(sub, method)        # seconds["factorisation"], ...
@@ -13,11 +15,31 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, Self, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
 _asked: ContextVar[tuple[dict[str, float], list[float]] | None] = ContextVar("femsub_phases", default=None)
+
+
+class Interruptible:
+    """Ctrl-C ends the block, and not the program: what it has done by then is kept, and `complete` is False.
+
+    with Interruptible() as work:
+        for model in models:
+            kept.append(run(model))
+    if not work.complete: ...                                   # tell it; the command then ends with a status that is not 0
+    """
+
+    complete = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
+        stopped = kind is not None and issubclass(kind, KeyboardInterrupt)
+        self.complete = self.complete and not stopped
+        return stopped
 
 
 @contextmanager

@@ -71,7 +71,7 @@ def test_a_disc_in_time_compares_full_and_reduced_from_one_state(tmp_path: Path)
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    (CHAIN + "slope = -0.2", "needs the friction law"), ('scene = "chain-transient"\ntime = [5, 1]', "time must be"),
+    (CHAIN + "slope = -0.2", "needs a friction law"), ('scene = "chain-transient"\ntime = [5, 1]', "time must be"),
     ('scene = "chain-transient"\ntime = [0, 100]', "reaches beyond"),
     (CHAIN + "step = 0.1\nsizes = [3]", "unknown scene key 'sizes'"),
     (DISC.replace("150", "2"), "periods must be at least 4"),

@@ -38,10 +38,10 @@ def new_figure(width: float, height: float) -> Any:
     return figure
 
 
-def friction_figure(speeds: Any, curves: Sequence[Mapping[str, Any]], speed: float, slope: float) -> Any:
-    """μ over the sliding speed for several ε, the printed law and the odd one (the paper's Fig. 2)."""
-    figure = new_figure(9, 4)
-    titles = {"stribeck-arctan": "as printed, eq. (7)", "stribeck-arctan-odd": "odd variant"}
+def friction_figure(speeds: Any, curves: Sequence[Mapping[str, Any]], titles: Mapping[str, str], speed: float,
+                    slope: float) -> Any:
+    """μ over the sliding speed for several ε, a panel for each law by its key (the paper's Fig. 2)."""
+    figure = new_figure(4.5 * len(titles), 4)
     axes = figure.subplots(1, len(titles), sharey=True)
     widths = sorted({curve["eps"] for curve in curves}, reverse=True)
     shades = dict(zip(widths, ("#9ecae1", "#4292c6", "#08519c", "#000000"), strict=False))

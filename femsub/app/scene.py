@@ -9,10 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from femsub.checks import choice, finite_number, shown, whole_number
 from femsub.errors import FemsubError, InputError, unknown_name
+from femsub.timing import Interruptible
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
 
 #: name of a built-in scene: (module in femsub.app.scenes, one line)
 SCENES = {
@@ -28,7 +32,6 @@ SCENES = {
 }
 MOST_REPEATS = 1000
 METHOD_NAMES = ("craig-bampton", "craig-chang")
-LAW_NAMES = ("stribeck-arctan", "stribeck-arctan-odd")
 SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang"}
 
 
@@ -69,13 +72,15 @@ class Scene:
     ON_REQUEST: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
+        from femsub.model.friction import LAWS
+
         if not self.outputs:
             object.__setattr__(self, "outputs", list(self.OUTPUTS))
         object.__setattr__(self, "methods", [_hyphenated(name) for name in self.methods])
         object.__setattr__(self, "law", _hyphenated(self.law))
         known = self.OUTPUTS + self.ON_REQUEST
         for kind, values, valid in (("method", self.methods, METHOD_NAMES), ("output", self.outputs, known),
-                                    ("law", [self.law], LAW_NAMES)):
+                                    ("law", [self.law], LAWS)):
             for value in values:
                 if value not in valid:
                     raise unknown_name(kind, value, valid)
@@ -85,11 +90,42 @@ class Scene:
         if self.force < 0:
             raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
 
-    def friction_slope(self) -> float:
-        """μ'(v0), given or from the law."""
-        from femsub.model.friction import LAWS
+    @property
+    def rubbing(self) -> Belt:
+        """The belt with its law.
 
-        return self.slope if self.slope is not None else float(LAWS[self.law](eps=self.eps).slope(self.speed))
+        Raises
+        ------
+        InputError
+            There is a slope instead of a law.
+        """
+        from femsub.model.friction import LAWS, Belt
+
+        if self.slope is not None:
+            raise InputError("scene key 'slope': the nonlinear model needs a friction law, i.e. law, eps and speed, not a "
+                             "slope")
+        return Belt(force=self.force, speed=self.speed, law=LAWS[self.law](eps=self.eps))
+
+    @property
+    def linear_belt(self) -> Belt:
+        """The belt with its slope alone, given or from the law."""
+        from femsub.model.friction import Belt
+
+        return Belt(force=self.force, slope=self.rubbing.slope if self.slope is None else self.slope)
+
+    @property
+    def friction(self) -> dict[str, Any]:
+        """What stands of the friction in results.json."""
+        return {"force": self.force, "slope": self.linear_belt.slope, "law": self.law if self.slope is None else None,
+                "eps": self.eps, "speed": self.speed}
+
+    @property
+    def friction_words(self) -> str:
+        """The friction in the first lines of what is printed."""
+        slope = self.linear_belt.slope
+        if self.slope is not None:
+            return f"F = {self.force:g}, slope {slope:.6g}"
+        return f"F = {self.force:g}, {self.law}, ε = {self.eps:g}, v0 = {self.speed:g}: μ' = {slope:.6g}"
 
 
 @dataclass(frozen=True)
@@ -118,9 +154,9 @@ class Result:
     files: dict[str, Callable[[], bytes]] = field(default_factory=dict)
 
 
-def joined(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], text: list[str],
-           complete: bool = True, long: Sequence[str] = ()) -> Result:
-    """The parts of a result, output by output: what fails, or is interrupted, takes nothing from what was computed before.
+def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], text: list[str],
+                complete: bool = True, long: Sequence[str] = ()) -> Result:
+    """A result, output by output: one that fails, or is interrupted, takes nothing from what was computed before.
 
     `data` and `text` are what the result begins with; `long` outputs are not begun once there was an interruption. Failures are
     told in the text and in data["failed"], an interruption by data["complete"] = False.
@@ -134,25 +170,24 @@ def joined(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[
     drawings: dict[str, Callable[[], Any]] = {}
     files: dict[str, Callable[[], bytes]] = {}
     failed: dict[str, FemsubError] = {}
-    for output in outputs:
-        if output in long and not complete:
-            continue
-        try:
-            part = compute(output)
-        except FemsubError as error:
-            failed[output] = error
-            text.append(f"{output}: failed; {error}")
-            continue
-        except KeyboardInterrupt:
-            complete = False
-            break
-        data |= part.data
-        rows += [{"output": output, **row} for row in part.rows]
-        drawings |= part.drawings
-        files |= part.files
-        if part.text:
-            text.append(part.text)
-        complete = complete and part.data.get("complete", True)  # False: interrupted within it
+    with Interruptible() as work:
+        for output in outputs:
+            if output in long and not complete:
+                continue
+            try:
+                part = compute(output)
+            except FemsubError as error:  # the others are worth having without it
+                failed[output] = error
+                text.append(f"{output}: failed; {error}")
+                continue
+            data |= part.data
+            rows += [{"output": output, **row} for row in part.rows]
+            drawings |= part.drawings
+            files |= part.files
+            if part.text:
+                text.append(part.text)
+            complete = complete and part.data.get("complete", True)  # False: interrupted within it
+    complete = complete and work.complete
     if failed and len(failed) == len(outputs):
         raise next(iter(failed.values()))
     if failed:
@@ -215,24 +250,20 @@ def _hyphenated(name: str) -> str:
     return SHORT_NAMES.get(plain, plain)
 
 
+def _fits(value: Any, kind: str) -> bool:
+    kinds: dict[str, Any] = {"bool": bool, "int": int, "float": (int, float), "str": str}
+    return isinstance(value, kinds.get(kind, ())) and (kind == "bool" or not isinstance(value, bool))
+
+
 def _typed(key: str, value: Any, declared: str) -> Any:
     """The value if it is of the declared type; whole numbers do for floats, one value for a list of one."""
     kinds = [part.strip() for part in re.split(r"\|(?![^\[]*\])", declared)]  # not the | inside list[...]
     for kind in kinds:
-        if kind == "bool" and isinstance(value, bool):
-            return value
-        if kind == "int" and isinstance(value, int) and not isinstance(value, bool):
-            return value
-        if kind == "float" and isinstance(value, (int, float)) and not isinstance(value, bool):
-            return finite_number(f"scene key {key!r}", value)
-        if kind == "str" and isinstance(value, str):
-            return value
         if kind.startswith("list["):
-            inner = kind[5:-1]
-            items = value if isinstance(value, list) else [value]
-            try:
+            items, inner = value if isinstance(value, list) else [value], kind[5:-1]
+            if all(any(_fits(item, one.strip()) for one in inner.split("|")) for item in items):
                 return [_typed(key, item, inner) for item in items]
-            except InputError:
-                continue
+        elif _fits(value, kind):
+            return finite_number(f"scene key {key!r}", value) if kind == "float" else value
     wanted = " or ".join(kind for kind in kinds if kind != "None")
     raise InputError(f"scene key {key!r} must be {wanted}, not {shown(value)}")

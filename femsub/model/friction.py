@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -21,11 +21,29 @@ from femsub.model.pencil import contact_damping
 
 Scalar = Callable[[float], float]
 NARROWEST = 1e-100  # ε
+STICKING = 3.0  # times ε: sliding slower counts as sticking; the arctan law has reached 80 % of its plateau there
 SLOPE_AGREES = 0.01  # relative difference of a law's slope and that of its values that is let pass
 
 
 class FrictionLaw(Protocol):
-    """What a friction law offers: μ and μ' at a sliding speed, scalar or array."""
+    """μ(v) of the sliding speed v, and the rules for a law of your own.
+
+    A law has `value` and `slope`; make it a frozen dataclass, so that it can be compared, changed by `replace` and pickled.
+
+    ===========================  ==========================================================================================
+    value(v), slope(v)           μ and μ' = dμ/dv of a float or an array, in its shape. μ' must be that of μ: `Belt` compares
+                                 them at its speed. At a jump of μ', the mean of both sides.
+    eps, a number above 0        the width of the transition from sticking to sliding, as a speed: |v0 - v| ≤ 3 ε counts as
+                                 sticking. Harmonic balance begins with larger ones, ``replace(law, eps=...)``. Without it, it
+                                 begins with the law itself, and what sticks is unknown.
+    scalar()                     (μ, μ') as functions of one float, where those are quicker: for integrators
+    with_slope(slope, speed)     the law with another μ'(speed), which branches over the slope vary; refused without
+    label                        what figures call it; by default its key
+    ===========================  ==========================================================================================
+
+    Only the first line is needed. A law that stands in `LAWS` is known to scenes by its key there, and is made with their ε as
+    ``LAWS[key](eps=...)``.
+    """
 
     def value(self, v: Any) -> Any: ...
 
@@ -51,6 +69,8 @@ class StribeckArctan:
     coulomb: float = 0.3
     drop: float = 0.2
     decay: float = 2.0
+
+    label: ClassVar[str] = "as printed, eq. (7)"
 
     def __post_init__(self) -> None:
         for name in ("eps", "coulomb", "drop", "decay"):
@@ -104,6 +124,8 @@ class StribeckArctan:
 class StribeckArctanOdd(StribeckArctan):
     """μ(v) = (c + d exp(-r|v|)) (2/π) arctan(v/ε), the odd variant of the paper's eq. (7): μ(-v) = -μ(v)."""
 
+    label: ClassVar[str] = "odd variant"
+
     def value(self, v: Any) -> Any:
         """μ(v)."""
         return (self.coulomb + self.drop * np.exp(-self.decay * np.abs(v))) * 2 / np.pi * np.arctan(v / self.eps)
@@ -128,7 +150,8 @@ class StribeckArctanOdd(StribeckArctan):
         return value, slope
 
 
-LAWS = {"stribeck-arctan": StribeckArctan, "stribeck-arctan-odd": StribeckArctanOdd}
+#: The laws that scenes know by their keys; one of your own is added with LAWS["my-law"] = MyLaw.
+LAWS: dict[str, Callable[..., FrictionLaw]] = {"stribeck-arctan": StribeckArctan, "stribeck-arctan-odd": StribeckArctanOdd}
 
 
 def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
@@ -136,6 +159,20 @@ def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
     if callable(own := getattr(law, "scalar", None)):
         return own()
     return lambda v: float(law.value(v)), lambda v: float(law.slope(v))
+
+
+def width_of(law: Any) -> float:
+    """ε of a law; NaN where it has none."""
+    eps = getattr(law, "eps", None)
+    usable = isinstance(eps, (int, float, np.integer, np.floating)) and not isinstance(eps, bool) and 0 < eps < np.inf
+    return float(eps) if usable else np.nan  # type: ignore[arg-type]
+
+
+def with_slope(law: Any, slope: float, speed: float) -> Any:
+    """The law with another μ'(speed); an InputError for one that has no `with_slope`."""
+    if not callable(getattr(law, "with_slope", None)):
+        raise InputError(f"the slope cannot be varied: {type(law).__name__} has no with_slope(slope, speed)")
+    return law.with_slope(slope, speed)
 
 
 class SlopeOfLaw(float):
@@ -200,6 +237,19 @@ class Belt:
     def damping(self, w: Array) -> Matrix:
         """F μ'(v0) w wᵀ, sparse, shape (n, n), for a port w of shape (n,) or (n, p)."""
         return contact_damping(w, self.force * self.slope)  # type: ignore[operator]
+
+    def sticks(self, v: Any, multiple: float = STICKING, below: float | None = None) -> Any:
+        """Where |v0 - v| ≤ multiple · ε of the law, or ≤ `below`, with v the speed under the belt; bool, in the shape of v.
+
+        Raises
+        ------
+        InputError
+            The law has no ε, and `below` is not given.
+        """
+        limit = finite_number("multiple", multiple) * width_of(self.law) if below is None else finite_number("below", below)
+        if np.isnan(limit):
+            raise InputError(f"the friction law on {self.port!r} has no eps; say by `below` what counts as sticking")
+        return np.abs(self.speed - np.asarray(v)) <= limit
 
 
 def _consistent_slope(law: FrictionLaw, speed: float) -> float:

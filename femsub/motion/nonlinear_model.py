@@ -19,19 +19,11 @@ import scipy.sparse as sp
 from femsub.checks import EPS, Array, Matrix, finite_number
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.linalg.factor import factorise
-from femsub.model.friction import Belt
+from femsub.model.friction import Belt, width_of
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 
-STICKING = 3.0  # times ε: sliding slower counts as sticking; the arctan law has reached 80 % of its plateau there
 RESIDUE = 16 * EPS  # of the forces that cancel in an equilibrium is left of it by rounding
-
-
-def sticking_below(belt: Belt, multiple: float = STICKING) -> float:
-    """The |v0 - v| up to which a contact counts as sticking, multiple · ε; NaN for a law without an ε, which says nothing."""
-    eps = getattr(belt.law, "eps", None)
-    usable = isinstance(eps, (int, float, np.integer, np.floating)) and not isinstance(eps, bool) and 0 < eps < np.inf
-    return multiple * float(eps) if usable else np.nan  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,23 +81,13 @@ class Sliding:
         return -self._each("slope", v)
 
     def sticks(self, v: Array) -> Array:
-        """Where |v0 - v| ≤ 3 ε, see `sticking_below`; bool, (p,) or (p, m) as v.
-
-        Raises
-        ------
-        InputError
-            A law has no ε, and nothing else says what counts as sticking.
-        """
-        if without := self.without_eps:
-            raise InputError(f"the friction law on {without[0]!r} has no eps, and nothing says what counts as sticking")
-        limits = np.array([sticking_below(self.belts[at]) for at in self.owner])
-        speeds = np.array([self.belts[at].speed for at in self.owner], dtype=float)
-        return (np.abs(np.asarray(v).T - speeds) <= limits).T
+        """Where `Belt.sticks`; bool, (p,) or (p, m) as v."""
+        return np.array([self.belts[at].sticks(row) for at, row in zip(self.owner, v, strict=True)])
 
     @property
     def without_eps(self) -> list[str]:
         """Ports of the belts whose law has no ε."""
-        return [belt.port for belt in self.belts if np.isnan(sticking_below(belt))]
+        return [belt.port for belt in self.belts if np.isnan(width_of(belt.law))]
 
     @cached_property
     def equilibrium(self) -> Array:

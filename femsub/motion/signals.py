@@ -13,7 +13,7 @@ import numpy as np
 
 from femsub.checks import Array, finite_number, instance, interval, real_array, whole_number
 from femsub.errors import InputError
-from femsub.motion.nonlinear_model import STICKING, sticking_below
+from femsub.model.friction import STICKING
 from femsub.motion.transient import Transient
 
 WINDOW = "blackman"  # side lobes at -58 dB; the main lobe ends 3 bins off the middle
@@ -149,13 +149,9 @@ def rms(t: Array, signal: Array, between: tuple[float, float] | None = None) -> 
 def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | None = None, *,
              multiple: float = STICKING, below: float | None = None) -> float:
     """The share of the time in which |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without an ε."""
-    relative = instance("run", run, Transient).relative_velocity(port)
-    belt = next(belt for belt in run.contact.belts if belt.port == port)
-    limit = finite_number("below", below) if below is not None else sticking_below(belt, finite_number("multiple", multiple))
-    if np.isnan(limit):
-        raise InputError(f"the friction law on {port!r} has no eps; say by `below` what counts as sticking")
-    part = _part(run.t, relative, between, 1)[1]
-    return float(np.mean(np.abs(part) <= limit))
+    belt = instance("run", run, Transient).belt(port)
+    part = _part(run.t, run.velocity(port), between, 1)[1]
+    return float(np.mean(belt.sticks(part, multiple, below)))
 
 
 def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = None, *, below: float | None = None) -> Growth:

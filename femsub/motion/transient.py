@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from femsub.model.friction import Belt
 from femsub.model.substructure import Substructure
 from femsub.motion.first_order import METHODS, Flow, equations
 from femsub.motion.nonlinear_model import Sliding, State, sliding
+from femsub.timing import Interruptible
 
 if TYPE_CHECKING:
     from femsub.motion.generalised_alpha import AlphaFlow
@@ -122,14 +124,15 @@ class Transient:
 
     def relative_velocity(self, name: str) -> Array:
         """v0 - wᵀq̇(t) under a belt."""
-        return self._belt(name).speed - self.velocity(name)
+        return self.belt(name).speed - self.velocity(name)
 
     def friction(self, name: str) -> Array:
         """F μ(v0 - wᵀq̇(t)) under a belt."""
-        belt = self._belt(name)
+        belt = self.belt(name)
         return belt.force * belt.law.value(self.relative_velocity(name))  # type: ignore[union-attr]
 
-    def _belt(self, name: str) -> Belt:
+    def belt(self, name: str) -> Belt:
+        """The belt on a port."""
         belts = {belt.port: belt for belt in self.contact.belts}
         return belts[choice("belt", name, belts)]
 
@@ -200,31 +203,24 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns, record == "states")
     before = flow.balance[2]
     parts: list[tuple[Array, ...]] = []
-    complete, told = True, clock.perf_counter()
-    try:
+    told = clock.perf_counter()
+    with closing(flow), Interruptible() as course:
         for times, wanted in _stretches(t0, t1, grid, flow.stretch):
             parts.append(tuple(part[wanted] for part in flow.advance(times)))
             if clock.perf_counter() - told > TELL:
                 told = clock.perf_counter()
                 tell(f"t = {flow.t:.6g} of {t1:g}")
-    except KeyboardInterrupt:
-        complete = False
-    except BaseException:
-        flow.close()  # its factors
-        raise
     q, v, *states = (np.concatenate(pieces) for pieces in zip(*parts, strict=True)) if parts else \
         (np.zeros((0, columns.shape[1])),) * 2
     work, loss, now = flow.balance
     change = now - before
     largest = max(abs(work), abs(loss), abs(change), FAINT * max(before, now))
     balance = EnergyBalance(work, loss, change, abs(work - loss - change) / largest if largest else 0.0)
-    run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
+    return Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
                      {name: v[:, at] for name, at in slices.items()}, (states[0], states[1]) if states else None, first,
-                     flow.state, flow.t, complete, balance,
+                     flow.state, flow.t, course.complete, balance,
                      Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began),
                      flow.error)
-    flow.close()
-    return run
 
 
 def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple[Any, Any, Any],

@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub.app.report import known, machine, table
-from femsub.app.scene import Result, Scene, joined
+from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.outputs import comparable
 from femsub.checks import whole_number
 from femsub.components.chain import chain
 from femsub.errors import InputError, PortWarning
 from femsub.model.bands import check_band
-from femsub.model.friction import LAWS, Belt
+from femsub.model.friction import LAWS
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import relative_error
@@ -110,24 +110,20 @@ def run(scene: ChainScene, progress: Progress) -> Result:
     scene.model(scene.belt, False)  # bad values end here, before any work
     for belt in scene.belts:
         scene.model(belt, False)
-    slope = scene.friction_slope()
+    slope = float(scene.linear_belt.slope or 0.0)
     data: dict[str, Any] = {
         "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
-        "damping": scene.damping, "interface": scene.interface, "force": scene.force, "slope": slope,
-        "law": scene.law if scene.slope is None else None, "eps": scene.eps, "speed": scene.speed, "methods": scene.methods,
+        "damping": scene.damping, "interface": scene.interface, **scene.friction, "methods": scene.methods,
         "size": scene.size, "band": scene.band}
-    law = f"{scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = {slope:.6g}"
-    if scene.slope is not None:
-        law = f"slope {slope:.6g}"
-    text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, interface {_masses(scene.interface)}, F = "
-            f"{scene.force:g}, {law}"]
+    text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, interface {_masses(scene.interface)}, "
+            f"{scene.friction_words}"]
 
     def compute(output: str) -> Result:
         progress(f"{scene.name}: {output}")
         found, said, drawing = PARTS[output](scene, slope, progress)
         return Result({output: found}, found.get("rows", []), said, {} if drawing is None else {output: drawing})
 
-    return joined(scene.outputs, compute, data, text)
+    return run_outputs(scene.outputs, compute, data, text)
 
 
 Part = tuple[dict[str, Any], str, Callable[[], Any] | None]
@@ -136,12 +132,13 @@ Part = tuple[dict[str, Any], str, Callable[[], Any] | None]
 def _friction(scene: ChainScene, slope: float, progress: Progress) -> Part:
     side = np.concatenate([np.geomspace(1e-5, 0.05, 60), np.linspace(0.06, 1.0, 95)])
     speeds = np.concatenate([-side[::-1], [0.0], side])
+    titles = {name: getattr(law, "label", name) for name, law in LAWS.items()}
     curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)}
               for name in LAWS for eps in sorted({1e-1, 1e-2, 1e-3, scene.eps}, reverse=True)]
 
     def draw() -> Any:
         from femsub.app.figures import friction_figure
-        return friction_figure(speeds, curves, scene.speed, slope)
+        return friction_figure(speeds, curves, titles, scene.speed, slope)
 
     return {"speed": speeds, "curves": curves}, "", draw
 
@@ -229,7 +226,7 @@ def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
 
 
 def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
-    belt = Belt(force=scene.force, slope=slope)
+    belt = scene.linear_belt
     models: list[dict[str, Any]] = []
     for widened in _interfaces(scene, scene.belt):
         sub = scene.model(scene.belt, widened)
@@ -264,7 +261,7 @@ def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
 
 
 def _error_time(scene: ChainScene, slope: float, progress: Progress) -> Part:
-    belt, studies = Belt(force=scene.force, slope=slope), []
+    belt, studies = scene.linear_belt, []
     for widened in _interfaces(scene, scene.belt):
         sub = scene.model(scene.belt, widened)
         methods = [METHODS[name](size - len(sub.interface)) for name in scene.methods for size in scene.sizes

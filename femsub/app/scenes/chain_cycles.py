@@ -39,10 +39,8 @@ def run(scene: ChainCycleScene, progress: Callable[[str], None]) -> Result:
     full = scene.model(scene.belt, False)
     models: dict[str, Substructure] = {"full": full}
     models |= {SHORT[method]: scene.reduced(full, method, scene.size) for method in scene.methods}
-    head = (f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, belt under m{scene.belt}, F = "
-            f"{scene.force:g}, {scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = "
-            f"{scene.rubbing.slope:.6g}; HCB and CC of {scene.size} DOF")
+    head = (f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, belt under m{scene.belt}, "
+            f"{scene.friction_words}; HCB and CC of {scene.size} DOF")
     data = {"scene": scene.name, "machine": machine(), "n": scene.n, "damping": scene.damping, "belt": scene.belt,
-            "interface": scene.interface, "force": scene.force, "law": scene.law, "eps": scene.eps, "speed": scene.speed,
-            "slope": scene.rubbing.slope, "size": scene.size, "band": scene.band, "parameter": scene.parameter}
+            "interface": scene.interface, **scene.friction, "size": scene.size, "band": scene.band, "parameter": scene.parameter}
     return run_cycles(scene, models, (scene.band[0], scene.band[1]), data, head, progress)

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from femsub.app.report import machine
-from femsub.app.scene import Result, Scene, joined
+from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.chain import SHORT, ChainScene
-from femsub.app.scenes.in_time import Track, growth, law_belt, quality, signals, spectra, spectrograms, told, track
+from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, whole
 from femsub.errors import InputError
 from femsub.linalg.factor import QUADRATIC
 from femsub.motion.transient import transient
+from femsub.timing import Interruptible
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class ChainTransientScene(Scene):
             raise InputError(f"window {self.window} reaches beyond the time {self.time}")
         if self.n > QUADRATIC and {"growth", "quality"} & set(self.outputs):
             raise InputError(f"outputs 'growth' and 'quality' need all eigenvalues, which is up to n = {QUADRATIC}; name others")
-        law_belt(self)
+        _ = self.rubbing  # refuses a slope
         self.linear()
 
     def linear(self) -> ChainScene:
@@ -80,11 +81,11 @@ SCENE = ChainTransientScene
 
 def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
-    chain, belt = scene.linear(), law_belt(scene)
+    chain, belt = scene.linear(), scene.rubbing
     full = chain.model(scene.belt, scene.join_belt)
     tracks: list[Track] = []
-    window, complete = (scene.window[0], scene.window[1]), True
-    try:
+    window = (scene.window[0], scene.window[1])
+    with Interruptible() as work:
         for kind in ("full", *scene.methods):
             def tell(text: str, kind: str = kind) -> None:
                 progress(f"{scene.name}: {SHORT.get(kind, kind)}, {text}")
@@ -93,11 +94,7 @@ def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
             found = transient(model, belt, (scene.time[0], scene.time[1]), impulse=scene.impulse, step=scene.step, tol=scene.tol,
                               progress=tell)
             tracks.append(track(kind, model, found, window))
-            if not found.complete:
-                complete = False
-                break
-    except KeyboardInterrupt:
-        complete = False
+            whole(found)
     parts: dict[str, Callable[[], Result]] = {
         "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt, SHORT),
         "quality": lambda: quality(tracks, belt, SHORT), "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
@@ -105,10 +102,10 @@ def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
     data: dict[str, Any] = {
         "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
         "damping": scene.damping, "belt": scene.belt, "interface": [int(dof) + 1 for dof in full.interface], "size": chain.size,
-        "force": scene.force, "law": scene.law, "eps": scene.eps, "speed": scene.speed, "slope": belt.slope,
+        **scene.friction,
         "impulse": scene.impulse, "time": scene.time, "window": scene.window, "step": scene.step, "tol": scene.tol,
         "models": [item.row for item in tracks]}
     text = [f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
             f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
             f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}\n{told(tracks, SHORT)}"]
-    return joined(scene.outputs, lambda output: parts[output](), data | {"complete": True}, text, complete)
+    return run_outputs(scene.outputs, lambda output: parts[output](), data | {"complete": True}, text, work.complete)

@@ -17,7 +17,6 @@ from femsub.components.fields import displacements, node_rows
 from femsub.components.mesh import Mesh
 from femsub.errors import InputError, PortWarning
 from femsub.model.bands import check_band
-from femsub.model.friction import Belt
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import NormalModes, normal_modes
 from femsub.reduction.reduce import METHODS, CraigBampton, CraigChang, reduce
@@ -84,7 +83,7 @@ class Work:
         start = time.perf_counter()
         self.sub, self.mesh = scene.component()
         self.assembly = time.perf_counter() - start
-        self.belt = Belt(force=scene.force, slope=scene.friction_slope())
+        self.belt = scene.linear_belt
         self.slopes: list[float] | None = None  # critical ones, once an output has found them
         self.methods = [METHODS[name](modes) for name in scene.methods for modes in scene.modes]
         for count in scene.modes:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from femsub.app.report import table
-from femsub.app.scene import Result, Scene, joined
+from femsub.app.report import known, table
+from femsub.app.scene import Result, Scene, run_outputs
+from femsub.app.scenes.in_time import whole
 from femsub.checks import Array
-from femsub.errors import InputError, NotConvergedError, unknown_name
+from femsub.errors import InputError, NoCycleError, NotConvergedError, unknown_name
 from femsub.linalg.factor import QUADRATIC
-from femsub.model.friction import LAWS, Belt
 from femsub.model.substructure import Substructure
 from femsub.motion.cycles.branch import Branch, branch
 from femsub.motion.cycles.continuation import PARAMETERS, with_parameter
@@ -71,8 +71,7 @@ class CycleKeys(Scene):
         super().__post_init__()
         if self.parameter not in PARAMETERS:
             raise unknown_name("parameter", self.parameter, PARAMETERS)
-        if self.slope is not None:
-            raise InputError("a limit cycle needs a friction law: leave the key 'slope' out, and give law, eps and speed")
+        _ = self.rubbing  # refuses a slope
         if self.dots_from not in ("blow", "cycle"):
             raise unknown_name("dots_from", self.dots_from, ("blow", "cycle"))
         for key in ("families", "points", "harmonics", "periods"):
@@ -83,18 +82,13 @@ class CycleKeys(Scene):
         if self.between and (len(self.between) != 2 or not self.between[0] < self.between[1]):
             raise InputError(f"between must be [lo, hi] of the {self.parameter}, not {self.between}")
 
-    @property
-    def rubbing(self) -> Belt:
-        """The belt with its law."""
-        return Belt(force=self.force, speed=self.speed, law=LAWS[self.law](eps=self.eps))
-
 
 def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], data: dict[str, Any],
                head: str, progress: Progress) -> Result:
     """The outputs 'cycles' and 'branches' of a set of models, the reference among them first if it is small."""
     tell = lambda text: progress(f"{scene.name}: {text}")  # noqa: E731 - a word for each step
     parts = {"cycles": _cycles, "branches": _branches}
-    return joined(scene.outputs, lambda output: parts[output](scene, models, band, tell), data, [head])
+    return run_outputs(scene.outputs, lambda output: parts[output](scene, models, band, tell), data, [head])
 
 
 def _small(model: Substructure) -> bool:
@@ -107,8 +101,8 @@ def _families(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
         if _small(model):
             omega, _ = onsets(sliding(model, scene.rubbing), band)
             if not len(omega):
-                raise InputError(f"steady sliding is stable in the band {band[0]:g} to {band[1]:g}: no cycle begins; raise the "
-                                 "force, or change the speed")
+                raise NoCycleError(f"steady sliding is stable in the band {band[0]:g} to {band[1]:g}: no cycle begins; raise the "
+                                   "force, or change the speed")
             return [float(value) for value in np.sort(omega[:scene.families])]
     raise InputError("no model is small enough for its modes to be listed; name reduction methods")
 
@@ -130,7 +124,7 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
                 cycle = harmonic_balance(model, scene.rubbing, start=start)
                 if abs(cycle.omega / family - 1) > NEAR:
                     raise NotConvergedError(f"only another cycle was found, at ω = {cycle.omega:.5g}")
-            except (NotConvergedError, InputError) as error:
+            except (NotConvergedError, NoCycleError) as error:
                 here.append(row | {"why": str(error)})
                 continue
             seconds = time.perf_counter() - begun
@@ -150,7 +144,7 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
     kept = [row for row in rows if "omega" in row]
     said = table(["model", "DOF", "from ω", "ω", "rms", "peak", "sticking", "stable", "|μ|", "harmonics", "left out", "s",
                   "error of ω", "of rms"],
-                 [[row["model"], row["size"], row["family"], row["omega"], row["rms"], row["peak"], 100 * row["sticking"],
+                 [[row["model"], row["size"], row["family"], row["omega"], row["rms"], row["peak"], known(100 * row["sticking"]),
                    VERDICT[row["is_stable"]], None if row["multiplier"] is None else abs(row["multiplier"]), row["harmonics"],
                    row["truncation"], row["seconds"], row.get("omega_error"), row.get("rms_error")] for row in kept],
                  ["s", "d", ".4g", ".6g", ".5g", ".5g", ".0f", "s", ".4g", "d", ".0e", ".2f", ".1e", ".1e"])
@@ -171,7 +165,7 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
                 traced, missed = _large(scene, found, family, model, tell) if not _small(model) else \
                     (branch(model, scene.rubbing, scene.parameter, limits, start=family, points=scene.points,
                             harmonics=scene.harmonics), [])
-            except (NotConvergedError, InputError) as error:
+            except (NotConvergedError, NoCycleError) as error:
                 found.append({"model": name, "family": family, "why": str(error)})
                 continue
             begins = traced.hopf.omega if traced.hopf else traced.omega[0]
@@ -292,9 +286,7 @@ def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float,
             contact = sliding(model, belt)
             blow = contact.impulse(1.0)
             start = State(blow.displacement, blow.velocity * abs(scene.speed / float(contact.W[:, 0] @ blow.velocity)))
-        done = transient(model, belt, (0.0, end), start=start, record_from=part * end, samples=8192, tol=1e-6)
-        if not done.complete:
-            raise KeyboardInterrupt
+        done = whole(transient(model, belt, (0.0, end), start=start, record_from=part * end, samples=8192, tol=1e-6))
         v: Array = done.velocity(belt.port)
         v = v[:, 0] if v.ndim > 1 else v
         if scene.dots_from == "cycle":

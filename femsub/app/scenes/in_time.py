@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from femsub.app.report import table
-from femsub.app.scene import Result, Scene
-from femsub.checks import Array
-from femsub.errors import InputError
-from femsub.model.friction import LAWS, Belt
+from femsub.app.scene import Result
+from femsub.model.friction import Belt
 from femsub.model.substructure import Substructure
 from femsub.motion.nonlinear_model import sliding
 from femsub.motion.signals import Spectrum, growth_rate, rms, spectrogram, spectrum, sticking
@@ -20,6 +18,7 @@ from femsub.motion.transient import Transient, transient
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import relative_error
 from femsub.studies.self_excitation import table_rows
+from femsub.timing import Interruptible
 
 LISTED = 3  # frequencies in the table
 FAINT, STILL = 1e-6, 1e-3  # of the belt's speed: growth is followed from one to the other, where the model is linear
@@ -39,17 +38,11 @@ class Track:
     row: dict[str, Any]
 
 
-def law_belt(scene: Scene) -> Belt:
-    """The belt of a scene in time.
-
-    Raises
-    ------
-    InputError
-        A slope instead of a law.
-    """
-    if scene.slope is not None:
-        raise InputError("scene key 'slope': the nonlinear model needs the friction law, i.e. law, eps and speed, not a slope")
-    return Belt(force=scene.force, speed=scene.speed, law=LAWS[scene.law](eps=scene.eps))
+def whole(run: Transient) -> Transient:
+    """The run, if it went to its end; an interruption goes on to whoever keeps what is done (`Interruptible`)."""
+    if not run.complete:
+        raise KeyboardInterrupt
+    return run
 
 
 def track(kind: str, model: Substructure, run: Transient, window: tuple[float, float]) -> Track:
@@ -63,36 +56,22 @@ def track(kind: str, model: Substructure, run: Transient, window: tuple[float, f
     if run.complete and inside.sum() > 64:
         seen = spectrum(run.t, v, window)
         row |= {"rms": rms(run.t, v, window), "peaks": seen.peaks, "heights": seen.heights,
-                "sticking": sticking(run, "belt", window)}
+                "sticking": None if run.contact.without_eps else sticking(run, "belt", window)}
     return Track(kind, model, run, window, seen, row)
 
 
-def most_unstable(found: ComplexModes, model: Substructure, belt: Belt) -> tuple[complex, Array]:
-    """Of a model's complex modes the eigenvalue below its cut-off that grows fastest, and its shape (n,).
-
-    Raises
-    ------
-    InputError
-        None grows.
-    """
-    found = complex_modes(model, belt)
-    at = np.flatnonzero((found.eigenvalues.imag > 0) & ~found.above_cutoff)
-    if not len(at) or found.eigenvalues[at].real.max() <= 0:
-        raise InputError(f"nothing grows: {model!r} is stable below its cut-off at μ' = {belt.slope:.4g} and F = {belt.force:g}; "
-                         "take a larger force, less damping or another speed")
-    best = at[found.eigenvalues[at].real.argmax()]
-    return complex(found.eigenvalues[best]), found.shapes[:, best]
+def most_unstable(found: ComplexModes) -> int | None:
+    """The complex mode below a model's cut-off that grows fastest; None where none grows."""
+    at = np.flatnonzero((found.eigenvalues.imag > 0) & ~found.above_cutoff & (found.eigenvalues.real > 0))
+    return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None
 
 
 def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, short: dict[str, str]) -> Result:
     """From the most unstable complex mode, a millionth of the belt's speed: the growth measured in time beside Re λ."""
     rows: list[dict[str, Any]] = []
-    complete = True
-    try:
+    with Interruptible() as work:
         for kind, model in models:
             rows.append(_grown(kind, model, belt))
-    except KeyboardInterrupt:
-        complete = False
     said = table(["model", "DOF", "growth in time", "Re λ", "error", "ω in time", "Im λ", "Re λ above"],
                  [[short.get(str(row["model"]), row["model"]), row["size"], row["growth"], row["growth_of_cea"], row["error"],
                    row["omega"], row["omega_of_cea"], row["above"]] for row in rows],
@@ -100,32 +79,23 @@ def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, short: dict[s
     head = f"Growth of the most unstable mode below the cut-off, from {FAINT:g} of the belt's speed"
     if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
         head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
-    return Result({"growth": rows} | ({} if complete else {"complete": False}), rows, f"{head}\n{said}", {})
+    return Result({"growth": rows} | ({} if work.complete else {"complete": False}), rows, f"{head}\n{said}", {})
 
 
 def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
-    """The row of one model.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        The run was stopped.
-    """
+    """The row of one model."""
     row: dict[str, Any] = {"model": kind, "size": model.size}
     modes = complex_modes(model, belt)
     above = {"above": _above(modes)}
-    try:
-        value, shape = most_unstable(modes, model, belt)
-    except InputError:  # too few modes: what grows lies above this model's cut-off
+    at = most_unstable(modes)
+    if at is None:  # too few modes: what grows lies above this model's cut-off
         return row | dict.fromkeys(("growth", "growth_of_cea", "omega", "omega_of_cea", "error")) | above
-    speed = abs(belt.speed or 1.0)
+    value, shape, speed = complex(modes.eigenvalues[at]), modes.shapes[:, at], abs(belt.speed or 1.0)
     shape = shape * (FAINT * speed / max(float(np.abs(model.port("belt").T @ shape * value).max()), 1e-300))
     start = sliding(model, belt).perturbed(shape.real, (value * shape).real)
     period = 2 * np.pi / value.imag
     end = max(np.log(STILL / FAINT) / value.real, ROUNDS * period)
-    run = transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda")
-    if not run.complete:
-        raise KeyboardInterrupt
+    run = whole(transient(model, belt, (0.0, end), start=start, step=period / 40, tol=1e-10, method="lsoda"))
     found = growth_rate(run.t, run.velocity("belt"), below=2 * STILL * speed)
     return row | {"growth": found.rate, "growth_of_cea": value.real, "omega": found.omega, "omega_of_cea": value.imag,
                   "error": abs(found.rate / value.real - 1)} | above

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from femsub.app.report import known, machine, table
-from femsub.app.scene import Result, joined
+from femsub.app.scene import Result, run_outputs
 from femsub.app.scenes.component import SHORT, ComponentScene, Progress, Work
-from femsub.app.scenes.joined import joined_interface
+from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
 from femsub.model.bands import in_band
 from femsub.model.estimate import upper
@@ -30,14 +30,11 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
     """Computes what `scene.outputs` names, and nothing else; `more` are parts of a scene's own."""
     work = Work(scene, progress)
     parts = PARTS | dict(more or {})
-    sub, slope = work.sub, work.belt.slope
-    law = f"slope {slope:.6g}" if scene.slope is not None else \
-        f"{scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = {slope:.6g}"
+    sub = work.sub
     data: dict[str, Any] = {
         "scene": scene.name, "machine": machine(), "model": repr(sub), "size": sub.size, "interface": len(sub.interface),
-        "force": scene.force, "slope": slope, "law": scene.law if scene.slope is None else None, "eps": scene.eps,
-        "speed": scene.speed, "methods": scene.methods, "modes_kept": scene.modes, "ports": scene.ports}
-    text = [f"{scene.name}: {sub!r}\nF = {scene.force:g}, {law}"]
+        **scene.friction, "methods": scene.methods, "modes_kept": scene.modes, "ports": scene.ports}
+    text = [f"{scene.name}: {sub!r}\n{scene.friction_words}"]
     if work.mesh is not None and work.mesh.repairs:
         data["repairs"] = list(work.mesh.repairs)
         text[0] += f"\nmesh: {'; '.join(work.mesh.repairs)}"
@@ -46,7 +43,7 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
         data |= {"band": band, "band_rule": rule}
         text[0] += f"\nband {band[0]:g} to {band[1]:.6g} rad/time ({rule}); HCB and CC with {_listed(scene.modes)} modes" + \
                    (", static responses to the contact joined" if scene.ports else "")
-    return joined(scene.outputs, lambda output: parts[output](work), data, text)
+    return run_outputs(scene.outputs, lambda output: parts[output](work), data, text)
 
 
 def _listed(numbers: list[int]) -> str:
@@ -241,4 +238,4 @@ def _error_time(work: Work) -> Result:
 
 
 PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,
-                         "joined-interface": joined_interface}
+                         "joined-interface": interface_on_springs}

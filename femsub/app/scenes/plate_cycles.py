@@ -45,9 +45,9 @@ def run(scene: PlateCycleScene, progress: Callable[[str], None]) -> Result:
         SHORT[type(method).__name__]: rom for method, rom in work.reduced if method.modes == most}
     models["full"] = work.sub
     band, rule = work.band
-    head = (f"{scene.name}: {work.sub!r}\nF = {scene.force:g}, {scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = "
-            f"{scene.rubbing.slope:.6g}; HCB and CC with {most} modes; band {band[0]:g} to {band[1]:.6g} rad/time ({rule})")
-    data = {"scene": scene.name, "machine": machine(), "model": repr(work.sub), "size": work.sub.size, "force": scene.force,
-            "law": scene.law, "eps": scene.eps, "speed": scene.speed, "slope": scene.rubbing.slope, "modes_kept": most,
+    head = (f"{scene.name}: {work.sub!r}\n{scene.friction_words}; "
+            f"HCB and CC with {most} modes; band {band[0]:g} to {band[1]:.6g} rad/time ({rule})")
+    data = {"scene": scene.name, "machine": machine(), "model": repr(work.sub), "size": work.sub.size, **scene.friction,
+            "modes_kept": most,
             "band": band, "band_rule": rule, "parameter": scene.parameter}
     return run_cycles(scene, models, band, data, head, progress)

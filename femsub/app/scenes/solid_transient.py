@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub.app.report import machine, table
-from femsub.app.scene import Result, joined
+from femsub.app.scene import Result, run_outputs
 from femsub.app.scenes.component import SHORT, Work
-from femsub.app.scenes.in_time import growth, law_belt, most_unstable, signals, spectra, spectrograms, told, track
+from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track
 from femsub.app.scenes.solid import SolidScene
 from femsub.checks import Array
 from femsub.errors import InputError
@@ -61,7 +61,7 @@ class SolidTransientScene(SolidScene):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        law_belt(self)
+        _ = self.rubbing  # refuses a slope
         for key in ("periods", "compared"):
             if not getattr(self, key) >= 4:
                 raise InputError(f"{key} must be at least 4, not {getattr(self, key)!r}")
@@ -72,10 +72,15 @@ SCENE = SolidTransientScene
 
 def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
-    work, belt = Work(scene, progress), law_belt(scene)
+    work, belt = Work(scene, progress), scene.rubbing
     models = [(type(method).__name__, rom.modes, rom) for method, rom in work.reduced]
     kind, _, reference = max(reversed(models), key=lambda item: (item[0] == models[-1][0], item[2].size))
-    value, _ = most_unstable(complex_modes(reference, belt), reference, belt)
+    modes = complex_modes(reference, belt)
+    at = most_unstable(modes)
+    if at is None:
+        raise InputError(f"nothing grows: {reference!r} is stable below its cut-off at μ' = {belt.slope:.4g} and F = "
+                         f"{belt.force:g}; take a larger force, less damping or another speed")
+    value = complex(modes.eigenvalues[at])
     rate, omega, period = value.real, value.imag, 2 * np.pi / value.imag
     step = period / POINTS
 
@@ -87,12 +92,11 @@ def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
     window = ((1 - SETTLED) * long.t[-1], float(long.t[-1])) if long.complete else (0.0, 0.0)
     tracks = [track(kind, reference, long, window)]
     data: dict[str, Any] = {
-        "scene": scene.name, "machine": machine(), "model": repr(work.sub), "size": work.sub.size, "force": scene.force,
-        "law": scene.law, "eps": scene.eps, "speed": scene.speed, "slope": belt.slope, "rayleigh": scene.rayleigh,
+        "scene": scene.name, "machine": machine(), "model": repr(work.sub), "size": work.sub.size, **scene.friction,
+        "rayleigh": scene.rayleigh,
         "growth": rate, "omega": omega, "period": period, "periods": scene.periods, "compared": scene.compared,
         "impulse": scene.impulse, "tol": scene.tol, "full_tol": scene.full_tol, "models": [item.row for item in tracks]}
-    text = [f"{scene.name}: {work.sub!r}\nF = {scene.force:g}, {scene.law}, ε = {scene.eps:g}, v0 = {scene.speed:g}: μ' = "
-            f"{belt.slope:.6g}; λ = {rate:.5g} + {omega:.6g}i grows, period {period:.4g}",
+    text = [f"{scene.name}: {work.sub!r}\n{scene.friction_words}; λ = {rate:.5g} + {omega:.6g}i grows, period {period:.4g}",
             f"From a blow of {scene.impulse:g} over {scene.periods:g} periods\n{told(tracks, SHORT)}"]
     views: dict[str, Callable[[], Result]] = {"growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt, SHORT),
                                               "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
@@ -103,7 +107,8 @@ def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
         return _error_time(scene, work, belt, state, period, [("full", 0, work.sub), *models], told_by)
 
     views["error-time"] = error_time
-    return joined(scene.outputs, lambda output: views[output](), data | {"complete": True}, text, long.complete, ["error-time"])
+    return run_outputs(scene.outputs, lambda output: views[output](), data | {"complete": True}, text, long.complete,
+                       ["error-time"])
 
 
 def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State, period: float,

@@ -14,8 +14,8 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import Array
-from femsub.errors import InputError, NotConvergedError
-from femsub.model.friction import Belt
+from femsub.errors import NotConvergedError
+from femsub.model.friction import Belt, with_slope
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
@@ -32,9 +32,7 @@ def with_parameter(belt: Belt, name: str, value: float) -> Belt:
         return replace(belt, speed=value)
     if name == "force":
         return replace(belt, force=value)
-    if not callable(getattr(belt.law, "with_slope", None)):
-        raise InputError(f"the slope cannot be varied: {type(belt.law).__name__} has no with_slope(slope, speed)")
-    return replace(belt, law=belt.law.with_slope(value, belt.speed))  # type: ignore[union-attr]
+    return replace(belt, law=with_slope(belt.law, value, belt.speed or 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femsub.checks import Array
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import InputError, InputTypeError, NoCycleError
 from femsub.model.friction import Belt
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance, Fractions
@@ -53,19 +53,16 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
                              "from that of a reduced model)")
         found = critical_slope(model, belt.port)
         if np.isinf(found.slope):
-            raise InputError(f"{model.name!r} has no Hopf point: steady sliding never loses its stability, whatever the slope "
-                             "(the belt acts where the damping cannot be overcome)")
+            raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding never loses its stability, whatever the slope "
+                               "(the belt acts where the damping cannot be overcome)")
         if len(found.crossing) > 1 and found.slope < 0:
-            raise InputError(f"{len(found.crossing)} pairs cross together at F μ' = {found.slope:.6g} (ω = "
-                             f"{', '.join(f'{omega:.5g}' for omega in found.crossing)}): as many branches begin at this point, "
-                             "and none of them is a simple one; move the belt or the damper apart, or start from a cycle "
-                             "(start=cycle)")
+            raise _several(found.slope, found.crossing)
         c, omega, speeds = found.slope, found.omega, contact.W.T @ found.shape
     else:
         c, omega, speeds = _nearest(contact, flexibility, near)
     if c == 0:
-        raise InputError(f"{model.name!r} has undamped modes under the belt: each of them crosses at slope 0, and no "
-                         "branch begins at such a point; add damping")
+        raise NoCycleError(f"{model.name!r} has undamped modes under the belt: each of them crosses at slope 0, and no "
+                           "branch begins at such a point; add damping")
     return HopfPoint(_value_at(belt, parameter, c, between), omega, c), speeds / speeds[np.argmax(np.abs(speeds))]
 
 
@@ -74,13 +71,19 @@ def _nearest(contact: Sliding, flexibility: Compliance, near: float) -> tuple[fl
         raise InputError("a crossing by frequency is for one column of contact and up to 2,000 DOF; start from a cycle instead")
     omega, c = crossings(flexibility, 0.0, np.inf)
     if not len(omega):
-        raise InputError(f"{contact.model.name!r} has no Hopf point: no pair crosses the imaginary axis at any slope")
+        raise NoCycleError(f"{contact.model.name!r} has no Hopf point: no pair crosses the imaginary axis at any slope")
     at = int(np.argmin(np.abs(omega - near)))
-    together = int(np.count_nonzero(np.abs(c - c[at]) <= TOGETHER * abs(c[at])))
-    if together > 1:
-        raise InputError(f"{together} pairs cross together at F μ' = {c[at]:.6g}: as many branches begin at this point, and none "
-                         "of them is a simple one; move the belt or the damper apart, or start from a cycle (start=cycle)")
+    together = np.abs(c - c[at]) <= TOGETHER * abs(c[at])
+    if together.sum() > 1:
+        raise _several(c[at], omega[together])
     return float(c[at]), float(omega[at]), np.ones(1, dtype=complex)
+
+
+def _several(c: float, omega: Array) -> NoCycleError:
+    places = ", ".join(f"{value:.5g}" for value in omega)
+    return NoCycleError(f"{len(omega)} pairs cross together at F μ' = {c:.6g} (ω = {places}): as many branches begin at this "
+                        "point, and none of them is a simple one; move the belt or the damper apart, or start from a cycle "
+                        "(start=cycle)")
 
 
 def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float] | None) -> float:
@@ -91,8 +94,8 @@ def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float]
     if parameter == "force":
         slope = float(belt.law.slope(belt.speed))
         if slope >= 0:
-            raise InputError(f"μ' = {slope:.6g} at the belt's speed is not negative: no normal force makes steady sliding "
-                             "unstable")
+            raise NoCycleError(f"μ' = {slope:.6g} at the belt's speed is not negative: no normal force makes steady sliding "
+                               "unstable")
         return c / slope
     from scipy.optimize import brentq
 
@@ -101,7 +104,8 @@ def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float]
     excess = belt.force * np.asarray(belt.law.slope(speeds)) - c
     signs = np.flatnonzero(excess[1:] * excess[:-1] < 0)
     if not len(signs):
-        raise InputError(f"no belt speed from {lo:.6g} to {hi:.6g} is a Hopf point: F μ' is never {c:.6g} there; widen between=")
+        raise NoCycleError(f"no belt speed from {lo:.6g} to {hi:.6g} is a Hopf point: F μ' is never {c:.6g} there; widen "
+                           "between=")
     last = signs[-1] if hi > 0 else signs[0]
     law = belt.law
     return float(brentq(lambda v: belt.force * float(law.slope(v)) - c, speeds[last], speeds[last + 1], xtol=1e-15, rtol=1e-15))

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import InputError, InputTypeError, NoCycleError
+from femsub.model.friction import width_of
 from femsub.motion.cycles.balance import Orbit, coefficients
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.nonlinear_model import Sliding
@@ -32,31 +33,25 @@ SWEPT = 3.0  # amplitudes up to so many belt speeds are tried
 
 
 def levels(contact: Sliding) -> list[Sliding]:
-    """The contact with laws that get sharper, the last one being its own; one entry where the law has no `eps`."""
-    widths = [float(getattr(belt.law, "eps", 0.0)) if is_dataclass(belt.law) else 0.0 for belt in contact.belts]
+    """The contact with laws that get sharper, the last one being its own; one entry where no law has an ε (see `FrictionLaw`)."""
+    widths = [width_of(belt.law) if is_dataclass(belt.law) else np.nan for belt in contact.belts]
     speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
-    most = max((WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width), default=1.0)
-    most = max(most, 1.0)
+    most = max([1.0, *(WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width > 0)])
     steps = max(0, int(np.ceil(np.log(most) / -np.log(SHARPER))))
     found = []
     for at in range(steps, -1, -1):
         factor = most ** (at / steps) if steps else 1.0
-        belts = tuple(belt if not width or factor == 1 else
-                      replace(belt, law=widened(belt.law, width * factor, speed))
+        belts = tuple(belt if np.isnan(width) or factor == 1 else
+                      replace(belt, law=replace(belt.law, eps=max(width, min(width * factor, WIDE * speed))))  # type: ignore[type-var]
                       for belt, width, speed in zip(contact.belts, widths, speeds, strict=True))
         found.append(replace(contact, belts=belts))
     return found
 
 
-def widened(law: Any, eps: float, speed: float) -> Any:
-    """A law with another ε, at most a tenth of the belt's speed."""
-    return replace(law, eps=max(law.eps, min(eps, WIDE * speed)))
-
-
 def harmonics_for(contact: Sliding, most: int) -> int:
     """How many harmonics the sharpest transition of a contact calls for, by experience."""
-    ratio = max((abs(belt.speed or 0.0) / belt.law.eps for belt in contact.belts  # type: ignore[union-attr]
-                 if getattr(belt.law, "eps", 0)), default=10.0)
+    ratios = [abs(belt.speed or 0.0) / width_of(belt.law) for belt in contact.belts]
+    ratio = max((ratio for ratio in ratios if not np.isnan(ratio)), default=10.0)
     return int(np.clip(PER_EPS * ratio, 10, most))
 
 
@@ -81,29 +76,26 @@ def unstable_modes(contact: Sliding, flexibility: Fractions) -> Array:
     return values[np.argsort(-values.real)]
 
 
-def seeds(contact: Sliding, flexibility: Compliance, near: float | None = None) -> list[Orbit]:
+def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None) -> list[Orbit]:
     """Orbits of one harmonic: at the crossing next to the mode that grows most, or nearest to a frequency; best first.
 
-    Raises
-    ------
-    InputError
-        The model is too large for its modes; steady sliding is stable and no frequency was given; no amplitude balances.
+    There are none where steady sliding is stable and no frequency was given, or where no amplitude balances.
     """
-    if not isinstance(flexibility, Fractions):
-        raise InputError(f"a model of {contact.model.size} DOF has no list of modes to begin at; give start=, e.g. the cycle of "
-                         "a reduced model (start=cycle) or a signal in time (start=(t, v))")
     growing = unstable_modes(contact, flexibility)
     if not len(growing) and near is None:
-        raise InputError(f"steady sliding is stable{_because(contact)}: no mode of {contact.model.name!r} grows from which a "
-                         "cycle could begin; make the slope of the friction more negative or its force larger (see "
-                         "fs.critical_slope), or give start= where a cycle is known")
-    found = _of_modes(contact, flexibility, growing, near) if contact.columns > 1 else \
+        return []
+    return _of_modes(contact, flexibility, growing, near) if contact.columns > 1 else \
         _of_crossings(contact, flexibility, growing, near)
-    if not found:
-        raise InputError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
-                         + (f" near ω = {near:g}" if near else "") +
-                         "; give start=(t, v), a signal in time, or another frequency")
-    return found
+
+
+def _no_seeds(contact: Sliding, flexibility: Fractions, near: float | None) -> NoCycleError:
+    if near is None and not len(unstable_modes(contact, flexibility)):
+        return NoCycleError(f"steady sliding is stable{_because(contact)}: no mode of {contact.model.name!r} grows from which a "
+                            "cycle could begin; make the slope of the friction more negative or its force larger (see "
+                            "fs.critical_slope), or give start= where a cycle is known")
+    return NoCycleError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
+                        + (f" near ω = {near:g}" if near else "") +
+                        "; give start=(t, v), a signal in time, or another frequency")
 
 
 def _because(contact: Sliding) -> str:
@@ -227,16 +219,24 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
 
 
 def orbits(contact: Sliding, flexibility: Compliance, near: float | None) -> Iterator[tuple[list[Sliding], Orbit]]:
-    """Contacts from smooth to sharp with the orbit to begin at: the widest law at which an amplitude balances comes first."""
+    """Contacts from smooth to sharp with the orbit to begin at: the widest law at which an amplitude balances comes first.
+
+    Raises
+    ------
+    InputError
+        The model is too large for its modes.
+    NoCycleError
+        With the belts' own laws steady sliding is stable and no frequency was given, or no amplitude balances.
+    """
+    if not isinstance(flexibility, Fractions):
+        raise InputError(f"a model of {contact.model.size} DOF has no list of modes to begin at; give start=, e.g. the cycle of "
+                         "a reduced model (start=cycle) or a signal in time (start=(t, v))")
     sharp = levels(contact)
     for at in range(len(sharp)):
-        try:
-            found = seeds(sharp[at], flexibility, near)
-        except InputError:
-            if at + 1 == len(sharp):
-                raise
-            continue
+        found = seeds(sharp[at], flexibility, near)
         for orbit in found[:2]:
             yield sharp[at:], orbit
-        if at + 1 < len(sharp) and at > len(sharp) // 2:
+        if found and at + 1 < len(sharp) and at > len(sharp) // 2:
             return
+    if not found:
+        raise _no_seeds(contact, flexibility, near)

@@ -18,7 +18,7 @@ from femsub.reduction.reduce import CraigBampton
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of the springs to the component's own static stiffness at the interface
 
 
-def joined_interface(work: Work) -> Result:
+def interface_on_springs(work: Work) -> Result:
     """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
     sub = work.sub
     if not len(sub.interface):
