@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice, membrane
-from femsub.model.estimate import moving, upper
+from femsub.model.bands import moving, upper
 
 STEEL: dict[str, Any] = {"E": 2.1e11, "rho": 7850.0}
 

@@ -1,4 +1,4 @@
-"""The words of all rooms (`Array`, `Matrix`, `EPS`), and the checks of arguments.
+"""The words of all rooms (`Array`, `Matrix`, `EPS`, the qualities of evidence), and the checks of arguments.
 
 Each check returns the value in the type that the code works with, or names what was found and what would do. Nothing here
 converts a value that merely looks right: '3', True and 2.0 are no whole numbers. NumPy is imported for arrays only: a scene
@@ -23,6 +23,15 @@ Array: TypeAlias = "np.ndarray"
 Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (sparse), both float64
 
 EPS = sys.float_info.epsilon
+
+#: How sure it is that none of the eigenvalues asked for is missing. By an argument without sampling: the inertia of K - ω²M,
+#: or all eigenvalues were computed, and their number is known.
+CERTIFIED = "certified"
+#: By a function sampled on a contour, whose phase or margin is not bounded between the points: a winding number of det P, or
+#: the count in a disc where contacts and dashpots come in by a small determinant.
+CONFIRMED = "confirmed"
+#: The eigensolver's word alone.
+NOT_CHECKED = "not checked"
 
 T = TypeVar("T")
 
@@ -120,6 +129,19 @@ def interval(name: str, value: Any) -> tuple[float, float]:
     lo, hi = (finite_number(name, edge) for edge in pair)
     if lo >= hi:
         raise InputError(f"{name} must be (lo, hi) with lo < hi, but is ({lo:g}, {hi:g})")
+    return lo, hi
+
+
+def check_band(band: object) -> tuple[float, float]:
+    """A band (lo, hi) with 0 ≤ lo < hi, in radians per unit of time."""
+    try:
+        if isinstance(band, (set, dict)):
+            raise TypeError
+        lo, hi = (float(edge) for edge in band)  # type: ignore[attr-defined]
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"band must be a pair (lo, hi) in rad per unit of time, not {shown(band)}") from None
+    if not (0 <= lo < hi < math.inf):
+        raise InputError(f"band must satisfy 0 <= lo < hi < inf, but is ({lo!r}, {hi!r})")
     return lo, hi
 
 

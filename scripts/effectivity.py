@@ -23,8 +23,10 @@ import numpy as np
 import femsub as fs
 from benchmarks import gallery
 from femsub.io.atomic import write_whole
-from femsub.model.estimate import SHARE, paired, within
-from femsub.reduction.error_bounds import Nested
+from femsub.model.bands import within
+from femsub.model.estimate import SHARE
+from femsub.quadratic.matching import match
+from femsub.reduction.error_bounds import FAR, Nested
 from femsub.reduction.mode_selection import Search
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -45,7 +47,7 @@ def true_errors(problem: gallery.Problem, omega: np.ndarray, values: np.ndarray)
     inside = within(full, problem.band)
     error, partner = np.full(len(full), np.inf), np.full(len(full), np.nan + 0j)
     if inside.any():
-        at, to = paired(full, values)
+        at, to = match(full, values, far=FAR)
         error[at], partner[at] = np.abs(values[to] - full[at]) / np.abs(full[at]), values[to]
     return low, error[inside], partner[inside]
 

@@ -212,7 +212,10 @@ def test_rows_of_a_table_hold_criteria_beside_what_was_measured() -> None:
         table_rows(FULL, models, BELT, [{}])
 
 
-def test_match_with_a_penalty() -> None:
-    values = np.array([1.0, 2.0])
-    assert list(match(values, np.array([1.9, 1.2]))[1]) == [1, 0]
-    assert list(match(values, np.array([1.9, 1.2]), np.array([[0.0, 9.0], [9.0, 0.0]]))[1]) == [0, 1]
+def test_match_by_distance_and_by_shape() -> None:
+    values, others = np.array([1.0, 1.02]), np.array([1.018, 1.003])
+    assert list(match(values, others)[1]) == [1, 0] == list(match(values, others, np.full((2, 2), np.nan))[1])
+    assert list(match(values, others, np.eye(2))[1]) == [0, 1]  # where frequencies lie close, shapes decide
+    assert list(match(values, others, np.eye(2), weight=1e-3)[1]) == [1, 0]
+    # one without a counterpart must not drive others from theirs, and 0 belongs to 0
+    assert list(match(np.array([0.0, 1.0, 2.0]), np.array([2.0, 3.0, 0.0]), far=1e-3)[1][[0, 2]]) == [2, 0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,16 @@ from benchmarks.gallery import GALLERY, Problem, positive, quick
 from benchmarks.lattices import lattice
 from femsub.linalg.factor import inertia
 from femsub.linalg.petsc import Factor
-from femsub.model.estimate import SHARE, paired, within
+from femsub.model.bands import within
+from femsub.model.estimate import SHARE
 from femsub.modes import normal_modes as eigen
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.reduction.error_bounds import Nested
+from femsub.quadratic.matching import match
+from femsub.reduction.error_bounds import FAR, Nested
 from femsub.reduction.mode_selection import Search
+
+paired = partial(match, far=FAR)
 
 CASES = [(problem, kind) for problem in quick() for kind in problem.kinds]
 NAMES = [f"{problem.name}-{kind.__name__}" for problem, kind in CASES]

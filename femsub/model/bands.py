@@ -1,15 +1,15 @@
-"""What "in the band" means at its edges: the one place where that is decided, for frequencies ω and eigenvalues λ alike."""
+"""Which frequencies ω and eigenvalues λ are in a band, above a limit, of the upper half plane, or 0: decided here alone."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from femsub.checks import Array, shown
-from femsub.errors import InputError
+from femsub.checks import EPS, Array
 
 EDGE = 1e-9  # of |λ| that an eigenvalue may lie beyond an edge, and still be in the band: room for its rounding
 DOUBLE = 1e-6  # of |λ| up to which two eigenvalues are taken for one that rounding has split: if one is in, so is the other
 LEAST = 1e-2  # of the band's upper end: the size of smaller eigenvalues in these two, since at 0 an eigenvalue is all rounding
+REAL = 1e-7  # |Im λ| / |λ| below which λ is real: rounding makes pairs of two equal ones
 Range = tuple[float, float]
 
 
@@ -38,6 +38,26 @@ def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
     return result
 
 
+def within(values: Array, band: Range) -> Array:
+    """Which λ have lo ≤ Im λ ≤ hi and |Re λ| ≤ hi."""
+    return in_band(values, band, (-band[1], band[1]))
+
+
+def beyond(omega: Array | float, limit: Array | float) -> Array:
+    """Which ω lie above a limit, by more than rounding."""
+    return np.asarray(omega > limit * (1 + EDGE))
+
+
+def upper(values: Array) -> Array:
+    """Which λ have Im λ ≥ 0; of a pair that rounding has made of two equal real ones, both."""
+    return values.imag >= -REAL * np.abs(values)
+
+
+def moving(values: Array, bar: Array) -> Array:
+    """Which λ are not 0 within rounding, their own (`bar`) and that of the eigensolver: rigid motion has some that are."""
+    return np.abs(values) > bar + 10 * EPS * np.abs(values).max(initial=0.0)
+
+
 def distance_outside(values: Array, band: Range, re: Range | None = None) -> Array:
     """How far each value lies beyond the edge that it is furthest beyond; 0 within, shape (k,)."""
     height = values.imag if np.iscomplexobj(values) else values
@@ -60,16 +80,3 @@ def _distance(values: Array, others: Array) -> Array:
         return np.full(len(values), np.inf)
     points, tree = (np.stack([part.real, part.imag], axis=1) for part in (values, others))
     return np.asarray(cKDTree(tree).query(points)[0])
-
-
-def check_band(band: object) -> tuple[float, float]:
-    """A band (lo, hi) with 0 ≤ lo < hi, in radians per unit of time."""
-    try:
-        if isinstance(band, (set, dict)):
-            raise TypeError
-        lo, hi = (float(edge) for edge in band)  # type: ignore[attr-defined]
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"band must be a pair (lo, hi) in rad per unit of time, not {shown(band)}") from None
-    if not (0 <= lo < hi < np.inf):
-        raise InputError(f"band must satisfy 0 <= lo < hi < inf, but is ({lo!r}, {hi!r})")
-    return lo, hi

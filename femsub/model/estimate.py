@@ -1,4 +1,4 @@
-"""What a reduction to a tolerance tells of itself, and how eigenvalues are taken for one another."""
+"""What a reduction to a tolerance tells of itself, and the band in which a model's modes may be asked for a verdict."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EPS, Array
+from femsub.checks import Array, check_band
 from femsub.errors import InputError
-from femsub.model.bands import EDGE, check_band, in_band
+from femsub.model.bands import beyond
 from femsub.model.substructure import Substructure
 
 SHARE = 0.7  # a band ends below so much of the cut-off: the terms left out of a series in (ω/ω_cut)² then stay below a half
-REAL = 1e-7  # |Im λ| / |λ| below which λ is real: rounding makes pairs of two equal ones
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,31 +120,8 @@ def usable_band(model: Substructure, band: Any = None) -> tuple[float, float]:
     if band is None:
         return 0.0, float(model.cutoff)
     lo, hi = check_band(band)
-    if hi > model.cutoff * (1 + EDGE):
+    if beyond(hi, model.cutoff):
         raise InputError(f"band=({lo:.6g}, {hi:.6g}) reaches above the cut-off of {model.name!r}, {model.cutoff:.6g} rad/time: "
                          "up there its modes are those of the reduction, not of the component; keep more modes, or end the band "
                          f"at the cut-off ({SHARE:g} of it, {SHARE * model.cutoff:.5g}, for errors that are small by rule)")
     return lo, hi
-
-
-def upper(values: Array) -> Array:
-    """Which λ have Im λ ≥ 0; of a pair that rounding has made of two equal real ones, both."""
-    return values.imag >= -REAL * np.abs(values)
-
-
-def moving(values: Array, bar: Array) -> Array:
-    """Which λ are not 0 within rounding, their own (`bar`) and that of the eigensolver: rigid motion has some that are."""
-    return np.abs(values) > bar + 10 * EPS * np.abs(values).max(initial=0.0)
-
-
-def within(values: Array, band: tuple[float, float]) -> Array:
-    """Which λ have lo ≤ Im λ ≤ hi and |Re λ| ≤ hi."""
-    return in_band(values, band, (-band[1], band[1]))
-
-
-def paired(exact: Array, found: Array) -> tuple[Array, Array]:
-    """The one-to-one assignment with the least sum of relative distances."""
-    from scipy.optimize import linear_sum_assignment
-
-    distance = np.abs(exact[:, None] - found[None, :]) / np.maximum(np.abs(exact), np.finfo(float).tiny)[:, None]
-    return linear_sum_assignment(np.minimum(distance, 2.0))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, Matrix, shown, whole_number
+from femsub.checks import CERTIFIED, EPS, NOT_CHECKED, Array, Matrix, check_band, shown, whole_number
 from femsub.errors import (
     ConditionWarning,
     FemsubError,
@@ -25,8 +25,7 @@ from femsub.errors import (
 )
 from femsub.linalg.factor import SMALL, inertia
 from femsub.linalg.null_space import massless_apart
-from femsub.model.bands import EDGE, check_band, in_band, widened
-from femsub.model.evidence import CERTIFIED, NOT_CHECKED
+from femsub.model.bands import EDGE, in_band, widened
 from femsub.model.matrices import Difference
 from femsub.modes.dense import dense_modes, negative_eigenvalues, orthonormalise
 from femsub.modes.shift_invert import ShiftInvert
@@ -84,7 +83,7 @@ class NormalModes:
 
     @property
     def evidence(self) -> str:
-        """That none is missing: 'certified', by inertia, once counted; see `femsub.model.evidence`."""
+        """That none is missing: 'certified', by inertia, once counted; see `femsub.checks`."""
         return CERTIFIED if self.confirmed else NOT_CHECKED
 
     @property

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EPS, Array, whole_number
+from femsub.checks import CERTIFIED, CONFIRMED, EPS, NOT_CHECKED, Array, check_band, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, MissedModesError
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE
 from femsub.linalg.threads import FEW, one_thread
-from femsub.model.bands import EDGE, check_band, in_band
-from femsub.model.evidence import CERTIFIED, CONFIRMED, NOT_CHECKED
+from femsub.model.bands import beyond, in_band
 from femsub.model.friction import Belt
 from femsub.model.matrices import equilibration, scaled, unit_length
 from femsub.model.pencil import Pencil
@@ -217,10 +216,10 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         warnings.warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
                       f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",
                       FemsubWarning, stacklevel=2)
-    beyond = result.frequencies > cutoff * (1 + EDGE)
     box = None if box is None else (*box[:3], min(box[3], cutoff))
     counted = None if proof is None else (proof.radius, proof.number)
-    return replace(result, above_cutoff=beyond, searched=box, certified=certified, counted=counted, evidence=evidence)
+    return replace(result, above_cutoff=beyond(result.frequencies, cutoff), searched=box, certified=certified, counted=counted,
+                   evidence=evidence)
 
 
 def certificates(pencil: Pencil, values: Array, X: Array, Y: Array, found: Array | None = None) -> ComplexModes:

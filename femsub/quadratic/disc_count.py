@@ -13,10 +13,9 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import CERTIFIED, CONFIRMED, Array
 from femsub.errors import SingularMatrixError
 from femsub.linalg.factor import counting, factorise, inertia
-from femsub.model.evidence import CERTIFIED, CONFIRMED
 from femsub.model.matrices import Difference
 from femsub.quadratic.damping_split import Split
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from femsub.checks import Array, Matrix
-from femsub.model.bands import in_band
-from femsub.model.estimate import upper
-from femsub.model.friction import Belt
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.quadratic.complex_modes import ComplexModes
+from femsub.model.bands import upper, within
+from femsub.model.substructure import ReducedSubstructure
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
+    from femsub.model.substructure import Substructure
+    from femsub.quadratic.complex_modes import ComplexModes
 
 NEAR = 0.5  # |Δλ| / |λ| beyond which an eigenvalue has no counterpart
 SWAP = 0.05  # |Δλ| / |λ| that shapes which have nothing in common weigh as much as
@@ -27,11 +29,36 @@ class SpectrumErrors(NamedTuple):
     mac: float
 
 
-def match(reference: Array, values: Array, penalty: Array | float = 0.0) -> tuple[Array, Array]:
-    """The one-to-one assignment of two spectra with the least sum of |Δλ| + penalty: indices into both, never by position."""
+def match(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
+          far: float | None = None) -> tuple[Array, Array]:
+    """The one-to-one assignment of two spectra with the least sum of `pair_costs`: indices into both, never by position."""
+    return assigned(pair_costs(reference, values, alike, weight=weight, far=far))
+
+
+def pair_costs(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
+               far: float | None = None) -> Array:
+    """|Δλ| + weight |λ| (1 - MAC); with `far` min(|Δλ| / |λ|, far) + weight (1 - MAC), shape (k, l).
+
+    With `far` one without a counterpart does not drive others from theirs.
+
+    Parameters
+    ----------
+    reference, values : ndarray, shapes (k,) and (l,)
+    alike : ndarray, shape (k, l), optional
+        The MAC of the shapes, which decides where frequencies lie close; where it is NaN the shapes cost nothing.
+    """
+    cost, size = np.abs(reference[:, None] - values), np.abs(reference)[:, None]
+    if far is not None:
+        cost = np.divide(cost, size, out=np.where(cost > 0, far, 0.0), where=size > 0)
+        cost, size = np.minimum(cost, far), np.ones(1)
+    return cost if alike is None else cost + weight * size * np.nan_to_num(1 - alike)
+
+
+def assigned(cost: Array) -> tuple[Array, Array]:
+    """Rows and columns of the one-to-one assignment with the least sum of costs."""
     from scipy.optimize import linear_sum_assignment
 
-    return linear_sum_assignment(np.abs(reference[:, None] - values[None, :]) + penalty)
+    return linear_sum_assignment(cost)
 
 
 def likeness(full: Substructure, model: Substructure, x: Array, y: Array) -> Array:
@@ -67,21 +94,18 @@ def spectrum_errors(full: ComplexModes, reduced: ComplexModes,
     With the two `models` shapes count as well: where frequencies lie close they decide which belongs to which, and the
     smallest MAC is given (else NaN), for clusters that of the subspace.
     """
-    (reference, x), (values, y) = (_shown(modes) for modes in (full, reduced))
-    bars, other = (modes.error_bar[_counted(modes)] for modes in (full, reduced))
+    ours, theirs = listed(full), listed(reduced)
+    reference, x, bars = full.eigenvalues[ours], full.shapes[:, ours], full.error_bar[ours]
+    values, y, other = reduced.eigenvalues[theirs], reduced.shapes[:, theirs], reduced.error_bar[theirs]
     if len(reference) == 0:
         return SpectrumErrors(0.0, 0.0, 0, 1.0 if models else np.nan)
-    penalty: Array | float = 0.0
-    if models:
-        alike = likeness(*models, x, y)
-        penalty = SWAP * np.abs(reference)[:, None] * np.nan_to_num(1 - alike)
-    at, to = match(reference, values, penalty)
+    at, to = match(reference, values, likeness(*models, x, y) if models else None)
     error = np.abs(values[to] - reference[at]) / np.abs(reference[at])
     near = error <= NEAR
     missing = len(reference) - int(near.sum())
     if not near.any():
         return SpectrumErrors(np.nan, np.nan, missing, np.nan)
-    size = np.abs(reference.real) if scale is None else np.maximum(scale[_counted(full)], np.abs(reference.real))
+    size = np.abs(reference.real) if scale is None else np.maximum(scale[ours], np.abs(reference.real))
     growth, noise = np.abs(values[to].real - reference[at].real), np.nan_to_num(bars[at] + other[to], posinf=0.0)
     size = np.maximum(size[at], noise)
     growth = np.divide(growth, size, out=np.zeros_like(size), where=(size > noise) | (growth > noise))
@@ -120,20 +144,16 @@ def turnover(model: Substructure, contacts: Belt | None, modes: ComplexModes) ->
     return taken / (2 * np.maximum(_energy(x, model.M @ x), np.finfo(float).tiny))
 
 
-def _counted(modes: ComplexModes) -> Array:
+def listed(modes: ComplexModes) -> Array:
+    """The eigenvalues that are compared, bool (k,): Im λ ≥ 0, and no rigid motion."""
     return np.asarray(~modes.rigid & upper(modes.eigenvalues))
-
-
-def _shown(modes: ComplexModes) -> tuple[Array, Array]:
-    keep = _counted(modes)
-    return modes.eigenvalues[keep], modes.shapes[:, keep]
 
 
 def extra_eigenvalues(full: ComplexModes, reduced: ComplexModes, band: tuple[float, float]) -> int:
     """Eigenvalues of a reduced model in the band, below its cut-off, that match none of the full model."""
-    shown = _counted(reduced)
-    reference, values = full.eigenvalues[_counted(full)], reduced.eigenvalues[shown]
-    counted = ~reduced.above_cutoff[shown] & in_band(values, band, (-band[1], band[1]))
+    shown = listed(reduced)
+    reference, values = full.eigenvalues[listed(full)], reduced.eigenvalues[shown]
+    counted = ~reduced.above_cutoff[shown] & within(values, band)
     counted[match(reference, values)[1]] = False
     return int(counted.sum())
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from femsub.checks import Array, items, positive_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
-from femsub.model.bands import EDGE
+from femsub.model.bands import beyond
 from femsub.model.friction import Belt
 from femsub.model.matrices import Difference
 from femsub.model.pencil import Pencil
@@ -19,6 +19,7 @@ from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.quadratic import dense as qep
 from femsub.quadratic.complex_modes import ComplexModes, certificates
+from femsub.quadratic.matching import assigned, pair_costs
 
 BELONGS = 1e-6  # the largest backward error with which modes are taken for those of the reduced model
 LOST = 0.5  # a mode that keeps less of its shape (as energy) than this is another one
@@ -169,7 +170,7 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
     values, X, Y = values[at], X[:, at], Y[:, at]
     values, X, Y = np.where(flip, values.conj(), values), np.where(flip, X.conj(), X), np.where(flip, Y.conj(), Y)
     result = certificates(pencil, values, X, Y)
-    result = replace(result, above_cutoff=result.frequencies > full.cutoff * (1 + EDGE))
+    result = replace(result, above_cutoff=beyond(result.frequencies, full.cutoff))
     lost = (share[at] < LOST) | (twin[at] >= 0)
     lost[modes.rigid[chosen]] = False
     merged = tuple((int(rows[twin[i]]), int(rows[i])) for i in range(len(rows)) if twin[i] >= 0)
@@ -257,15 +258,12 @@ def _rotated(x: Array, gram: Array, least: float) -> Array:
 
 def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> tuple[Array, Array]:
     """For each mode of the step before one Ritz pair, by shape and distance; and which other mode has taken a better one."""
-    from scipy.optimize import linear_sum_assignment
-
     unit = q / np.maximum(np.linalg.norm(q, axis=0), 1e-300)
     shapes = np.abs(unit.conj().T @ (xs / np.maximum(np.linalg.norm(xs, axis=0), 1e-300))) ** 2
-    distance = np.abs(values[:, None] - small) / np.maximum(np.abs(values[:, None]), 1e-300)
-    cost = 1 - shapes + np.minimum(distance, 1.0)
+    cost = pair_costs(values, small, shapes, weight=1.0, far=1.0)
     cost[:, small.imag < 0] = 3.0  # the conjugates, whose shapes are hardly different
     cost[still] = 0.0
-    rows, at = linear_sum_assignment(cost)
+    rows, at = assigned(cost)
     twin = np.full(len(values), -1)
     best = cost.argmin(axis=1)
     for i in rows[~still]:

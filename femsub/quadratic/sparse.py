@@ -11,16 +11,18 @@ from femsub.checks import Array
 from femsub.errors import BreakdownError, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.linalg.factor import QUADRATIC
 from femsub.linalg.petsc import Factor, quadratic_modes
-from femsub.model.bands import EDGE, in_band
+from femsub.model.bands import beyond, in_band
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.quadratic import damping_split as splitting
 from femsub.quadratic import dense as qep
 from femsub.quadratic import disc_count as condensed
+from femsub.quadratic.matching import match
 from femsub.quadratic.multiplicity import Search, clear_radius, distinct, joined
 from femsub.quadratic.winding_count import missed_around, undamped_reference
 
+SAME = 1e-6  # |Δλ| / |λ| up to which left and right vectors belong to one eigenvalue
 MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
 # Tolerance, what is added to the seed of the start, and what to the number asked for, relatively; tried in turn. TOAR's own
 # estimate is optimistic, at 1e-12 by five digits where K is singular. Where it breaks off, in reordering a Schur form with
@@ -165,13 +167,9 @@ class Shifted:
             other = Shifted(self.pencil.transposed())
         found, vectors = other.gathered(ask, searches)
         Y = np.zeros_like(X)
-        free = np.ones(len(found), dtype=bool)
-        for j in np.argsort(np.abs(values)):
-            distance = np.where(free, np.abs(found - values[j]), np.inf)
-            at = int(np.argmin(distance))
-            if distance[at] <= 1e-6 * max(abs(values[j]), self.shift):
-                free[at] = False
-                Y[:, j] = vectors[:, at].conj()
+        at, to = match(values, found, far=2 * SAME)
+        near = np.abs(found[to] - values[at]) <= SAME * np.maximum(np.abs(values[at]), self.shift)
+        Y[:, at[near]] = vectors[:, to[near]].conj()
         return Y
 
 
@@ -194,7 +192,7 @@ def solve_count(pencil: Pencil, count: int, certify: bool | None) -> Found:
             parts, ask = None, ask - 2  # what was not asked for must not be what fails
             continue
         reach = np.abs(values - problem.shift).max() - problem.shift
-        sure = np.abs(values) <= reach * (1 + EDGE)
+        sure = ~beyond(np.abs(values), reach)
         if _listed(values[sure]) < count and _listed(values) < 2 * pencil.size and ask < 2 * pencil.size:
             ask = min(2 * ask, 2 * pencil.size)
             continue
@@ -289,9 +287,9 @@ def _edge(parts: splitting.Split, radius: float) -> condensed.Edge | None:
     """The undamped count at a radius, or up to 0.1 % beyond it where a mode is just there; None where K0 - R²M cannot be
     factorised.
     """
-    for beyond in (0.0, 1e-5, 1e-3):
+    for share in (0.0, 1e-5, 1e-3):
         try:
-            return condensed.edge(parts, radius * (1 + beyond))
+            return condensed.edge(parts, radius * (1 + share))
         except SingularMatrixError:
             continue
     return None

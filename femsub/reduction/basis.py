@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, finite_number, whole_number
+from femsub.checks import Array, Matrix, check_band, finite_number, whole_number
 from femsub.errors import InputError
-from femsub.model.bands import check_band
 from femsub.model.estimate import Estimate
 from femsub.modes.normal_modes import NormalModes, lowest_modes
 from femsub.modes.shift_invert import ShiftInvert

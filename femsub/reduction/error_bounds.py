@@ -12,14 +12,16 @@ from functools import cached_property
 import numpy as np
 
 from femsub.checks import EPS, Array
-from femsub.model.bands import EDGE, in_band
-from femsub.model.estimate import SHARE, Estimate, moving, paired, upper, within
+from femsub.model.bands import beyond, in_band, moving, upper, within
+from femsub.model.estimate import SHARE, Estimate
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import all_modes
 from femsub.modes.shift_invert import RIGID
 from femsub.modes.static_shapes import DEPENDENT, NOISE
 from femsub.quadratic.dense import solve
+from femsub.quadratic.matching import match
 
+FAR = 2.0  # |Δλ| / |λ| from which on no two eigenvalues are nearer than others
 MARGIN = 1.01  # on each figure: where all modes are at hand it is the error itself, and rounding would take it below that
 
 
@@ -230,13 +232,12 @@ class Nested:
 
     def estimate(self, count: int, band: tuple[float, float], tol: float, damped: bool = True) -> Estimate:
         """That of the reduced model with `count` modes."""
-        lo, hi = band[0] * (1 - EDGE), band[1] * (1 + EDGE)
         (omega, rounding), low = self.undamped(count), self.bounds
         known = min(len(omega), len(low))
-        inside = np.flatnonzero((low[:known] <= hi) & (omega[:known] >= lo))
+        inside = np.flatnonzero(~beyond(low[:known], band[1]) & ~beyond(band[0], omega[:known]))
         error = MARGIN * np.maximum(omega[inside] - low[inside], 0.0) / low[inside]
         error += rounding[inside] / omega[inside] + 4 * EPS
-        lacking = int(np.count_nonzero(low <= hi)) - int(np.count_nonzero(low[:known] <= hi))
+        lacking = int(np.count_nonzero(~beyond(low[known:], band[1])))
         values, errors, unmatched = np.zeros(0, dtype=complex), np.zeros(0), lacking
         if self.D is not None and damped:
             values, errors, more = self._compared(count, band)
@@ -258,11 +259,11 @@ class Nested:
         """λ of the reduced model that belong to those of the reference in the band, their errors, and how many miss one."""
         found, bar = self.damped(count)[:2]
         exact, exact_bar = self.reference
-        at, to = paired(exact, found)
+        at, to = match(exact, found, far=FAR)
         distance = np.abs(found[to] - exact[at])
         inside = within(exact[at], band) | (within(found[to], band) & (distance < np.abs(exact[at]) / 2))
         largest, doubt = self.doubt
-        near = paired(exact, largest)
+        near = match(exact, largest, far=FAR)
         tail = np.zeros(len(exact))
         tail[near[0]] = doubt[near[1]]
         size = np.abs(exact[at])

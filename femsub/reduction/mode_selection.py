@@ -10,8 +10,8 @@ import numpy as np
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
 from femsub.linalg.memory import check_columns
-from femsub.model.bands import in_band
-from femsub.model.estimate import SHARE, Estimate, within
+from femsub.model.bands import in_band, within
+from femsub.model.estimate import SHARE, Estimate
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import NormalModes, all_modes, lowest_modes
 from femsub.modes.static_shapes import independent, lightest

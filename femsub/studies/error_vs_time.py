@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, listener, real_array, shown, whole_number
+from femsub.checks import Array, check_band, listener, real_array, shown, whole_number
 from femsub.errors import CutoffWarning, FemsubError, InputError, InputTypeError, PortWarning
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE
-from femsub.model.bands import check_band, in_band
+from femsub.model.bands import in_band
 from femsub.model.friction import Belt
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes

@@ -15,12 +15,12 @@ import numpy as np
 from femsub.checks import Array, finite_number, items
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.linalg.factor import complex_solve, factorise
-from femsub.model.bands import in_band
+from femsub.model.bands import within
 from femsub.model.friction import Belt
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.motion.nonlinear_model import project
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
-from femsub.quadratic.matching import SWAP, likeness, match
+from femsub.quadratic.matching import likeness, listed, match
 
 NEAR = 0.05  # |Δλ| / |λ| up to which a mode of a reduced model can stand for one of the full model
 ALIKE = 0.9  # and the MAC of the two shapes from which on it does
@@ -236,7 +236,7 @@ def rank_correlation(rows: Sequence[Mapping[str, Any]], criteria: Sequence[str],
 
 def _upper(modes: ComplexModes) -> tuple[Array, Array, Array, ComplexModes]:
     """λ with Im λ ≥ 0 that belong to no rigid motion, ascending; their shapes; which grow for certain, cut-off or not."""
-    keep = np.flatnonzero(~modes.rigid & (modes.eigenvalues.imag >= 0))
+    keep = np.flatnonzero(listed(modes))
     keep = keep[np.argsort(modes.eigenvalues[keep].imag, kind="stable")]
     grows = np.array([modes.stable[i] is False for i in keep], dtype=bool)
     return modes.eigenvalues[keep], modes.shapes[:, keep], grows, modes
@@ -253,9 +253,7 @@ def _compare(full: Substructure, model: Substructure, ours: Spectrum, theirs: Sp
         q = project(model, full.M, np.hstack([x.real, x.imag]))
         kept = np.einsum("ij,ij->j", q, model.M @ q).reshape(2, -1).sum(axis=0)
         loss = np.clip(1 - kept / np.einsum("ij,ij->j", x.conj(), full.M @ x).real, 0.0, 1.0)
-    # Where frequencies lie close, shapes decide.
-    penalty = SWAP * np.abs(values)[:, None] * np.nan_to_num(1 - alike)
-    at, to = match(values, others, penalty)
+    at, to = match(values, others, alike)
     fit = np.abs(others[to] - values[at]) <= NEAR * np.abs(values[at])
     fit &= ~(alike[at, to] < ALIKE)
     counterpart, mac = np.full(len(values), complex(np.nan, np.nan)), np.full(len(values), np.nan)
@@ -265,7 +263,7 @@ def _compare(full: Substructure, model: Substructure, ours: Spectrum, theirs: Sp
     extra = increase.copy()
     extra[to[fit & grows[at]]] = False
     if limits is not None:
-        extra &= in_band(others, limits, (-limits[1], limits[1]))
+        extra &= within(others, limits)
     norm, error, sizes = (np.linalg.norm(part, axis=(1, 2)) for part in (h, other - h, other))
     with np.errstate(divide="ignore", invalid="ignore"):
         even = np.nan_to_num(error / (norm + sizes))

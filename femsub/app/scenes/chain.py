@@ -12,10 +12,9 @@ import numpy as np
 from femsub.app.report import known, machine, table
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.outputs import comparable
-from femsub.checks import whole_number
+from femsub.checks import check_band, whole_number
 from femsub.components.chain import chain
 from femsub.errors import InputError, PortWarning
-from femsub.model.bands import check_band
 from femsub.model.friction import LAWS
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes

@@ -12,11 +12,10 @@ from typing import ClassVar
 import numpy as np
 
 from femsub.app.scene import Scene
-from femsub.checks import Array
+from femsub.checks import Array, check_band
 from femsub.components.fields import displacements, node_rows
 from femsub.components.mesh import Mesh
 from femsub.errors import InputError, PortWarning
-from femsub.model.bands import check_band
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import NormalModes, normal_modes
 from femsub.reduction.reduce import METHODS, CraigBampton, CraigChang, reduce

@@ -14,10 +14,9 @@ from femsub.app.scenes.component import SHORT, ComponentScene, Progress, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
 from femsub.model.bands import in_band
-from femsub.model.estimate import upper
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
-from femsub.quadratic.matching import relative_error
+from femsub.quadratic.matching import listed, relative_error
 from femsub.stability.critical_slope import critical_slope
 from femsub.studies.error_vs_time import border_or_reason, study
 
@@ -167,7 +166,7 @@ def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[s
     """
     data: dict[str, Any] = {"up_to": limit}
     for name, modes in (("", found), ("full_", exact)):
-        keep = ~modes.rigid & upper(modes.eigenvalues) & in_band(modes.eigenvalues, (0.0, limit))
+        keep = listed(modes) & in_band(modes.eigenvalues, (0.0, limit))
         data |= {f"{name}counted": int(keep.sum()), f"{name}growth": float(modes.eigenvalues.real[keep].max(initial=-np.inf))}
     return data
 

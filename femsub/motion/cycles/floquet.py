@@ -28,12 +28,12 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg as la
 from scipy.interpolate import CubicSpline
-from scipy.optimize import linear_sum_assignment
 
 from femsub.checks import Array
 from femsub.motion.cycles.balance import Orbit, coefficients, samples_of
 from femsub.motion.cycles.compliance import Fractions
 from femsub.motion.nonlinear_model import Sliding
+from femsub.quadratic.matching import match
 
 STEPS = 1024  # of the first of two passes
 MOST = 32768
@@ -124,18 +124,13 @@ def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps
     Phi = best if corrected is None else best + _passage(contact, flexibility, corrected) - coarse
     values = _sorted(np.linalg.eigvals(Phi[:, :-1]))
     at = int(np.argmin(np.abs(values - 1)))
-    to = _partners(values, found)
-    moved, stepped = np.abs(values - found[to]), np.abs(found - plain[_partners(found, plain)])[to]
+    to = match(values, found)[1]
+    moved, stepped = np.abs(values - found[to]), np.abs(found - plain[match(found, plain)[1]])[to]
     doubts = MARGIN * (moved + stepped + SPILLED * (moved + stepped).max()) + AMPLIFIED * abs(values[at] - 1)
     if corrected is None:
         doubts = np.full(len(values), np.inf)
     return Multipliers(np.delete(values, at), np.delete(doubts, at), complex(values[at]), float(stepped.max()),
                        float(moved.max()), 2 * steps)
-
-
-def _partners(values: Array, others: Array) -> Array:
-    """Which of the others belongs to each of the values, so that the distances add up to the least."""
-    return linear_sum_assignment(np.abs(values[:, None] - others))[1]
 
 
 def _sorted(values: Array) -> Array:

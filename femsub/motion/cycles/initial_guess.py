@@ -19,6 +19,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError, InputTypeError, NoCycleError
+from femsub.model.bands import beyond
 from femsub.model.friction import width_of
 from femsub.motion.cycles.balance import Orbit, coefficients
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
@@ -72,7 +73,7 @@ def unstable_modes(contact: Sliding, flexibility: Fractions) -> Array:
     slopes = -contact.tangent(np.zeros(contact.columns))
     values = eigenvalues(form, form.C + (flexibility.w * slopes) @ flexibility.w.T)
     noise = 1e-12 * float(np.abs(values).max(initial=1.0))
-    values = values[(values.real > noise) & (values.imag > 0) & (values.imag <= contact.model.cutoff)]
+    values = values[(values.real > noise) & (values.imag > 0) & ~beyond(values.imag, contact.model.cutoff)]
     return values[np.argsort(-values.real)]
 
 
