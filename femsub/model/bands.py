@@ -10,6 +10,7 @@ EDGE = 1e-9  # of |λ| that an eigenvalue may lie beyond an edge, and still be i
 DOUBLE = 1e-6  # of |λ| up to which two eigenvalues are taken for one that rounding has split: if one is in, so is the other
 LEAST = 1e-2  # of the band's upper end: the size of smaller eigenvalues in these two, since at 0 an eigenvalue is all rounding
 REAL = 1e-7  # |Im λ| / |λ| below which λ is real: rounding makes pairs of two equal ones
+REAL_ROOT = 1e-6  # |Im c| / |Re c| up to which a contact's coefficient on the border is real: else it is no border
 Range = tuple[float, float]
 
 

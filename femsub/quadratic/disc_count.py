@@ -16,6 +16,7 @@ import scipy.linalg as la
 from femsub.checks import CERTIFIED, CONFIRMED, Array
 from femsub.errors import SingularMatrixError
 from femsub.linalg.factor import counting, factorise, inertia
+from femsub.linalg.subspace import new_directions
 from femsub.model.matrices import Difference
 from femsub.quadratic.damping_split import Split
 
@@ -161,34 +162,14 @@ class _Basis:
         self.solves += B.shape[1]
         return self.solve(B)
 
-    def _outside(self, new: Array) -> Array:
-        return new - self.V @ (self.AV.T @ new) if self.size else new
-
     def add(self, new: Array) -> None:
         """Appends what is new, made orthonormal."""
-        new = np.array(new, order="C")
-        least = 0.0
-        if self.size:
-            length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, self.A @ new), 0.0))
-            new, least = self._outside(new[:, length > 0] / length[length > 0]), 1e-9
-        for last in (False, True):  # twice is enough
-            Anew = self.A @ new
-            length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, Anew), 0.0))
-            if not (keep := length > least).all():
-                new, Anew, length = new[:, keep], Anew[:, keep], length[keep]
-            if not new.shape[1]:
-                return
-            gram = new.T @ Anew / np.outer(length, length)
-            values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-            good, least = values > 1e-10 * values[-1], 0.0
-            change = vectors[:, good] / np.sqrt(values[good]) / length[:, None]
-            new = new @ change if last else self._outside(new @ change)
-        Anew = Anew @ change
-        Mnew = self.parts.M @ new
-        more = [new, Anew, Mnew, self._solved(Mnew)]
-        if self.size:
-            more = [np.hstack(pair) for pair in zip((self.V, self.AV, self.MV, self.T), more, strict=True)]
-        self.V, self.AV, self.MV, self.T = more
+        new, Anew = new_directions(self.V, np.array(new, order="C"), self.A.__matmul__)
+        if new.shape[1]:
+            Mnew = self.parts.M @ new
+            more = (new, Anew, Mnew, self._solved(Mnew))
+            self.V, self.AV, self.MV, self.T = (np.hstack(pair) for pair in zip(
+                (self.V, self.AV, self.MV, self.T), more, strict=True))
 
     def small(self, at: Edge) -> _Small:
         M, W = self.V.T @ self.MV, self.AV.T @ self.static

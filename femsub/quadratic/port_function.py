@@ -17,10 +17,8 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
-from femsub.model.bands import in_band, widened
+from femsub.model.bands import REAL_ROOT, in_band, widened
 from femsub.quadratic.dense import ModalForm
-
-REAL = 1e-6  # |Im c| ≤ REAL |Re c|, or the root is an antiresonance
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +144,7 @@ class PortFunction:
         G = self.exact(omega)[0]
         c = -1 / G if G else np.inf
         # A resonance may be hardly wider than the spacing of floating-point numbers at ω.
-        limit = REAL + 16 * float(np.spacing(omega)) / width
+        limit = REAL_ROOT + 16 * float(np.spacing(omega)) / width
         if not np.isfinite(c) or c.real >= 0 or abs(c.imag) > limit * abs(c.real):
             return None
         return omega, float(c.real)

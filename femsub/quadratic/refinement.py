@@ -11,6 +11,7 @@ import numpy as np
 
 from femsub.checks import Array, items, positive_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
+from femsub.linalg.subspace import new_directions
 from femsub.model.bands import beyond
 from femsub.model.friction import Belt
 from femsub.model.matrices import Difference
@@ -137,14 +138,13 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
         active = np.flatnonzero(error > tol)
         if not len(active):
             break
-        error[active], z, forces = space.corrections(values[active], q[:, active])
+        error[active], z = space.corrections(values[active], q[:, active], 0.1 * tol)
         if left is not None:
-            other, *more = space.corrections(values[active].conj(), left[:, active], True)
-            error[active] = np.maximum(error[active], other)
-            z, forces = np.hstack([z, more[0]]), np.hstack([forces, more[1]])
+            other, more = space.corrections(values[active].conj(), left[:, active], 0.1 * tol, True)
+            error[active], z = np.maximum(error[active], other), np.hstack([z, more])
         if error.max(initial=0.0) <= tol:
             break
-        if step == steps or not space.append(z, forces, 0.1 * tol):
+        if step == steps or not space.append(z):
             worst = int(error.argmax())
             raise NotConvergedError(
                 f"the mode that began at λ = {modes.eigenvalues[rows[worst]]:.6g} is at {values[worst]:.6g} after {step} steps "
@@ -202,22 +202,11 @@ class _Space:
     def coordinates(self, X: Array) -> Array:
         return self.V.T @ (self.A @ X)
 
-    def append(self, new: Array, forces: Array | None = None, least: float = 0.0) -> bool:
-        """Takes in what of the columns is longer (in A) than `least`, and new; `forces` are A times the columns if known.
-
-        Corrections A⁻¹r are A-orthogonal to V already, since Vᵀr = 0 (Galerkin): only rounding is left to remove.
-        """
-        forces = self.A @ new if forces is None else forces
-        length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, forces), 0.0))
-        keep = length > least
-        if not keep.any():
+    def append(self, new: Array) -> bool:
+        """Appends what V does not hold, made orthonormal; False where it holds all of it."""
+        new, old = new_directions(self.V, new, self.A.__matmul__)[0], self.V.shape[1]
+        if not new.shape[1]:
             return False
-        new, forces = new[:, keep] / length[keep], forces[:, keep] / length[keep]
-        new, old = _rotated(new, new.T @ forces, 1e-13), self.V.shape[1]
-        for _ in range(2 if old else 1):  # once is not enough: what V lacks in orthogonality would grow from step to step
-            forces = self.A @ new
-            share = self.V.T @ forces
-            new = _rotated(new - self.V @ share, new.T @ forces - share.T @ share, 1e-8)
         Mnew, Dnew = self.full.M @ new, self.full.D @ new
         Dleft = Dnew if self.full.symmetric[1] else self.full.D.T @ new
         self.V = np.hstack([self.V, new])
@@ -228,8 +217,8 @@ class _Space:
         self.D = np.block([[self.D, D[:old]], [(self.V[:, :old].T @ Dleft).T, damping]])
         return True
 
-    def corrections(self, values: Array, q: Array, left: bool = False) -> tuple[Array, Array, Array]:
-        """sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) per column of x = Vq, and A⁻¹r and r for x of unit energy, real and imaginary parts."""
+    def corrections(self, values: Array, q: Array, least: float, left: bool = False) -> tuple[Array, Array]:
+        """sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) per column of x = Vq; real and imaginary parts of A⁻¹r, for x of unit energy, above `least`."""
         # Turned in phase to be as real as can be: half of the corrections then hardly matter, and are left out.
         q = q * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", q, q))) / np.linalg.norm(q, axis=0)
         k = q.shape[1]
@@ -240,20 +229,13 @@ class _Space:
         forces = np.hstack([r.real, r.imag])
         z = self.handle.factor.solve(forces)
         self.solves += 2 * k
-        square = np.einsum("ij,ij->j", z, forces)
-        return np.sqrt(np.maximum(square[:k] + square[k:], 0.0)), z, forces
+        square = np.maximum(np.einsum("ij,ij->j", z, forces), 0.0)
+        return np.sqrt(square[:k] + square[k:]), z[:, np.sqrt(square) > least]
 
 
 def _complex(parts: Array) -> Array:
     k = parts.shape[1] // 2
     return parts[:, :k] + 1j * parts[:, k:]
-
-
-def _rotated(x: Array, gram: Array, least: float) -> Array:
-    """x made A-orthonormal by xᵀAx = gram, without directions below sqrt(least)."""
-    sizes, vectors = np.linalg.eigh((gram + gram.T) / 2)
-    keep = sizes > least * sizes[-1]
-    return x @ (vectors[:, keep] / np.sqrt(sizes[keep]))
 
 
 def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ import numpy as np
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError, UnstableModelError
 from femsub.linalg.factor import complex_solve
+from femsub.linalg.subspace import new_directions
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
 from femsub.model.matrices import is_symmetric
@@ -197,15 +198,7 @@ class _Growing:
         if not len(omega):
             return
         new = np.hstack([complex_solve(self.full.at(1j * value), self.load) for value in omega])
-        new = np.hstack([new.real, new.imag])
-        new = new[:, np.linalg.norm(new, axis=0) > 0]
-        new = new / np.sqrt(np.einsum("ij,ij->j", new, self.full.M @ new))
-        for _ in range(2):
-            new = new - self.V @ (self.V.T @ (self.full.M @ new))
-        values, vectors = np.linalg.eigh(new.T @ (self.full.M @ new))
-        keep = values > 1e-18
-        new = new @ (vectors[:, keep] / np.sqrt(values[keep]))
-        new = new - self.V @ (self.V.T @ (self.full.M @ new))
+        new, _ = new_directions(self.V, np.hstack([new.real, new.imag]), self.full.M.__matmul__)
         cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
         cross[:self.rigid] = 0.0  # K resists no rigid motion: rounding beside exact zeros would pass for a soft mount
         self.K = np.block([[self.K, cross], [cross.T, (own + own.T) / 2]])

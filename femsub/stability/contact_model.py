@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
-from femsub.model.bands import in_band
+from femsub.model.bands import REAL_ROOT, in_band
 from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil
 from femsub.quadratic.dense import definite_form
@@ -19,7 +19,6 @@ MARGIN = 1e-3  # each border is verified on the pencil at c(1 ∓ MARGIN)
 KEPT = 3  # decompositions of one model
 FELT = 1e-10  # of ‖W‖‖q‖ that a shape moves the contact by, at least
 NO_RATIO = 2e-13  # twice a damping ratio of the size of rounding
-REAL = 1e-6  # |Im c| ≤ REAL |Re c|, or c is no border
 Band = tuple[float, float]
 
 
@@ -149,7 +148,7 @@ class Model:
         fed = braked.T @ self.W
         answer = np.linalg.solve(braked.T @ self.form.C @ braked, fed)
         values, mix = np.linalg.eig(fed.T @ answer)
-        lost = np.flatnonzero((values.real > 0) & (np.abs(values.imag) <= REAL * values.real))
+        lost = np.flatnonzero((values.real > 0) & (np.abs(values.imag) <= REAL_ROOT * values.real))
         if not len(lost):
             return None
         first = lost[np.argmax(values.real[lost])]

@@ -19,6 +19,7 @@ import scipy.linalg as la
 from femsub.checks import Array
 from femsub.errors import SingularMatrixError
 from femsub.linalg.factor import QUADRATIC, Handle, complex_solve, factorise
+from femsub.linalg.subspace import new_directions
 from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import Substructure
@@ -265,14 +266,7 @@ class Solved:
 
     def _grow(self, new: Array) -> None:
         new = np.hstack([new.real, new.imag]) if np.iscomplexobj(new) else new
-        new = new[:, np.linalg.norm(new, axis=0) > 0]
-        new = new / np.linalg.norm(new, axis=0)
-        for _ in range(2):
-            new = new - self.V @ (self.V.T @ new)
-        basis, triangle, _ = la.qr(new, mode="economic", pivoting=True, check_finite=False)
-        rank = int(np.count_nonzero(np.abs(triangle.diagonal()) > 1e-11))
-        basis = basis[:, :rank] - self.V @ (self.V.T @ basis[:, :rank])
-        self.V = np.hstack([self.V, basis])
+        self.V = np.hstack([self.V, new_directions(self.V, new, np.asarray)[0]])
         self._project()
 
     def mobility(self, s: Array) -> tuple[Array, Array]:

@@ -1,0 +1,54 @@
+"""A basis V that grows: columns made orthonormal, VᵀAV = I, to those before and among themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from femsub.checks import Array
+
+INSIDE = 1e-9  # share of a column's length up to which what V leaves of it is rounding
+DEPENDENT = 1e-10  # of the largest eigenvalue of the Gram matrix: the square of what a combination of columns has of its own
+
+
+def new_directions(V: Array, columns: Array, product: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Q (n, k) with [V Q]ᵀA[V Q] = I that spans what `columns` have beyond V, and AQ.
+
+    Block Gram-Schmidt in two passes. Columns are brought to unit length before each, so that their units do not matter. Among
+    each other they are told apart by their Gram matrix, which holds half of the digits: the second pass gives the rest back.
+    What lies in V, or depends on other columns, within rounding is left out; k may be 0.
+
+    Parameters
+    ----------
+    V : ndarray, shape (n, m)
+        VᵀAV = I; m may be 0.
+    columns : ndarray, shape (n, l)
+    product : callable
+        x (n, l) to Ax, with a symmetric positive semidefinite A.
+
+    References
+    ----------
+    L. Giraud, J. Langou, M. Rozložník, J. van den Eshof, Numer. Math. 101 (2005) 87 (two passes are enough).
+    """
+    x, image = _of_unit_length(columns, product(columns), 0.0)
+    for least in (INSIDE, 0.0):
+        if V.shape[1] and x.shape[1]:
+            x = x - V @ (V.T @ image)
+            x, image = _of_unit_length(x, product(x), least)
+        if not x.shape[1]:
+            break
+        gram = x.T @ image
+        values, vectors = np.linalg.eigh((gram + gram.T) / 2)
+        good = values > DEPENDENT * values[-1]
+        change = vectors[:, good] / np.sqrt(values[good])
+        x = x @ change
+        image = product(x) if least else image @ change  # the second change is by rounding
+    return x, image
+
+
+def _of_unit_length(x: Array, image: Array, least: float) -> tuple[Array, Array]:
+    """Columns longer than `least` (in A), and their products, over their lengths."""
+    length = np.sqrt(np.maximum(np.einsum("ij,ij->j", x, image), 0.0))
+    keep = length > least
+    return x[:, keep] / length[keep], image[:, keep] / length[keep]
