@@ -218,11 +218,10 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
 
 
 def test_the_count_costs_one_factorisation_and_a_few_solves() -> None:
-    sub = fs.chain(3000, belt=2)
     made = {}
     for name, ask in (("count", {"count": 20}), ("band", {"band": (0.0, 0.01)})):
         for certify in (False, True):
-            before = Factor.made
+            sub, before = fs.chain(3000, belt=2), Factor.made
             fs.complex_modes(sub, BELT, certify=certify, **ask)
             made[name, certify] = Factor.made - before
     assert made == {("count", False): 1, ("count", True): 2, ("band", False): 2, ("band", True): 2}
@@ -279,7 +278,7 @@ def test_refined_modes_are_those_of_the_full_model(method: object, unsymmetric: 
     full = fs.complex_modes(sub, BELT, band=band)
     before = Factor.made
     out = fs.refine(sub, small, rom, BELT)
-    assert out.factorisations == 1 == Factor.made - before and out.solves <= 2 * len(small) * (1 + unsymmetric) * (out.steps + 1)
+    assert out.factorisations == Factor.made - before <= 1 and out.solves <= 2 * len(small) * (1 + unsymmetric) * (out.steps + 1)
     assert len(full) == len(small) == len(out.modes) and not out.lost.any() and out.merged == ()
     assert np.abs(out.modes.eigenvalues / full.eigenvalues - 1).max() < 1e-8
     true = np.abs(small.eigenvalues - full.eigenvalues)

@@ -16,7 +16,7 @@ import femsub
 from femsub.errors import FemsubError
 from femsub.linalg import petsc
 from femsub.linalg.factor import inertia
-from femsub.linalg.memory import available
+from femsub.linalg.process_memory import available
 from femsub.linalg.threads import libraries
 
 OPTIONAL = {"matplotlib": "figures", "scikit-fem": "fe", "meshio": "fe", "pyyeti": "nastran"}  # by the extra that brings it

@@ -11,7 +11,7 @@ import zlib
 from pathlib import Path
 
 from femsub.errors import InputError, NotEnoughMemoryError
-from femsub.linalg.memory import available
+from femsub.linalg.process_memory import available
 
 #: by NumPy, SciPy, h5py, pyyeti, meshio and Python's own readers, which trust what a file says of itself
 THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError, ImportError, LookupError, NameError, OSError,

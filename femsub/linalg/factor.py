@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from contextlib import suppress
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +14,10 @@ from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.linalg.ordering import leaves_first
 from femsub.linalg.petsc import Factor, Kind
+from femsub.linalg.shared import FACTOR_BYTES, drop, forget, shared
 from femsub.model.matrices import Difference, equilibration
+from femsub.model.pencil import Pencil
+from femsub.model.substructure import Substructure
 
 COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
 # on the real form of twice the size
@@ -32,6 +36,9 @@ class Handle(Protocol):
     @property
     def negative_pivots(self) -> int: ...
 
+    @property
+    def bytes(self) -> float: ...
+
     def solve(self, B: Array) -> Array: ...
 
     def close(self) -> None: ...
@@ -43,7 +50,7 @@ class DenseFactor:
     def __init__(self, A: Array, kind: Kind) -> None:
         import scipy.linalg as la
 
-        self.kind, self.size, self.columns = kind, int(A.shape[0]), 0
+        self.kind, self.size, self.columns, self.bytes = kind, int(A.shape[0]), 0, float(A.nbytes)
         Factor.made += 1
         try:
             if kind == "definite":
@@ -94,6 +101,41 @@ def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
     return Factor(A, kind)
 
 
+def shared_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float = 0.0) -> Handle:
+    """The factor of a model's K - σM, found again if it was made before (see `shared`): not for its users to close.
+
+    Raises
+    ------
+    SingularMatrixError
+        As `factorise`, and again where that was found before.
+    """
+    def made() -> Handle | str:
+        try:
+            return factorise(Difference(K, M, sigma) if sigma else K, kind)
+        except SingularMatrixError as error:
+            return str(error)
+
+    found = shared(*_key(K, kind, M, sigma), made, lambda it: 0.0 if isinstance(it, str) else it.bytes)
+    if isinstance(found, str):
+        raise SingularMatrixError(found)
+    return found
+
+
+def forget_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float = 0.0) -> None:
+    """Gives up a shared factor that has turned out to be of no use."""
+    forget(*_key(K, kind, M, sigma))
+
+
+def release(model: Pencil | Substructure) -> None:
+    """Gives up all that is shared of a model's matrices: its factors go as soon as nobody works with them."""
+    pencil = model if isinstance(model, Pencil) else model.pencil
+    drop(model.M, model.K, *chain((pencil.M, pencil.K), *pencil.rescaled.values()))
+
+
+def _key(K: Matrix, kind: Kind, M: Matrix | None, sigma: float) -> tuple[tuple[Matrix, ...], tuple[str, str, float]]:
+    return (K, M) if sigma and M is not None else (K,), ("factor", kind, sigma)
+
+
 class TreeFactor:
     """A = L D Lᵀ of a symmetric sparse A (n, n) whose graph is a forest, from the leaves on, without fill or pivoting.
 
@@ -113,7 +155,7 @@ class TreeFactor:
                             options={"SymmetricMode": True})
         except RuntimeError as error:
             raise SingularMatrixError(f"a {self.size} x {self.size} matrix is singular ({error})") from None
-        self._pivots = self._lu.U.diagonal()
+        self._pivots, self.bytes = self._lu.U.diagonal(), 2 * FACTOR_BYTES * self._lu.nnz
         if not (np.array_equal(self._lu.perm_r, self._lu.perm_c) and np.isfinite(self._pivots).all() and self._pivots.all()):
             raise SingularMatrixError(f"a {self.size} x {self.size} matrix has a pivot that is zero")
 

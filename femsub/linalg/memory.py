@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import scipy.sparse as sp
 
@@ -12,6 +9,8 @@ from femsub.checks import Array, Matrix
 from femsub.errors import NotEnoughMemoryError
 from femsub.linalg.ordering import layers as distance_layers
 from femsub.linalg.ordering import neighbours, quotient
+from femsub.linalg.process_memory import available
+from femsub.linalg.shared import FACTOR_BYTES, give_up_until, kept_bytes
 
 MODEL = 1.5  # the separators found here cost so much more than METIS'; with it, fourteen models agree to a factor of 1.7
 LARGE = 50_000  # DOF from which memory is looked at
@@ -36,12 +35,10 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int)
     """
     if not sp.issparse(K) or K.shape[0] < LARGE:
         return
-    free = available()
-    if free is None:
-        return
     parts = reduction_bytes(K, columns, modes)
     need = sum(parts.values())
-    if need > free:
+    free = at_hand(need)
+    if free is not None and need > free:
         largest = max(parts, key=lambda part: parts[part])
         advice = {
             "factorisation": "a slimmer or coarser mesh, or linear elements",
@@ -60,8 +57,8 @@ def check_columns(name: str, size: int, columns: int) -> None:
     NotEnoughMemoryError
         They take more: with both figures.
     """
-    free = available() if size >= LARGE else None
     need = 8.0 * size * columns
+    free = at_hand(need) if size >= LARGE else None
     if free is not None and need > free:
         raise NotEnoughMemoryError(f"more modes of {name!r} need about {need / 1e9:.0f} GB, and {free / 1e9:.0f} GB are "
                                    "available; lower the band or allow a larger error, or take a larger machine")
@@ -75,35 +72,30 @@ def check_room(what: str, need: float) -> None:
     NotEnoughMemoryError
         It takes more: with both figures.
     """
-    free = available() if need > 1e8 else None
+    free = at_hand(need) if need > 1e8 else None
     if free is not None and need > free:
         raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB, and {free / 1e9:.0f} GB are available; "
                                    "make it smaller")
+
+
+def at_hand(need: float) -> float | None:
+    """Bytes available, after what is shared has given way to `need` as far as it can."""
+    give_up_until(lambda: (free := available()) is None or free >= need)
+    return available()
+
+
+def room_for_factor(A: Matrix) -> None:
+    """Lets what is shared give way to a large factor of a sparse A that is about to be made, and to work with it."""
+    if A.shape[0] >= LARGE and kept_bytes():
+        at_hand(2 * FACTOR_BYTES * factor_nonzeros(A))
 
 
 def reduction_bytes(K: Matrix, columns: int, modes: int) -> dict[str, float]:
     """Bytes on top of the component itself: for its factor or the one of the count, copies of the matrices, and columns."""
     n = K.shape[0]
     krylov = 2 * (2.5 * modes + 20)  # V and MV of block Lanczos, given back before V is put together
-    return {"factorisation": 8 * 1.6 * factor_nonzeros(K), "matrices": 6.0 * 12 * K.nnz,
+    return {"factorisation": FACTOR_BYTES * factor_nonzeros(K), "matrices": 6.0 * 12 * K.nnz,
             "columns": 8.0 * n * max(krylov + columns + modes, 4 * columns + 3 * modes)}
-
-
-def available() -> float | None:
-    """Bytes that this process may still take, by the system and by its limit; None where nobody tells."""
-    found = []
-    try:
-        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
-        found.append(1024.0 * int(lines["MemAvailable"].split()[0]))
-    except (OSError, KeyError, ValueError):
-        if hasattr(os, "sysconf") and "SC_AVPHYS_PAGES" in os.sysconf_names:
-            found.append(float(os.sysconf("SC_AVPHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
-    try:  # a container's own limit
-        group = Path("/sys/fs/cgroup")
-        found.append(float((group / "memory.max").read_text()) - float((group / "memory.current").read_text()))
-    except (OSError, ValueError):
-        pass
-    return min(found) if found else None
 
 
 def factor_nonzeros(A: Matrix) -> float:

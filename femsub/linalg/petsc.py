@@ -9,6 +9,7 @@ each of its factors is therefore probed with a random right-hand side.
 
 from __future__ import annotations
 
+import atexit
 import os
 import weakref
 from collections.abc import Callable, Sequence
@@ -21,8 +22,10 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import BreakdownError, InputError, MissingPackageError, NotConvergedError, SingularMatrixError
-from femsub.linalg.freed_memory import give_back_freed_memory
+from femsub.linalg.memory import room_for_factor
 from femsub.linalg.ordering import good_order
+from femsub.linalg.process_memory import give_back_freed_memory
+from femsub.linalg.shared import FACTOR_BYTES, drop
 from femsub.model.matrices import Difference, equilibrated, upper
 
 Kind = Literal["definite", "symmetric", "general"]
@@ -49,6 +52,7 @@ def _load() -> tuple[Any, Any]:
     from slepc4py import SLEPc
 
     give_back_freed_memory()
+    atexit.register(drop)  # before PETSc goes
     if np.dtype(PETSc.ScalarType).kind == "c":
         raise MissingPackageError("this PETSc has complex scalars; femsub needs a build with real ones (twice as fast)")
     options = PETSc.Options()
@@ -105,7 +109,9 @@ class Factor:
     def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True) -> None:
         PETSc, _ = _load()
         self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
-        self._order = None if kind == "definite" else good_order(A.K if isinstance(A, Difference) else A)
+        pattern = A.K if isinstance(A, Difference) else A
+        room_for_factor(pattern)
+        self._order = None if kind == "definite" else good_order(pattern)
         self._held: list[Any] = []
         self._finalizer = weakref.finalize(self, _destroy, self._held)
         probed = probed and kind != "definite"
@@ -184,42 +190,89 @@ class Factor:
     @property
     def fill(self) -> float:
         """Nonzeros of L per row, where CHOLMOD made it: what a solve has to read."""
-        return float(self._factor.getInfo()["nz_used"]) / self.size if self.kind == "definite" else np.nan
+        return self._nonzeros / self.size if self.kind == "definite" else np.nan
 
-    def solve(self, B: Array) -> Array:
-        """A⁻¹B, in blocks of right-hand sides."""
+    @property
+    def bytes(self) -> float:
+        """About how much memory it takes."""
+        return FACTOR_BYTES * self._nonzeros
+
+    @property
+    def _nonzeros(self) -> float:
+        return float(self._factor.getInfo()["nz_used"])
+
+    @property
+    def transposed(self) -> Factor | Transposed:
+        """The factor of Aᵀ, which is this one with L and U in other places."""
+        return Transposed(self) if self.kind == "general" else self
+
+    def solve(self, B: Array, transposed: bool = False) -> Array:
+        """A⁻¹B, or A⁻ᵀB, in blocks of right-hand sides."""
         if not self.keep:
             raise InputError("this factor was made to count pivots and not kept: it cannot solve")
         PETSc, _ = _load()
         right = np.asarray(B, dtype=np.float64).reshape(self.size, -1)
         result = np.empty(right.shape, order="F")
-        for start in range(0, right.shape[1], BLOCK):
-            b, x = np.require(right[:, start:start + BLOCK], requirements=["F", "W"]), result[:, start:start + BLOCK]
-            with ExitStack() as stack:
-                source, target = (PETSc.Mat().createDense(part.shape, array=part, comm=PETSc.COMM_SELF) for part in (b, x))
-                for mat in (source, target):
-                    stack.callback(mat.destroy)
-                    mat.assemble()
-                try:
+        if turned := transposed and self.kind == "general":
+            self._factor.setMumpsIcntl(9, 0)
+        try:
+            for start in range(0, right.shape[1], BLOCK):
+                b, x = np.require(right[:, start:start + BLOCK], requirements=["F", "W"]), result[:, start:start + BLOCK]
+                with ExitStack() as stack:
+                    source, target = (PETSc.Mat().createDense(part.shape, array=part, comm=PETSc.COMM_SELF) for part in (b, x))
+                    for mat in (source, target):
+                        stack.callback(mat.destroy)
+                        mat.assemble()
                     self._factor.matSolve(source, target)
-                except PETSc.Error as error:
-                    raise SingularMatrixError(f"a solve with a {self.size} x {self.size} matrix failed ({_last_line(error)})") \
-                        from None
+        except PETSc.Error as error:
+            raise SingularMatrixError(f"a solve with a {self.size} x {self.size} matrix failed ({_last_line(error)})") from None
+        finally:
+            if turned:
+                self._factor.setMumpsIcntl(9, 1)
         self.columns += right.shape[1]
         return result.reshape(np.shape(B))
 
     def lend(self, st: Any, stack: ExitStack) -> None:
         """Puts this factor into a spectral transformation for as long as the stack lives."""
-        PETSc, _ = _load()
-        st.setKSP(self._ksp)
-        spare = PETSc.KSP().create(PETSc.COMM_SELF)
-        stack.callback(spare.destroy)
-        # EPS, PEP and ST reset the KSP when they are destroyed, which would throw the factor away: take it back before.
-        stack.callback(st.setKSP, spare)
+        _lend(self._ksp, st, stack)
 
     def close(self) -> None:
         """Gives the memory back; the handle is of no use afterwards."""
         self._finalizer()
+
+
+class Transposed:
+    """A⁻ᵀ by the factor of A."""
+
+    def __init__(self, factor: Factor) -> None:
+        self.transposed, self.kind, self.size = factor, factor.kind, factor.size
+
+    def solve(self, B: Array) -> Array:
+        """A⁻ᵀB for B of shape (n,) or (n, k)."""
+        return self.transposed.solve(B, transposed=True)
+
+    def lend(self, st: Any, stack: ExitStack) -> None:
+        """As `Factor.lend`, by a PC that solves with the transpose."""
+        PETSc, _ = _load()
+        ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        stack.callback(ksp.destroy)
+        ksp.setType("preonly")
+        ksp.getPC().setType("python")
+        ksp.getPC().setPythonContext(self)
+        _lend(ksp, st, stack)
+
+    def apply(self, _: Any, x: Any, y: Any) -> None:
+        """What PETSc calls for y = A⁻ᵀx."""
+        self.transposed._factor.solveTranspose(x, y)
+
+
+def _lend(ksp: Any, st: Any, stack: ExitStack) -> None:
+    PETSc, _ = _load()
+    st.setKSP(ksp)
+    spare = PETSc.KSP().create(PETSc.COMM_SELF)
+    stack.callback(spare.destroy)
+    # EPS, PEP and ST reset the KSP when they are destroyed, which would throw the factor away: take it back before.
+    stack.callback(st.setKSP, spare)
 
 
 def _last_line(error: Exception) -> str:
@@ -300,7 +353,7 @@ def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array | None) -> 
     return x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
 
 
-def quadratic_modes(factor: Factor, matrices: Sequence[Matrix], shift: float, count: int, *, tol: float,
+def quadratic_modes(factor: Factor | Transposed, matrices: Sequence[Matrix], shift: float, count: int, *, tol: float,
                     scale: float, seed: int = 1, most: int = 1000) -> tuple[Array, Array]:
     """(λ²M + λD + K)x = 0 nearest to a real shift by TOAR with the factor of P(shift): λ (k,), X (n, k) complex.
 

@@ -87,6 +87,8 @@ class Pencil(Frozen):
         """A copy with other fields, which are not checked again."""
         copy = object.__new__(Pencil)
         copy._set(**self.__getstate__() | changed)
+        if not changed.keys() & {"M", "K"}:
+            copy.__dict__["rescaled"] = self.rescaled
         return copy
 
     def transposed(self) -> Pencil:
@@ -108,6 +110,11 @@ class Pencil(Frozen):
         D = (D if sp.issparse(D) else sp.csr_array(np.asarray(D))) if self.is_sparse else _dense(D)
         D, symmetric = without_rounding(as_matrix("D", D, self.size))
         return self._with(D=D, symmetric=(self.symmetric[0], symmetric, self.symmetric[2]), contacts=())
+
+    @cached_property
+    def rescaled(self) -> dict[tuple[bytes, bytes], tuple[Matrix, Matrix]]:
+        """M and K in other units, for all pencils that share M and K."""
+        return {}
 
     @cached_property
     def units(self) -> tuple[Array, Array]:
@@ -136,7 +143,11 @@ class Pencil(Frozen):
         if all(unit.max() <= SPREAD * unit.min() for unit in self.units):
             return self
         rows, columns = self.units
-        parts = {name: scaled(getattr(self, name), rows, columns) for name in "MDK"}
+        key = rows.tobytes(), columns.tobytes()
+        if key not in self.rescaled:  # kept, since factors made of them are found again by the matrix
+            self.rescaled[key] = scaled(self.M, rows, columns), scaled(self.K, rows, columns)
+        mass, stiffness = self.rescaled[key]
+        parts = {"M": mass, "D": scaled(self.D, rows, columns), "K": stiffness}
         if np.array_equal(rows, columns):
             return self._with(**parts, contacts=tuple((c, rows[:, None] * W) for c, W in self.contacts))
         # no congruence: D and K may lose their symmetry

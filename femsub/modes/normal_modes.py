@@ -25,6 +25,7 @@ from femsub.errors import (
 )
 from femsub.linalg.factor import SMALL, inertia
 from femsub.linalg.null_space import massless_apart
+from femsub.linalg.shared import shared
 from femsub.model.bands import EDGE, in_band, widened
 from femsub.model.matrices import Difference
 from femsub.modes.dense import dense_modes, negative_eigenvalues, orthonormalise
@@ -304,6 +305,8 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
             modes = lowest_modes(handle, count, known=modes)
         highest = float(modes.frequencies.max(initial=0.0))
         if count >= 0 and highest < reach * (1 - EDGE):
+            doubt = (GAP + modes.rounding) * modes.eigenvalues
+            _counted(K, M).append((reach**2, modes.eigenvalues, doubt))
             return replace(modes, counted=(reach, below), confirmed=True)
         last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the last of as many that were found is "
                                 f"at {highest:.9g}: move the band a little")
@@ -312,8 +315,19 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
 
 @phase("certificate")
 def modes_under(K: Matrix, M: Matrix, value: float) -> int:
-    """How many ω² lie below `value`: the inertia of K - value M, by a factorisation of its own."""
-    return inertia(Difference(K, M, value))
+    """How many ω² lie below `value`: the inertia of K - value M, by a factorisation of its own.
+
+    None is needed where all modes up to a higher limit were counted and found before, and none of them lies at `value`.
+    """
+    for reach, values, doubt in _counted(K, M):
+        if value <= reach and (np.abs(values - value) > doubt).all():
+            return int(np.count_nonzero(values < value))
+    return shared((K, M), ("count below", value), lambda: inertia(Difference(K, M, value)))
+
+
+def _counted(K: Matrix, M: Matrix) -> list[tuple[float, Array, Array]]:
+    """Limits of ω² up to which all modes of K and M were counted and found, these, and how near to them nothing is told."""
+    return shared((K, M), "modes counted", list)
 
 
 def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Array:

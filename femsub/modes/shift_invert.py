@@ -13,9 +13,11 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
-from femsub.linalg.factor import Handle, factorise
+from femsub.linalg.factor import Handle, factorise, forget_factor, shared_factor
 from femsub.linalg.null_space import SINGULAR, rank_of_mass
 from femsub.linalg.ordering import smooth_shape
+from femsub.linalg.petsc import Factor
+from femsub.linalg.shared import shared
 from femsub.model.matrices import Difference
 from femsub.timing import phase
 
@@ -30,20 +32,32 @@ SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a 
 
 
 class ShiftInvert:
-    """(K - σM)⁻¹ factorised once, with the rigid-body modes Φ_r (n, n_r), M-orthonormal, that K turned out to have."""
+    """(K - σM)⁻¹ factorised once, with the rigid-body modes Φ_r (n, n_r), M-orthonormal, that K turned out to have.
 
-    def __init__(self, K: Matrix, M: Matrix) -> None:
-        self.K, self.M, self.sigma, self.factorisations = K, M, 0.0, 0
-        self.rigid: Array = np.zeros((K.shape[0], 0))
-        self.lowest = np.inf  # ω² of the first elastic mode, about; known where rigid-body modes had to be sought
-        if not annihilates_a_translation(K):
+    Both are found again by whoever asks for the same K and M, or for the same `rows` of them; `factorisations` counts those
+    made for this handle, and may be 0.
+    """
+
+    def __init__(self, K: Matrix, M: Matrix, rows: Array | None = None) -> None:
+        self.K, self.M, self.factorisations = (K, M, 0) if rows is None else (_block(K, rows), _block(M, rows), 0)
+        key = (self.K, self.M), "shift and rigid-body modes"
+        self.sigma: float
+        self.rigid: Array
+        self.lowest: float  # ω² of the first elastic mode, about; known where rigid-body modes had to be sought
+        self.sigma, self.rigid, self.lowest = shared(*key, self._found)
+        if not hasattr(self, "factor"):
+            self._factorise(self.sigma)
+
+    def _found(self) -> tuple[float, Array, float]:
+        self.rigid, self.lowest = np.zeros((self.K.shape[0], 0)), np.inf
+        if not annihilates_a_translation(self.K):
             try:
                 self._factorise(0.0)
             except SingularMatrixError:
                 pass
             else:
                 if not self._nearly_singular():
-                    return
+                    return self.sigma, self.rigid, self.lowest
         self._float()
         if not self.floating:
             try:
@@ -53,13 +67,16 @@ class ShiftInvert:
                     "K is singular to working precision, but no motion stands out as rigid. Elements too thin or too fine for "
                     "so slender a part, or a soft piece that moves at hardly more cost than rounding in a stiff one: take "
                     f"larger elements, hold each piece, or make pieces so different parts of their own ({error})") from None
+        return self.sigma, self.rigid, self.lowest
 
     @phase("factorisation")
     def _factorise(self, sigma: float) -> None:
         if hasattr(self, "factor"):
-            self.factor.close()  # two large ones would not fit
-        self.factorisations += 1
-        self.factor: Handle = factorise(Difference(self.K, self.M, sigma), "definite")
+            self.release()
+            forget_factor(self.K, "definite", self.M, self.sigma)  # two large ones would not fit
+        before = Factor.made
+        self.factor: Handle = shared_factor(self.K, "definite", self.M, sigma)
+        self.factorisations += Factor.made - before
         self.sigma = sigma
 
     def _nearly_singular(self) -> bool:
@@ -176,6 +193,9 @@ class ShiftInvert:
         """How many finite ω² there are: the rank of M. Each DOF with mass has one, unless some move one mass together (then
         M, scaled to a unit diagonal, has eigenvalues at 0, counted up to COUNTED DOF).
         """
+        return shared((self.M,), "rank", self._rank_of_mass)
+
+    def _rank_of_mass(self) -> int:
         massive = np.flatnonzero(self.M.diagonal())
         M = self.M[massive][:, massive] if len(massive) < self.M.shape[0] else self.M
         if len(massive) > COUNTED or is_diagonal(M):
@@ -197,8 +217,8 @@ class ShiftInvert:
         return self.rigid.shape[1] > 0
 
     def release(self) -> None:
-        """Gives the memory of the factor back; what needs no solve goes on working."""
-        self.factor.close()
+        """Lets go of the factor, which others may share; what needs no solve goes on working."""
+        del self.factor
 
     def deflate(self, x: Array, shapes: Array | None = None) -> Array:
         """(I - ΦΦᵀM)x, by default with the rigid-body modes: what is left is M-orthogonal to them."""
@@ -239,6 +259,14 @@ class ShiftInvert:
             rate = max(rate, float((step[going] / before[going]).max(initial=0.0)))
             going &= rate * step > CONVERGED
         return self.deflate(x, basis)
+
+
+def _block(matrix: Matrix, rows: Array) -> Matrix:
+    """The rows and columns of the interior, say, found again for as long as there is the matrix itself."""
+    def made() -> Matrix:
+        return sp.csr_array(matrix[rows][:, rows]) if sp.issparse(matrix) else matrix[np.ix_(rows, rows)]
+
+    return shared((matrix,), ("block", rows.tobytes()), made, lambda it: 12.0 * it.nnz if sp.issparse(it) else it.nbytes)
 
 
 def is_diagonal(M: Matrix) -> bool:

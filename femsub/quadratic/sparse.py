@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from copy import copy
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import BreakdownError, InputError, MissedModesError, NotConvergedError, SingularMatrixError
-from femsub.linalg.factor import QUADRATIC
-from femsub.linalg.petsc import Factor, quadratic_modes
+from femsub.linalg.factor import QUADRATIC, Handle, shared_factor
+from femsub.linalg.petsc import Factor, Transposed, quadratic_modes
+from femsub.linalg.shared import shared
 from femsub.model.bands import beyond, in_band
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import lowest_modes
@@ -62,14 +65,15 @@ class Shifted:
             self.shift = self.scale = self._free_shift(symmetric)
             self.factor = self._factor(self.shift, symmetric and pencil.symmetric[1])
 
-    def _factor(self, shift: float, symmetric: bool) -> Factor:
+    def _factor(self, shift: float, symmetric: bool) -> Factor | Transposed:
         matrix = self.pencil.at(shift) if shift else self.pencil.K
+        found: Handle | None = None
         if symmetric and matrix.diagonal().min() > 0:
-            try:
-                return Factor(matrix, "definite")
-            except SingularMatrixError:
-                pass
-        return Factor(matrix, "symmetric" if symmetric else "general")
+            with suppress(SingularMatrixError):
+                found = shared_factor(matrix, "definite")
+        found = found or shared_factor(matrix, "symmetric" if symmetric else "general")
+        assert isinstance(found, Factor)
+        return found
 
     def _scale(self) -> float:
         """The size of the smallest eigenvalues, min(‖K⁻¹M‖^-½, ‖K⁻¹D‖^-1), by a few power steps."""
@@ -160,11 +164,8 @@ class Shifted:
         """
         if all(self.pencil.symmetric):
             return X.conj()
-        if self.shift == 0 and self.pencil.symmetric[2]:  # Kᵀ is K: its factor will do
-            other = copy(self)
-            other.pencil = self.pencil.transposed()
-        else:
-            other = Shifted(self.pencil.transposed())
+        other = copy(self)
+        other.pencil, other.factor = self.pencil.transposed(), self.factor.transposed
         found, vectors = other.gathered(ask, searches)
         Y = np.zeros_like(X)
         at, to = match(values, found, far=2 * SAME)
@@ -289,7 +290,9 @@ def _edge(parts: splitting.Split, radius: float) -> condensed.Edge | None:
     """
     for share in (0.0, 1e-5, 1e-3):
         try:
-            return condensed.edge(parts, radius * (1 + share))
+            there = radius * (1 + share)
+            return shared((parts.K0, parts.M), ("edge", there, parts.W.shape[1] > 0),
+                          partial(condensed.edge, parts, there))
         except SingularMatrixError:
             continue
     return None

@@ -18,7 +18,7 @@ import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.errors import SingularMatrixError
-from femsub.linalg.factor import QUADRATIC, Handle, complex_solve, factorise
+from femsub.linalg.factor import QUADRATIC, Handle, complex_solve, shared_factor
 from femsub.linalg.subspace import new_directions
 from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil
@@ -194,8 +194,7 @@ class Solved:
     def _first(self) -> Array:
         """The lowest modes, which responses nearby cannot tell apart, and the first moments of h about 0."""
         handle = ShiftInvert(self.pencil.K, self.pencil.M)
-        modes = lowest_modes(handle, MODES, defer=True)
-        handle.release()
+        modes = lowest_modes(handle, MODES, certify=False)
         moments = [self.static.solve(self.W)]
         for _ in range(MOMENTS):
             moments.append(self.static.solve(self.pencil.M @ moments[-1]))
@@ -231,7 +230,7 @@ class Solved:
     @cached_property
     def static(self) -> Handle:
         """K⁻¹."""
-        return factorise(self.pencil.K, "definite")
+        return shared_factor(self.pencil.K, "definite")
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "static"}  # a factor does not travel

@@ -1,0 +1,94 @@
+"""What is made of a model's matrices once and found again by every call on the model: factors above all.
+
+It is kept beside the matrices, which a model never changes, and goes when they do: no model holds a factor, and none is
+copied or written with it. What was used longest ago gives way where memory is short. A factor that is in use lives on
+until its users have let go of it: nobody closes what is shared.
+"""
+
+from __future__ import annotations
+
+import os
+import weakref
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from functools import partial
+from threading import RLock
+from typing import Any, TypeVar
+
+from femsub.checks import Matrix
+from femsub.linalg.process_memory import available
+
+T = TypeVar("T")
+VARIABLE = "FEMSUB_FACTOR_BYTES"  # of the environment: how much is kept at the most; 0 shares nothing
+FACTOR_BYTES = 8 * 1.6  # for each nonzero of a factor
+SHARE = 0.25  # of the memory at hand, where the variable says nothing
+
+_lock = RLock()  # taken twice by one thread where the garbage collector runs in between
+_kept: OrderedDict[tuple[tuple[int, ...], Hashable], tuple[Any, float]] = OrderedDict()  # used longest ago first; with its bytes
+_owners: dict[int, weakref.ref[Any]] = {}
+
+
+def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], size: Callable[[T], float] = lambda _: 0.0) -> T:
+    """What `make` made of these very matrices before, or makes now; `size` tells its bytes.
+
+    It must hold none of the owners, or they would never go.
+    """
+    key = tuple(map(id, owners)), what
+    with _lock:
+        if key in _kept:
+            _kept.move_to_end(key)
+            return _kept[key][0]
+    made = make()
+    with _lock:
+        for owner in owners:
+            at = id(owner)
+            if at not in _owners:
+                _owners[at] = weakref.ref(owner, partial(_gone, at))
+        _kept[key] = made, size(made)
+        if _kept[key][1]:
+            give_up_until(lambda: kept_bytes() <= limit())
+    return made
+
+
+def forget(owners: tuple[Matrix, ...], what: Hashable) -> None:
+    """Gives up one thing."""
+    with _lock:
+        _kept.pop((tuple(map(id, owners)), what), None)
+
+
+def kept_bytes() -> float:
+    """Bytes of all that is kept."""
+    with _lock:
+        return sum(size for _, size in _kept.values())
+
+
+def limit() -> float:
+    """Bytes that may be kept: as the environment says, else a quarter of the memory at hand."""
+    if (told := os.environ.get(VARIABLE)) is not None:
+        return float(told)
+    free = available()
+    return float("inf") if free is None else SHARE * (free + kept_bytes())
+
+
+def give_up_until(enough: Callable[[], bool]) -> None:
+    """What was used longest ago is given up, one by one, until there is enough room."""
+    with _lock:
+        while not enough():
+            key = next((key for key, (_, size) in _kept.items() if size), None)
+            if key is None:
+                return
+            del _kept[key]
+
+
+def drop(*owners: Matrix) -> None:
+    """Gives up what is kept of these matrices; without any, all."""
+    with _lock:
+        for at in list(map(id, owners) if owners else _owners):
+            _gone(at)
+
+
+def _gone(at: int, _: object = None) -> None:
+    with _lock:
+        _owners.pop(at, None)
+        for key in [key for key in _kept if at in key[0]]:
+            _kept.pop(key, None)

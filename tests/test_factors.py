@@ -1,0 +1,231 @@
+"""Factors are made once for a model and found again: how many there are, how long they live, and that no number depends on it."""
+
+from __future__ import annotations
+
+import gc
+import pickle
+import warnings
+import weakref
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import lattice
+
+import femsub as fs
+from femsub.linalg import memory, shared
+from femsub.linalg.factor import release, shared_factor
+from femsub.linalg.petsc import Factor
+from femsub.modes.shift_invert import ShiftInvert
+from femsub.motion.cycles.compliance import compliance
+from femsub.motion.nonlinear_model import sliding
+
+BELT = fs.Belt("belt", force=1.0, slope=-1e-4)
+BAND = (0.0, 0.02)
+
+
+def made(call: Callable[[], object]) -> int:
+    before = Factor.made
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        call()
+    return Factor.made - before
+
+
+def long_chain() -> fs.Substructure:
+    return fs.chain(2500, belt=2, interface=(1, 900))
+
+
+def plate() -> fs.Substructure:
+    """Its DOF are deflections and slopes, in units of their own."""
+    return fs.plate(fs.rectangle((1.0, 0.8), (14, 12)), E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01,
+                    supports={"left": "clamped"}, interface=["right"], ports={"belt": (0.5, 0.4)}, rayleigh=(1.0, 1e-6))
+
+
+@pytest.fixture
+def nothing_shared(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr("femsub.linalg.shared._kept", Forgetful())
+    yield
+
+
+class Forgetful(type(shared._kept)):  # type: ignore[misc]
+    """Keeps nothing."""
+
+    def __contains__(self, key: object) -> bool:
+        return False
+
+
+# counts ---------------------------------------------------------------------------------------------------------------
+
+def test_the_second_search_for_modes_makes_none() -> None:
+    for sub in (long_chain(), lattice(14, 11), lattice(14, 11, held=True)):
+        assert made(lambda sub=sub: fs.normal_modes(sub, 5)) >= 2
+        assert made(lambda sub=sub: fs.normal_modes(sub, 5)) == 0
+        assert made(lambda sub=sub: fs.normal_modes(sub, 8)) == 1  # the count beyond another mode
+
+
+def test_bases_of_the_same_part_share_what_is_the_same() -> None:
+    sub = long_chain()
+    assert made(lambda: fs.reduce(sub, fs.CraigChang(5))) == 2  # K, and its count
+    with pytest.warns(fs.PortWarning):
+        assert fs.reduce(sub, fs.CraigChang(5)).factorisations == 0
+    assert made(lambda: fs.reduce(sub, fs.CraigChang(10))) == 1  # another count
+    assert made(lambda: ShiftInvert(sub.K, sub.M, sub.interior)) == 1
+    assert made(lambda: ShiftInvert(sub.K, sub.M, sub.interior)) == 0
+
+
+def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
+    sub = long_chain()
+    assert made(lambda: fs.complex_modes(sub, BELT, band=BAND)) == 2
+    assert made(lambda: fs.complex_modes(sub, fs.Belt("belt", force=2.0, slope=-1e-4), band=BAND)) == 0
+    assert made(lambda: fs.normal_modes(sub, 10)) == 1
+    assert made(lambda: fs.sweep(long_chain(), np.linspace(0, -1e-3, 20), band=BAND)) <= 3  # one where Re λ is bounded
+    assert made(lambda: fs.sweep(sub, np.linspace(0, -1e-3, 20), band=BAND)) <= 2
+
+
+def test_a_border_takes_one_factor_and_one_count() -> None:
+    assert made(lambda: fs.critical_slope(long_chain(), band=BAND)) == 2
+
+
+def test_models_in_units_of_their_own_share_too() -> None:
+    sub = plate()
+    assert made(lambda: fs.complex_modes(sub, BELT, band=(0.0, 1500.0))) == 2
+    assert made(lambda: fs.complex_modes(sub, fs.Belt("belt", force=2.0, slope=-1.0), band=(0.0, 1500.0))) == 0
+
+
+def test_the_compliance_of_a_cycle_takes_one() -> None:
+    contact = sliding(long_chain(), fs.Belt("belt", force=1.0, speed=0.1, law=fs.StribeckArctan(eps=1e-3)))
+    found = []
+    assert made(lambda: found.append(compliance(contact))) == 1
+    assert made(lambda: found[0].mobility(0.005j * np.arange(1, 4))) == 0
+
+
+def test_a_matrix_found_singular_is_not_tried_again() -> None:
+    sub = lattice(14, 11, held=True)
+    K = sp.csr_array(sub.K - 0.5 * sub.M)
+    for tries in (1, 0):
+        before = Factor.made
+        with pytest.raises(fs.SingularMatrixError, match="broke down"):
+            shared_factor(K, "definite")
+        assert Factor.made - before == tries
+
+
+# life -----------------------------------------------------------------------------------------------------------------
+
+def test_a_factor_dies_with_its_model() -> None:
+    sub = plate()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        fs.normal_modes(sub, 3), fs.complex_modes(sub, BELT, count=4), ShiftInvert(sub.K, sub.M, sub.interior)
+    handle = ShiftInvert(sub.K, sub.M, sub.interior)
+    inner, outer = weakref.ref(handle.factor), weakref.ref(shared_factor(sub.K, "definite"))
+    before = shared.kept_bytes()
+    del handle
+    gc.collect()
+    assert inner() is not None and outer() is not None
+    del sub
+    gc.collect()
+    assert inner() is None and outer() is None and shared.kept_bytes() < before
+    assert all(at in shared._owners for owners, _ in shared._kept for at in owners)
+
+
+def test_the_longest_unused_gives_way_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    shared.drop()
+    subs = [lattice(14, 11, held=True) for _ in range(3)]
+    one = shared_factor(subs[0].K, "definite").bytes
+    assert 0 < one == shared.kept_bytes()
+    monkeypatch.setenv(shared.VARIABLE, str(2.5 * one))
+    for sub in (subs[1], subs[0], subs[2]):
+        shared_factor(sub.K, "definite")
+    assert shared.kept_bytes() == 2 * one
+    assert [made(lambda sub=sub: shared_factor(sub.K, "definite")) for sub in (subs[2], subs[0], subs[1])] == [0, 0, 1]
+    monkeypatch.setenv(shared.VARIABLE, "0")
+    factor = shared_factor(lattice(14, 11, held=True).K, "definite")
+    assert shared.kept_bytes() == 0 and np.isfinite(factor.solve(np.ones(factor.size))).all()
+
+
+def test_a_factor_is_released_by_the_name_of_its_model() -> None:
+    sub, other = plate(), plate()
+    for part in (sub, other):
+        fs.normal_modes(part, 3), fs.complex_modes(part, BELT, count=4)
+    in_use = shared_factor(sub.K, "definite")
+    release(sub)
+    assert made(lambda: fs.normal_modes(sub, 3)) > 0 == made(lambda: fs.normal_modes(other, 3))
+    assert np.linalg.norm(sub.K @ in_use.solve(sub.port("belt")) - sub.port("belt")) < 1e-6  # nobody closed it
+
+
+def test_what_is_kept_gives_way_before_memory_is_said_to_be_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    sub = lattice(40, 30, held=True)
+    shared.drop()
+    shared_factor(sub.K, "definite")
+    need = sum(memory.reduction_bytes(sub.K, 2, 5).values())
+    monkeypatch.setattr(memory, "LARGE", 1000)
+    monkeypatch.setattr(memory, "available", lambda: 2 * need - shared.kept_bytes() * 2 * need)
+    memory.check_memory("lattice", sub.K, 2, 5, 2)
+    assert shared.kept_bytes() == 0
+
+
+def test_models_travel_without_their_factors() -> None:
+    sub = lattice(14, 11, held=True)
+    before = len(pickle.dumps(sub.K))
+    shared_factor(sub.K, "definite")
+    assert len(pickle.dumps(sub.K)) == before
+
+
+# numbers --------------------------------------------------------------------------------------------------------------
+
+def answers(sub: fs.Substructure, band: tuple[float, float]) -> list[np.ndarray]:
+    """Each asked twice, so that the second finds what the first has made."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = []
+        for _ in range(2):
+            rom = fs.reduce(sub, fs.CraigChang(5))
+            found += [fs.normal_modes(sub, 5).shapes, rom.V, rom.K, fs.complex_modes(sub, BELT, band=band).eigenvalues,
+                      fs.complex_modes(sub, BELT, count=6).eigenvalues]
+        return found
+
+
+@pytest.mark.parametrize(("make", "band"), [(long_chain, BAND), (plate, (0.0, 1500.0)), (lambda: lattice(14, 11), (0.0, 0.4))])
+def test_no_number_depends_on_it(make: Callable[[], fs.Substructure], band: tuple[float, float],
+                                 request: pytest.FixtureRequest) -> None:
+    sub = make()
+    if "belt" not in sub.ports:
+        sub = fs.Substructure(sub.M, sub.K, 1e-2 * sub.M, sub.interface, {"belt": np.eye(sub.size)[7]})
+    with_it = answers(sub, band)
+    request.getfixturevalue("nothing_shared")
+    for one, two in zip(with_it, answers(sub, band), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+# transposed -----------------------------------------------------------------------------------------------------------
+
+def unsymmetric(n: int = 900) -> fs.Pencil:
+    sub = fs.chain(n, belt=2, damping=0.1)
+    rng = np.random.default_rng(4)
+    rows, columns = rng.integers(0, n, (2, 40))
+    return fs.Pencil(sub.M, sub.D, sub.K + sp.csr_array((1e-3 * rng.standard_normal(40), (rows, columns)), shape=(n, n)))
+
+
+def test_one_factor_solves_with_the_transpose() -> None:
+    K = unsymmetric().K
+    b = np.random.default_rng(1).standard_normal((K.shape[0], 70))
+    factor = Factor(K, "general")
+    for _ in range(2):  # one does not leave the other turned
+        x, y = factor.solve(b), factor.transposed.solve(b)
+        scale = np.linalg.norm(b) + 4 * np.linalg.norm(x) + 4 * np.linalg.norm(y)
+        assert np.linalg.norm(K @ x - b) < 1e-12 * scale and np.linalg.norm(K.T @ y - b) < 1e-12 * scale
+        assert np.linalg.norm(K @ y - b) > 1e-6 * np.linalg.norm(b)
+    assert factor.transposed.transposed is factor
+    symmetric = Factor(fs.chain(200).K, "definite")
+    assert symmetric.transposed is symmetric
+
+
+def test_left_vectors_take_no_factor_of_their_own() -> None:
+    pencil = unsymmetric()
+    assert made(lambda: fs.complex_modes(pencil, count=8, certify=False)) == 1
+    found = fs.complex_modes(pencil, count=8, certify=False)
+    true = np.linalg.eigvals(np.block([[np.zeros((900, 900)), np.eye(900)], [-pencil.K.toarray(), -pencil.D.toarray()]]))
+    off = np.abs(found.eigenvalues[:, None] - true).min(axis=1)
+    assert np.isfinite(found.error_bar).all() and (off <= found.error_bar + 1e-12).all()
