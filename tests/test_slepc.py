@@ -13,7 +13,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.errors import SingularMatrixError
 from femsub.linalg import petsc as _slepc
-from femsub.linalg.factor import complex_solve, factorise
+from femsub.linalg.factor import ComplexFactor, factorise
 from femsub.linalg.petsc import Factor, quadratic_modes, symmetric_modes
 
 
@@ -112,12 +112,15 @@ def test_eigensolvers_do_not_grow_the_memory() -> None:
 
 
 @pytest.mark.parametrize("limit", [20_000, 10])
-def test_complex_solve_both_ways(limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_complex_factors_of_both_kinds_and_their_transposes(limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.linalg.factor.COMPLEX", limit)
     sub = fs.chain(200, belt=2)
-    P = sub.pencil.at(0.3j)
+    gyroscopic = sp.coo_array((np.array([0.3, -0.3]), ([20, 21], [21, 20])), shape=(200, 200))
+    P = sub.pencil.at(0.3j) + 1j * sp.csr_array(gyroscopic)
+    factor = ComplexFactor(P)
     for right in (np.ones((200, 2)), np.ones(200)):
-        assert np.abs(P @ complex_solve(P, right) - 1).max() < 1e-9
+        assert np.abs(P @ factor.solve(right) - 1).max() < 1e-9
+        assert np.abs(P.T @ factor.solve(right, transposed=True) - 1).max() < 1e-9
 
 
 def test_memory_of_a_factor_goes_back_to_the_system() -> None:

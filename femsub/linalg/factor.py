@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from contextlib import suppress
 from itertools import chain
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -213,8 +213,8 @@ def _small(A: Matrix | Difference) -> Array | None:
     return formed.toarray() if sparse else np.asarray(formed)
 
 
-def complex_solve(matrix: Matrix, B: Array) -> Array:
-    """A⁻¹B for one complex sparse A, which real PETSc cannot factorise: SuperLU, and for large ones MUMPS on
+class ComplexFactor:
+    """A = L U of a complex sparse A (n, n), which real PETSc cannot factorise: by SuperLU, and of a large one by MUMPS on
 
         [[Re A, -Im A], [Im A, Re A]] [Re x; Im x] = [Re b; Im b].
 
@@ -223,16 +223,27 @@ def complex_solve(matrix: Matrix, B: Array) -> Array:
     SingularMatrixError
         A is singular.
     """
-    n = matrix.shape[0]
-    if n <= COMPLEX and matrix.nnz <= 15 * COMPLEX:
-        from scipy.sparse.linalg import splu
 
-        try:
-            return splu(sp.csc_array(matrix, dtype=complex)).solve(np.asarray(B, dtype=complex))
-        except RuntimeError as error:
-            raise SingularMatrixError(f"a complex {n} x {n} matrix is singular ({error})") from None
-    real, imaginary = sp.csr_array(matrix.real), sp.csr_array(matrix.imag)
-    handle = Factor(sp.block_array([[real, -imaginary], [imaginary, real]], format="csr"), "general")
-    x = handle.solve(np.concatenate([np.real(B), np.imag(B)]))
-    handle.close()
-    return x[:n] + 1j * x[n:]
+    def __init__(self, A: Matrix) -> None:
+        self.size = int(A.shape[0])
+        self._lu: Any = None
+        if self.size <= COMPLEX and A.nnz <= 15 * COMPLEX:
+            from scipy.sparse.linalg import splu
+
+            try:
+                self._lu = splu(sp.csc_array(A, dtype=complex))
+            except RuntimeError as error:
+                raise SingularMatrixError(f"a complex {self.size} x {self.size} matrix is singular ({error})") from None
+        else:
+            real, imaginary = sp.csr_array(A.real), sp.csr_array(A.imag)
+            self._real = Factor(sp.block_array([[real, -imaginary], [imaginary, real]], format="csr"), "general")
+
+    def solve(self, B: Array, transposed: bool = False) -> Array:
+        """A⁻¹B, or A⁻ᵀB, for B of shape (n,) or (n, k)."""
+        b = np.asarray(B, dtype=complex)
+        if self._lu is not None:
+            return self._lu.solve(b, "T" if transposed else "N")
+        b = b.conj() if transposed else b  # the real form's transpose is that of the conjugated transpose of A
+        x = self._real.solve(np.concatenate([b.real, b.imag]), transposed)
+        x = x[:self.size] + 1j * x[self.size:]
+        return x.conj() if transposed else x

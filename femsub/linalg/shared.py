@@ -19,13 +19,14 @@ from femsub.checks import Matrix
 from femsub.linalg.process_memory import available
 
 T = TypeVar("T")
-VARIABLE = "FEMSUB_FACTOR_BYTES"  # of the environment: how much is kept at the most; 0 shares nothing
-FACTOR_BYTES = 8 * 1.6  # for each nonzero of a factor
+Key = tuple[tuple[int, ...], Hashable]
+VARIABLE = "FEMSUB_FACTOR_BYTES"  # of the environment: how much is kept at the most
 SHARE = 0.25  # of the memory at hand, where the variable says nothing
+FACTOR_BYTES = 8 * 1.6  # for each nonzero of a factor
 
 _lock = RLock()  # taken twice by one thread where the garbage collector runs in between
-_kept: OrderedDict[tuple[tuple[int, ...], Hashable], tuple[Any, float]] = OrderedDict()  # used longest ago first; with its bytes
-_owners: dict[int, weakref.ref[Any]] = {}
+_kept: OrderedDict[Key, tuple[Any, float]] = OrderedDict()  # with its bytes, used longest ago first
+_owners: dict[int, tuple[weakref.ref[Any], list[Key]]] = {}
 
 
 def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], size: Callable[[T], float] = lambda _: 0.0) -> T:
@@ -40,20 +41,13 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
             return _kept[key][0]
     made = make()
     with _lock:
+        _kept[key] = made, size(made)
         for owner in owners:
             at = id(owner)
-            if at not in _owners:
-                _owners[at] = weakref.ref(owner, partial(_gone, at))
-        _kept[key] = made, size(made)
+            _owners.setdefault(at, (weakref.ref(owner, partial(_gone, at)), []))[1].append(key)
         if _kept[key][1]:
             give_up_until(lambda: kept_bytes() <= limit())
     return made
-
-
-def forget(owners: tuple[Matrix, ...], what: Hashable) -> None:
-    """Gives up one thing."""
-    with _lock:
-        _kept.pop((tuple(map(id, owners)), what), None)
 
 
 def kept_bytes() -> float:
@@ -71,13 +65,19 @@ def limit() -> float:
 
 
 def give_up_until(enough: Callable[[], bool]) -> None:
-    """What was used longest ago is given up, one by one, until there is enough room."""
+    """Gives up what was used longest ago, one by one, until there is enough room; what takes none stays."""
     with _lock:
         while not enough():
             key = next((key for key, (_, size) in _kept.items() if size), None)
             if key is None:
                 return
             del _kept[key]
+
+
+def forget(owners: tuple[Matrix, ...], what: Hashable) -> None:
+    """Gives up one thing."""
+    with _lock:
+        _kept.pop((tuple(map(id, owners)), what), None)
 
 
 def drop(*owners: Matrix) -> None:
@@ -89,6 +89,5 @@ def drop(*owners: Matrix) -> None:
 
 def _gone(at: int, _: object = None) -> None:
     with _lock:
-        _owners.pop(at, None)
-        for key in [key for key in _kept if at in key[0]]:
+        for key in _owners.pop(at, (None, []))[1]:
             _kept.pop(key, None)

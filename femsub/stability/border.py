@@ -8,13 +8,12 @@ import numpy as np
 
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError, UnstableModelError
-from femsub.linalg.factor import complex_solve
+from femsub.linalg.factor import ComplexFactor
 from femsub.linalg.subspace import new_directions
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
 from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil, contact_damping
-from femsub.model.substructure import Substructure
 from femsub.modes.normal_modes import lowest_modes, modes_below
 from femsub.modes.shift_invert import ShiftInvert, units
 from femsub.modes.static_shapes import independent
@@ -120,15 +119,20 @@ def _verify(model: Model, c: float, omega: float) -> tuple[float, float]:
     return pair[0], pair[1]
 
 
-def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto") -> Border:
+def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
     """The border of a large model, by a basis that grows until the border stands still.
 
     It starts as the undamped modes up to 1.5 times the band with the static responses of the contact and of dashpots
     (a Craig-Chang basis, in which Ω is known to rounding), and takes in the full model's response to the contact,
     (-ω²M + iωD + K)⁻¹W, at each border found. So it does at an edge of the band where a pair may cross: of a border there it
-    is to be known whether it belongs to the band.
+    is to be known whether it belongs to the band. M and K are symmetric; all of it is worked out in units in which the DOF are
+    alike, so that the complex modes that verify the border share its factor.
     """
-    basis = _Growing(model, W, 1.5 * band[1])
+    if (alike := pencil.alike()) is not pencil:
+        unit = pencil.units[0][:, None]
+        border = sparse_border(alike, unit * W, band, method)
+        return replace(border, shape=unit[:, 0] * border.shape)
+    basis = _Growing(pencil, W, 1.5 * band[1])
     basis.grow(_crossed_edges(basis, band))
     previous = np.nan
     for _ in range(ROUNDS):
@@ -142,9 +146,9 @@ def sparse_border(model: Substructure, W: Array, band: Band, method: str = "auto
                                 "narrow the band")
     border = replace(border, shape=basis.V @ border.shape)
     if border.omega == 0 and border.c < 0:  # rigid motion is in the basis from the start: what oscillates is still to be refined
-        later = sparse_border(model, W, (BESIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method)
+        later = sparse_border(pencil, W, (BESIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method)
         return later if later.c > border.c * (1 - TOGETHER) else border
-    return border if not np.isfinite(border.c) or border.c == 0 else _verified(model.pencil, W, border, band)
+    return border if not np.isfinite(border.c) or border.c == 0 else _verified(pencil, W, border, band)
 
 
 def _crossed_edges(basis: _Growing, band: Band) -> Array:
@@ -163,8 +167,8 @@ def _crossed_edges(basis: _Growing, band: Band) -> Array:
 class _Growing:
     """An M-orthonormal basis V of a sparse model with the projected pencil; `grow` adds responses to the contact."""
 
-    def __init__(self, model: Substructure, W: Array, limit: float) -> None:
-        self.full, self.load = model.pencil, W
+    def __init__(self, model: Pencil, W: Array, limit: float) -> None:
+        self.full, self.load = model, W
         handle = ShiftInvert(model.K, model.M)
         modes = modes_below(model.K, model.M, limit, handle)
         if modes.rigid == len(modes.eigenvalues):
@@ -197,7 +201,7 @@ class _Growing:
     def grow(self, omega: Array) -> None:
         if not len(omega):
             return
-        new = np.hstack([complex_solve(self.full.at(1j * value), self.load) for value in omega])
+        new = np.hstack([ComplexFactor(self.full.at(1j * value)).solve(self.load) for value in omega])
         new, _ = new_directions(self.V, np.hstack([new.real, new.imag]), self.full.M.__matmul__)
         cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
         cross[:self.rigid] = 0.0  # K resists no rigid motion: rounding beside exact zeros would pass for a soft mount

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy.sparse as sp
 
 from femsub.checks import Array, choice, positive_number
 from femsub.errors import CutoffWarning, FemsubWarning, InputError, InputTypeError, SingularMatrixError
@@ -176,12 +175,6 @@ def _indefinite(model: Substructure, W: Array, a: float, b: float) -> float:
     return -1 / compliance if compliance > 0 else -np.inf
 
 
-def _sparse(model: Substructure) -> Substructure:
-    """The model with sparse matrices, without interface and ports."""
-    return model if model.pencil.is_sparse else Substructure(
-        sp.csr_array(model.M), sp.csr_array(model.K), sp.csr_array(model.D), name=model.name)
-
-
 def _check_model(name: str, model: object, force: object) -> None:
     if not isinstance(model, Substructure):
         raise InputTypeError(f"{name} takes a Substructure with a port, not {type(model).__name__}")
@@ -243,7 +236,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
                          "frequencies may lose their stability?")
     limits = usable_band(model, band)
     if sparse and band is not None:
-        found = sparse_border(_sparse(model), w, limits, method)
+        found = sparse_border(model.pencil.sparse(), w, limits, method)
     else:
         found = dense_border(model.pencil, w, limits, method)
     sure = SHARE * model.cutoff

@@ -14,7 +14,7 @@ import numpy as np
 
 from femsub.checks import Array, finite_number, items
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
-from femsub.linalg.factor import complex_solve, factorise
+from femsub.linalg.factor import ComplexFactor, factorise
 from femsub.model.bands import within
 from femsub.model.friction import Belt
 from femsub.model.substructure import ReducedSubstructure, Substructure
@@ -296,7 +296,7 @@ def _compliance(model: Substructure, belts: Sequence[Belt], grid: Array) -> Arra
     found = np.empty((len(grid), W.shape[1], W.shape[1]), dtype=complex)
     for row, value in enumerate(grid):
         if pencil.is_sparse:
-            x = complex_solve(pencil.at(1j * value), W) if value else factorise(pencil.K, "symmetric").solve(W)
+            x = ComplexFactor(pencil.at(1j * value)).solve(W) if value else factorise(pencil.K, "symmetric").solve(W)
         else:
             try:
                 x = np.linalg.solve(pencil.at(1j * value), W.astype(complex))

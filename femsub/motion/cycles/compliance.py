@@ -18,7 +18,7 @@ import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.errors import SingularMatrixError
-from femsub.linalg.factor import QUADRATIC, Handle, complex_solve, shared_factor
+from femsub.linalg.factor import QUADRATIC, ComplexFactor, Handle, shared_factor
 from femsub.linalg.subspace import new_directions
 from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil
@@ -235,33 +235,38 @@ class Solved:
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "static"}  # a factor does not travel
 
-    def _exact(self, s: complex, transposed: bool = False) -> Array:
-        P = self.pencil.at(s)
-        P = P.T if transposed else P
+    def _exact(self, s: complex) -> tuple[Array, Array]:
+        """P(s)⁻¹W and P(s)⁻ᵀW."""
+        P, W = self.pencil.at(s), self.W.astype(complex)
         self.solves += 1
         if not self.pencil.is_sparse:
             try:
-                return la.solve(P, self.W.astype(complex), check_finite=False)
+                x = la.solve(P, W, check_finite=False)
+                return x, x if self.symmetric else la.solve(P.T, W, check_finite=False)
             except la.LinAlgError:
                 raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g}") from None
-        return complex_solve(P, self.W.astype(complex))
+        factor = ComplexFactor(P)
+        x = factor.solve(W)
+        return x, x if self.symmetric else factor.solve(W, transposed=True)
 
-    def _responses(self, s: Array) -> Array:
-        """P(s)⁻¹W, shape (m, n, p)."""
+    def _responses(self, s: Array) -> tuple[Array, dict[int, Array]]:
+        """P(s)⁻¹W, shape (m, n, p), and P(s)⁻ᵀW for those at which a system was solved."""
         found, wrong = self._galerkin(s)
+        left: dict[int, Array] = {}
         exact = np.zeros(len(s), dtype=bool)
         while (wrong > NEARBY).any():
             # those in between are often taken care of by their neighbours
             bad = np.flatnonzero(wrong > NEARBY)
             chosen = bad[np.unique(np.linspace(0, len(bad) - 1, min(len(bad), AT_ONCE)).astype(int))]
-            new = [self._exact(s[i]) for i in chosen]
+            new, other = zip(*(self._exact(s[i]) for i in chosen), strict=True)
+            left.update(zip(chosen, other, strict=True))
             self._grow(np.hstack(new))
             exact[chosen] = True
             again, wrong = self._galerkin(s)
             found[~exact] = again[~exact]
             found[chosen] = new
             wrong[exact] = 0.0
-        return found
+        return found, left
 
     def _grow(self, new: Array) -> None:
         new = np.hstack([new.real, new.imag]) if np.iscomplexobj(new) else new
@@ -271,8 +276,8 @@ class Solved:
     def mobility(self, s: Array) -> tuple[Array, Array]:
         """Y(s) and dY/ds = h - s yᵀ(2sM + D)x, shape (m, p, p) each."""
         s = np.asarray(s, dtype=complex)
-        x = self._responses(s)
-        y = x if self.symmetric else np.array([self._exact(value, True) for value in s]).reshape(x.shape)
+        x, left = self._responses(s)
+        y = x if self.symmetric else [left[i] if i in left else self._exact(value)[1] for i, value in enumerate(s)]
         Y, slope = (np.empty((len(s), x.shape[2], x.shape[2]), dtype=complex) for _ in range(2))
         for i, value in enumerate(s):
             h = self.W.T @ x[i]
@@ -288,4 +293,4 @@ class Solved:
 
     def response(self, s: Array, force: Array) -> Array:
         """x (n, m) with P(s_k) x_k = W f_k."""
-        return np.einsum("mnp,mp->nm", self._responses(np.asarray(s, dtype=complex)), force)
+        return np.einsum("mnp,mp->nm", self._responses(np.asarray(s, dtype=complex))[0], force)
