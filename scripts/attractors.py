@@ -45,6 +45,7 @@ from benchmarks.attractor_states import Motion
 from femsub.app import report
 from femsub.app.scene import Result
 from femsub.studies.self_excitation import CRITERIA, rank_correlation, table_rows
+from femsub.tables import table
 
 SHORT = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC"}
 MEASURED = ("distance", "error_spectrum", "error_frequency", "error_amplitude")
@@ -151,14 +152,14 @@ def text(found: dict[str, Any]) -> str:
     """The three tables and what follows from them."""
     states = found["states"]
     names = [state["state"] for state in states] + ["not settled"]
-    parts = [report.table(
+    parts = [table(
         ["state", "kind", "lines (share of power)", "rms", "sticking", "trajectories"],
         [[state["state"], "periodic" if state["periodic"] else "not periodic",
           "  ".join(f"{at:.4f} ({share:.2f})" for at, share in state["lines"] if share > 0.02),
           f"{state['rms_least']:.3f}-{state['rms_most']:.3f}", state["sticking"], state["count"]] for state in states],
         ["s", "s", "s", "s", ".0%", "d"])]
     rows = found["rows"]
-    parts.append(report.table(
+    parts.append(table(
         ["model", "interface", "DOF", "shares", "distance", "95 % interval", "agrees", "holds", "same state", "err ω", "err rms",
          "growing", "missing", "spurious", "growth dist.", "mean compl."],
         [[SHORT[row["method"]], _interface(row["interface"]), row["size"], _told(row["shares"], names), row["distance"],
@@ -177,7 +178,7 @@ def text(found: dict[str, Any]) -> str:
     if found["correlations"]:
         parts.append("Reduced models that are not complete: how often a criterion is larger for one that does not agree than for "
                      "one that does, and Spearman's rank correlation with what was measured")
-        parts.append(report.table(
+        parts.append(table(
             ["criterion", "interface", "tells apart", "distance of shares", "spectrum", "frequency", "amplitude"],
             [[line["criterion"], _interface(line["interface"]), *(_number(line[name]) for name in ("told_apart", *MEASURED))]
              for line in found["correlations"]], ["s", "s", ".0%", "+.2f", "+.2f", "+.2f", "+.2f"]))
@@ -216,7 +217,7 @@ def _told(parts: Sequence[float], names: Sequence[str]) -> str:
 
 def draw(found: dict[str, Any]) -> Any:
     """Stacked shares over the DOF, HCB above CC, the full model to the right; below, the distance from the full model."""
-    from femsub.app.figures import COLOURS, new_figure
+    from femsub.app.figure_style import look, new_figure
 
     rows, states = found["rows"], found["states"]
     interfaces = list(dict.fromkeys(tuple(row["interface"]) for row in rows if row["method"] != "full"))
@@ -252,7 +253,7 @@ def draw(found: dict[str, Any]) -> Any:
         last = column[-1]
         last.axhspan(0, found["chance"], color="0.85", label="within chance (95 %)")
         for method, shift in zip(methods, (-0.08, 0.08), strict=False):
-            colour = COLOURS[method]
+            colour = look(method).colour
             mine = sorted((row for row in rows if (row["method"], tuple(row["interface"])) == (method, interface)),
                           key=lambda row: row["size"])
             at = np.array([row["size"] for row in mine]) + shift

@@ -35,6 +35,7 @@ from benchmarks import comparisons as tasks
 from benchmarks.processes import Row, fresh, machine
 from femsub.app import report
 from femsub.app.scene import Result
+from femsub.tables import table
 
 PARTS = ("assembly", "bases", "cea")
 SIZES: dict[bool, Row] = {  # by --quick: bricks, nodes of the interface, modes
@@ -201,15 +202,15 @@ def text(bench: Bench) -> str:
     keys = ["part", "case", "method", "dof", "seconds", "seconds_least", "seconds_most", "times", "times_least", "times_most",
             "peak_mb", "base_mb"]
     forms = ["", "", "", ",d", ".3g", ".3g", ".3g", ".3g", ".3g", ".3g", ".0f", ".0f"]
-    parts = [report.table(heads, [[row.get(key) for key in keys] for row in bench.rows], forms)]
+    parts = [table(heads, [[row.get(key) for key in keys] for row in bench.rows], forms)]
     lines = [[f"{row['method']}, {row['case']}", ", ".join(f"{key} {value:.3g} s" for key, value in row["phases"].items()),
               row.get("residual"), row.get("factorisations")] for row in bench.rows if row["part"] != "cea"]
     if lines:
-        parts.append(report.table(["phases", "medians", "residual of modes", "factorisations"], lines, ["", "", ".0e", "d"]))
+        parts.append(table(["phases", "medians", "residual of modes", "factorisations"], lines, ["", "", ".0e", "d"]))
     if "cea" in bench.details:
         tried = [[row[key] for key in ("method", "modes", "size", "growth_error", "reduction_seconds")]
                  for row in bench.details["cea"]["tried"]]
-        parts.append(report.table(["reduced models", "modes", "DOF", "err Re λ", "seconds"], tried, ["", "d", "d", ".1e", ".3g"]))
+        parts.append(table(["reduced models", "modes", "DOF", "err Re λ", "seconds"], tried, ["", "d", "d", ".1e", ".3g"]))
     if times := bench.details.get("cea", {}).get("times_with_reduction"):
         parts.append(f"cea: {times:.3g} times faster where the reduction itself is counted with the sweep")
     return "\n\n".join(parts)

@@ -39,6 +39,7 @@ from femsub.quadratic import complex_modes as cea
 from femsub.quadratic import damping_split as splitting
 from femsub.quadratic import disc_count as condensed
 from femsub.quadratic import sparse as pep
+from femsub.tables import table
 
 LONG = 60.0
 KINDS = ("errors", "left", "inertia", "disc")
@@ -165,7 +166,7 @@ def main() -> None:
     report.progress_done()
     shown = ("model", "dof", "eigenvalues", "evidence", "solution", *KINDS, "ratio", "refine", "moved")
     formats = ("s", "d", "d", "s", ".4g", ".3g", ".3g", ".3g", ".3g", ".1%", ".3g", ".1e")
-    print(report.table(shown, [[row.get(key) for key in shown] for row in rows], formats))
+    print(table(shown, [[row.get(key) for key in shown] for row in rows], formats))
 
 
 if __name__ == "__main__":

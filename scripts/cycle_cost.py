@@ -17,12 +17,13 @@ import time
 import warnings
 
 import femsub as fs
-from femsub.app.report import machine, table, to_json
+from femsub.app.report import machine, to_json
 from femsub.app.scene import load
 from femsub.io.atomic import write_whole
 from femsub.motion.cycles import compliance
 from femsub.motion.cycles.balance import Balance
 from femsub.motion.nonlinear_model import sliding
+from femsub.tables import table
 
 
 def models(modes: int) -> dict[str, tuple[fs.Substructure, fs.Belt]]:

@@ -38,6 +38,7 @@ from benchmarks.extreme.table import CASES
 from benchmarks.extreme.verdict import FIGURES, Row, evaluate
 from femsub.app import report
 from femsub.app.scene import Result
+from femsub.tables import table
 
 
 def run(names: list[str], limit: float) -> list[Row]:
@@ -68,7 +69,7 @@ def text(rows: list[Row]) -> str:
     keys = ["case", "group", "verdict", "computed", "error", "bound", "backward", "orthogonality", "condition", "missed",
             "seconds"]
     forms = ["", "", "", "", ".1e", ".1e", ".0e", ".0e", ".1e", "d", ".2f"]
-    parts = [report.table(heads, [[row[key] for key in keys] for row in rows], forms)]
+    parts = [table(heads, [[row[key] for key in keys] for row in rows], forms)]
     for verdict in ("refused", "wrong"):
         lines = [f"  {row['case']}: {row['reason']}" for row in rows if row["verdict"] == verdict]
         if lines:
@@ -80,7 +81,7 @@ def text(rows: list[Row]) -> str:
 
 def draw(rows: list[Row]) -> Any:
     """Error over bound, and the verdicts of each group."""
-    from femsub.app.figures import new_figure
+    from femsub.app.figure_style import new_figure
 
     groups = list(dict.fromkeys(row["group"] for row in rows))
     colours = ["#0067a5", "#c44e00", "#2e8b57", "#8e44ad", "#b08900", "#555555", "#c2185b", "#008b8b", "#7a4b1e",

@@ -41,6 +41,7 @@ from benchmarks import models
 from benchmarks.processes import Row, fresh, machine, peak_mb, warm_up
 from femsub.app import report
 from femsub.app.scene import Result
+from femsub.tables import table
 
 STEPS = ("assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC")
 METHODS: dict[str, Any] = {"HCB": fs.CraigBampton, "CC": fs.CraigChang}
@@ -214,17 +215,17 @@ def text(rows: list[Row], fits: list[Row]) -> str:
                ("runs", "runs", "d"), ("peak MB", "peak_mb", ".0f"), ("baseline", "base_mb", ".0f"),
                ("error", "error", ".1e"), ("residual", "residual", ".1e"), ("stable", "stable", "")]
     heads, keys, forms = (list(part) for part in zip(*columns, strict=True))
-    table = report.table(heads, [[row[key] for key in keys] for row in rows], forms)
+    shown = table(heads, [[row[key] for key in keys] for row in rows], forms)
     heads = ["growth ~ n^p", "cores", "step", "n >= 10^4: seconds", "least", "memory", "all n: seconds", "least", "memory"]
-    return f"{table}\n\n" + report.table(heads, [list(fit.values()) for fit in fits], ["", "d", "", *[".2f"] * 6])
+    return f"{shown}\n\n" + table(heads, [list(fit.values()) for fit in fits], ["", "d", "", *[".2f"] * 6])
 
 
 def draw(rows: list[Row], fits: list[Row]) -> Any:
     """Seconds (least to most as bars) above, peak memory below, one column for each component, all axes logarithmic."""
-    from femsub.app.figures import COLOURS, new_figure
+    from femsub.app.figure_style import look, new_figure
 
-    hcb, cc = COLOURS["craig-bampton"], COLOURS["craig-chang"]
-    looks = {"assembly": ("0.55", "v", 5), "HCB": (hcb, "s", 5), "CC": (cc, "^", 5), "CEA full": (COLOURS["full"], "o", 5),
+    hcb, cc = (look(key).colour for key in ("craig-bampton", "craig-chang"))
+    looks = {"assembly": ("0.55", "v", 5), "HCB": (hcb, "s", 5), "CC": (cc, "^", 5), "CEA full": ("black", "o", 5),
              "CEA HCB": (hcb, "s", 3), "CEA CC": (cc, "^", 3)}
     kinds, cores = (list(dict.fromkeys(row[key] for row in rows)) for key in ("component", "cores"))
     figure = new_figure(2 + 3.4 * len(kinds), 7.6)

@@ -61,7 +61,7 @@ def run_scenes(folder: Path) -> tuple[Callable[[int], Any], Callable[[], Any]]:
 
     def read() -> Any:
         json.loads((folder / "results.json").read_text())
-        content = fuzz_matrices.read_component(folder / "CraigBampton-3")
+        content = fuzz_matrices.read_component(folder / "craig-bampton-3")
         content["factorisations"] = 0
         return fingerprint(content)
 

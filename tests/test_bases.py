@@ -242,13 +242,13 @@ def test_small_reductions_use_one_blas_thread_and_give_the_others_back(n: int, m
     if not controls:
         pytest.skip("no OpenBLAS that can be told its number of threads")
     before, seen = [get() for get, _ in controls], []
-    original = fs.CraigBampton.basis
+    original = fs.CraigBampton.statics
 
     def noted(self: fs.CraigBampton, *given: object) -> object:
         seen.extend(get() for get, _ in controls)
         return original(self, *given)
 
-    monkeypatch.setattr(fs.CraigBampton, "basis", noted)
+    monkeypatch.setattr(fs.CraigBampton, "statics", noted)
     fs.reduce(fs.chain(n), fs.CraigBampton(5))
     assert set(seen) == {1} and [get() for get, _ in controls] == before
     with pytest.raises(fs.InputError):

@@ -32,18 +32,18 @@ def test_cycles_and_branches_of_the_chain(tmp_path: Path, capsys: pytest.Capture
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv", "bifurcation.png"}
     data = json.loads((tmp_path / "out" / "results.json").read_text())
     found = {row["model"]: row for row in data["cycles"]}
-    assert found["HCB"]["omega"] == pytest.approx(0.7245, rel=1e-4) and found["HCB"]["is_stable"] is True
-    assert found["CC"]["omega"] == pytest.approx(0.7227, rel=1e-4) and found["CC"]["is_stable"] is True
+    assert found["craig-bampton"]["omega"] == pytest.approx(0.7245, rel=1e-4) and found["craig-bampton"]["is_stable"] is True
+    assert found["craig-chang"]["omega"] == pytest.approx(0.7227, rel=1e-4) and found["craig-chang"]["is_stable"] is True
     assert found["full"]["is_stable"] is False
-    assert {item["model"] for item in data["branches"]} == {"full", "HCB", "CC"}
+    assert {item["model"] for item in data["branches"]} == {"full", "craig-bampton", "craig-chang"}
     for item in data["branches"]:
         assert item["hopf"]["error"] < 1e-6 and item["hopf"]["supercritical"] is True
     # where a transient ends on the cycle, it lies on the branch
     dots = {dot["model"]: dot for dot in data["transients"]}
-    branch = next(item for item in data["branches"] if item["model"] == "CC")
-    near = min(branch["points"], key=lambda point: abs(point["slope"] - dots["CC"]["value"]))
-    assert dots["CC"]["omega"] == pytest.approx(near["omega"], rel=5e-3)
-    assert dots["CC"]["rms"] == pytest.approx(near["rms"], rel=0.05)
+    branch = next(item for item in data["branches"] if item["model"] == "craig-chang")
+    near = min(branch["points"], key=lambda point: abs(point["slope"] - dots["craig-chang"]["value"]))
+    assert dots["craig-chang"]["omega"] == pytest.approx(near["omega"], rel=5e-3)
+    assert dots["craig-chang"]["rms"] == pytest.approx(near["rms"], rel=0.05)
     assert "Branches over the slope" in capsys.readouterr().out
 
 
@@ -51,7 +51,7 @@ def test_full_plate_and_its_reduced_models(tmp_path: Path, capsys: pytest.Captur
     text = ('scene = "plate-limit-cycle"\nelements = [4, 3]\nmodes = [8]\noutputs = ["cycles"]\nfigures = false\n')
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
     rows = {row["model"]: row for row in json.loads((tmp_path / "out" / "results.json").read_text())["cycles"]}
-    assert rows["CC"]["omega_error"] < 1e-4 and rows["HCB"]["rms_error"] < 1e-2
+    assert rows["craig-chang"]["omega_error"] < 1e-4 and rows["craig-bampton"]["rms_error"] < 1e-2
     assert "Limit cycles at v0" in capsys.readouterr().out
 
 
@@ -130,7 +130,7 @@ def test_the_scene_tells_which_cycles_of_the_large_model_are_missing(tmp_path: P
             'outputs = ["branches"]\neps = 0.02\ndots = 0\n')
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
     data = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert [item["model"] for item in data["branches"]] == ["full", "HCB", "CC"]
+    assert [item["model"] for item in data["branches"]] == ["full", "craig-bampton", "craig-chang"]
     full = data["branches"][0]
     assert len(full["points"]) == 2 and [point["is_stable"] for point in full["points"]] == [None, None]
     assert [gap["why"] for gap in full["missed"]] == ["no luck here"] and full["missed"][0]["slope"] == pytest.approx(-0.06)
@@ -174,7 +174,7 @@ def test_points_whose_stability_was_not_computed_are_marked_by_an_x(oscillator: 
     _, guide = oscillator
     silent = replace(guide, points=tuple(replace(point, stability=False) for point in guide.points[::9]),
                      values=guide.values[::9], special=(), hopf=None)
-    items = [{"model": "CC", "family": 1.0, "branch": guide}, {"model": "full", "family": 1.0, "branch": silent}]
+    items = [{"model": "craig-chang", "family": 1.0, "branch": guide}, {"model": "full", "family": 1.0, "branch": silent}]
     figure = bifurcation_figure(items, [], "speed", [1.0], 1.0, "oscillator")
     for axis, values in zip(figure.axes, (silent.rms, silent.omega), strict=True):
         crosses = [line for line in axis.lines if line.get_marker() == "x"]
@@ -184,6 +184,6 @@ def test_points_whose_stability_was_not_computed_are_marked_by_an_x(oscillator: 
         assert styles == ["None"]  # no line of it that would pass for stable or unstable
         assert {"-", "--"} <= {line.get_linestyle() for line in axis.lines}
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "full (stability not computed)" in labels and "CC" in labels
+    assert "full (stability not computed)" in labels and "Craig-Chang" in labels
     assert not any("not computed" in text.get_text() for text in
                    bifurcation_figure(items[:1], [], "speed", [1.0], 1.0, "oscillator").legends[0].get_texts())

@@ -159,8 +159,8 @@ def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() ->
     methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 8, 16, 24)]
     found = fs.study(sub, methods, band=(0.0, 8500.0), belt=fs.Belt(slope=-5.0), ports=True, repeats=1)
     best = found.recommended(1e-3)
-    assert best is not None and (best.method, best.modes) == ("CraigChang", 8)
-    assert "CraigChang with 8 modes (11 DOF)" in found.recommendation(1e-3)
+    assert best is not None and (best.method, best.modes) == ("craig-chang", 8)
+    assert "Craig-Chang with 8 modes (11 DOF)" in found.recommendation(1e-3)
     fit = [row for row in found.rows if row.error_growth <= 1e-3]
     assert len(fit) > 2 and best.size == min(row.size for row in fit)
     few = next(row for row in found.rows if row.modes == 4)
@@ -175,8 +175,8 @@ def test_what_rules_a_model_out() -> None:
     full = Row("full", 0, 1000, 0.0, 0.0, 0.0, 0, -1.0, 0.0, time, time, 0.0)
 
     def chosen(**change: float) -> int | None:
-        small = Row("CraigChang", 5, 10, 1e-5, 1e-4, 0.0, 0, -1.0, 0.0, time, time, 0.0, cutoff=2.0)
-        rows = (replace(small, modes=9, size=20, method="CraigBampton"), replace(small, **change))
+        small = Row("craig-chang", 5, 10, 1e-5, 1e-4, 0.0, 0, -1.0, 0.0, time, time, 0.0, cutoff=2.0)
+        rows = (replace(small, modes=9, size=20, method="craig-bampton"), replace(small, **change))
         best = Study("x", (0.0, 1.5), 1, full, rows).recommended()
         return best and best.size
 
@@ -286,8 +286,8 @@ def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: Runs, name: str
     most = max(row["modes"] for row in rows)
     error = {(row["model"], row["springs"]): row["error"] for row in rows if row["modes"] == most}
     soft, stiff = min(row["springs"] for row in rows), max(row["springs"] for row in rows)
-    assert error["CraigChang", soft] < 0.1 * error["CraigBampton", soft]
-    assert error["CraigBampton", stiff] < 0.1 * error["CraigChang", stiff]
+    assert error["craig-chang", soft] < 0.1 * error["craig-bampton", soft]
+    assert error["craig-bampton", stiff] < 0.1 * error["craig-chang", stiff]
     assert max(error.values()) < 0.1
 
 
@@ -326,7 +326,7 @@ def test_an_unsupported_solid_drifts_first_and_writes_all_it_has(tmp_path: Path,
     assert "band = [lo, hi] with lo above 0" in said
     assert data["error-time"][1]["missing"] == 0  # of five equal real eigenvalues, which rounding may make a pair
     rows = {row["model"]: row for row in data["eigenvalues"]}
-    assert rows["CraigChang"]["counted"] == rows["full"]["counted"] == rows["full"]["full_counted"]
+    assert rows["craig-chang"]["counted"] == rows["full"]["counted"] == rows["full"]["full_counted"]
     # the advice: a band from above zero
     band = f"band = [{1e-3 * data['band'][1]}, {data['band'][1]}]\noutputs = ['critical-slope']\n"
     assert main(["run", scene_file(tmp_path, FREE + band), "--out", str(tmp_path / "other")]) == 0
@@ -339,8 +339,8 @@ def test_a_model_without_a_slope_takes_nothing_from_the_others(tmp_path: Path, c
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
     data, said = json.loads((tmp_path / "out" / "results.json").read_text()), capsys.readouterr().out
     slopes = {(row["model"], row["modes"]): row for row in data["critical-slope"]}
-    assert slopes["CraigBampton", 2]["slope"] is None and "cut-off" in slopes["CraigBampton", 2]["reason"]
-    assert slopes["CraigChang", 12]["error"] < 1e-3 and slopes["CraigChang", 12]["reason"] == ""
+    assert slopes["craig-bampton", 2]["slope"] is None and "cut-off" in slopes["craig-bampton", 2]["reason"]
+    assert slopes["craig-chang", 12]["error"] < 1e-3 and slopes["craig-chang", 12]["reason"] == ""
     assert "reaches above the cut-off" in said
-    few = next(row for row in data["eigenvalues"] if (row["model"], row["modes"]) == ("CraigBampton", 2))
+    few = next(row for row in data["eigenvalues"] if (row["model"], row["modes"]) == ("craig-bampton", 2))
     assert few["up_to"] == few["cutoff"] < data["band"][1] and few["full_counted"] < data["eigenvalues"][0]["counted"]

@@ -33,15 +33,15 @@ def test_a_scene_writes_reduced_matrices(tmp_path: Path, capsys: pytest.CaptureF
     assert main(["run", str(tmp_path / "scene.toml")]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {"K.sti", "K.mas", "K.dof", "scene.toml"}
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().err
-    assert "CraigChang-3/model.json" in capsys.readouterr().out
-    read = fs.read_component(tmp_path / "out" / "CraigBampton-3")
+    assert "craig-chang-3/model.json" in capsys.readouterr().out
+    read = fs.read_component(tmp_path / "out" / "craig-bampton-3")
     undamped = fs.Substructure(sub.M, sub.K, None, [0, 7], {"belt": sub.port("belt")}, "matrices")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.PortWarning)
         expected = fs.reduce(undamped, fs.CraigBampton(3))
     assert read.V.shape == (20, 5) and np.allclose(read.K, expected.K, atol=1e-12)
     assert read.full_dofs.name(3) == "ux at node 4"
-    assert json.loads((tmp_path / "out" / "results.json").read_text())["reduced-matrices"] == ["CraigBampton-3", "CraigChang-3"]
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["reduced-matrices"] == ["craig-bampton-3", "craig-chang-3"]
 
 
 def test_reduced_matrices_are_only_written_on_request(tmp_path: Path) -> None:

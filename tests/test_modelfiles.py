@@ -43,7 +43,7 @@ def test_round_trip(tmp_path: Path, sub: fs.Substructure, format: str, kind: str
         same(read.V, model.V)
         same_map(read.full_dofs, model.full_dofs)
         assert np.array_equal(read.interface_rows, model.interface_rows)
-        for key in ("kinds", "cutoff", "method", "dropped", "factorisations", "port_error"):
+        for key in ("kinds", "modes", "cutoff", "method", "dropped", "factorisations", "port_error"):
             assert getattr(read, key) == getattr(model, key)
     elif model.dofs:
         same_map(read.dofs, model.dofs)
@@ -122,6 +122,7 @@ def rehashed(folder: Path, about: dict[str, Any]) -> None:
     ("reduced/kinds", "free", "'kinds' must be"), ("reduced/interface", [0, 99], "interface"),
     ("reduced/interface", [0, 0], "interface"), ("reduced/interface", ["x"], "'interface' must"),
     ("reduced/interface", [[0]], "'interface' must"), ("reduced/dropped", -1, "'dropped'"),
+    ("reduced/modes", "x", "'modes' must"), ("reduced/modes", 99, "its modes"),
     ("reduced/port_error", {"nobody": 0.1}, "errors of ports"), ("reduced/port_error", {"belt": "x"}, "'port_error' must"),
     ("reduced", [], "'reduced' must be a table"), ("reduced", "x", "'reduced' must be"),
     ("interface", [0, "x"], "'interface' must"), ("interface", [3], "is not that of V"), ("interface", 5, "'interface' must"),

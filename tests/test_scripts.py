@@ -80,7 +80,7 @@ def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
     first = report(tmp_path, "--steps", "chain")
     assert first.returncode == 0, first.stdout + first.stderr
     page = (tmp_path / "docs" / "page.md").read_text()
-    assert "scripts/tiny-chain.toml" in page and "* CraigChang" in page and "Not run yet: bench" in page
+    assert "scripts/tiny-chain.toml" in page and "* Craig-Chang" in page and "Not run yet: bench" in page
     assert (tmp_path / "docs" / "page" / "chain-error-time.png").exists() and "(page/chain-error-time.png)" in page
     # what was run and stopped half-way has no done.json: it is begun anew, and what had ended is left alone
     kept = (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns

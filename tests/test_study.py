@@ -28,7 +28,7 @@ def test_errors_shrink_and_vanish_with_all_modes() -> None:
             assert errors[0] > errors[1] > errors[2] < 1e-10
         assert all(row.missing == 0 and row.reduction.least <= row.reduction.median <= row.reduction.most for row in rows)
     assert found.rows[0].error_slope == pytest.approx(2.7e-3, abs=5e-5)
-    assert found.rows[0].method == "CraigBampton" and "10 DOF" in repr(found)
+    assert found.rows[0].method == "craig-bampton" and "10 DOF" in repr(found)
 
 
 def test_a_mode_that_the_reduced_model_lacks_is_counted() -> None:
@@ -100,7 +100,7 @@ def test_shapes_decide_where_frequencies_do_not_and_clusters_are_subspaces() -> 
 
 def test_the_front_leaves_out_what_is_beaten_in_both() -> None:
     time = [Timing(seconds, seconds, seconds) for seconds in (1.0, 2.0, 3.0)]
-    rows = [Row("CraigChang", 4, 5, 0.0, error, 0.0, missing, 0.0, 0.0, time[turn], time[0], 0.0)
+    rows = [Row("craig-chang", 4, 5, 0.0, error, 0.0, missing, 0.0, 0.0, time[turn], time[0], 0.0)
             for turn, error, missing in ((0, 1e-2, 0), (1, 1e-3, 0), (2, 1e-2, 0), (2, 1e-4, 1), (2, 1e-3, 0))]
     assert [row.pareto for row in with_front(rows)] == [True, True, False, False, False]
 
@@ -143,7 +143,7 @@ def test_noise_of_milliseconds_does_not_move_the_star(rng: np.random.Generator) 
     stars, best = set(), set()
     for _ in range(20):
         seconds = [Timing.of(0.01 * (1 + rng.random(9))) for _ in sizes]
-        rows = [Row("CraigChang", 4, size, 0.0, error, 0.0, 0, 0.0, 0.0, time, time, 0.0)
+        rows = [Row("craig-chang", 4, size, 0.0, error, 0.0, 0, 0.0, 0.0, time, time, 0.0)
                 for size, error, time in zip(sizes, errors, seconds, strict=True)]
         found = Study("x", (0.0, 1.0), 3, rows[0], with_front(rows, 1.0))
         stars.add(tuple(row.pareto for row in found.rows))
@@ -151,6 +151,6 @@ def test_noise_of_milliseconds_does_not_move_the_star(rng: np.random.Generator) 
         best.add(None if chosen is None else (chosen.size, chosen.error_growth))
     assert stars == {(False, True, True, True, True)} and best == {(5, 1e-3)}
     slow, quick = Timing(3.0, 2.9, 3.1), Timing(0.1, 0.09, 0.11)  # where the difference is real it decides
-    rows = [Row("CraigChang", 4, 5, 0.0, 1e-3, 0.0, 0, 0.0, 0.0, slow, slow, 0.0),
-            Row("CraigBampton", 4, 6, 0.0, 1e-3, 0.0, 0, 0.0, 0.0, quick, quick, 0.0)]
+    rows = [Row("craig-chang", 4, 5, 0.0, 1e-3, 0.0, 0, 0.0, 0.0, slow, slow, 0.0),
+            Row("craig-bampton", 4, 6, 0.0, 1e-3, 0.0, 0, 0.0, 0.0, quick, quick, 0.0)]
     assert [row.pareto for row in with_front(rows)] == [False, True]

@@ -64,7 +64,7 @@ def test_a_disc_in_time_compares_full_and_reduced_from_one_state(tmp_path: Path)
     out = tmp_path / "out"
     assert main(["run", scene_file(tmp_path, DISC), "--out", str(out)]) == 0
     rows = json.loads((out / "results.json").read_text())["error-time"]
-    assert [row["model"] for row in rows] == ["full", "CraigChang", "CraigChang"]
+    assert [row["model"] for row in rows] == ["full", "craig-chang", "craig-chang"]
     assert rows[0]["method"] == "alpha" and rows[2]["method"] == "lsoda"
     assert rows[2]["amplitude_error"] < 0.02 and rows[2]["speedup"] > 5
     assert (out / "error-time.png").stat().st_size > 10_000

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from femsub.app.figures import new_figure
+from femsub.app.figure_style import look, new_figure
 
-COLOURS = {"full": "black", "HCB": "#c44e00", "CC": "#0067a5"}
-WIDTHS = {"full": 3.2, "HCB": 2.0, "CC": 1.0}
+WIDTHS = (2.0, 1.0, 1.3)  # of reduced models, in turn: where lines lie on each other, each is seen
 KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch point": "v"}
 UNITS = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [length/time]", "force": "normal force F  [force]"}
 
@@ -25,8 +24,8 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
     figure = new_figure(3.4 * len(shown) + 1.8, 6.2)
     axes = figure.subplots(2, len(shown), sharex=True, sharey="row" if len(shown) == 1 else False, squeeze=False)
     models = list(dict.fromkeys([item["model"] for item in branches] + [dot["model"] for dot in dots]))
-    others = ("#2a7f3f", "#7b3294", "#888888")
-    colours = {name: COLOURS.get(name, others[i % 3]) for i, name in enumerate(models)}
+    reduced = [name for name in models if name != "full"]
+    widths = {"full": 3.2} | {name: WIDTHS[i % len(WIDTHS)] for i, name in enumerate(reduced)}
     homes = [_home(dot["omega"], shown, branches) for dot in dots]
     kinds: set[str] = set()
     for column, family in enumerate(shown):
@@ -34,23 +33,23 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
         for item in branches:
             if item["family"] != family:
                 continue
-            kinds |= _drawn(top, bottom, item["branch"], colours[item["model"]], WIDTHS.get(item["model"], 1.3))
+            kinds |= _drawn(top, bottom, item["branch"], look(item["model"]).colour, widths[item["model"]])
         for dot, home in zip(dots, homes, strict=True):
             if home == family:
                 for axis, key in ((top, "rms"), (bottom, "omega")):
-                    axis.plot(dot["value"], dot[key], "o", ms=6, mfc="none", mec=colours[dot["model"]], mew=1.1)
-        top.set_title(f"cycles from the mode at ω = {family:.4g}", fontsize=9)
+                    axis.plot(dot["value"], dot[key], "o", ms=6, mfc="none", mec=look(dot["model"]).colour, mew=1.1)
+        top.set_title(f"cycles from the mode at ω = {family:.4g}")
         bottom.set_xlabel(UNITS[parameter])
         bottom.ticklabel_format(axis="y", useOffset=False)
         for axis in (top, bottom):
             axis.axvline(now, color="0.6", lw=0.8, ls=":")
-            axis.grid(alpha=0.3)
+            axis.grid()
     axes[0, 0].set_ylabel("rms of v at the belt  [length/time]")
     axes[1, 0].set_ylabel("ω  [rad/time]")
     points = {item["model"] for item in branches if all(flag is None for flag in item["branch"].stable)}
-    figure.legend(handles=_handles(colours, kinds, bool(dots), points), loc="outside lower center", fontsize=8,
+    figure.legend(handles=_handles(models, widths, kinds, bool(dots), points), loc="outside lower center",
                   ncols=min(6, 2 + len(shown)))
-    figure.suptitle(f"{title}: limit cycles over the {parameter}", fontsize=11)
+    figure.suptitle(f"{title}: limit cycles over the {parameter}")
     return figure
 
 
@@ -85,11 +84,12 @@ def _home(omega: float, families: Sequence[float], branches: Sequence[Mapping[st
     return families[best] if best >= 0 and gaps[best] < 0.05 else None
 
 
-def _handles(colours: Mapping[str, str], kinds: set[str], dots: bool, points: set[str]) -> list[Any]:
+def _handles(models: Sequence[str], widths: Mapping[str, float], kinds: set[str], dots: bool, points: set[str]) -> list[Any]:
     from matplotlib.lines import Line2D
 
-    made = [Line2D([], [], color=colour, marker="x", ms=7, ls="", label=f"{name} (stability not computed)") if name in points
-            else Line2D([], [], color=colour, lw=WIDTHS.get(name, 1.3), label=name) for name, colour in colours.items()]
+    made = [Line2D([], [], color=colour, marker="x", ms=7, ls="", label=f"{label} (stability not computed)") if name in points
+            else Line2D([], [], color=colour, lw=widths[name], label=label)
+            for name, (label, colour, _) in zip(models, map(look, models), strict=True)]
     made += [Line2D([], [], color="0.4", lw=1.5, label="stable or undecided"),
              Line2D([], [], color="0.4", lw=0.8, ls=(0, (4, 3)), label="unstable"),
              Line2D([], [], color="0.4", marker="*", ls="", ms=8, label="Hopf point")]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.app.figures import new_figure
+from femsub.app.figure_style import new_figure
 from femsub.checks import Array
 from femsub.components.mesh import Mesh
 
@@ -29,7 +29,7 @@ def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, 
         draw, width, height = _surfaces, 4.0, 0.4 + 3.6 * _aspect(_seen(mesh.points)[0])
     figure = new_figure(width * columns + (1.0 if mesh.dimension > 1 else 0), height * rows + 0.8)
     draw(figure, mesh, shapes, titles, marks, (rows, columns))
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(title)
     return figure
 
 
@@ -50,15 +50,15 @@ def _lines(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], marks:
         for name, at in marks.items():
             colour, marker = MARKS[name]
             axis.plot(x[at], w[at], marker, color=colour, ms=6, ls="none", label=name)
-        axis.set_title(label, fontsize=9)
+        axis.set_title(label)
         axis.set(ylim=(-1.2, 1.2))
-        axis.grid(alpha=0.3)
+        axis.grid()
     _unused(axes, len(titles))
     for axis in axes[-1]:
         axis.set_xlabel("x  [length]")
     for axis in axes[:, 0]:
         axis.set_ylabel("w / max|w|  [-]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=9, loc="outside lower center", ncols=2)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
 def _contours(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], marks: Mapping[str, Array],
@@ -72,7 +72,7 @@ def _contours(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], mar
         for name, at in marks.items():
             colour, marker = MARKS[name]
             axis.plot(*mesh.points[at, :2].T, marker, color=colour, mec="white", ms=6, ls="none", label=name, clip_on=False)
-        axis.set_title(label, fontsize=9)
+        axis.set_title(label)
         axis.set_aspect("equal")
     _unused(axes, len(titles))
     for axis in axes[-1]:
@@ -80,7 +80,7 @@ def _contours(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], mar
     for axis in axes[:, 0]:
         axis.set_ylabel("y  [length]")
     figure.colorbar(drawn, ax=axes, label="w / max|w|  [-]", shrink=0.8)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=9, loc="outside lower center", ncols=2)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
 def _surfaces(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], marks: Mapping[str, Array],
@@ -113,7 +113,7 @@ def _surfaces(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], mar
             style = {"color": colour, "ls": "none", "ms": 5 if len(at) < 30 else 3}
             axis.plot(*plane[at[~hidden]].T, marker, mec="white", mew=0.5, label=name, **style)
             axis.plot(*plane[at[hidden]].T, marker, mfc="none", mew=0.7, label=f"{name}, behind", **style)
-        axis.set_title(label, fontsize=9)
+        axis.set_title(label)
         axis.set_aspect("equal")
         axis.autoscale_view()
         axis.set_axis_off()
@@ -122,7 +122,7 @@ def _surfaces(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], mar
     figure.colorbar(scale, ax=axes, label="|u| / max|u|  [-]", shrink=0.8)
     shown = {label: line for axis in axes.ravel() for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
              if len(line.get_xdata())}
-    figure.legend(shown.values(), shown.keys(), fontsize=9, loc="outside lower center", ncols=len(shown))
+    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=len(shown))
 
 
 def _seen(points: Array) -> tuple[Array, Array]:

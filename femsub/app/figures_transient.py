@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.app.figures import COLOURS, LABELS, MARKERS, new_figure
+from femsub.app.figure_style import look, new_figure
 
 DECADES = 3  # of the spectrograms' scale
 PERIODS = 10  # of the highest peak, at the end of a signal
@@ -15,7 +15,7 @@ THINNED = 4000  # points of an envelope
 
 
 def _name(item: Any) -> str:
-    return f"{LABELS.get(item.kind, item.kind)}, {item.model.size} DOF"
+    return f"{look(item.kind).label}, {item.model.size} DOF"
 
 
 def signals_figure(tracks: Sequence[Any]) -> Any:
@@ -24,7 +24,7 @@ def signals_figure(tracks: Sequence[Any]) -> Any:
     figure = new_figure(10, 1 + 1.9 * len(shown))
     axes = figure.subplots(len(shown), 2, squeeze=False, sharey=True, width_ratios=[2, 1])
     for (left, right), item in zip(axes, shown, strict=True):
-        run, colour = item.run, COLOURS.get(item.kind, "black")
+        run, colour = item.run, look(item.kind).colour
         v, speed = run.velocity("belt"), run.contact.belts[0].speed
         block = max(1, len(v) // (THINNED // 2))
         parts = v[:len(v) // block * block].reshape(-1, block)
@@ -35,10 +35,10 @@ def signals_figure(tracks: Sequence[Any]) -> Any:
         right.plot(run.t[late], v[late], color=colour, lw=0.9)
         for axis in (left, right):
             axis.axhline(speed, color="grey", lw=0.8, ls="--")
-            axis.grid(alpha=0.3)
+            axis.grid()
         left.set_ylabel("velocity  [length/time]")
-        left.set_title(f"{_name(item)}{'' if run.complete else ' (interrupted)'}", fontsize=10)
-        right.set_title(f"its last {PERIODS} periods; dashed: the belt", fontsize=9)
+        left.set_title(f"{_name(item)}{'' if run.complete else ' (interrupted)'}")
+        right.set_title(f"its last {PERIODS} periods; dashed: the belt")
     for axis in axes[-1]:
         axis.set_xlabel("t  [time]")
         axis.locator_params(axis="x", nbins=4)
@@ -53,13 +53,13 @@ def spectra_figure(tracks: Sequence[Any], highest: float) -> Any:
     for axis, item in zip(axes, tracks, strict=True):
         found = item.spectrum
         inside = found.omega <= highest
-        axis.semilogy(found.omega[inside], found.amplitude[inside], color=COLOURS.get(item.kind, "black"), lw=0.8)
+        axis.semilogy(found.omega[inside], found.amplitude[inside], color=look(item.kind).colour, lw=0.8)
         for at, height in list(zip(found.peaks, found.heights, strict=True))[:4]:
             if at <= highest:
                 axis.annotate(f"{at:.4g}", (at, height), (0, 4), textcoords="offset points", ha="center", fontsize=8)
         axis.set(ylim=(top * 1e-4, top * 5), xlim=(0, highest), ylabel="amplitude\n[length/time]")
-        axis.set_title(f"{_name(item)}: t = {item.window[0]:g} to {item.window[1]:g}", fontsize=10)
-        axis.grid(alpha=0.3)
+        axis.set_title(f"{_name(item)}: t = {item.window[0]:g} to {item.window[1]:g}")
+        axis.grid()
     axes[-1].set_xlabel("ω  [rad/time]")
     return figure
 
@@ -90,16 +90,16 @@ def period_figure(rows: Sequence[Mapping[str, Any]]) -> Any:
     axis = figure.subplots()
     full = next(row for row in rows if row["model"] == "full")
     for side, kind in enumerate(dict.fromkeys(row["model"] for row in rows if row["model"] != "full")):
-        points = [row for row in rows if row["model"] == kind]
+        points, seen = [row for row in rows if row["model"] == kind], look(kind)
         axis.plot([row["seconds_per_period"] for row in points], [max(row["amplitude_error"], 1e-8) for row in points],
-                  color=COLOURS.get(kind, "black"), marker=MARKERS.get(kind, "o"), ls="", label=LABELS.get(kind, kind))
+                  color=seen.colour, marker=seen.marker, ls="", label=seen.label)
         for row in points:
             axis.annotate(str(row["size"]), (row["seconds_per_period"], max(row["amplitude_error"], 1e-8)), (6, 4 - 13 * side),
-                          textcoords="offset points", fontsize=8, color=COLOURS.get(kind, "black"))
+                          textcoords="offset points", fontsize=8, color=seen.colour)
     axis.axvline(full["seconds_per_period"], color="black", ls="--", lw=1, label=f"full, {full['size']} DOF")
     axis.axhline(0.01, color="grey", lw=0.8, ls=":", label="1 %")
     axis.set(xscale="log", yscale="log", xlabel="wall time per simulated period  [s]",
              ylabel="relative error of the rms velocity  [-]", title="Numbers: DOF of the reduced models")
-    axis.grid(alpha=0.3, which="both")
-    axis.legend(fontsize=8)
+    axis.grid(which="both")
+    axis.legend()
     return figure

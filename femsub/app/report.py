@@ -52,7 +52,7 @@ def write(result: Result, folder: Path, figures: bool, name: str = "results") ->
     if result.rows:
         contents[f"{name}.csv"] = _csv(result.rows).encode()
     if figures and result.drawings:
-        from femsub.app.figures import render
+        from femsub.app.figure_style import render
 
         contents |= {f"{title}.png": render(draw) for title, draw in result.drawings.items()}
     contents |= {file: content() for file, content in result.files.items()}
@@ -97,21 +97,6 @@ def _csv(rows: Sequence[dict[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return file.getvalue()
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[str]) -> str:
-    """Columns aligned to the right, the first to the left."""
-    cells = [list(head)] + [[format(value, form) if value is not None else "-" for value, form in zip(row, formats, strict=True)]
-                            for row in rows]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
-    lines = ["  ".join(cell.ljust(width) if i == 0 else cell.rjust(width)
-                       for i, (cell, width) in enumerate(zip(row, widths, strict=True))) for row in cells]
-    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
-
-
-def known(value: float) -> float | None:
-    """A figure, or None, which a table shows as "-", where there is none."""
-    return None if np.isnan(value) else value
 
 
 def machine() -> dict[str, Any]:

@@ -20,19 +20,18 @@ if TYPE_CHECKING:
 
 #: name of a built-in scene: (module in femsub.app.scenes, one line)
 SCENES = {
-    "chain": ("chain", "the paper's chain on a belt: full, HCB and CC, its figures 2 to 4, error against run time"),
+    "chain": ("chain", "the paper's chain on a belt: full and reduced, its figures 2 to 4, error against run time"),
     "matrices": ("matrices", "your own M, D, K from files: reduced models, critical slope, error against time"),
     "beam": ("beam", "a steel beam on a belt: modes, critical slope, eigenvalues, error against run time"),
     "plate": ("plate", "a thin plate, made or from a mesh file: the same, with pictures and VTU files of shapes"),
     "solid": ("solid", "a solid, a brake's disc or your own mesh: the same"),
-    "chain-transient": ("chain_transient", "the chain in time: full, HCB and CC, spectrograms (Fig. 5)"),
+    "chain-transient": ("chain_transient", "the chain in time: full and reduced, spectrograms (Fig. 5)"),
     "solid-transient": ("solid_transient", "a disc in time: limit cycle, full against reduced, time per period"),
-    "chain-limit-cycle": ("chain_cycles", "the chain's limit cycles, full, HCB and CC: table, branches, stability"),
-    "plate-limit-cycle": ("plate_cycles", "the plate's limit cycles over the normal force: full, HCB and CC"),
+    "chain-limit-cycle": ("chain_cycles", "the chain's limit cycles, full and reduced: table, branches, stability"),
+    "plate-limit-cycle": ("plate_cycles", "the plate's limit cycles over the normal force: full and reduced"),
 }
 MOST_REPEATS = 1000
-METHOD_NAMES = ("craig-bampton", "craig-chang")
-SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang"}
+SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang"}  # of the literature
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,8 @@ class Scene:
     law, eps, speed, force
         The friction law, its width ε, the belt's speed and the normal force.
     methods : list of str
-        Of 'craig-bampton', 'craig-chang'; the tables' HCB and CC and Python's CraigBampton and CraigChang will do.
+        Keys of reduction methods: 'craig-bampton', 'craig-chang', or one of your own, see `femsub.reduction.method.Method`.
+        HCB, CC, and Python's CraigBampton and CraigChang will do.
     outputs : list of str
         What is computed; nothing else is. The scene's own list is the default, without what is only done on request.
     figures : bool
@@ -63,7 +63,7 @@ class Scene:
     eps: float = 1e-3
     speed: float = 0.19113
     force: float = 1.0
-    methods: list[str] = field(default_factory=lambda: list(METHOD_NAMES))
+    methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang"])
     outputs: list[str] = field(default_factory=list)
     figures: bool = True
     repeats: int = 5
@@ -73,22 +73,30 @@ class Scene:
 
     def __post_init__(self) -> None:
         from femsub.model.friction import LAWS
+        from femsub.reduction.reduce import METHODS
 
         if not self.outputs:
             object.__setattr__(self, "outputs", list(self.OUTPUTS))
-        object.__setattr__(self, "methods", [_hyphenated(name) for name in self.methods])
+        object.__setattr__(self, "methods", [name if name in METHODS else _hyphenated(name) for name in self.methods])
         object.__setattr__(self, "law", _hyphenated(self.law))
         known = self.OUTPUTS + self.ON_REQUEST
-        for kind, values, valid in (("method", self.methods, METHOD_NAMES), ("output", self.outputs, known),
+        for kind, values, valid in (("method", self.methods, METHODS), ("output", self.outputs, known),
                                     ("law", [self.law], LAWS)):
             for value in values:
                 if value not in valid:
                     raise unknown_name(kind, value, valid)
         if not self.methods:
-            raise InputError(f"methods is empty; valid: {', '.join(METHOD_NAMES)}")
+            raise InputError(f"methods is empty; valid: {', '.join(METHODS)}")
         whole_number("repeats", self.repeats, least=1, most=MOST_REPEATS)
         if self.force < 0:
             raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
+
+    @property
+    def labels(self) -> str:
+        """The methods' names in tables: 'Craig-Bampton and Craig-Chang'."""
+        from femsub.reduction.reduce import METHODS
+
+        return " and ".join(METHODS[key].label for key in self.methods)
 
     @property
     def rubbing(self) -> Belt:
@@ -245,7 +253,7 @@ def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Sce
 
 
 def _hyphenated(name: str) -> str:
-    """'craig-bampton' for CraigBampton and HCB: each is shown somewhere, so each is taken."""
+    """'craig-bampton' for CraigBampton and HCB, which are the method's names elsewhere."""
     plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
     return SHORT_NAMES.get(plain, plain)
 

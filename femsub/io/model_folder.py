@@ -66,8 +66,8 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     dofs = model.dofs
     if isinstance(model, ReducedSubstructure):
         parts["V"], dofs = model.V, model.full_dofs
-        about["reduced"] = {"interface": model.full_interface.tolist(), "kinds": model.kinds, "method": model.method,
-                            "dropped": model.dropped,
+        about["reduced"] = {"interface": model.full_interface.tolist(), "kinds": model.kinds, "modes": model.modes,
+                            "method": model.method, "dropped": model.dropped,
                             "cutoff": None if np.isinf(model.cutoff) else model.cutoff,
                             "port_error": {port: float(error) if np.isfinite(error) else None
                                            for port, error in model.port_error.items()},
@@ -180,17 +180,21 @@ def read_model(folder: Path) -> Substructure:
         return Substructure(part["M"], part["K"], part["D"], about["interface"], columns, about["name"], found)
     V = np.array(part["V"])
     interface = np.array(reduced["interface"], dtype=np.intp)
+    # older folders have no count
+    modes = reduced.get("modes", sum(kind in ("fixed-interface", "free") for kind in reduced["kinds"]))
     if V.shape[1] != part["M"].shape[0] or len(reduced["kinds"]) != V.shape[1] or (found and found.size != V.shape[0]):
         raise InputError(f"{path} is damaged: V is {V.shape[0]} x {V.shape[1]}, but M has {part['M'].shape[0]} rows, "
                          f"{len(reduced['kinds'])} kinds are listed"
                          + (f", and the DOF map has {found.size}" if found else "") + "; write the model again")
     if interface.max(initial=-1) >= V.shape[0] or len(set(reduced["interface"])) < len(interface) \
-            or not set(reduced["port_error"]) <= set(columns):
-        raise InputError(f"{path} is damaged: its interface or its errors of ports are not the model's; write the model again")
+            or not set(reduced["port_error"]) <= set(columns) or modes > V.shape[1]:
+        raise InputError(f"{path} is damaged: its interface, its modes or its errors of ports are not the model's; write the "
+                         "model again")
     model = ReducedSubstructure(
         part["M"], part["K"], part["D"], columns, about["name"], V=V, kinds=reduced["kinds"], full_interface=interface,
-        cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"], dropped=reduced["dropped"],
-        port_error={port: np.inf if error is None else error for port, error in reduced["port_error"].items()},
+        modes=modes, cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"],
+        dropped=reduced["dropped"], port_error={port: np.inf if error is None else error
+                                                for port, error in reduced["port_error"].items()},
         factorisations=reduced["factorisations"], full_dofs=found,
         estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]))
     if model.interface.tolist() != about["interface"]:

@@ -83,7 +83,8 @@ CHECKS: tuple[Check, ...] = (
     (HASHES, _is_table(_is_text), "the hash of each file"))
 REDUCED: tuple[Check, ...] = (
     ("interface", _is_list(_is_count), "a list of DOF counted from 0"), ("kinds", _is_list(_is_text), "a list of texts"),
-    ("method", _is_text, "a text"), ("dropped", _is_count, "a count"), ("factorisations", _is_count, "a count"),
+    ("modes", _is_count, "a count"), ("method", _is_text, "a text"), ("dropped", _is_count, "a count"),
+    ("factorisations", _is_count, "a count"),
     ("cutoff", lambda value: value is None or (_is_size(value) and value > 0), "a positive number or null"),
     ("port_error", _is_table(lambda value: value is None or _is_size(value)), "a number for each port"))
 
@@ -105,7 +106,7 @@ def _check(path: Path, about: Any) -> None:
     if reduced is not None:
         if not isinstance(reduced, dict):
             raise InputError(f"{path} is damaged: 'reduced' must be a table, not {reduced!r:.40}; write the model again")
-        _check_entries(path, "reduced: ", reduced, REDUCED)
+        _check_entries(path, "reduced: ", {"modes": 0} | reduced, REDUCED)
     if "dofs" in about:
         _check_entries(path, "", about, MAP)
     wanted = {"M", "D", "K"} | ({"V"} if reduced is not None else set()) | ({"ports"} if about["ports"] else set())

@@ -148,6 +148,8 @@ class ReducedSubstructure(Substructure):
     kinds : tuple of str, length r
         The label of each column: 'rigid', 'constraint', 'fixed-interface', 'free', 'residual attachment',
         'static port'.
+    modes : int
+        The number of elastic modes in the basis.
     method : str
         One line that names the method and its size.
     cutoff : float
@@ -173,6 +175,7 @@ class ReducedSubstructure(Substructure):
     cutoff: float = np.inf
     V: Array = field(default_factory=lambda: np.zeros((0, 0)))
     kinds: tuple[str, ...] = ()
+    modes: int = 0
     method: str = ""
     dropped: int = 0
     port_error: Mapping[str, float] = field(default_factory=dict)
@@ -183,7 +186,7 @@ class ReducedSubstructure(Substructure):
     estimated: tuple[Matrix, Matrix, Matrix] | None = None
 
     def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
-                 kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, dropped: int = 0,
+                 kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, modes: int = 0, dropped: int = 0,
                  port_error: Mapping[str, float] | None = None, factorisations: int = 0, full_dofs: DofMap | None = None,
                  estimate: Estimate | None = None, estimated: tuple[Matrix, Matrix, Matrix] | None = None) -> None:
         # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
@@ -194,18 +197,14 @@ class ReducedSubstructure(Substructure):
         own = self.M, self.D, self.K
         if estimate is None or not all(_same(*pair) for pair in zip(estimated or own, own, strict=True)):
             estimate = estimated = None
-        self._set(V=V, kinds=tuple(kinds), cutoff=float(cutoff), method=method, dropped=dropped, port_error=port_error or {},
-                  factorisations=factorisations, full_dofs=full_dofs, full_interface=np.array(full_interface, dtype=np.intp),
-                  estimate=estimate, estimated=None if estimate is None else estimated or own)
+        self._set(V=V, kinds=tuple(kinds), modes=modes, cutoff=float(cutoff), method=method, dropped=dropped,
+                  port_error=port_error or {}, factorisations=factorisations, full_dofs=full_dofs,
+                  full_interface=np.array(full_interface, dtype=np.intp), estimate=estimate,
+                  estimated=None if estimate is None else estimated or own)
 
     def __repr__(self) -> str:
         limit = "complete" if np.isinf(self.cutoff) else f"cut-off {self.cutoff:.4g} rad/time"
         return f"ReducedSubstructure {self.name!r}: {self.size} of {self.V.shape[0]} DOF by {self.method}, {limit}"
-
-    @property
-    def modes(self) -> int:
-        """The number of elastic modes in the basis."""
-        return sum(kind in ("fixed-interface", "free") for kind in self.kinds)
 
     @cached_property
     def interface_rows(self) -> Matrix:

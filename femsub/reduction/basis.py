@@ -1,4 +1,4 @@
-"""What every reduction method hands to `reduce`, and the steps they share."""
+"""What the steps from the modes on return, and the basis that is put together of them."""
 
 from __future__ import annotations
 
@@ -8,86 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, check_band, finite_number, whole_number
-from femsub.errors import InputError
+from femsub.checks import Array, Matrix
 from femsub.model.estimate import Estimate
-from femsub.modes.normal_modes import NormalModes, lowest_modes
-from femsub.modes.shift_invert import ShiftInvert
+from femsub.modes.normal_modes import NormalModes
+from femsub.modes.static_shapes import independent
+from femsub.reduction.statics import COLUMNS, Statics
 from femsub.timing import phase
-
-COLUMNS = 64  # of V, worked on at a time
-
-
-@dataclass(frozen=True, eq=False)
-class Basis:
-    """V (n, r) with its labels, and M = VᵀMV, K = VᵀKV (r, r) from the relations that the modes fulfil.
-
-    K is not formed as VᵀKV: for the low modes of a large model that product is all cancellation.
-    """
-
-    V: Array
-    M: Array
-    K: Array
-    kinds: tuple[str, ...]
-    cutoff: float
-    method: str
-    dropped: int
-    port_error: Mapping[str, float]
-    factorisations: int
-    estimate: Estimate | None = None
-
-
-@phase("projection")
-def projected(A: Matrix, V: Array) -> Array:
-    """VᵀAV, shape (r, r), without AV: a block of columns at a time."""
-    result = np.zeros((V.shape[1],) * 2)
-    if not sp.issparse(A) or A.nnz:
-        for start in range(0, V.shape[1], COLUMNS):
-            part = slice(start, start + COLUMNS)
-            result[:, part] = V.T @ (A @ V[:, part])
-    return result
-
-
-@dataclass(frozen=True)
-class Extent:
-    """How far a basis goes: `modes` of them, or as many as a band and a tolerance need."""
-
-    modes: int | None = None
-    band: tuple[float, float] | None = None
-    tol: float | None = None
-
-    def __post_init__(self) -> None:
-        name = type(self).__name__
-        if (self.modes is None) == (self.band is None and self.tol is None):
-            found = "nothing is given" if self.modes is None else f"modes={self.modes!r} and a band or tolerance are both given"
-            raise InputError(f"{name} takes modes=20, or band=(lo, hi) with tol=1e-3, but {found}")
-        if self.modes is not None:
-            if whole_number("modes", self.modes) < 0:
-                raise InputError(f"modes must not be negative, but is {self.modes}")
-            return
-        if self.band is None or self.tol is None:
-            lacking = "band=(lo, hi), in rad per unit of time," if self.band is None else "tol=1e-3, the relative error allowed,"
-            raise InputError(f"{name}: {lacking} is missing; band and tol go together")
-        object.__setattr__(self, "band", check_band(self.band))
-        if not 0 < finite_number("tol", self.tol) < 1:
-            raise InputError(f"tol is a relative error between 0 and 1, not {self.tol!r}")
-
-    def __str__(self) -> str:
-        """The extent in words."""
-        if self.modes is not None:
-            return f"{self.modes} modes"
-        return f"tol {self.tol:g} up to {self.band[1]:.5g} rad/time"  # type: ignore[index]
 
 
 @dataclass(frozen=True, eq=False)
 class Kept:
     """The modes of a basis: all that were found, of which `elastic` are kept, with the rigid ones; those left out begin at
-    `cutoff`.
+    `cutoff`. The estimate is that of a band and a tolerance.
     """
 
     found: NormalModes
     elastic: int
     cutoff: float
+    estimate: Estimate | None = None
 
     @property
     def rigid(self) -> int:
@@ -104,16 +42,87 @@ class Kept:
         return self.found.shapes[:, :self.rigid + self.elastic]
 
 
-def kept_modes(handle: ShiftInvert, count: int) -> Kept:
-    """The modes, with one more for the cut-off, if there is one; the count of a large model is still to be confirmed."""
-    try:
-        found = lowest_modes(handle, count + 1, defer=True)
-        return Kept(found, count, float(found.frequencies[-1]))
-    except InputError:
-        return Kept(lowest_modes(handle, count, defer=True), count, np.inf)
+@dataclass(frozen=True, eq=False)
+class Responses:
+    """Static responses of the part: `rest` (n_i, s), to F, without the share of the modes; and energies (p,), to all ports.
+
+    `whole` is the energy of each port column's response, `missing` what the first `known` columns of [Φ Ξ] do not hold of it.
+    """
+
+    rest: Array
+    whole: Array
+    missing: Array
+    known: int
 
 
-def energy_error(missing: Array, whole: Array) -> float:
-    """sqrt(missing / whole), the largest over a port's columns."""
-    share = np.divide(missing, whole, out=np.zeros_like(whole), where=whole > 0)
-    return float(np.sqrt(np.clip(share, 0.0, None).max(initial=0.0)))
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """V (n, r) with its labels, and M = VᵀMV, K = VᵀKV (r, r) from the relations that the modes fulfil.
+
+    K is not formed as VᵀKV: for the low modes of a large model that product is all cancellation.
+    """
+
+    V: Array
+    M: Array
+    K: Array
+    kinds: tuple[str, ...]
+    modes: int
+    cutoff: float
+    dropped: int
+    port_error: Mapping[str, float]
+    factorisations: int
+    estimate: Estimate | None = None
+
+
+def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array], modes: str) -> Basis:
+    """V = [C Φ Ξ], of which the elastic columns of Φ are labelled `modes`."""
+    C, forces = statics.constraint, statics.forces
+    residual, stiffness, inertia, dropped = independent(statics.handle, responses.rest, forces, kept.shapes, kept.values)
+    n_c, r = C.shape[1], C.shape[1] + len(kept.values)
+    V = np.zeros((len(C), r + len(stiffness)), order="F")
+    V[:, :n_c], V[statics.rows, n_c:r], V[statics.rows, r:] = C, kept.shapes, residual
+    # CᵀK[Φ Ξ] = 0 and ΦᵀKΦ = Ω²; the condensed stiffness needs no second product with K.
+    values = np.concatenate([kept.values, stiffness])
+    M, K = (np.diag(np.concatenate([np.zeros(n_c), part])) for part in (np.append(np.ones(len(kept.values)), inertia), values))
+    K[:n_c, :n_c] = statics.condensed
+    coupling = projected(statics.sub.M, V, C)
+    coupling[r + np.flatnonzero(inertia == 0)] = 0.0
+    coupling[:n_c] = (coupling[:n_c] + coupling[:n_c].T) / 2
+    M[:, :n_c], M[:n_c] = coupling, coupling.T
+    kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (modes,) * kept.elastic + (statics.kind,) * len(stiffness)
+    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, _port_errors(ports, V, statics.condensed, values, responses),
+                 statics.handle.factorisations, kept.estimate)
+
+
+@phase("projection")
+def projected(A: Matrix, V: Array, W: Array) -> Array:
+    """VᵀAW, shape (r, s), without AW: a block of columns at a time."""
+    result = np.zeros((V.shape[1], W.shape[1]))
+    if not sp.issparse(A) or A.nnz:
+        for start in range(0, W.shape[1], COLUMNS):
+            part = slice(start, start + COLUMNS)
+            result[:, part] = V.T @ (A @ W[:, part])
+    return result
+
+
+def _port_errors(ports: Mapping[str, Array], V: Array, condensed: Array, values: Array,
+                 responses: Responses) -> dict[str, float]:
+    """Static error per port, sqrt(missing / whole) in energy, the largest over its columns.
+
+    The constraint modes are exact, so all that is missing is in the part whose modes are kept. For a component that floats
+    on its interface the whole is taken for the self-equilibrated part of the load.
+    """
+    errors, at, n_c = {}, 0, len(condensed)
+    inverse = np.linalg.pinv(condensed, rcond=1e-12, hermitian=True) if n_c else condensed
+    later = np.flatnonzero(values > 0)
+    later = later[later >= responses.known]
+    for name, w in ports.items():
+        columns = slice(at, at + w.shape[1])
+        at += w.shape[1]
+        boundary, held = np.split(V.T @ w, [n_c])
+        held = held[later]
+        missing = responses.missing[columns] - np.einsum("ij,ij->j", held, held / values[later][:, None])
+        whole = responses.whole[columns] + np.einsum("ij,ij->j", boundary, inverse @ boundary)
+        share = np.divide(missing, whole, out=np.zeros_like(whole), where=whole > 0)
+        errors[name] = float(np.sqrt(np.clip(share, 0.0, None).max(initial=0.0)))
+    return errors

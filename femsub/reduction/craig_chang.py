@@ -8,18 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.checks import Array
-from femsub.model.pencil import Pencil
-from femsub.model.substructure import Substructure
-from femsub.modes.normal_modes import confirm
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.modes.static_shapes import independent
-from femsub.reduction.basis import Basis, Extent, energy_error, kept_modes
-from femsub.reduction.mode_selection import chosen
-from femsub.reduction.statics import Parts
+from femsub.reduction.basis import Kept, Responses
+from femsub.reduction.method import Method
+from femsub.reduction.statics import Partition, Statics
 
 
 @dataclass(frozen=True)
-class CraigChang(Extent):
+class CraigChang(Method):
     """V = [Φ_r Φ_f Ψ], (K - ω²M)φ = 0 with the interface free, Ψ = (I - ΦΦᵀM) K⁺ (I - MΦΦᵀ) F, Φ = [Φ_r Φ_f].
 
     F holds a unit force at each interface DOF, and with `ports=True` the ports' columns. For a component that is
@@ -42,40 +38,21 @@ class CraigChang(Extent):
     Craig, A. J. Kurdila, Fundamentals of Structural Dynamics (2006), ch. 17; the paper, eqs. (16)-(24).
     """
 
-    def basis(self, sub: Substructure, extra: Array, ports: Mapping[str, Array], damped: Pencil | None = None) -> Basis:
-        parts = self.parts(sub, extra)
-        handle, forces, estimate = parts.handle, parts.forces, None
-        s = forces.shape[1]
-        if self.modes is not None:
-            modes = kept_modes(handle, self.modes)
-        else:
-            modes, estimate = chosen(parts, self.band, self.tol, damped)
-        loads = np.hstack([forces, *ports.values()])
-        rest = handle.elastic_solve(loads, modes.shapes)
-        handle.release()
-        confirm(handle, modes.found)
-        elastic = modes.values[modes.rigid:]
-        held = modes.shapes[:, modes.rigid:].T @ loads
-        missing = np.einsum("ij,ij->j", rest, loads)
-        whole = missing + np.einsum("ij,ij->j", held, held / elastic[:, None])
+    key, label, colour, marker = "craig-chang", "Craig-Chang", "#0067a5", "^"
+    held = False
 
-        residual, stiffness, inertia, dropped = independent(handle, rest[:, :s], forces, modes.shapes, modes.values)
-        kinds = ("rigid",) * modes.rigid + ("free",) * modes.elastic + ("residual attachment",) * len(stiffness)
-        errors, at = {}, s
-        for name, w in ports.items():
-            columns = slice(at, at + w.shape[1])
-            at += w.shape[1]
-            left = residual.T @ w
-            errors[name] = energy_error(missing[columns] - np.einsum("ij,ij->j", left, left / stiffness[:, None]),
-                                        whole[columns])
-        return Basis(np.hstack([modes.shapes, residual]), np.diag(np.concatenate([np.ones(len(modes.values)), inertia])),
-                     np.diag(np.concatenate([modes.values, stiffness])), kinds, modes.cutoff,
-                     f"Craig-Chang with {modes.elastic} free modes", dropped, errors, handle.factorisations, estimate)
-
-    def parts(self, sub: Substructure, extra: Array) -> Parts:
-        """The factor of the whole, and unit forces at the interface."""
-        n, n_b = sub.size, len(sub.interface)
+    def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
+        """Unit forces at the interface, and no constraint modes."""
+        n, n_b = part.sub.size, len(part.sub.interface)
         forces = np.zeros((n, n_b + extra.shape[1]), order="F")
-        forces[sub.interface, np.arange(n_b)] = 1.0
+        forces[part.sub.interface, np.arange(n_b)] = 1.0
         forces[:, n_b:] = extra
-        return Parts(sub, ShiftInvert(sub.K, sub.M), slice(None), np.zeros((n, 0)), np.zeros((0, 0)), forces)
+        return Statics(part, handle, np.zeros((n, 0)), np.zeros((0, 0)), forces, "residual attachment")
+
+    def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
+        """One solve for all, without the share of the modes: what is missing at a port is no small difference then."""
+        loads, s = np.hstack([statics.forces, *ports.values()]), statics.forces.shape[1]
+        rest = statics.handle.elastic_solve(loads, kept.shapes)
+        missing, held = np.einsum("ij,ij->j", rest, loads), kept.shapes[:, kept.rigid:].T @ loads
+        whole = missing + np.einsum("ij,ij->j", held, held / kept.values[kept.rigid:, None])
+        return Responses(rest[:, :s], whole[s:], missing[s:], len(kept.values))

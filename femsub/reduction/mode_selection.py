@@ -18,7 +18,8 @@ from femsub.modes.static_shapes import independent, lightest
 from femsub.quadratic.dense import solve
 from femsub.reduction.basis import Kept
 from femsub.reduction.error_bounds import Nested
-from femsub.reduction.statics import Parts, Span
+from femsub.reduction.method import Method
+from femsub.reduction.statics import Span, Statics
 
 BEGIN = 10  # modes of the first search
 MOST = 1000  # modes after which growth ends, where the model has more
@@ -30,12 +31,12 @@ FAINT = 1e-16  # share of the squared residuals below which a direction of them 
 class Search:
     """The modes found so far, and the static shapes less their share; both only grow."""
 
-    def __init__(self, parts: Parts, pencil: Pencil | None, begin: int = BEGIN) -> None:
-        self.parts, self.pencil = parts, pencil
-        self.most = parts.handle.elastic
-        self.found = lowest_modes(parts.handle, min(begin, self.most), certify=False)
-        self.loads = np.hstack([parts.forces, parts.inertia[parts.rows]])
-        self.rest = parts.handle.elastic_solve(self.loads, self.found.shapes)
+    def __init__(self, statics: Statics, pencil: Pencil | None, begin: int = BEGIN) -> None:
+        self.statics, self.pencil = statics, pencil
+        self.most = statics.handle.elastic
+        self.found = lowest_modes(statics.handle, min(begin, self.most), certify=False)
+        self.loads = np.hstack([statics.forces, statics.inertia[statics.rows]])
+        self.rest = statics.handle.elastic_solve(self.loads, self.found.shapes)
 
     @property
     def modes(self) -> int:
@@ -53,11 +54,11 @@ class Search:
     @property
     def bare(self) -> bool:
         """Whether some motion has no mass."""
-        return self.parts.handle.finite < self.parts.handle.K.shape[0]
+        return self.statics.handle.finite < self.statics.handle.K.shape[0]
 
     def grow(self, count: int) -> None:
         """More modes beside those at hand; the static shapes lose their share without a further solve."""
-        handle, sub = self.parts.handle, self.parts.sub
+        handle, sub = self.statics.handle, self.statics.sub
         count = min(count, self.most)
         # modes twice, Krylov vectors of the new ones, loads and static shapes with those of the residuals
         check_columns(sub.name, sub.size, 5 * (count - self.modes) + 4 * count + 4 * self.loads.shape[1])
@@ -65,7 +66,7 @@ class Search:
 
     def replace(self, found: NormalModes) -> None:
         self.found = found
-        self.rest = self.parts.handle.deflate(self.rest, found.shapes)
+        self.rest = self.statics.handle.deflate(self.rest, found.shapes)
 
     def needed(self, limit: float) -> int:
         """About how many modes lie below `limit`, by the growth of their number with the frequency so far."""
@@ -85,7 +86,7 @@ class Search:
         loads = self._residuals(plain, span, band)
         if not loads.shape[1]:
             return plain
-        rest = self.parts.handle.elastic_solve(loads, self.found.shapes)
+        rest = self.statics.handle.elastic_solve(loads, self.found.shapes)
         return self._with_damping(*self._space(np.hstack([self.loads, loads]), np.hstack([self.rest, rest])))
 
     def nested(self, band: tuple[float, float]) -> Nested:
@@ -99,22 +100,22 @@ class Search:
         return replace(plain, D=(D + D.T) / 2 if symmetric else D, symmetric=symmetric)
 
     def _space(self, loads: Array, rest: Array) -> tuple[Nested, Span]:
-        parts, found, rigid = self.parts, self.found, self.found.rigid
+        statics, found, rigid = self.statics, self.found, self.found.rigid
         elastic = found.eigenvalues[rigid:]
-        static, stiffness, mass, _ = independent(parts.handle, rest, loads, found.shapes, found.eigenvalues)
-        span = Span(parts, found.shapes, static)
-        n_c = parts.constraint.shape[1]
+        static, stiffness, mass, _ = independent(statics.handle, rest, loads, found.shapes, found.eigenvalues)
+        span = Span(statics, found.shapes, static)
+        n_c = statics.constraint.shape[1]
         M = np.diag(np.concatenate([np.zeros(n_c), np.ones(rigid + len(elastic)), mass]))
         K = np.diag(np.concatenate([np.zeros(n_c + rigid), elastic, stiffness]))
-        M[:, :n_c] = span.dot(parts.inertia)
+        M[:, :n_c] = span.dot(statics.inertia)
         M[n_c + rigid + len(elastic) + np.flatnonzero(mass == 0), :n_c] = 0.0
         M[:n_c] = M[:, :n_c].T
         M[:n_c, :n_c] = (M[:n_c, :n_c] + M[:n_c, :n_c].T) / 2
-        K[:n_c, :n_c] = parts.condensed
-        inner = [parts.constraint[parts.rows], found.shapes, static]
-        forces = np.concatenate([shapes.T @ parts.forces for shapes in inner])
-        return Nested(M, K, None, n_c, rigid, elastic, forces, parts.rounding,
-                      lightest=lightest(parts.handle)), span
+        K[:n_c, :n_c] = statics.condensed
+        inner = [statics.constraint[statics.rows], found.shapes, static]
+        forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
+        return Nested(M, K, None, n_c, rigid, elastic, forces, statics.rounding,
+                      lightest=lightest(statics.handle)), span
 
     def _residuals(self, plain: Nested, span: Span, band: tuple[float, float]) -> Array:
         """λ²MΞx + λDUx and, for an unsymmetric D, the left ones, less MΦ, F and MC, whose K⁻¹ is in U already; (n_i, k)."""
@@ -134,11 +135,23 @@ class Search:
                 static = np.zeros(x.shape)
                 static[plain.rest] = part(x * (value**2 / size))[plain.rest]
                 residual = self.pencil.M @ span.times(static) + D @ span.times(part(x * (value / size)))
-                blocks.append(residual[self.parts.rows])
-        return _compressed(np.hstack(blocks), self.parts.handle.K.diagonal())
+                blocks.append(residual[self.statics.rows])
+        return _compressed(np.hstack(blocks), self.statics.handle.K.diagonal())
 
 
-def chosen(parts: Parts, band: Any, tol: Any, pencil: Pencil | None) -> tuple[Kept, Estimate]:
+def selected(statics: Statics, method: Method, pencil: Pencil | None) -> Kept:
+    """The modes that a method keeps, with one more for the cut-off, if there is one; the count of a large model is still to be
+    confirmed.
+    """
+    if method.band is not None:
+        return chosen(statics, method.band, method.tol, pencil)
+    assert method.modes is not None
+    more = method.modes < statics.handle.elastic
+    found = lowest_modes(statics.handle, method.modes + more, defer=True)
+    return Kept(found, method.modes, float(found.frequencies[-1]) if more else np.inf)
+
+
+def chosen(statics: Statics, band: Any, tol: Any, pencil: Pencil | None) -> Kept:
     """The modes and the estimate of the smallest basis that meets `tol` in the band, which ends below 0.7 of its cut-off.
 
     Parameters
@@ -151,7 +164,7 @@ def chosen(parts: Parts, band: Any, tol: Any, pencil: Pencil | None) -> tuple[Ke
     NotConvergedError
         No basis meets it, all modes or 1000 of them taken.
     """
-    search, counted = Search(parts, pencil), False
+    search, counted = Search(statics, pencil), False
     hi = band[1]
     while True:
         if not search.complete and SHARE * search.top <= hi:
@@ -163,17 +176,17 @@ def chosen(parts: Parts, band: Any, tol: Any, pencil: Pencil | None) -> tuple[Ke
             nested = search.damped(nested, span, band)
             best = _smallest(nested, band, tol, search.complete, best.modes)
         if not best.met:
-            search.grow(_further(nested, best, search, parts.sub.name))
+            search.grow(_further(nested, best, search, statics.sub.name))
             continue
         if counted or search.found.confirmed:
-            return Kept(search.found, best.modes, best.cutoff), best
+            return Kept(search.found, best.modes, best.cutoff, best)
         # what the count confirms is the modes kept and the one that gives the cut-off
         least = min(best.modes + 1, search.most)
-        found = lowest_modes(parts.handle, least, known=search.found, defer=True)
+        found = lowest_modes(statics.handle, least, known=search.found, defer=True)
         if np.array_equal(found.eigenvalues, search.found.eigenvalues[:len(found.eigenvalues)]):
-            return Kept(found, best.modes, best.cutoff), best
+            return Kept(found, best.modes, best.cutoff, best)
         counted = True  # it has found one that had been missed
-        search.replace(lowest_modes(parts.handle, search.modes, known=found, certify=False))
+        search.replace(lowest_modes(statics.handle, search.modes, known=found, certify=False))
 
 
 def _smallest(nested: Nested, band: tuple[float, float], tol: float, complete: bool, least: int = 0) -> Estimate:
@@ -202,7 +215,7 @@ def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
     NotConvergedError
         There are no more, 1000 are at hand and the model is large, or rounding alone takes more than is allowed.
     """
-    count, size = search.modes, search.parts.handle.K.shape[0]
+    count, size = search.modes, search.statics.handle.K.shape[0]
     floor = nested.floor(best.band)
     if search.complete or floor > best.tol or (count >= MOST and size > DENSE):
         where = "all modes" if search.complete else f"{best.modes} modes"

@@ -1,4 +1,4 @@
-"""What a method knows of a component before it has modes, and the wide spaces that a search for their number spans."""
+"""The first steps of a reduction, before there are modes, and the wide spaces that a search for their number spans."""
 
 from __future__ import annotations
 
@@ -7,33 +7,64 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.model.substructure import Substructure
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.reduction.basis import COLUMNS
+
+COLUMNS = 64  # of V, worked on at a time
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class Partition:
+    """The part of a component whose modes are kept: the `rows` of the interior, with the interface held, or all."""
+
+    sub: Substructure
+    rows: Array | slice
+
+
+def partitioned(sub: Substructure, held: bool) -> Partition:
+    """The interior, or all of the component."""
+    return Partition(sub, sub.interior if held and len(sub.interface) else slice(None))
+
+
+def factored(part: Partition) -> ShiftInvert:
+    """The factor of the part, for its modes and its static solves alike."""
+    K, M = ((A if isinstance(part.rows, slice) else submatrix(A, part.rows, part.rows)) for A in (part.sub.K, part.sub.M))
+    return ShiftInvert(K, M)
+
+
+@dataclass(frozen=True, eq=False)
+class Statics:
     """The factor, the constraint modes C and the static loads.
 
     Attributes
     ----------
     handle : ShiftInvert
-        Of K and M within `rows`: the interior (Craig-Bampton), or all.
+        Of K and M of the part.
     constraint, condensed : ndarray, shapes (n, n_c) and (n_c, n_c)
         C and CᵀKC; without columns for Craig-Chang.
     forces : ndarray, shape (n_i, s)
         F, whose static responses join the basis.
+    kind : str
+        What their columns of V are labelled.
     """
 
-    sub: Substructure
+    part: Partition
     handle: ShiftInvert
-    rows: Array | slice
     constraint: Array
     condensed: Array
     forces: Array
+    kind: str
+
+    @property
+    def sub(self) -> Substructure:
+        return self.part.sub
+
+    @property
+    def rows(self) -> Array | slice:
+        return self.part.rows
 
     @cached_property
     def inertia(self) -> Array:
@@ -62,20 +93,20 @@ class Parts:
 class Span:
     """U = [C Φ Ξ] (n, R) that is never formed: Φ and Ξ have the rows of the interior only, and are large."""
 
-    parts: Parts
+    statics: Statics
     modes: Array
     static: Array
 
     def dot(self, x: Array) -> Array:
         """Uᵀx, shape (R, k), for x of all rows."""
-        inner = x[self.parts.rows]
-        return np.concatenate([self.parts.constraint.T @ x, self.modes.T @ inner, self.static.T @ inner])
+        inner = x[self.statics.rows]
+        return np.concatenate([self.statics.constraint.T @ x, self.modes.T @ inner, self.static.T @ inner])
 
     def times(self, q: Array) -> Array:
         """Uq, shape (n, k)."""
-        first, second = self.parts.constraint.shape[1], self.parts.constraint.shape[1] + self.modes.shape[1]
-        u = self.parts.constraint @ q[:first]
-        u[self.parts.rows] += self.modes @ q[first:second] + self.static @ q[second:]
+        first, second = self.statics.constraint.shape[1], self.statics.constraint.shape[1] + self.modes.shape[1]
+        u = self.statics.constraint @ q[:first]
+        u[self.statics.rows] += self.modes @ q[first:second] + self.static @ q[second:]
         return u
 
     def projected(self, D: Matrix) -> Array:
@@ -83,11 +114,24 @@ class Span:
         return np.hstack([self.dot(D @ block) for block in self._blocks()])
 
     def _blocks(self) -> Iterator[Array]:
-        for group in (self.parts.constraint, self.modes, self.static):
+        for group in (self.statics.constraint, self.modes, self.static):
             for start in range(0, group.shape[1], COLUMNS):
                 block = group[:, start:start + COLUMNS]
-                if group is not self.parts.constraint and len(group) < self.parts.sub.size:
-                    full = np.zeros((self.parts.sub.size, block.shape[1]), order="F")
-                    full[self.parts.rows] = block
+                if group is not self.statics.constraint and len(group) < self.statics.sub.size:
+                    full = np.zeros((self.statics.sub.size, block.shape[1]), order="F")
+                    full[self.statics.rows] = block
                     block = full
                 yield block
+
+
+def submatrix(matrix: Matrix, rows: Array, columns: Array) -> Matrix:
+    """The rows and columns of a dense or sparse matrix."""
+    if sp.issparse(matrix):
+        return sp.csr_array(matrix[rows][:, columns])
+    return matrix[np.ix_(rows, columns)]
+
+
+def block(matrix: Matrix, rows: Array, columns: Array) -> Array:
+    """The same, dense."""
+    part = submatrix(matrix, rows, columns)
+    return part.toarray() if sp.issparse(part) else part

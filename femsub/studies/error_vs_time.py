@@ -20,7 +20,7 @@ from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors, turnover
-from femsub.reduction.reduce import METHODS, CraigBampton, CraigChang, reduce
+from femsub.reduction.reduce import Method, reduce
 from femsub.stability.critical_slope import CriticalSlope, critical_slope
 from femsub.studies.results import PHASES, Row, Study, Timing, with_front
 from femsub.timing import timed
@@ -29,7 +29,7 @@ Progress = Callable[[str], None]
 SHORT_RUNS = 3  # so often a reduced model is solved in each turn
 
 
-def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band: tuple[float, float], *,
+def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float], *,
           belt: Belt | None = None, port: str = "belt", ports: bool = False, repeats: int = 5,
           slopes: Sequence[float] | None = None, assembly: float = np.nan, progress: Progress | None = None) -> Study:
     """Reduces `sub` by each method and compares complex modes and critical slope with the full model.
@@ -37,7 +37,7 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     Parameters
     ----------
     sub : Substructure
-    methods : sequence of CraigBampton or CraigChang
+    methods : sequence of CraigBampton, CraigChang or another `Method`
         One entry per reduced model; list the same method with several numbers of modes to see convergence. With a band
         and a tolerance, the row shows how many modes were chosen (under the belt, if there is one).
     band : (lo, hi)
@@ -72,7 +72,7 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
     if not isinstance(methods, Sequence):
         raise InputTypeError(f"methods must be a list, e.g. [CraigBampton(modes=4)], not {methods!r}")
     for method in methods:
-        if not isinstance(method, tuple(METHODS.values())):
+        if not isinstance(method, Method):
             raise InputTypeError(f"methods must hold reductions, e.g. CraigBampton(modes=4), not {shown(method)}")
     if not methods:
         raise InputError("methods is empty: name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
@@ -99,7 +99,7 @@ def study(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], band:
         growth, stable = _judged(spectra[i], (lo, hi))
         taken = costs.phases[i]
         rows.append(Row(
-            type(methods[i - 1]).__name__ if i else "full", model.modes if isinstance(model, ReducedSubstructure) else 0,
+            methods[i - 1].key if i else "full", model.modes if isinstance(model, ReducedSubstructure) else 0,
             model.size, found.eigenvalue, found.growth, relative_error(slopes[i], slopes[0]), found.missing, slopes[i],
             growth,
             Timing.of([sum(one.values()) for one in taken]), Timing.of(costs.solving[i]),
@@ -121,7 +121,7 @@ class _Costs:
     solving: list[list[float]]
 
 
-def _measured(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], belt: Belt | None, band: tuple[float, float],
+def _measured(sub: Substructure, methods: Sequence[Method], belt: Belt | None, band: tuple[float, float],
               ports: bool, repeats: int, tell: Progress) -> _Costs:
     solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
     phases: list[list[dict[str, float]]] = [[{}], *([] for _ in methods)]
@@ -132,7 +132,7 @@ def _measured(sub: Substructure, methods: Sequence[CraigBampton | CraigChang], b
         spectra[0] = complex_modes(sub, belt, band=band)
     for turn in range(repeats):
         for i, method in enumerate(methods):
-            tell(f"{sub.name}: run {turn + 1} of {repeats}, {type(method).__name__} with {method}")
+            tell(f"{sub.name}: run {turn + 1} of {repeats}, {method}")
             with warnings.catch_warnings(), timed() as spent:
                 warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
                 models[i], seconds = _clocked(reduce, sub, method, ports=ports,

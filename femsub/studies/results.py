@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from femsub.errors import InputError
+from femsub.reduction.reduce import METHODS
+from femsub.tables import known, table
 
 APART = 1.25  # factor in time, beyond the spread of the runs, below which two models are equally quick
 VERDICT = {True: "yes", False: "no", None: "?"}
@@ -35,7 +37,7 @@ class Row:
     Attributes
     ----------
     method, modes, size : str, int, int
-        'full' has size n.
+        The method's key; 'full' has size n.
     error_eigenvalue : float
         max |λ_reduced - λ_full| / |λ_full| over matched pairs.
     error_growth : float
@@ -102,6 +104,11 @@ class Row:
     reason: str = ""
 
     @property
+    def label(self) -> str:
+        """The method's name in tables."""
+        return METHODS[self.method].label if self.method in METHODS else self.method
+
+    @property
     def seconds(self) -> float:
         """Reduction and solution together, medians."""
         return self.reduction.median + self.solution.median
@@ -141,7 +148,7 @@ class Study:
 
     def __repr__(self) -> str:
         best = min(self.rows, key=lambda row: row.error_eigenvalue, default=None)
-        told = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.method} with {best.size} DOF"
+        told = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.label} with {best.size} DOF"
         return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{told}"
 
     def recommended(self, tolerance: float = 1e-3) -> Row | None:
@@ -168,11 +175,11 @@ class Study:
         if row is None:
             whole = [row for row in self.rows if row.sound and row.error_growth > tolerance]
             near = min(whole, key=lambda row: row.error_growth, default=None)
-            nearest = "" if near is None else (f"; {near.method} with {near.modes} modes ({near.size} DOF) comes nearest with "
+            nearest = "" if near is None else (f"; {near.label} with {near.modes} modes ({near.size} DOF) comes nearest with "
                                                f"{100 * near.error_growth:.2g} %")
             return f"for {where} none of these models will do{nearest}: keep more modes, or lower the band"
         faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
-        return (f"for {where} take {row.method} with {row.modes} modes ({row.size} DOF): {_seconds(row.reduction.median)} to "
+        return (f"for {where} take {row.label} with {row.modes} modes ({row.size} DOF): {_seconds(row.reduction.median)} to "
                 f"reduce, {_seconds(row.solution.median)} to solve, {float(f'{faster:.2g}'):g} times faster than the full model"
                 f"{self._verdicts(row)}")
 
@@ -184,29 +191,28 @@ class Study:
                 "than the error")
 
     def __str__(self) -> str:
-        head = (f"  {'method':<14}{'DOF':>7}{'err ω':>9}{'err λ':>9}{'err Re λ':>10}{'err slope':>10}{'1 - MAC':>9}{'missing':>9}"
-                f"{'stable':>8}{'reduce':>11}{'solve':>11}{'MB':>10}")
         built = "" if np.isnan(self.assembly) else f", assembled in {_seconds(self.assembly)}"
-        lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time, medians of {self.repeats}{built}", head]
-        for row in (self.full, *self.rows):
-            errors = "".join(f"{'-':>{width}}" if np.isnan(value) else f"{value:>{width}.1e}" for value, width in (
-                (row.error_frequency, 9), (row.error_eigenvalue, 9), (row.error_growth, 10), (row.error_slope, 10),
-                (1 - row.mac, 9)))
-            lines.append(f"{'* ' if row.pareto else '  '}{row.method:<14}{row.size:>7}{errors}{row.missing:>9}"
-                         f"{VERDICT[row.stable]:>8}{_seconds(row.reduction.median):>11}{_seconds(row.solution.median):>11}{row.memory:>10.3g}")
+        head = ["  method", "DOF", "err ω", "err λ", "err Re λ", "err slope", "1 - MAC", "missing", "stable", "reduce", "solve",
+                "MB"]
+        rows = [[f"{'*' if row.pareto else ' '} {row.label}", row.size,
+                 *map(known, (row.error_frequency, row.error_eigenvalue, row.error_growth, row.error_slope, 1 - row.mac)),
+                 row.missing, VERDICT[row.stable], _seconds(row.reduction.median), _seconds(row.solution.median), row.memory]
+                for row in (self.full, *self.rows)]
+        lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time, medians of {self.repeats}{built}",
+                 table(head, rows, ["s", "d", *[".1e"] * 5, "d", "s", "s", "s", ".3g"])]
         if any(row.pareto for row in self.rows):
             lines.append("* no other is both as quick (or as small, where the runs' times overlap) and as right in Re λ")
         short = [row for row in self.rows if row.cutoff < self.band[1]]
         if short:
             lines.append(f"no critical slope where the band reaches above the cut-off: {reaching(short)}")
-        lines += [f"no critical slope of {row.method} with {row.size} DOF: {row.reason}" for row in (self.full, *self.rows)
+        lines += [f"no critical slope of {row.label} with {row.size} DOF: {row.reason}" for row in (self.full, *self.rows)
                   if row.reason and row not in short]
         return "\n".join(lines)
 
 
 def reaching(rows: Sequence[Row]) -> str:
-    """'CraigBampton with 2, 3 DOF (cut-off 0.49, 0.8)', method by method."""
-    methods = {row.method: [other for other in rows if other.method == row.method] for row in rows}
+    """'Craig-Bampton with 2, 3 DOF (cut-off 0.49, 0.8)', method by method."""
+    methods = {row.label: [other for other in rows if other.method == row.method] for row in rows}
     return "; ".join(f"{method} with {', '.join(str(row.size) for row in those)} DOF (cut-off "
                      f"{', '.join(f'{row.cutoff:.4g}' for row in those)})" for method, those in methods.items())
 

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub.app.report import known, machine, table
+from femsub.app.figure_style import look
+from femsub.app.report import machine
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.outputs import comparable
 from femsub.checks import check_band, whole_number
@@ -22,9 +23,9 @@ from femsub.quadratic.matching import relative_error
 from femsub.reduction.reduce import METHODS, reduce
 from femsub.stability.critical_slope import critical_slope, sweep
 from femsub.studies.error_vs_time import border_or_reason, study
+from femsub.tables import known, table
 
 Progress = Callable[[str], None]
-SHORT = {"craig-bampton": "HCB", "craig-chang": "CC"}
 
 
 MOST = 10**7  # masses
@@ -155,7 +156,7 @@ def _critical(scene: ChainScene, slope: float, progress: Progress) -> Part:
                              "slope": found[0], "omega": found[1], "full": exact[0], "error": relative_error(found[0], exact[0]),
                              "port_error": rom.port_error["belt"], "reason": found[2] or exact[2]})
     lines = [table(["belt", "interface", "model", "DOF", "critical slope", "full model", "rel. error", "static port error"],
-                   [[f"m{row['belt']}", row["interface"], SHORT[row["method"]], row["size"], known(row["slope"]),
+                   [[f"m{row['belt']}", row["interface"], look(row["method"]).label, row["size"], known(row["slope"]),
                      known(row["full"]), known(row["error"]), row["port_error"]] for row in rows],
                    ["s", "s", "s", "d", ".6f", ".6f", ".1e", ".1e"])]
     lines += dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"])
@@ -192,7 +193,7 @@ def _belt_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
 
     def draw() -> Any:
         from femsub.app.figures import belt_sweep_figure
-        return belt_sweep_figure(found, SHORT)
+        return belt_sweep_figure(found)
 
     return found, "", draw
 
@@ -208,13 +209,13 @@ def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
             curves.append({"interface": _masses(sub.interface + 1), "method": method, "sizes": sizes, "slope": found,
                            "full": exact, "error": [relative_error(value, exact) for value in found]})
     lines = [table(["interface", "model", *(f"{size} DOF" for size in scene.sizes)],
-                   [[curve["interface"], SHORT[curve["method"]],
+                   [[curve["interface"], look(curve["method"]).label,
                      *(known(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size, np.nan)) for size in scene.sizes)]
                     for curve in curves], ["s", "s", *[".1e"] * len(scene.sizes)])]
 
     def draw() -> Any:
         from femsub.app.figures import size_sweep_figure
-        return size_sweep_figure(curves, scene.belt, SHORT)
+        return size_sweep_figure(curves, scene.belt)
 
     rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
              "full": curve["full"], "error": error} for curve in curves
@@ -243,7 +244,7 @@ def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
                            "backward_error": modes.backward_error, "above_cutoff": modes.above_cutoff, "cutoff": model.cutoff})
     said = table(["interface", "model", "DOF", "up to ω", "eigenvalues", "full has", "largest Re λ", "full has", "stable",
                   "largest backward error"],
-                 [[m["interface"], SHORT.get(m["model"], m["model"]), m["size"], m["up_to"], m["counted"], m["full_counted"],
+                 [[m["interface"], look(m["model"]).label, m["size"], m["up_to"], m["counted"], m["full_counted"],
                    known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
                    float(m["backward_error"].max(initial=0.0))] for m in models],
                  ["s", "s", "d", ".4g", "d", "d", ".4f", ".4f", "s", ".0e"])
@@ -251,7 +252,7 @@ def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
     def draw() -> Any:
         from femsub.app.figures import eigenvalue_figure
         panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
-        return eigenvalue_figure(panels, SHORT, f"belt under m{scene.belt}, dμ/dv = {slope:.4g}")
+        return eigenvalue_figure(panels, f"belt under m{scene.belt}, dμ/dv = {slope:.4g}")
 
     rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "up_to": m["up_to"],
              "growth": m["growth"], "full_growth": m["full_growth"], "is_stable": m["is_stable"]} for m in models]

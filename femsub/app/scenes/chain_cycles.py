@@ -1,4 +1,4 @@
-"""Limit cycles of the paper's chain: full, HCB and CC, by harmonic balance, with branches and transients."""
+"""Limit cycles of the paper's chain: full and reduced models, by harmonic balance, with branches and transients."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from femsub.app.report import machine
 from femsub.app.scene import Result
-from femsub.app.scenes.chain import SHORT, ChainScene
+from femsub.app.scenes.chain import ChainScene
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
 from femsub.model.substructure import Substructure
 
@@ -38,9 +38,9 @@ def run(scene: ChainCycleScene, progress: Callable[[str], None]) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     full = scene.model(scene.belt, False)
     models: dict[str, Substructure] = {"full": full}
-    models |= {SHORT[method]: scene.reduced(full, method, scene.size) for method in scene.methods}
+    models |= {method: scene.reduced(full, method, scene.size) for method in scene.methods}
     head = (f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, belt under m{scene.belt}, "
-            f"{scene.friction_words}; HCB and CC of {scene.size} DOF")
+            f"{scene.friction_words}; {scene.labels} of {scene.size} DOF")
     data = {"scene": scene.name, "machine": machine(), "n": scene.n, "damping": scene.damping, "belt": scene.belt,
             "interface": scene.interface, **scene.friction, "size": scene.size, "band": scene.band, "parameter": scene.parameter}
     return run_cycles(scene, models, (scene.band[0], scene.band[1]), data, head, progress)

@@ -1,4 +1,4 @@
-"""The paper's chain in time: full, HCB and CC from the same blow, what frequencies appear (its Fig. 5)."""
+"""The paper's chain in time: full and reduced models from the same blow, what frequencies appear (its Fig. 5)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from femsub.app.figure_style import look
 from femsub.app.report import machine
 from femsub.app.scene import Result, Scene, run_outputs
-from femsub.app.scenes.chain import SHORT, ChainScene
+from femsub.app.scenes.chain import ChainScene
 from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, whole
 from femsub.errors import InputError
 from femsub.linalg.factor import QUADRATIC
@@ -88,7 +89,7 @@ def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
     with Interruptible() as work:
         for kind in ("full", *scene.methods):
             def tell(text: str, kind: str = kind) -> None:
-                progress(f"{scene.name}: {SHORT.get(kind, kind)}, {text}")
+                progress(f"{scene.name}: {look(kind).label}, {text}")
 
             model = full if kind == "full" else chain.reduced(full, kind, chain.size)
             found = transient(model, belt, (scene.time[0], scene.time[1]), impulse=scene.impulse, step=scene.step, tol=scene.tol,
@@ -96,8 +97,8 @@ def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
             tracks.append(track(kind, model, found, window))
             whole(found)
     parts: dict[str, Callable[[], Result]] = {
-        "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt, SHORT),
-        "quality": lambda: quality(tracks, belt, SHORT), "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
+        "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt),
+        "quality": lambda: quality(tracks, belt), "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
         "spectrogram": lambda: spectrograms(tracks, scene.length)}
     data: dict[str, Any] = {
         "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
@@ -107,5 +108,5 @@ def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
         "models": [item.row for item in tracks]}
     text = [f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
             f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
-            f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}\n{told(tracks, SHORT)}"]
+            f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}\n{told(tracks)}"]
     return run_outputs(scene.outputs, lambda output: parts[output](), data | {"complete": True}, text, work.complete)

@@ -18,10 +18,9 @@ from femsub.components.mesh import Mesh
 from femsub.errors import InputError, PortWarning
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import NormalModes, normal_modes
-from femsub.reduction.reduce import METHODS, CraigBampton, CraigChang, reduce
+from femsub.reduction.reduce import METHODS, Method, reduce
 
 Progress = Callable[[str], None]
-SHORT = {"CraigBampton": "HCB", "CraigChang": "CC"}
 UP_TO, MARGIN = 8, 0.02  # the band's default: so much above that mode
 LISTED = 14  # normal modes that are listed and written
 
@@ -106,12 +105,12 @@ class Work:
         return (0.0, float((1 + MARGIN) * omega[last])), f"to {100 * MARGIN:g} % above elastic mode {last + 1}"
 
     @cached_property
-    def reduced(self) -> list[tuple[CraigBampton | CraigChang, ReducedSubstructure]]:
+    def reduced(self) -> list[tuple[Method, ReducedSubstructure]]:
         return [(method, self.reduce(method)) for method in self.methods]
 
-    def reduce(self, method: CraigBampton | CraigChang) -> ReducedSubstructure:
+    def reduce(self, method: Method) -> ReducedSubstructure:
         """The component by one method, as the scene has it."""
-        self.tell(f"{type(method).__name__} with {method.modes} modes")
+        self.tell(str(method))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PortWarning)  # the figure is in the tables
             return reduce(self.sub, method, ports=self.scene.ports)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.app.report import known, table
+from femsub.app.figure_style import look
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
 from femsub.checks import Array
@@ -23,6 +23,7 @@ from femsub.motion.cycles.limit_cycle import LimitCycle, harmonic_balance
 from femsub.motion.nonlinear_model import State, sliding
 from femsub.motion.signals import spectrum
 from femsub.motion.transient import transient
+from femsub.tables import known, table
 
 Progress = Callable[[str], None]
 NEAR = 0.05  # frequencies of two models that differ by less belong to the same mode
@@ -114,7 +115,7 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
         found: dict[str, LimitCycle] = {}
         here: list[dict[str, Any]] = []
         for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):
-            tell(f"limit cycle of {name} near ω = {family:.4g}")
+            tell(f"limit cycle of {look(name).label} near ω = {family:.4g}")
             begun = time.perf_counter()
             row: dict[str, Any] = {"family": family, "model": name, "size": model.size}
             try:
@@ -144,12 +145,13 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
     kept = [row for row in rows if "omega" in row]
     said = table(["model", "DOF", "from ω", "ω", "rms", "peak", "sticking", "stable", "|μ|", "harmonics", "left out", "s",
                   "error of ω", "of rms"],
-                 [[row["model"], row["size"], row["family"], row["omega"], row["rms"], row["peak"], known(100 * row["sticking"]),
-                   VERDICT[row["is_stable"]], None if row["multiplier"] is None else abs(row["multiplier"]), row["harmonics"],
-                   row["truncation"], row["seconds"], row.get("omega_error"), row.get("rms_error")] for row in kept],
+                 [[look(row["model"]).label, row["size"], row["family"], row["omega"], row["rms"], row["peak"],
+                   known(100 * row["sticking"]), VERDICT[row["is_stable"]],
+                   None if row["multiplier"] is None else abs(row["multiplier"]), row["harmonics"], row["truncation"],
+                   row["seconds"], row.get("omega_error"), row.get("rms_error")] for row in kept],
                  ["s", "d", ".4g", ".6g", ".5g", ".5g", ".0f", "s", ".4g", "d", ".0e", ".2f", ".1e", ".1e"])
     text = [f"Limit cycles at v0 = {scene.speed:g}, F = {scene.force:g} (speed under the belt; sticking in %)\n{said}"]
-    text += [f"{row['model']} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row]
+    text += [f"{look(row['model']).label} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row]
     return Result({"cycles": rows}, [{**row, "multiplier": str(row.get("multiplier", ""))} for row in rows], "\n".join(text), {})
 
 
@@ -159,7 +161,7 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
     found: list[dict[str, Any]] = []
     for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):  # large ones start from the others' cycles
         for family in families:
-            tell(f"branch of {name} from ω = {family:.4g}")
+            tell(f"branch of {look(name).label} from ω = {family:.4g}")
             begun = time.perf_counter()
             try:
                 traced, missed = _large(scene, found, family, model, tell) if not _small(model) else \
@@ -185,19 +187,20 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
     lines, special = [], []
     for item in found:
         if "why" in item:
-            lines.append([item["model"], item["family"], None, None, None, None, None, None, item["why"][:70]])
+            lines.append([look(item["model"]).label, item["family"], None, None, None, None, None, None, item["why"][:70]])
             continue
         traced = item["branch"]
         hopf = traced.hopf
-        lines.append([item["model"], item["family"], hopf.value if hopf else None, hopf.error if hopf else None,
+        lines.append([look(item["model"]).label, item["family"], hopf.value if hopf else None, hopf.error if hopf else None,
                       ("super" if hopf.supercritical else "sub") if hopf else None, len(traced.points),
                       sum(flag is True for flag in traced.stable), item["seconds"], traced.ended[:70]])
-        special += [f"  {item['model']}, ω {item['family']:.4g}: {point.kind} at {scene.parameter} = {point.value:.6g} (ω = "
-                    f"{point.omega:.5g}, rms = {point.rms:.4g})" for point in traced.special]
+        special += [f"  {look(item['model']).label}, ω {item['family']:.4g}: {point.kind} at {scene.parameter} = "
+                    f"{point.value:.6g} (ω = {point.omega:.5g}, rms = {point.rms:.4g})" for point in traced.special]
     said = table(["model", "from ω", "Hopf point at", "rel. error", "critical", "cycles", "stable", "s", "ended"], lines,
                  ["s", ".4g", ".6g", ".0e", "s", "d", "d", ".1f", "s"])
     text = "\n".join([f"Branches over the {scene.parameter}\n{said}", *(
-        f"{item['model']} near ω = {item['family']:.4g}: no cycle at {scene.parameter} = {gap[scene.parameter]:.5g}: {gap['why']}"
+        f"{look(item['model']).label} near ω = {item['family']:.4g}: no cycle at {scene.parameter} = "
+        f"{gap[scene.parameter]:.5g}: {gap['why']}"
         for item in found for gap in item.get("missed", []))])
     if special:
         text += "\nSpecial points\n" + "\n".join(special)
@@ -273,7 +276,7 @@ def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float,
     part = 0.75 if scene.dots_from == "blow" else 0.5
     end = scene.periods * 2 * np.pi / families[0]
     for value in np.linspace(limits[0], limits[1], scene.dots + 2)[1:-1]:
-        tell(f"transient of {name}, {scene.parameter} = {value:.5g}")
+        tell(f"transient of {look(name).label}, {scene.parameter} = {value:.5g}")
         belt = with_parameter(scene.rubbing, scene.parameter, float(value))
         if scene.dots_from == "cycle":
             near = [cycle for one in traced for cycle in one.at(float(value)) if cycle.is_stable]

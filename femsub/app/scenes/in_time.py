@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.app.report import table
+from femsub.app.figure_style import look
 from femsub.app.scene import Result
 from femsub.model.friction import Belt
 from femsub.model.substructure import Substructure
@@ -18,6 +18,7 @@ from femsub.motion.transient import Transient, transient
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import relative_error
 from femsub.studies.self_excitation import table_rows
+from femsub.tables import table
 from femsub.timing import Interruptible
 
 LISTED = 3  # frequencies in the table
@@ -30,7 +31,7 @@ REACH = 1.3  # spectra are drawn up to so many times the highest frequency liste
 class Track:
     """One model's run and what is seen of it in the window; None where it was interrupted before there was enough."""
 
-    kind: str  #: 'full', or the reduction's name
+    kind: str  #: 'full', or the method's key
     model: Substructure
     run: Transient
     window: tuple[float, float]
@@ -66,14 +67,14 @@ def most_unstable(found: ComplexModes) -> int | None:
     return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None
 
 
-def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, short: dict[str, str]) -> Result:
+def growth(models: Sequence[tuple[str, Substructure]], belt: Belt) -> Result:
     """From the most unstable complex mode, a millionth of the belt's speed: the growth measured in time beside Re λ."""
     rows: list[dict[str, Any]] = []
     with Interruptible() as work:
         for kind, model in models:
             rows.append(_grown(kind, model, belt))
     said = table(["model", "DOF", "growth in time", "Re λ", "error", "ω in time", "Im λ", "Re λ above"],
-                 [[short.get(str(row["model"]), row["model"]), row["size"], row["growth"], row["growth_of_cea"], row["error"],
+                 [[look(str(row["model"])).label, row["size"], row["growth"], row["growth_of_cea"], row["error"],
                    row["omega"], row["omega_of_cea"], row["above"]] for row in rows],
                  ["s", "d", ".5g", ".5g", ".0e", ".5g", ".5g", ".5g"])
     head = f"Growth of the most unstable mode below the cut-off, from {FAINT:g} of the belt's speed"
@@ -106,13 +107,13 @@ def _above(found: ComplexModes) -> float | None:
     return float(found.eigenvalues[found.above_cutoff].real.max()) if found.above_cutoff.any() else None
 
 
-def told(tracks: Sequence[Track], short: dict[str, str]) -> str:
+def told(tracks: Sequence[Track]) -> str:
     """The table of what was seen."""
     rows = []
     for item in tracks:
         row = item.row
         peaks = [float(at) for at in (row["peaks"] if row["peaks"] is not None else [])][:LISTED]
-        rows.append([short.get(item.kind, item.kind), row["size"], row["rms"], ", ".join(f"{at:.5g}" for at in peaks) or None,
+        rows.append([look(item.kind).label, row["size"], row["rms"], ", ".join(f"{at:.5g}" for at in peaks) or None,
                      row["sticking"], row["energy_residual"], row["seconds"],
                      "yes" if row["complete"] else f"to t = {row['end']:.5g}"])
     head = ["model", "DOF", "rms of v", "peaks (rad/time)", "sticking", "energy balance", "s", "complete"]
@@ -163,7 +164,7 @@ def spectrograms(tracks: Sequence[Track], length: float) -> Result:
     return Result({"spectrogram": {"length": length, "strongest": rows}}, rows, "", {"spectrogram": draw} if made else {})
 
 
-def quality(tracks: Sequence[Track], belt: Belt, short: dict[str, str]) -> Result:
+def quality(tracks: Sequence[Track], belt: Belt) -> Result:
     """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
 
     One trajectory of each: where motions coexist it may have ended in another of them, see scripts/attractors.py.
@@ -178,8 +179,8 @@ def quality(tracks: Sequence[Track], belt: Belt, short: dict[str, str]) -> Resul
     keys = ("missing_share", "spurious_share", "growth_error", "projection_loss", "compliance_mean", "error_frequency",
             "error_amplitude")
     said = table(["model", "DOF", "missing", "spurious", "err Re λ", "loss", "compliance", "err ω in time", "err rms"],
-                 [[short.get(row["model"], row["model"]), row["size"], *(row[key] for key in keys)] for row in rows],
+                 [[look(row["model"]).label, row["size"], *(row[key] for key in keys)] for row in rows],
                  ["s", "d", ".0%", ".0%", ".1%", ".1%", ".1%", ".1%", ".1%"])
-    verdicts = [f"{short.get(row['model'], row['model'])}: {row['verdict']}" for row in rows]
+    verdicts = [f"{look(row['model']).label}: {row['verdict']}" for row in rows]
     head = "Quality of the reduced models under self-excitation, from linear data, beside this run's errors"
     return Result({"quality": rows}, rows, "\n".join([head, said, *verdicts]), {})

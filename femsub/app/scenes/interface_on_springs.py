@@ -1,4 +1,4 @@
-"""HCB or CC? The same reduced models with their interface on springs, from free to held."""
+"""Which method? The same reduced models with their interface on springs, from free to held."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.app.report import table
+from femsub.app.figure_style import look
 from femsub.app.scene import Result
-from femsub.app.scenes.component import SHORT, UP_TO, Work
+from femsub.app.scenes.component import UP_TO, Work
 from femsub.checks import Array
 from femsub.model.substructure import Substructure
 from femsub.modes.normal_modes import normal_modes
 from femsub.reduction.reduce import CraigBampton
+from femsub.tables import table
 
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of the springs to the component's own static stiffness at the interface
 
@@ -33,10 +34,10 @@ def interface_on_springs(work: Work) -> Result:
         exact = _frequencies(sub, ratio * own, count)
         for method, rom in work.reduced:
             found = _frequencies(rom, ratio * own, count)
-            rows.append({"model": type(method).__name__, "modes": method.modes, "size": rom.size, "springs": float(ratio),
+            rows.append({"model": method.key, "modes": method.modes, "size": rom.size, "springs": float(ratio),
                          "error": float(np.max(np.abs(found / exact - 1)))})
     models = list(dict.fromkeys((row["model"], row["modes"], row["size"]) for row in rows))
-    lines = [[SHORT[name], modes, size, *(row["error"] for row in rows if (row["model"], row["modes"]) == (name, modes))]
+    lines = [[look(name).label, modes, size, *(row["error"] for row in rows if (row["model"], row["modes"]) == (name, modes))]
              for name, modes, size in models]
     said = table(["model", "modes", "DOF", *(f"{ratio:g}" for ratio in RATIOS)], lines,
                  ["s", "d", "d", *[".1e"] * len(RATIOS)])

@@ -83,7 +83,7 @@ def run(scene: MatricesScene, progress: Callable[[str], None]) -> Result:
 def _written(work: Work) -> Result:
     assert isinstance(work.scene, MatricesScene)
     files: dict[str, Callable[[], bytes]] = {
-        f"{type(method).__name__}-{method.modes}/{file}": partial(_content, writer)
+        f"{method.key}-{method.modes}/{file}": partial(_content, writer)
         for method, model in work.reduced for file, writer in matrix_files(model, work.scene.format).items()}
     folders = sorted({file.split("/")[0] for file in files})
     return Result({"reduced-matrices": folders}, [], f"reduced matrices, with --out: {', '.join(folders)}", {}, files)

@@ -1,4 +1,4 @@
-"""The outputs of a component's study: modes, critical slope, eigenvalues, error against run time; HCB and CC side by side."""
+"""The outputs of a component's study: modes, critical slope, eigenvalues, error against run time; methods side by side."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from femsub.app.report import known, machine, table
+from femsub.app.figure_style import look
+from femsub.app.report import machine
 from femsub.app.scene import Result, run_outputs
-from femsub.app.scenes.component import SHORT, ComponentScene, Progress, Work
+from femsub.app.scenes.component import ComponentScene, Progress, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
 from femsub.model.bands import in_band
@@ -19,6 +20,7 @@ from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import listed, relative_error
 from femsub.stability.critical_slope import critical_slope
 from femsub.studies.error_vs_time import border_or_reason, study
+from femsub.tables import known, table
 
 DRAWN = 6  # of the normal modes
 
@@ -40,7 +42,7 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
     if set(scene.outputs) & {"critical-slope", "eigenvalues", "error-time"}:
         band, rule = work.band
         data |= {"band": band, "band_rule": rule}
-        text[0] += f"\nband {band[0]:g} to {band[1]:.6g} rad/time ({rule}); HCB and CC with {_listed(scene.modes)} modes" + \
+        text[0] += f"\nband {band[0]:g} to {band[1]:.6g} rad/time ({rule}); {scene.labels} with {_listed(scene.modes)} modes" + \
                    (", static responses to the contact joined" if scene.ports else "")
     return run_outputs(scene.outputs, lambda output: parts[output](work), data, text)
 
@@ -89,10 +91,10 @@ def _vtu(work: Work, shapes: Mapping[str, Array]) -> bytes:
 def _critical(work: Work) -> Result:
     band, _ = work.band
     models: list[tuple[str, int, Substructure]] = [("full", 0, work.sub)]
-    models += [(type(method).__name__, rom.modes, rom) for method, rom in work.reduced]
+    models += [(method.key, rom.modes, rom) for method, rom in work.reduced]
     rows: list[dict[str, Any]] = []
     for name, modes, model in models:
-        work.tell(f"critical slope, {name} with {model.size} DOF")
+        work.tell(f"critical slope, {look(name).label} with {model.size} DOF")
         found, reason = border_or_reason(partial(critical_slope, model, band=band, force=work.scene.force))
         slope, omega = (np.nan, np.nan) if found is None else (found.slope, found.omega)
         full = rows[0]["slope"] if rows else slope
@@ -100,10 +102,10 @@ def _critical(work: Work) -> Result:
                      "error": relative_error(slope, full), "port_error": _port_error(model), "reason": reason})
     work.slopes = [row["slope"] for row in rows]
     said = table(["model", "modes", "DOF", "critical slope", "at ω", "rel. error", "static port error"],
-                 [[SHORT.get(row["model"], row["model"]), row["modes"] if row["model"] != "full" else None, row["size"],
+                 [[look(row["model"]).label, row["modes"] if row["model"] != "full" else None, row["size"],
                    known(row["slope"]), known(row["omega"]), known(row["error"]), row["port_error"]] for row in rows],
                  ["s", "d", "d", ".6g", ".5g", ".1e", ".1e"])
-    notes = [f"{SHORT.get(row['model'], row['model'])} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
+    notes = [f"{look(row['model']).label} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
     if any(row["omega"] == 0 for row in rows):
         notes.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
                      f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * band[1]:.3g}, {band[1]:.6g}]")
@@ -120,7 +122,7 @@ def _eigenvalues(work: Work) -> Result:
     exact = complex_modes(work.sub, work.belt, band=band)
     at = _least_stable(exact)
     models: list[tuple[str, int, Substructure, ComplexModes]] = [("full", 0, work.sub, exact)]
-    models += [(type(method).__name__, rom.modes, rom, complex_modes(rom, work.belt, band=band))
+    models += [(method.key, rom.modes, rom, complex_modes(rom, work.belt, band=band))
                for method, rom in work.reduced]
     spectra: list[dict[str, Any]] = []
     for name, modes, model, found in models:
@@ -134,7 +136,7 @@ def _eigenvalues(work: Work) -> Result:
         spectra.append(item)
     said = table(["model", "modes", "DOF", "up to ω", "eigenvalues", "full has", "largest Re λ", "full has", "stable",
                   "above cut-off", "shape error"],
-                 [[SHORT.get(m["model"], m["model"]), m["modes"] if m["model"] != "full" else None, m["size"], m["up_to"],
+                 [[look(m["model"]).label, m["modes"] if m["model"] != "full" else None, m["size"], m["up_to"],
                    m["counted"], m["full_counted"], known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
                    int(np.sum(m["above_cutoff"])), m.get("shape_error")]
                   for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", "d", ".1e"])
@@ -148,7 +150,7 @@ def _eigenvalues(work: Work) -> Result:
 
     def draw() -> Any:
         from femsub.app.figures import eigenvalue_figure
-        return eigenvalue_figure(panels, SHORT, f"{work.scene.name}: dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}")
+        return eigenvalue_figure(panels, f"{work.scene.name}: dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}")
 
     drawings, files = {"eigenvalues": draw}, {}
     if at is not None:
@@ -193,11 +195,11 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     name, modes, model, found = last
     assert isinstance(model, ReducedSubstructure)
     if not len(found):
-        return Result({}, [], f"{name} with {modes} modes has no eigenvalue in the band: no shape is recovered", {})
+        return Result({}, [], f"{look(name).label} with {modes} modes has no eigenvalue in the band: no shape is recovered", {})
     value, q = _counterpart(found, exact, at)
     u = model.expand(q)
     error = float(work.sub.linearised(work.belt).backward_error(np.array([value]), u[:, None])[0])
-    told = (f"least stable mode, recovered from {SHORT[name]} with {modes} modes ({model.size} DOF): λ = {value.real:.6g} "
+    told = (f"least stable mode, recovered from {look(name).label} with {modes} modes ({model.size} DOF): λ = {value.real:.6g} "
             f"{value.imag:+.6g}i, full model {exact.eigenvalues[at].real:.6g} {exact.eigenvalues[at].imag:+.6g}i; backward error "
             f"in the full pencil {error:.1e}")
     data = {"model": name, "modes": modes, "size": model.size, "eigenvalue": value, "full": complex(exact.eigenvalues[at]),
@@ -208,7 +210,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     # any phase will do: the one in which the place that moves most is at its largest
     largest = whole.ravel()[np.argmax(np.abs(whole))]
     whole = whole * (np.conj(largest) / abs(largest))
-    title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {SHORT[name]} with "
+    title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {look(name).label} with "
              f"{model.size} DOF")
 
     def draw() -> Any:

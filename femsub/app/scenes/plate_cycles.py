@@ -1,4 +1,4 @@
-"""Limit cycles of a plate under a belt: HCB and CC by harmonic balance and in time, the full model by harmonic balance."""
+"""Limit cycles of a plate under a belt: reduced models by harmonic balance and in time, the full model by harmonic balance."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from femsub.app.report import machine
 from femsub.app.scene import Result
-from femsub.app.scenes.component import SHORT, Work
+from femsub.app.scenes.component import Work
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
 from femsub.app.scenes.plate import PlateScene
 from femsub.model.substructure import Substructure
@@ -42,11 +42,11 @@ def run(scene: PlateCycleScene, progress: Callable[[str], None]) -> Result:
     work = Work(scene, progress)
     most = max(scene.modes)
     models: dict[str, Substructure] = {
-        SHORT[type(method).__name__]: rom for method, rom in work.reduced if method.modes == most}
+        method.key: rom for method, rom in work.reduced if method.modes == most}
     models["full"] = work.sub
     band, rule = work.band
     head = (f"{scene.name}: {work.sub!r}\n{scene.friction_words}; "
-            f"HCB and CC with {most} modes; band {band[0]:g} to {band[1]:.6g} rad/time ({rule})")
+            f"{scene.labels} with {most} modes; band {band[0]:g} to {band[1]:.6g} rad/time ({rule})")
     data = {"scene": scene.name, "machine": machine(), "model": repr(work.sub), "size": work.sub.size, **scene.friction,
             "modes_kept": most,
             "band": band, "band_rule": rule, "parameter": scene.parameter}

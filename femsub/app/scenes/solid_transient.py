@@ -8,9 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub.app.report import machine, table
+from femsub.app.figure_style import look
+from femsub.app.report import machine
 from femsub.app.scene import Result, run_outputs
-from femsub.app.scenes.component import SHORT, Work
+from femsub.app.scenes.component import Work
 from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track
 from femsub.app.scenes.solid import SolidScene
 from femsub.checks import Array
@@ -21,6 +22,7 @@ from femsub.motion.nonlinear_model import State, project
 from femsub.motion.transient import Transient, transient
 from femsub.quadratic.complex_modes import complex_modes
 from femsub.quadratic.matching import relative_error
+from femsub.tables import table
 
 POINTS = 40  # of the recorded grid, per period
 SETTLED = 1 / 4  # of the long run, at its end: where its spectrum is taken
@@ -73,7 +75,7 @@ SCENE = SolidTransientScene
 def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     work, belt = Work(scene, progress), scene.rubbing
-    models = [(type(method).__name__, rom.modes, rom) for method, rom in work.reduced]
+    models = [(method.key, rom.modes, rom) for method, rom in work.reduced]
     kind, _, reference = max(reversed(models), key=lambda item: (item[0] == models[-1][0], item[2].size))
     modes = complex_modes(reference, belt)
     at = most_unstable(modes)
@@ -88,7 +90,7 @@ def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
         return lambda text: work.tell(f"{name}, {text}")
 
     long = transient(reference, belt, (0.0, scene.periods * period), impulse=scene.impulse, step=step, tol=scene.tol,
-                     progress=told_by(f"{SHORT[kind]} from the blow"))
+                     progress=told_by(f"{look(kind).label} from the blow"))
     window = ((1 - SETTLED) * long.t[-1], float(long.t[-1])) if long.complete else (0.0, 0.0)
     tracks = [track(kind, reference, long, window)]
     data: dict[str, Any] = {
@@ -97,8 +99,8 @@ def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
         "growth": rate, "omega": omega, "period": period, "periods": scene.periods, "compared": scene.compared,
         "impulse": scene.impulse, "tol": scene.tol, "full_tol": scene.full_tol, "models": [item.row for item in tracks]}
     text = [f"{scene.name}: {work.sub!r}\n{scene.friction_words}; λ = {rate:.5g} + {omega:.6g}i grows, period {period:.4g}",
-            f"From a blow of {scene.impulse:g} over {scene.periods:g} periods\n{told(tracks, SHORT)}"]
-    views: dict[str, Callable[[], Result]] = {"growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt, SHORT),
+            f"From a blow of {scene.impulse:g} over {scene.periods:g} periods\n{told(tracks)}"]
+    views: dict[str, Callable[[], Result]] = {"growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt),
                                               "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
                                               "spectrogram": lambda: spectrograms(tracks, 20 * period)}
 
@@ -119,7 +121,7 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
     for kind, modes, model in models:
         start = state if kind == "full" else State(*(project(model, work.sub.M, part) for part in
                                                      (state.displacement, state.velocity)))
-        name = f"{SHORT.get(kind, kind)} with {model.size} DOF"
+        name = f"{look(kind).label} with {model.size} DOF"
         runs = [_side(scene, model, belt, start, period, told_by(name)) for _ in range(1 if kind == "full" else TIMED)]
         if not all(item.complete for item in runs):
             complete = False
@@ -132,7 +134,7 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
                      "speedup": rows[0]["seconds_per_period"] / seconds if rows else 1.0, "steps": runs[0].effort.steps,
                      "energy_residual": runs[0].energy.residual, "method": runs[0].effort.method})
     said = table(["model", "modes", "DOF", "rms of v", "error", "s per period", "times faster", "steps", "energy balance"],
-                 [[SHORT.get(row["model"], row["model"]), row["modes"] or None, row["size"], row["rms"], row["amplitude_error"],
+                 [[look(row["model"]).label, row["modes"] or None, row["size"], row["rms"], row["amplitude_error"],
                    row["seconds_per_period"], row["speedup"], row["steps"], row["energy_residual"]] for row in rows],
                  ["s", "d", "d", ".6g", ".1e", ".2g", ".4g", "d", ".0e"])
 

@@ -1,0 +1,23 @@
+"""Tables on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[str]) -> str:
+    """Columns aligned to the right, the first to the left."""
+    cells = [list(head)] + [[format(value, form) if value is not None else "-" for value, form in zip(row, formats, strict=True)]
+                            for row in rows]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(head))]
+    lines = ["  ".join(cell.ljust(width) if i == 0 else cell.rjust(width)
+                       for i, (cell, width) in enumerate(zip(row, widths, strict=True))) for row in cells]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+
+
+def known(value: float) -> float | None:
+    """A figure, or None, which a table shows as "-", where there is none."""
+    return None if np.isnan(value) else value

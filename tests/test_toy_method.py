@@ -1,0 +1,125 @@
+"""A reduction method from outside the package: defined here alone, it works by its key in studies, tables, figures and scenes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from femsub.app.cli import main
+from femsub.app.figures import error_time_figure, size_sweep_figure
+from femsub.checks import Array
+from femsub.modes.shift_invert import ShiftInvert
+from femsub.reduction.method import METHODS, Method
+from femsub.reduction.statics import Partition, Statics
+
+KEY, LABEL, COLOUR = "modal-truncation", "Truncation", "#2a7f3f"
+SCENE = f"""
+scene = "chain"
+n = 7
+sizes = [4, 6]
+belts = [2]
+interface = [2]
+methods = ["craig-bampton", "{KEY}"]
+outputs = ["critical-slope", "size-sweep", "eigenvalues"]
+repeats = 1
+"""
+
+
+@pytest.fixture
+def truncation() -> Iterator[type[Method]]:
+    """Free modes and nothing else."""
+    @dataclass(frozen=True)
+    class Truncation(Method):
+        key, label, colour, marker, held = KEY, LABEL, COLOUR, "D", False
+
+        def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
+            nothing = np.zeros((part.sub.size, 0))
+            return Statics(part, handle, nothing, np.zeros((0, 0)), nothing, "none")
+
+    yield Truncation
+    del METHODS[KEY]
+
+
+def test_a_new_method_is_its_steps_alone(truncation: type[Method], tmp_path: Path) -> None:
+    sub = fs.chain(30, belt=4)
+    with pytest.warns(fs.PortWarning, match="with Truncation with 5 free modes"):
+        rom = fs.reduce(sub, truncation(5))
+    modes = fs.normal_modes(sub, count=6)
+    assert rom.modes == rom.size == 5 and rom.kinds == ("free",) * 5 and rom.cutoff == pytest.approx(modes.frequencies[5])
+    assert np.allclose(np.abs(rom.V.T @ sub.M @ modes.shapes[:, :5]), np.eye(5), atol=1e-9)
+    assert np.allclose(rom.K, np.diag(modes.eigenvalues[:5]), rtol=1e-12, atol=1e-15) and np.array_equal(rom.M, np.eye(5))
+    w = sub.ports["belt"]  # the energy that the modes do not hold, of what all hold
+    whole = w @ np.linalg.solve(sub.K.toarray(), w)
+    held = ((w @ modes.shapes[:, :5]) ** 2 / modes.eigenvalues[:5]).sum()
+    assert rom.port_error["belt"] == pytest.approx(np.sqrt(1 - held / whole), rel=1e-9)
+    fs.write_matrices(tmp_path, rom)
+    read = fs.read_component(tmp_path)
+    assert read.modes == 5 and repr(read) == repr(rom)
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+def test_its_modes_are_found_to_a_tolerance(truncation: type[Method]) -> None:
+    rom = fs.reduce(fs.chain(60, damping=0.0), truncation(band=(0.0, 0.2), tol=1e-3))
+    assert rom.estimate is not None and rom.estimate.met and rom.estimate.modes == rom.modes == rom.size
+    assert 0.2 < 0.7 * rom.cutoff < 0.3
+
+
+def test_study_table_and_figures_name_it(truncation: type[Method]) -> None:
+    methods = [kind(modes) for kind in (fs.CraigChang, truncation) for modes in (3, 5)]
+    told: list[str] = []
+    found = fs.study(fs.chain(10, belt=2), methods, band=(0.0, 0.3), repeats=1, progress=told.append)
+    assert [row.method for row in found.rows] == ["craig-chang", "craig-chang", KEY, KEY]
+    assert [row.size for row in found.rows[2:]] == [3, 5]
+    assert found.rows[2].error_eigenvalue > found.rows[0].error_eigenvalue
+    assert f" {LABEL} " in str(found) and "Craig-Chang" in str(found)
+    assert any(f"{LABEL} with 5 modes" in text for text in told)
+    figure = error_time_figure([("{m1}", found)])
+    assert [text.get_text() for text in figure.legends[0].get_texts()][1:] == ["Craig-Chang", LABEL]
+    assert any((line.get_color(), line.get_marker()) == (COLOUR, "D") for line in figure.axes[0].lines)
+    curves = [{"interface": "{m1}", "method": KEY, "sizes": [3, 4], "slope": [-0.1, -0.1], "error": [0.1, 0.01], "full": -0.1}]
+    line = size_sweep_figure(curves, 2).axes[0].lines[0]
+    assert (line.get_label(), line.get_color(), line.get_marker()) == (LABEL, COLOUR, "D")
+
+
+def test_scene_files_take_it_by_its_key(truncation: type[Method], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "toy.toml").write_text(SCENE)
+    assert main(["run", str(tmp_path / "toy.toml"), "--out", str(tmp_path / "out")]) == 0
+    data = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert data["methods"] == ["craig-bampton", KEY]
+    for output in ("critical-slope", "size-sweep", "eigenvalues"):
+        assert KEY in {row.get("method", row.get("model")) for row in data[output]["rows"]}
+    assert all((tmp_path / "out" / f"{name}.png").stat().st_size > 10_000 for name in ("size-sweep", "eigenvalues"))
+    text = capsys.readouterr().out
+    assert f" {LABEL} " in text and KEY not in text
+
+
+def test_scenes_of_components_take_it_too(truncation: type[Method], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "toy.toml").write_text(f'scene = "beam"\nelements = 20\nmodes = [6]\nmethods = ["{KEY}"]\nports = false\n'
+                                       'outputs = ["critical-slope", "error-time", "joined-interface"]\nrepeats = 1\n')
+    assert main(["run", str(tmp_path / "toy.toml"), "--out", str(tmp_path / "out"), "--no-figures"]) == 0
+    data = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert {row["model"] for row in data["critical-slope"]} == {"full", KEY} == {row["method"] for row in data["error-time"]}
+    assert f"{LABEL} with 6 modes" in capsys.readouterr().out
+
+
+def test_unknown_keys_name_those_that_exist(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(METHODS) == {"craig-bampton", "craig-chang"}  # no other test sees the one above
+    (tmp_path / "toy.toml").write_text(SCENE)
+    assert main(["run", str(tmp_path / "toy.toml")]) == 2
+    assert f"unknown method '{KEY}'; valid: craig-bampton, craig-chang" in capsys.readouterr().err
+
+
+def test_a_method_says_all_of_what_it_is() -> None:
+    with pytest.raises(fs.InputError, match="the key 'craig-chang' of Impostor is that of CraigChang"):
+        type("Impostor", (Method,), {"key": "craig-chang"})
+    with pytest.raises(fs.InputError, match="the reduction method Colourless has no colour"):
+        type("Colourless", (Method,), {"key": "colourless", "label": "Colourless"})
+    assert set(METHODS) == {"craig-bampton", "craig-chang"}
+    nameless = type("Nameless", (fs.CraigChang,), {})  # what methods share may have a class of its own
+    assert nameless not in METHODS.values()
