@@ -9,9 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, whole_number
+from femsub.checks import Array, check_band, finite_number, whole_number
 from femsub.errors import InputError
-from femsub.model.bands import check_band
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.reduction.basis import Kept, Responses
 from femsub.reduction.statics import Partition, Statics
