@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from contextlib import suppress
 from itertools import chain
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,8 +16,10 @@ from femsub.linalg.ordering import leaves_first
 from femsub.linalg.petsc import Factor, Kind
 from femsub.linalg.shared import FACTOR_BYTES, drop, forget, shared
 from femsub.model.matrices import Difference, equilibration
-from femsub.model.pencil import Pencil
-from femsub.model.substructure import Substructure
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+    from femsub.model.substructure import Substructure
 
 COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
 # on the real form of twice the size
@@ -128,8 +130,13 @@ def forget_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float =
 
 def release(model: Pencil | Substructure) -> None:
     """Gives up all that is shared of a model's matrices: its factors go as soon as nobody works with them."""
-    pencil = model if isinstance(model, Pencil) else model.pencil
+    pencil = getattr(model, "pencil", model)
     drop(model.M, model.K, *chain((pencil.M, pencil.K), *pencil.rescaled.values()))
+
+
+def factors_made() -> int:
+    """How many factorisations have been made in this process."""
+    return Factor.made
 
 
 def _key(K: Matrix, kind: Kind, M: Matrix | None, sigma: float) -> tuple[tuple[Matrix, ...], tuple[str, str, float]]:

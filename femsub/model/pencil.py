@@ -87,7 +87,7 @@ class Pencil(Frozen):
         """A copy with other fields, which are not checked again."""
         copy = object.__new__(Pencil)
         copy._set(**self.__getstate__() | changed)
-        if not changed.keys() & {"M", "K"}:
+        if "K" not in changed:
             copy.__dict__["rescaled"] = self.rescaled
         return copy
 

@@ -13,10 +13,9 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
-from femsub.linalg.factor import Handle, factorise, forget_factor, shared_factor
+from femsub.linalg.factor import Handle, factorise, factors_made, forget_factor, shared_factor
 from femsub.linalg.null_space import SINGULAR, rank_of_mass
 from femsub.linalg.ordering import smooth_shape
-from femsub.linalg.petsc import Factor
 from femsub.linalg.shared import shared
 from femsub.model.matrices import Difference
 from femsub.timing import phase
@@ -74,9 +73,9 @@ class ShiftInvert:
         if hasattr(self, "factor"):
             self.release()
             forget_factor(self.K, "definite", self.M, self.sigma)  # two large ones would not fit
-        before = Factor.made
+        before = factors_made()
         self.factor: Handle = shared_factor(self.K, "definite", self.M, sigma)
-        self.factorisations += Factor.made - before
+        self.factorisations += factors_made() - before
         self.sigma = sigma
 
     def _nearly_singular(self) -> bool:

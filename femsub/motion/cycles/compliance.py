@@ -10,7 +10,7 @@ frequencies asked for, and what was solved serves as a basis for frequencies nea
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,11 +22,13 @@ from femsub.linalg.factor import QUADRATIC, ComplexFactor, Handle, shared_factor
 from femsub.linalg.subspace import new_directions
 from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil
-from femsub.model.substructure import Substructure
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.motion.nonlinear_model import Sliding
 from femsub.quadratic.dense import ModalForm, modal_form, with_energy
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
+    from femsub.motion.nonlinear_model import Sliding
 
 AGREE = 1e-7  # partial fractions and a solve may differ by so much, relatively, where they differ most
 NEARBY = 1e-7  # relative error of h, as estimated, up to which a basis of responses is taken for the model itself
