@@ -130,7 +130,7 @@ def forget_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float =
 
 def release(model: Pencil | Substructure) -> None:
     """Gives up all that is shared of a model's matrices: its factors go as soon as nobody works with them."""
-    pencil = getattr(model, "pencil", model)
+    pencil: Any = getattr(model, "pencil", model)
     drop(model.M, model.K, *chain((pencil.M, pencil.K), *pencil.rescaled.values()))
 
 
