@@ -146,20 +146,27 @@ def check_band(band: object) -> tuple[float, float]:
 
 
 def real_array(name: str, value: Any, finite: bool = True) -> np.ndarray:
-    """An array of float64, a copy only where the type asks for it."""
+    """An array of float64, a copy only where the type asks for it; `finite`: no NaN or Inf in it."""
     import numpy as np
 
-    try:
-        raw = np.asarray(value)
-    except (TypeError, ValueError):
-        raise InputTypeError(f"{name} must be an array of numbers, not {shown(value)}") from None
+    raw = rows(name, value)
     if raw.dtype.kind not in "iuf":
-        raise InputTypeError(f"{name} must be an array of real numbers, not {shown(value)}")
+        raise InputTypeError(f"{name} must be real numbers, not {shown(value) if raw.ndim == 0 else raw.dtype}")
     array = raw.astype(np.float64, copy=False)
     if finite and not np.isfinite(array).all():
         at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InputError(f"{name} holds a NaN or Inf, first at index {at[0] if len(at) == 1 else at}")
     return array
+
+
+def rows(name: str, value: Any) -> np.ndarray:
+    """An array of anything, whose rows have one length."""
+    import numpy as np
+
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be rows of the same length, not {shown(value)}") from None
 
 
 def path_of(name: str, value: Any) -> Path:

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, positive_number, whole_number
+from femsub.checks import Array, finite_number, positive_number, real_array, whole_number
 from femsub.components.bending_elements import hermite_matrices
 from femsub.components.build import component, free_to_lift, gathered, optional_mapping, tell_rounding
-from femsub.components.mesh import real_numbers
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.linalg.memory import check_room
 from femsub.model.dof_map import DofMap
@@ -105,7 +104,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
 def _nodes(length: Any, elements: Any) -> Array:
     size = positive_number("length", length)
     if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
-        x = real_numbers("the places of nodes (elements)", elements)
+        x = real_array("the places of nodes (elements)", elements, finite=False)
         if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=1e-9) or not (np.diff(x) > 0).all():
             raise InputError(f"the places of nodes (elements) must ascend from 0 to the length {size:.6g}, not {elements!r:.80}")
         return x
@@ -116,7 +115,7 @@ def _nodes(length: Any, elements: Any) -> Array:
 
 def _per_element(name: str, value: Any, count: int, zero: bool = False) -> Array:
     try:
-        values = np.broadcast_to(real_numbers(name, value), (count,))
+        values = np.broadcast_to(real_array(name, value, finite=False), (count,))
     except ValueError:
         raise InputError(f"{name} must be one number or {count} of them, one per element, not {value!r:.80}") from None
     good = np.isfinite(values) & ((values >= 0) if zero else (values > 0))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, items
+from femsub.checks import Array, items, real_array, rows
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model.frozen import Frozen
 
@@ -60,7 +60,7 @@ class Mesh(Frozen):
                  name: str = "mesh") -> None:
         if not isinstance(kind, str) or kind not in CELLS:
             raise unknown_name("kind of cell", kind, CELLS)
-        places, corners = real_numbers("points", points), _array("cells", cells)
+        places, corners = np.array(real_array("points", points, finite=False)), rows("cells", cells)
         if places.ndim != 2 or not 1 <= places.shape[1] <= 3 or not len(places):
             raise InputError(f"points must have the shape (n, 1), (n, 2) or (n, 3), not {places.shape}")
         if places.shape[1] < CELLS[kind][0]:
@@ -72,8 +72,8 @@ class Mesh(Frozen):
         count = len(places)
         corners = _within("cells", corners, count).reshape(corners.shape)
         named = np.arange(1, count + 1) if numbers is None else _node_numbers(numbers, count)
-        node_sets = {key: np.unique(_within(f"set {key!r}", rows, count)) for key, rows in _named("sets", sets)}
-        cell_sets = {key: np.unique(_within(f"group {key!r}", rows, len(corners))) for key, rows in _named("groups", groups)}
+        node_sets = {key: np.unique(_within(f"set {key!r}", chosen, count)) for key, chosen in _named("sets", sets)}
+        cell_sets = {key: np.unique(_within(f"group {key!r}", chosen, len(corners))) for key, chosen in _named("groups", groups)}
         if isinstance(repairs, (str, Mapping)):
             repairs = (repairs,) if isinstance(repairs, str) else list(repairs)
         repairs = items("repairs", repairs, "strings")
@@ -103,29 +103,8 @@ class Mesh(Frozen):
         """A copy with more (or other) sets of nodes, each as rows of `points`, as n truth values, or as a function of the
         points (n, d) that returns either.
         """
-        found = {name: rows(self.points) if callable(rows) else rows for name, rows in sets.items()}
+        found = {name: chosen(self.points) if callable(chosen) else chosen for name, chosen in sets.items()}
         return replace(self, sets={**self.sets, **found})
-
-
-def _array(what: str, values: Any) -> Array:
-    try:
-        return np.array(values)
-    except ValueError:
-        raise InputError(f"{what} must be rows of the same length, not {values!r:.60}") from None
-
-
-def real_numbers(what: str, values: Any) -> Array:
-    """An array of floats, of nothing but real numbers in rows of the same length.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        Rows of several lengths, complex numbers, texts.
-    """
-    found = _array(what, values)
-    if found.dtype.kind not in "fiu":
-        raise InputTypeError(f"{what} must be real numbers, not {found.dtype}")
-    return found.astype(float)
 
 
 def _named(what: str, values: Any) -> list[tuple[str, Any]]:
@@ -138,7 +117,7 @@ def _named(what: str, values: Any) -> list[tuple[str, Any]]:
 
 
 def _node_numbers(values: Any, count: int) -> Array:
-    named = real_numbers("numbers", values) if _array("numbers", values).dtype.kind not in "iu" else np.array(values)
+    named = raw if (raw := rows("numbers", values)).dtype.kind in "iu" else real_array("numbers", raw, finite=False)
     if named.shape != (count,):
         raise InputError(f"numbers must have {count} entries, one per node, but their shape is {named.shape}")
     wrong = (named % 1 != 0) | (np.abs(named) >= 2.0**53)
@@ -151,8 +130,8 @@ def _node_numbers(values: Any, count: int) -> Array:
     return named.astype(np.int64)
 
 
-def _within(what: str, rows: Any, count: int) -> Array:
-    raw = _array(what, rows)
+def _within(what: str, values: Any, count: int) -> Array:
+    raw = rows(what, values)
     if raw.size == 0:
         return np.zeros(0, dtype=np.intp)
     if raw.dtype == bool and raw.shape == (count,):

@@ -7,9 +7,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from femsub.checks import Array, items, shown, word
+from femsub.checks import Array, items, real_array, shown, word
 from femsub.components.build import component, optional_mapping
-from femsub.components.mesh import Mesh, real_numbers
+from femsub.components.mesh import Mesh
 from femsub.components.mesh_checks import refuse_spoilt
 from femsub.components.patches import solid_average
 from femsub.components.solid_assembly import Material, stiffness_and_mass
@@ -131,7 +131,7 @@ def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
             raise unknown_name(f"direction of port {name!r}:", direction, (*AXES, "normal", "-normal"))
         vector = {"normal": normal, "-normal": -normal}[direction] if direction not in AXES else np.array(AXES[direction])
     else:
-        vector = real_numbers(f"the direction of port {name!r}", direction)
+        vector = real_array(f"the direction of port {name!r}", direction, finite=False)
     length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
     if not 0 < length < np.inf:
         why = "three numbers, not all 0, are needed"

@@ -85,9 +85,14 @@ class Sliding:
         return np.array([self.belts[at].sticks(row) for at, row in zip(self.owner, v, strict=True)])
 
     @property
+    def widths(self) -> list[float]:
+        """ε of the belts' laws; NaN where one has none."""
+        return [width_of(belt.law) for belt in self.belts]
+
+    @property
     def without_eps(self) -> list[str]:
         """Ports of the belts whose law has no ε."""
-        return [belt.port for belt in self.belts if np.isnan(width_of(belt.law))]
+        return [belt.port for belt, width in zip(self.belts, self.widths, strict=True) if np.isnan(width)]
 
     @cached_property
     def equilibrium(self) -> Array:

@@ -20,7 +20,6 @@ import numpy as np
 from femsub.checks import Array
 from femsub.errors import InputError, InputTypeError, NoCycleError
 from femsub.model.bands import beyond
-from femsub.model.friction import width_of
 from femsub.motion.cycles.balance import Orbit, coefficients
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.nonlinear_model import Sliding
@@ -35,7 +34,7 @@ SWEPT = 3.0  # amplitudes up to so many belt speeds are tried
 
 def levels(contact: Sliding) -> list[Sliding]:
     """The contact with laws that get sharper, the last one being its own; one entry where no law has an ε (see `FrictionLaw`)."""
-    widths = [width_of(belt.law) if is_dataclass(belt.law) else np.nan for belt in contact.belts]
+    widths = [width if is_dataclass(belt.law) else np.nan for belt, width in zip(contact.belts, contact.widths, strict=True)]
     speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
     most = max([1.0, *(WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width > 0)])
     steps = max(0, int(np.ceil(np.log(most) / -np.log(SHARPER))))
@@ -51,7 +50,7 @@ def levels(contact: Sliding) -> list[Sliding]:
 
 def harmonics_for(contact: Sliding, most: int) -> int:
     """How many harmonics the sharpest transition of a contact calls for, by experience."""
-    ratios = [abs(belt.speed or 0.0) / width_of(belt.law) for belt in contact.belts]
+    ratios = [abs(belt.speed or 0.0) / width for belt, width in zip(contact.belts, contact.widths, strict=True)]
     ratio = max((ratio for ratio in ratios if not np.isnan(ratio)), default=10.0)
     return int(np.clip(PER_EPS * ratio, 10, most))
 
