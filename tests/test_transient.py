@@ -262,7 +262,8 @@ def test_ctrl_c_leaves_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("keys", "words"), [
-    ({"time": (5, 5)}, "time must ascend"), ({"time": (5, 1)}, "time must ascend"), ({"time": (0, np.nan)}, r"time\[1\]"),
+    ({"time": (5, 5)}, "time must be .* with lo < hi"), ({"time": (5, 1)}, "time must be"),
+    ({"time": (0, np.nan)}, "time must be a finite"),
     ({"step": 0.0}, "step must be positive"), ({"step": 0.1, "samples": 3}, "either step or samples"),
     ({"samples": 0}, "at least 1"), ({"record_from": 50.0}, "record_from must lie"), ({"tol": 1.0}, "tol must lie"),
     ({"method": "euler"}, "unknown method 'euler'"), ({"record": "all"}, "unknown record"),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, Matrix, finite_number
+from femsub.checks import EPS, Array, Matrix, finite_number, real_array
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.linalg.factor import factorise
 from femsub.model.friction import Belt, width_of
@@ -207,12 +207,7 @@ def mass_solve(M: Matrix, load: Array) -> Array:
 
 
 def _vector(name: str, value: Any, size: int) -> Array:
-    try:
-        found = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputTypeError(f"{name} must be numbers, not {value!r:.80}") from None
-    if found.ndim > 1 or (found.ndim == 1 and len(found) != size):
+    found = real_array(name, value)
+    if found.shape not in ((), (size,)):
         raise InputError(f"{name} must have {size} entries, one per DOF of the model, but its shape is {found.shape}")
-    if not np.isfinite(found).all():
-        raise InputError(f"{name} holds a NaN or Inf")
     return np.broadcast_to(found, (size,)).copy()

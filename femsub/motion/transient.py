@@ -12,7 +12,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, choice, finite_number, items, listener, positive_number, whole_number, word
+from femsub.checks import (
+    Array,
+    choice,
+    finite_number,
+    interval,
+    items,
+    listener,
+    positive_number,
+    real_array,
+    whole_number,
+    word,
+)
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model.friction import Belt
 from femsub.model.substructure import Substructure
@@ -192,7 +203,7 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     """
     began = clock.perf_counter()
     contact = sliding(model, belts, "transient")
-    t0, t1 = _interval(time)
+    t0, t1 = interval("time", time)
     choice("method", method, ("auto", "alpha", *METHODS))
     tell = listener("progress", progress)
     if tol is not None and not 1e-13 <= finite_number("tol", tol) <= 1e-2:
@@ -243,17 +254,6 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
                 "lsoda" if method == "auto" else method, columns, whole), points
 
 
-def _interval(time: Any) -> tuple[float, float]:
-    try:
-        t0, t1 = time
-    except (TypeError, ValueError):
-        raise InputTypeError(f"time must be (t0, t1), not {time!r:.80}") from None
-    t0, t1 = float(finite_number("time[0]", t0)), float(finite_number("time[1]", t1))
-    if t1 <= t0:
-        raise InputError(f"time must ascend, but it goes from {t0:g} to {t1:g}")
-    return t0, t1
-
-
 def _columns(contact: Sliding, ports: Sequence[str]) -> tuple[Array, dict[str, Any]]:
     """What is observed, (n, c), and where each port stands in it: an index for a port of one column, else a slice."""
     asked = [word("ports", name) for name in items("ports", ports, "names of ports")]
@@ -277,12 +277,10 @@ def _start(contact: Sliding, start: State | None, impulse: Mapping[str, float] |
         raise InputTypeError(f"start must be a State(displacement, velocity), not {type(start).__name__}")
     checked = []
     for name, value in (("displacement", start.displacement), ("velocity", start.velocity)):
-        part = np.asarray(value, dtype=float)
+        part = real_array(f"the start's {name}", value)
         if part.shape != (contact.model.size,):
             raise InputError(f"the start's {name} has the shape {part.shape}; the model has {contact.model.size} DOF. A state of "
                              "the full model reaches a reduced one by contacts.project")
-        if not np.isfinite(part).all():
-            raise InputError(f"the start's {name} holds a NaN or Inf")
         checked.append(part.copy())
     return State(*checked)
 

@@ -11,6 +11,7 @@ from femsub.app.report import machine
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.chain import ChainScene
 from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, whole
+from femsub.checks import interval
 from femsub.errors import InputError
 from femsub.linalg.factor import QUADRATIC
 from femsub.motion.transient import transient
@@ -61,9 +62,7 @@ class ChainTransientScene(Scene):
     def __post_init__(self) -> None:
         super().__post_init__()
         for key in ("time", "window"):
-            pair = getattr(self, key)
-            if len(pair) != 2 or pair[0] >= pair[1]:
-                raise InputError(f"{key} must be [from, to], ascending, not {pair}")
+            interval(key, getattr(self, key))
         if self.window[0] < self.time[0] or self.window[1] > self.time[1]:
             raise InputError(f"window {self.window} reaches beyond the time {self.time}")
         if self.n > QUADRATIC and {"growth", "quality"} & set(self.outputs):

@@ -12,7 +12,7 @@ import numpy as np
 from femsub.app.figure_style import look
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
-from femsub.checks import Array
+from femsub.checks import Array, interval
 from femsub.errors import InputError, NoCycleError, NotConvergedError, unknown_name
 from femsub.linalg.factor import QUADRATIC
 from femsub.model.substructure import Substructure
@@ -80,8 +80,8 @@ class CycleKeys(Scene):
                 raise InputError(f"{key} must be at least 1, not {getattr(self, key)}")
         if self.dots < 0:
             raise InputError(f"dots must be 0 (none) or more, not {self.dots}")
-        if self.between and (len(self.between) != 2 or not self.between[0] < self.between[1]):
-            raise InputError(f"between must be [lo, hi] of the {self.parameter}, not {self.between}")
+        if self.between:
+            interval("between", self.between)
 
 
 def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], data: dict[str, Any],
@@ -131,11 +131,9 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
             seconds = time.perf_counter() - begun
             found[name] = cycle
             floquet = cycle.floquet
-            here.append(row | {"omega": cycle.omega, "rms": cycle.rms, "peak": cycle.peak, "sticking": cycle.sticking,
-                               "is_stable": cycle.is_stable, "harmonics": cycle.orbit.harmonics, "residual": cycle.residual,
-                               "truncation": cycle.truncation, "seconds": seconds,
-                               "multiplier": None if floquet is None else complex(floquet.values[0]),
-                               "trivial_error": None if floquet is None else floquet.error})
+            here.append(row | cycle.row() | {"seconds": seconds,
+                                             "multiplier": None if floquet is None else complex(floquet.values[0]),
+                                             "trivial_error": None if floquet is None else floquet.error})
         full = found.get("full")
         for row in here:
             if full is not None and "omega" in row and row["model"] != "full":

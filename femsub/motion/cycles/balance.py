@@ -75,6 +75,11 @@ def samples_of(v: Array, count: int) -> Array:
     return np.fft.irfft(spectrum * count, n=count, axis=1)
 
 
+def power_of_two(least: int) -> int:
+    """The first power of two from `least` on: so many samples an FFT takes best."""
+    return 1 << (least - 1).bit_length()
+
+
 def coefficients(samples: Array, count: int) -> Array:
     """Coefficients k = 0 … count of (p, m) samples, (count + 1, p)."""
     return np.fft.rfft(samples, axis=1)[:, :count + 1].T / samples.shape[1]
@@ -86,10 +91,10 @@ class Balance:
     def __init__(self, contact: Sliding, flexibility: Compliance) -> None:
         self.contact, self.flexibility = contact, flexibility
 
-    def samples(self, orbit: Orbit, least: int = 0) -> int:
+    def samples(self, orbit: Orbit) -> int:
         """How many samples f_k needs for R to be free of aliasing: a power of two."""
         H = orbit.harmonics
-        count = max(64, 2 ** int(np.ceil(np.log2(4 * H + 2))), least)
+        count = power_of_two(max(64, 4 * H + 2))
         f = coefficients(self.contact.force(orbit.samples(count)), H)
         Y = self.flexibility.estimate(1j * orbit.omega * np.arange(1, H + 1))
         while count < SAMPLES:

@@ -77,10 +77,7 @@ class Branch:
 
     def rows(self) -> list[dict[str, Any]]:
         """One row per point, for tables."""
-        return [{self.parameter: float(value), "omega": point.omega, "rms": point.rms, "peak": point.peak,
-                 "sticking": point.sticking, "is_stable": point.is_stable, "harmonics": point.orbit.harmonics,
-                 "truncation": point.truncation, "residual": point.residual}
-                for value, point in zip(self.values, self.points, strict=True)]
+        return [{self.parameter: float(value)} | point.row() for value, point in zip(self.values, self.points, strict=True)]
 
     def __repr__(self) -> str:
         begin = "" if self.hopf is None or self.hopf.supercritical is None else \

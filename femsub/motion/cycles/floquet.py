@@ -30,7 +30,7 @@ import scipy.linalg as la
 from scipy.interpolate import CubicSpline
 
 from femsub.checks import Array
-from femsub.motion.cycles.balance import Orbit, coefficients, samples_of
+from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two, samples_of
 from femsub.motion.cycles.compliance import Fractions
 from femsub.motion.nonlinear_model import Sliding
 from femsub.quadratic.matching import match
@@ -153,7 +153,7 @@ class _Waves:
 
     def __init__(self, contact: Sliding, flexibility: Fractions, orbit: Orbit) -> None:
         self.contact, self.orbit = contact, orbit
-        count = 2 ** int(np.ceil(np.log2(max(32 * orbit.harmonics, 8192))))
+        count = power_of_two(max(32 * orbit.harmonics, 8192))
         v = orbit.samples(count)
         self.f = coefficients(contact.force(v), count // 4)[1:]
         self.s = 1j * orbit.omega * np.arange(1, len(self.f) + 1)
@@ -241,7 +241,7 @@ def _impulses(strength: Array, S: Array) -> Array:
 
 def _edges(contact: Sliding, orbit: Orbit, steps: int) -> Array:
     """0 = τ_0 < … < τ_steps = 1 of a period, finer where g changes; a quarter of the steps is spread evenly."""
-    count = 2 ** int(np.ceil(np.log2(max(8 * orbit.harmonics, 4096))))
+    count = power_of_two(max(8 * orbit.harmonics, 4096))
     g = contact.tangent(orbit.samples(count))
     change = np.abs(np.diff(np.hstack([g, g[:, :1]]), axis=1)).sum(axis=0)
     total = float(change.sum())

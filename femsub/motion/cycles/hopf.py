@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import InputError, InputTypeError, NoCycleError
+from femsub.checks import Array, interval
+from femsub.errors import InputError, NoCycleError
 from femsub.model.friction import Belt
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance, Fractions
@@ -116,12 +116,7 @@ def limits_of(between: tuple[float, float] | None, parameter: str, value: float,
         if parameter == "speed":
             return (0.2 * belt.speed, 5 * belt.speed) if (belt.speed or 0) > 0 else (5 * belt.speed, 0.2 * belt.speed)  # type: ignore[operator]
         return (5 * value, 0.2 * value) if value < 0 else (0.2 * value, 5 * value)
-    try:
-        lo, hi = (float(edge) for edge in between)
-    except (TypeError, ValueError):
-        raise InputTypeError(f"between must be a pair (lo, hi) of values of the {parameter}, not {between!r}") from None
-    if not -np.inf < lo < hi < np.inf:
-        raise InputError(f"between must satisfy lo < hi, but is ({lo!r}, {hi!r})")
+    lo, hi = interval("between", between)
     if parameter == "force" and lo < 0:
         raise InputError(f"a force must not be negative, but between begins at {lo!r}")
     return lo, hi

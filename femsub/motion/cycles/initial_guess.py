@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import InputError, InputTypeError, NoCycleError
+from femsub.checks import Array, real_array
+from femsub.errors import InputError, NoCycleError
 from femsub.model.bands import beyond
-from femsub.motion.cycles.balance import Orbit, coefficients
+from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.nonlinear_model import Sliding
 from femsub.quadratic.dense import eigenvalues
@@ -188,16 +188,13 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     """
     from scipy.signal import find_peaks
 
-    try:
-        time, speed = np.asarray(t, dtype=float), np.atleast_2d(np.asarray(v, dtype=float))
-    except (TypeError, ValueError):
-        raise InputTypeError("start=(t, v) takes times and speeds under the belts as numbers") from None
-    if time.ndim != 1 or speed.shape != (columns, len(time)) or not np.isfinite(speed).all() or not (np.diff(time) > 0).all():
-        raise InputError(f"start=(t, v) takes ascending times (m,) and finite speeds ({columns}, m), one row per column of the "
-                         f"contact, not {np.shape(t)} and {np.shape(v)}")
+    time, speed = real_array("t of start=(t, v)", t), np.atleast_2d(real_array("v of start=(t, v)", v))
+    if time.ndim != 1 or speed.shape != (columns, len(time)) or not (np.diff(time) > 0).all():
+        raise InputError(f"start=(t, v) takes ascending times (m,) and speeds ({columns}, m), one row per column of the contact, "
+                         f"not {np.shape(t)} and {np.shape(v)}")
     if len(time) < 64:
         raise InputError(f"the signal has {len(time)} samples; at least 64 are needed to see a period")
-    even = np.linspace(time[len(time) // 2], time[-1], 2 ** int(np.ceil(np.log2(len(time)))))
+    even = np.linspace(time[len(time) // 2], time[-1], power_of_two(len(time)))
     tail = np.array([np.interp(even, time, row) for row in speed])
     tail = tail - tail.mean(axis=1, keepdims=True)
     spectrum = np.fft.rfft(tail, n=2 * len(even), axis=1)

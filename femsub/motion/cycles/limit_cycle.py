@@ -14,7 +14,7 @@ from femsub.checks import Array, finite_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
 from femsub.model.friction import Belt
 from femsub.model.substructure import Substructure
-from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase
+from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
@@ -72,7 +72,7 @@ class LimitCycle:
 
     @cached_property
     def _wave(self) -> Array:
-        return self.orbit.samples(2 ** int(np.ceil(np.log2(max(16 * self.orbit.harmonics, 4096)))))
+        return self.orbit.samples(power_of_two(max(16 * self.orbit.harmonics, 4096)))
 
     @property
     def rms(self) -> float:
@@ -88,6 +88,11 @@ class LimitCycle:
     def sticking(self) -> float:
         """Share of the period in which a column sticks, |v0 - v| ≤ 3 ε; NaN where a law has no ε, which says nothing of it."""
         return np.nan if self.contact.without_eps else float(self.contact.sticks(self._wave).any(axis=0).mean())
+
+    def row(self) -> dict[str, Any]:
+        """Its figures by their names, for tables."""
+        return {"omega": self.omega, "rms": self.rms, "peak": self.peak, "sticking": self.sticking, "is_stable": self.is_stable,
+                "harmonics": self.orbit.harmonics, "truncation": self.truncation, "residual": self.residual}
 
     def velocity(self, t: Any) -> Array:
         """v(t) = Wᵀq̇, shape of t for one column, (p, *t.shape) for several."""
