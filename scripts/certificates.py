@@ -8,10 +8,10 @@ the solution). Seconds are those of the processor (the process has one thread of
 than a minute is measured once. With --out, certificates.csv and .json.
 
 solution  all but the certificates. By band, K - R²M is factorised to know how many eigenvalues to ask for: that is part of it.
-errors    residuals, backward errors, condition numbers, error bars (`cea.certificates`)
+errors    residuals, backward errors, condition numbers, error bars (`complex_modes.certificates`)
 left      left vectors, where the pencil is unsymmetric
 inertia   the factorisation of K - R²M, or K - ω²M, where only the count needs it, with its solves
-disc      taking the pencil apart, the basis and the margin on the circle (`splitting`, `condensed.count`); of a K that is not
+disc      taking the pencil apart, the basis and the margin on the circle (`damping_split`, `disc_count`); of a K that is not
           definite, its factorisation too
 ratio     certificates / solution
 refine    `fs.refine` of the modes of a reduced model (Craig-Bampton, 20 modes) in the same band, without the reduction
@@ -34,11 +34,8 @@ import femsub as fs
 from benchmarks import models
 from femsub.app import report
 from femsub.app.scene import Result
-from femsub.modes import normal_modes as eigen
-from femsub.quadratic import complex_modes as cea
-from femsub.quadratic import damping_split as splitting
-from femsub.quadratic import disc_count as condensed
-from femsub.quadratic import sparse as pep
+from femsub.modes import normal_modes
+from femsub.quadratic import complex_modes, damping_split, disc_count, sparse
 from femsub.tables import table
 
 LONG = 60.0
@@ -75,14 +72,14 @@ class Clock:
 def once(sub: fs.Substructure, belt: fs.Belt, ask: Row) -> tuple[Row, fs.ComplexModes]:
     """Seconds of one call, by kind."""
     clock = Clock()
-    with patch.object(cea, "certificates", clock.wrapped("errors", cea.certificates)), \
-            patch.object(pep.Shifted, "left", clock.wrapped("left", pep.Shifted.left)), \
-            patch.object(condensed, "edge", clock.wrapped("inertia", condensed.edge)), \
-            patch.object(condensed, "counting", clock.wrapped("factor", condensed.counting)), \
-            patch.object(condensed, "inertia", clock.wrapped("factor", condensed.inertia)), \
-            patch.object(condensed, "definite", clock.wrapped("disc", condensed.definite)), \
-            patch.object(condensed, "count", clock.wrapped("disc", condensed.count)), \
-            patch.object(splitting, "split", clock.wrapped("disc", splitting.split)):
+    with patch.object(complex_modes, "certificates", clock.wrapped("errors", complex_modes.certificates)), \
+            patch.object(sparse.Shifted, "left", clock.wrapped("left", sparse.Shifted.left)), \
+            patch.object(disc_count, "edge", clock.wrapped("inertia", disc_count.edge)), \
+            patch.object(disc_count, "counting", clock.wrapped("factor", disc_count.counting)), \
+            patch.object(disc_count, "inertia", clock.wrapped("factor", disc_count.inertia)), \
+            patch.object(disc_count, "definite", clock.wrapped("disc", disc_count.definite)), \
+            patch.object(disc_count, "count", clock.wrapped("disc", disc_count.count)), \
+            patch.object(damping_split, "split", clock.wrapped("disc", damping_split.split)):
         start = time.process_time()
         found = fs.complex_modes(sub, belt, **ask)
         whole = time.process_time() - start
@@ -96,7 +93,7 @@ def once(sub: fs.Substructure, belt: fs.Belt, ask: Row) -> tuple[Row, fs.Complex
 def reduction(sub: fs.Substructure, way: str) -> Row:
     """Seconds of one reduction, of which the count by inertia is the certificate."""
     clock = Clock()
-    with patch.object(eigen, "inertia", clock.wrapped("inertia", eigen.inertia)):
+    with patch.object(normal_modes, "inertia", clock.wrapped("inertia", normal_modes.inertia)):
         start = time.process_time()
         fs.reduce(sub, METHODS[way], ports=True)
         whole = time.process_time() - start

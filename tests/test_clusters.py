@@ -10,10 +10,9 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.clusters import evaluate, make
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
-from femsub.linalg import petsc as _slepc
+from femsub.linalg import petsc
 from femsub.model.bands import DOUBLE, EDGE, in_band, widened
 from femsub.modes.dense import dense_modes
-from femsub.quadratic import sparse as pep
 from femsub.quadratic.multiplicity import clear_radius, clusters, distinct, joined
 
 # Of 1000 numbers these were wrong or refused at some time, each in a way of its own.
@@ -158,7 +157,7 @@ def test_an_unsymmetric_floating_pencil_has_all_of_its_zeros(seed: int, count: i
 
 
 def test_a_breakdown_is_met_with_another_start_and_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    original, tried = _slepc.quadratic_modes, []
+    original, tried = petsc.quadratic_modes, []
 
     def breaking(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
         tried.append((arguments[3], options["seed"]))
@@ -167,7 +166,7 @@ def test_a_breakdown_is_met_with_another_start_and_more_room(monkeypatch: pytest
         return original(*arguments, **options)
 
     exact = fs.complex_modes(fs.chain(2500, belt=2), count=10)
-    monkeypatch.setattr(pep, "quadratic_modes", breaking)
+    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", breaking)
     again = fs.complex_modes(fs.chain(2500, belt=2), count=10)
     assert len(tried) == 3 and tried[2][0] > tried[0][0] and tried[2][1] != tried[0][1]
     assert again.eigenvalues == pytest.approx(exact.eigenvalues, rel=1e-9)

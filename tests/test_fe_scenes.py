@@ -293,10 +293,10 @@ def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: Runs, name: str
 
 def test_critical_slopes_are_sought_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from femsub.app.scenes import outputs
-    from femsub.studies import error_vs_time as studies
+    from femsub.studies import error_vs_time
 
     sought: list[int] = []
-    for module in (studies, outputs):
+    for module in (error_vs_time, outputs):
         monkeypatch.setattr(module, "critical_slope", lambda model, *rest, original=module.critical_slope, **options: (
             sought.append(model.size), original(model, *rest, **options))[1])
     scene, run = load(scene_file(tmp_path, SMALL["beam"] + 'outputs = ["critical-slope", "error-time"]'))

@@ -163,8 +163,8 @@ def test_continuations_out_of_order_are_refused(tmp_path: Path) -> None:
 
 
 def test_long_decks_are_taken_apart_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.io import nastran as nastranfiles
+    from femsub.io import nastran
 
-    monkeypatch.setattr(nastranfiles, "CHUNK", 3)
+    monkeypatch.setattr(nastran, "CHUNK", 3)
     for form in FORMS:
         assert_bricks(deck(tmp_path, [*bricks(form), "ENDDATA"]))

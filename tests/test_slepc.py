@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from femsub.errors import SingularMatrixError
-from femsub.linalg import petsc as _slepc
+from femsub.linalg import petsc
 from femsub.linalg.factor import ComplexFactor, factorise
 from femsub.linalg.petsc import Factor, quadratic_modes, symmetric_modes
 
@@ -24,7 +24,7 @@ def resident() -> int:
 
 
 def test_one_factor_serves_solves_modes_and_complex_modes() -> None:
-    PETSc, _ = _slepc._load()
+    PETSc, _ = petsc._load()
     PETSc.Log.begin()
     event = PETSc.Log.Event("MatCholFctrNum")
     sub = fs.chain(500, belt=2)
@@ -141,10 +141,10 @@ def test_an_indefinite_matrix_gets_more_room_for_its_pivots(monkeypatch: pytest.
     A = sp.random_array((600, 600), density=1e-2, rng=rng)
     B = sp.random_array((500, 600), density=1e-2, rng=rng) + sp.eye_array(500, 600)
     saddle = sp.csr_array(sp.block_array([[A + A.T, B.T], [B, None]]))
-    monkeypatch.setattr(_slepc, "ROOM", (-60, 200))  # less than MUMPS says it needs
+    monkeypatch.setattr(petsc, "ROOM", (-60, 200))  # less than MUMPS says it needs
     before = Factor.made
     x = Factor(saddle, "symmetric").solve(np.ones(1100))
     assert np.abs(saddle @ x - 1).max() < 1e-8 and Factor.made == before + 1
-    monkeypatch.setattr(_slepc, "ROOM", (-60, -60))
+    monkeypatch.setattr(petsc, "ROOM", (-60, -60))
     with pytest.raises(SingularMatrixError):
         Factor(saddle, "symmetric")

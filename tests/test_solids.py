@@ -11,8 +11,7 @@ from skfem.helpers import dot
 from skfem.models.elasticity import linear_elasticity
 
 import femsub as fs
-from femsub.components import solid_assembly as assembly
-from femsub.components import solid_elements as elements
+from femsub.components import solid_assembly, solid_elements
 from femsub.components.patches import solid_average
 from femsub.components.solid_assembly import stiffness_and_mass
 from femsub.components.surface import boundary_faces
@@ -25,28 +24,29 @@ ELEMENTS = {"hexahedron": skfem.ElementHex1, "hexahedron20": skfem.ElementHexS2,
 
 def warped(kind: str, counts: tuple[int, int, int]) -> fs.Mesh:
     """A block whose cells have straight edges but are no parallelepipeds."""
-    points, cells = elements.box((1.0, 0.6, 0.4), counts, "tetra" if kind.startswith("tetra") else "hexahedron")
+    points, cells = solid_elements.box((1.0, 0.6, 0.4), counts, "tetra" if kind.startswith("tetra") else "hexahedron")
     x, y, z = points.T
     points = points + 0.08 * np.stack([y * z, x * z - x * y, x * y], axis=1)
-    return fs.Mesh(*elements.raised(points, cells, kind), kind)
+    return fs.Mesh(*solid_elements.raised(points, cells, kind), kind)
 
 
 @pytest.mark.parametrize("kind", ELEMENTS)
 def test_entries_equal_those_of_scikit_fem(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(assembly, "CHUNK", 8 * 20 * 10 * elements.reference(kind).nodes.shape[0] ** 2)  # ten cells at a time
+    ten = 8 * 20 * 10 * solid_elements.reference(kind).nodes.shape[0] ** 2
+    monkeypatch.setattr(solid_assembly, "CHUNK", ten)  # cells at a time
     mesh, material = warped(kind, (3, 3, 2)), fs.Material(3.0, 0.31, 1.7)
     half = np.arange(len(mesh.cells)) % 2 == 0  # two materials, alike, in cells that take turns
     K, M = stiffness_and_mass(mesh, [(material, np.flatnonzero(half)), (material, np.flatnonzero(~half))])
     assert (K != K.T).nnz == 0 and (M != M.T).nnz == 0
 
-    corners = elements.reference(kind).corners
+    corners = solid_elements.reference(kind).corners
     used, cells = np.unique(mesh.cells[:, :corners], return_inverse=True)
     cells = cells.reshape(-1, corners)
     linear = "hexahedron" if corners == 8 else "tetra"
-    order = elements._skfem_element(linear)[1].argsort()
+    order = solid_elements._skfem_element(linear)[1].argsort()
     kinds = {"hexahedron": skfem.MeshHex, "tetra": skfem.MeshTet}
     other = kinds[linear](mesh.points[used].T.copy(), cells[:, order].T.copy())
-    X, w = elements.quadrature(kind, int(assembly.exact_degree(mesh, np.arange(1))[0]))
+    X, w = solid_elements.quadrature(kind, int(solid_assembly.exact_degree(mesh, np.arange(1))[0]))
     basis = skfem.Basis(other, skfem.ElementVector(ELEMENTS[kind]()), quadrature=(np.ascontiguousarray(X.T), w))
 
     @skfem.BilinearForm
@@ -122,7 +122,7 @@ def test_a_patch_sees_the_average_over_its_area(kind: str) -> None:
     x, y, _ = mesh.points.T
     assert average.sum() == pytest.approx(1.0, rel=1e-14) and np.allclose(normal, [0, 0, 1], atol=1e-14)
     assert average @ x == pytest.approx(0.6, rel=1e-12) and average @ y == pytest.approx(0.5, rel=1e-12)
-    expected = 1.2**2 / 3 if elements.reference(kind).degree == 2 else average @ x**2
+    expected = 1.2**2 / 3 if solid_elements.reference(kind).degree == 2 else average @ x**2
     assert average @ x**2 == pytest.approx(expected, rel=1e-12)
     cells, _ = boundary_faces(mesh)
     assert len(cells) == 2 * (15 + 10 + 6) * (2 if kind.startswith("tet") else 1)
@@ -140,7 +140,7 @@ def test_a_port_means_faces_cells_edges_or_nodes_by_what_its_set_is(kind: str) -
     linear = np.zeros((len(x), 3))
     linear[:, 0] = 1 + x + 2 * y + 3 * z
     assert [sub.port(port) @ linear.ravel() for port in ports] == pytest.approx([2.0, 4.0, 4.5, 4.0, 5.5], rel=1e-12)
-    if elements.reference(kind).degree == 2:
+    if solid_elements.reference(kind).degree == 2:
         linear[:, 0] = x**2 + y * z
         assert [sub.port(port) @ linear.ravel() for port in ports] == pytest.approx([4 / 3, 7 / 12, 2.5, 7 / 12, 4.25], rel=1e-12)
 

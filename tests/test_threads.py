@@ -9,15 +9,15 @@ import sys
 CODE = """
 import scipy.linalg
 import femsub as fs
-from femsub.quadratic import dense as qep
+from femsub.quadratic import dense
 from femsub.linalg import threads
 
 def counts():
     return [library.get() for library in threads.libraries()]
 
 seen = []
-solve = qep.solve
-qep.solve = lambda pencil: (seen.append(counts()), solve(pencil))[1]
+solve = dense.solve
+dense.solve = lambda pencil: (seen.append(counts()), solve(pencil))[1]
 before = counts()
 fs.complex_modes(fs.chain(10))
 assert all(count == 1 for count in seen[0]), seen
