@@ -7,7 +7,7 @@ starts end on them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -200,3 +200,22 @@ def chance(labels: Sequence[int], count: int, starts: int, seed: int = 0, draws:
     p = rng.dirichlet(seen + 0.5, draws)
     one, other = rng.multinomial(starts, p), rng.multinomial(starts, p)
     return float(np.quantile(np.abs(one - other).sum(axis=1) / (2 * starts), 0.95))
+
+
+def rank_correlation(rows: Sequence[Mapping[str, Any]], criteria: Sequence[str], measured: Sequence[str]) -> list[dict[str, Any]]:
+    """Spearman's ρ between each criterion and each measured error over rows of a table; NaN where one of them is constant.
+
+    One dict per criterion: its name, and ρ under the name of each measured error. Rows in which either is NaN are left out.
+    """
+    from scipy.stats import rankdata
+
+    table: list[dict[str, Any]] = []
+    for name in criteria:
+        line: dict[str, Any] = {"criterion": name}
+        for error in measured:
+            pairs = np.array([(row[name], row[error]) for row in rows], dtype=float).reshape(-1, 2)
+            x, y = (rankdata(column) for column in pairs[np.isfinite(pairs).all(axis=1)].T)
+            spread = x.std() * y.std() if len(x) > 1 else 0.0
+            line[error] = float(((x - x.mean()) * (y - y.mean())).mean() / spread) if spread > 0 else np.nan
+        table.append(line)
+    return table

@@ -44,7 +44,7 @@ from benchmarks import attractor_states
 from benchmarks.attractor_states import Motion
 from femsub.app import report
 from femsub.app.scene import Result
-from femsub.studies.self_excitation import CRITERIA, rank_correlation, table_rows
+from femsub.studies.self_excitation import CRITERIA, table_rows
 from femsub.tables import table
 
 SHORT = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC"}
@@ -97,7 +97,8 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
         if row["method"] != "full" and row["size"] < settings.masses:
             partial.setdefault(tuple(row["interface"]), []).append(row)
     correlations = [{"interface": list(interface)} | line | {"told_apart": _told_apart(mine, line["criterion"])}
-                    for interface, mine in partial.items() for line in rank_correlation(mine, CRITERIA, MEASURED)]
+                    for interface, mine in partial.items()
+                    for line in attractor_states.rank_correlation(mine, CRITERIA, MEASURED)]
     early = [line for line in records if line["family"] == "again" and line["settled_at"]]
     return {"states": [_state(motions, labels, label) for label in range(count - 1)], "rows": rows, "chance": limit,
             "again": {"starts": len(again), "shares": attractor_states.shares(again, count), "distance": self_distance,

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 import femsub as fs
 from benchmarks import attractor_runs as runs
@@ -21,6 +22,7 @@ from benchmarks.attractor_states import (
     chance,
     motion,
     overlap,
+    rank_correlation,
     same_state,
     settled,
     shares,
@@ -208,6 +210,19 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, small: list[runs.Task], monk
     assert len(followed) == 3 and len(told) == 1
     with pytest.raises(fs.InputError, match="results of other settings"):
         runs.run(path, replace(quick, seed=2), small, 1, told.append)
+
+
+def test_rank_correlation_is_spearmans() -> None:
+    generator = np.random.default_rng(3)
+    rows = [{"a": x, "b": x**3, "c": generator.normal(), "e": 1.0} for x in generator.normal(size=12)]
+    rows[4]["c"] = rows[7]["c"]  # a tie
+    rows.append({"a": np.nan, "b": 0.0, "c": 0.0, "e": 1.0})
+    found = rank_correlation(rows, ["a", "e"], ["b", "c"])
+    assert found[0]["criterion"] == "a" and found[0]["b"] == pytest.approx(1.0)
+    assert found[0]["c"] == pytest.approx(spearmanr([row["a"] for row in rows[:-1]], [row["c"] for row in rows[:-1]]).statistic)
+    assert np.isnan(found[1]["b"])
+    models = [{"x": 1.0, "y": 3.0, "measured": 0.07}, {"x": 2.0, "y": 2.0, "measured": 0.36}]
+    assert [line["measured"] for line in rank_correlation(models, ["x", "y"], ["measured"])] == pytest.approx([1.0, -1.0])
 
 
 @pytest.mark.slow

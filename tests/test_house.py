@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import time
+import tomllib
 from collections import Counter
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -119,6 +120,17 @@ def test_the_rooms_are_few_and_each_says_what_it_is() -> None:
     inside = {path.name.removesuffix(".py") for path in PACKAGE.iterdir() if path.name not in ("__init__.py", "__pycache__")}
     assert inside == set(LEVEL) - {"femsub"} and len(inside) <= ROOMS
     assert not unexplained()
+
+
+def test_all_of_the_package_is_installed_and_no_more() -> None:
+    settings = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    assert set(settings["tool"]["setuptools"]["packages"]) == {name_of(path) for path in PACKAGE.rglob("__init__.py")}
+
+
+def test_no_command_edits_the_path_that_modules_are_found_on() -> None:
+    root = PACKAGE.parent
+    for path in [*(root / "scripts").iterdir(), *(root / "benchmarks").rglob("*.py"), *(root / "tests").glob("*.py")]:
+        assert not re.search(r"sys[.]path(\.\w+\(|\[.*\]\s*=|\s*\+?=)", path.read_text(encoding="utf-8")), path
 
 
 # the rules see what they forbid

@@ -193,45 +193,18 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
     return tuple(found) if several else found[0]
 
 
-def compliance_error(full: Substructure, reduced: Substructure, belts: Belt | Sequence[Belt], omega: Any) -> Array:
-    """‖h_r - h‖ / ‖h‖ at given frequencies, such as those of an observed motion and its harmonics, shape (m,)."""
-    contacts = [belts] if isinstance(belts, Belt) else items("belts", belts, "Belts")
-    grid = _grid(omega, 1.0, 0.0, full)
-    h, other = _compliance(full, contacts, grid), _compliance(reduced, contacts, grid)
-    return np.linalg.norm(other - h, axis=(1, 2)) / np.linalg.norm(h, axis=(1, 2))
-
-
 def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Belt | Sequence[Belt],
                measured: Sequence[Mapping[str, Any]], **options: Any) -> list[dict[str, Any]]:
     """One flat dict per reduced model: method, size, the criteria, the verdict, and what was measured of that model.
 
     `measured` holds for each model its errors by name, such as those of frequency and amplitude of a transient or a limit
-    cycle, or the distance of shares; `options` are those of `self_excitation`. `rank_correlation` takes the rows.
+    cycle, or the distance of shares; `options` are those of `self_excitation`.
     """
     if len(measured) != len(reduced):
         raise InputError(f"measured must be as many as there are reduced models, {len(reduced)}, not {len(measured)}")
     found = self_excitation(full, tuple(reduced), belts, **options)
     return [{"method": getattr(model, "method", model.name), "size": model.size, **one.flat(), "verdict": one.verdict, **errors}
             for model, one, errors in zip(reduced, found, measured, strict=True)]  # type: ignore[arg-type]
-
-
-def rank_correlation(rows: Sequence[Mapping[str, Any]], criteria: Sequence[str], measured: Sequence[str]) -> list[dict[str, Any]]:
-    """Spearman's ρ between each criterion and each measured error over rows of a table; NaN where one of them is constant.
-
-    One dict per criterion: its name, and ρ under the name of each measured error. Rows in which either is NaN are left out.
-    """
-    from scipy.stats import rankdata
-
-    table: list[dict[str, Any]] = []
-    for name in criteria:
-        line: dict[str, Any] = {"criterion": name}
-        for error in measured:
-            pairs = np.array([(row[name], row[error]) for row in rows], dtype=float).reshape(-1, 2)
-            x, y = (rankdata(column) for column in pairs[np.isfinite(pairs).all(axis=1)].T)
-            spread = x.std() * y.std() if len(x) > 1 else 0.0
-            line[error] = float(((x - x.mean()) * (y - y.mean())).mean() / spread) if spread > 0 else np.nan
-        table.append(line)
-    return table
 
 
 def _upper(modes: ComplexModes) -> tuple[Array, Array, Array, ComplexModes]:
