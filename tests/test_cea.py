@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.linalg as la
@@ -10,8 +12,10 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.quadratic import dense as qep
-from femsub.quadratic.complex_modes import certificates
+from femsub.quadratic.complex_modes import with_bars
 from femsub.quadratic.matching import match
+from femsub.quadratic.region import Region
+from femsub.quadratic.search import Found
 from femsub.stability.border import dense_border
 
 BELT = fs.Belt(slope=-0.2677)
@@ -153,7 +157,7 @@ def test_a_missed_eigenvalue_is_noticed(by: str, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(pep, "quadratic_modes", forgetful)
     whole = fs.complex_modes(sub, BELT, band=(0.0, 0.2))  # by LAPACK, which can do a model as small as this
     assert whole.certified and np.allclose(whole.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
-    monkeypatch.setattr(pep, "QUADRATIC", 200)
+    monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 200)
     with pytest.raises(fs.MissedModesError, match=by):
         fs.complex_modes(sub, BELT, band=(0.0, 0.2), certify=True)
 
@@ -289,11 +293,11 @@ def test_one_without_its_conjugate_beside_a_pair_has_its_own_certificate() -> No
     upper = np.flatnonzero(values.imag > 0)[:2]
     rows = [values[upper[0]], values[upper[0]].conj(), values[upper[1]].conj()]
     x, y = (np.stack([part[:, upper[0]], part[:, upper[0]].conj(), part[:, upper[1]].conj()], axis=1) for part in (X, Y))
-    found = certificates(pencil, np.array(rows), x, y)
+    found = with_bars(pencil, np.array(rows), x, y)
     assert len(found.backward_error) == len(found.error_bar) == len(found.condition) == 3 and found.backward_error.max() < 1e-13
     spoilt = x[:, :2].copy()
     spoilt[3, 1] *= 1.1  # the second of a pair
-    assert certificates(pencil, np.array(rows[:2]), spoilt, y[:, :2]).backward_error[1] > 1e-6
+    assert with_bars(pencil, np.array(rows[:2]), spoilt, y[:, :2]).backward_error[1] > 1e-6
 
 
 @pytest.mark.parametrize("ask", [{"band": (0.0, 0.2)}, {"count": 16}])
@@ -344,3 +348,27 @@ def test_sweep_and_border_of_a_large_dense_model_are_those_of_the_sparse_one() -
     assert border.slope == pytest.approx(full.slope, rel=1e-3)
     small = fs.sweep(rom, [0.5 * border.slope, 1.1 * border.slope], band=band).growth
     assert small[0] < 0 < small[1]
+
+
+def test_another_search_takes_the_place_of_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Contacts, region and bars neither know nor ask how the eigenpairs were found."""
+    sub = fs.chain(150, belt=2)
+    asks: list[dict[str, Any]] = [{"count": 9}, {"band": (0.0, 0.3)}, {"band": (0.1, 0.3), "re": (-1e-3, 1e-3)}]
+    ours = [fs.complex_modes(sub, BELT, **ask) for ask in asks]
+    asked = []
+
+    def by_scipy(pencil: fs.Pencil, region: Region, certify: bool | None) -> Found:
+        asked.append(region)
+        P, n = pencil.dense(), pencil.size
+        companion = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(P.M, P.K), -np.linalg.solve(P.M, P.D)]])
+        values, X = np.linalg.eig(companion)
+        return Found(values, X[:n] / np.linalg.norm(X[:n], axis=0), X[:n].conj(), values, "not checked")
+
+    monkeypatch.setattr("femsub.quadratic.complex_modes.search", by_scipy)
+    for ask, own in zip(asks, ours, strict=True):
+        found = fs.complex_modes(sub, BELT, **ask)
+        assert len(found) == len(own) > 0 and found.searched == own.searched
+        at, to = match(own.eigenvalues, found.eigenvalues)
+        assert (np.abs(found.eigenvalues[to] - own.eigenvalues[at]) <= found.error_bar[to] + own.error_bar[at]).all()
+        assert own.certified and not found.certified and found.evidence == "not checked"
+    assert [region.count for region in asked] == [9, None, None] and asked[2].box == (-1e-3, 1e-3, 0.1, 0.3)

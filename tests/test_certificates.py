@@ -200,7 +200,7 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
     sub = fs.chain(500, belt=2)
     found = fs.complex_modes(sub, BELT, count=12)
     assert found.certified and found.counted is not None and found.counted[1] >= 12 == len(found)
-    monkeypatch.setattr(pep, "QUADRATIC", 400)  # not for LAPACK
+    monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 400)  # not for LAPACK
     nearest = pep.Shifted.nearest
     with monkeypatch.context() as patched:  # what is not asked for must not be what fails
 
@@ -213,7 +213,7 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
         assert not fs.complex_modes(sub, BELT, count=12).certified
         with pytest.raises(fs.NotConvergedError):
             fs.complex_modes(sub, BELT, count=12, certify=True)
-    monkeypatch.setattr(pep, "KEPT", 400)  # beyond it only if asked
+    monkeypatch.setattr("femsub.quadratic.search.KEPT", 400)  # beyond it only if asked
     assert not fs.complex_modes(sub, BELT, count=12).certified and fs.complex_modes(sub, BELT, count=12, certify=True).certified
 
 

@@ -151,7 +151,7 @@ def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place
     again = fs.complex_modes(sub, band=(0.0, 0.5))
     assert again.certified and np.allclose(again.eigenvalues, exact.eigenvalues, rtol=1e-9)
     if place == 0:  # not one of a pair
-        monkeypatch.setattr(pep, "QUADRATIC", 100)
+        monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 100)
         with pytest.raises(fs.MissedModesError, match=r"independent count says that 16 eigenvalues .* but 14 were found"):
             fs.complex_modes(sub, band=(0.0, 0.5))
 
@@ -168,7 +168,7 @@ def test_a_ghost_does_not_make_up_for_a_missed_pair(ask: dict, way: str, monkeyp
         after(planted, pep, "quadratic_modes", twice(3))  # as many as there are, one of them twice and its neighbour lost
         modes = fs.complex_modes(sub, **ask)
         assert modes.certified and np.allclose(modes.eigenvalues, exact.eigenvalues, rtol=1e-9)
-    monkeypatch.setattr(pep, "QUADRATIC", 100)  # not for LAPACK
+    monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 100)  # not for LAPACK
     after(monkeypatch, pep, "quadratic_modes", twice(3))
     with pytest.raises(fs.MissedModesError, match=way):
         fs.complex_modes(fs.chain(200, damping=0.0).with_damping(0.01 * fs.chain(200).K), certify=True,

@@ -11,7 +11,7 @@ from scaledmodels import complex_outcome, normal_outcome, problem, same
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.quadratic.complex_modes import certificates
+from femsub.quadratic.complex_modes import with_bars
 
 SEEDS = (0, 3, 5, 6, 9, 17, 22, 25, 37, 55, 58, 62, 78)  # each kind of model, damping, units and question; most were refused
 
@@ -175,7 +175,7 @@ def test_gaps_see_what_lies_beyond_the_list() -> None:
     everything = fs.complex_modes(pencil)
     some = everything.eigenvalues.imag >= 0
     X = everything.shapes[:, some]
-    alone = certificates(pencil, everything.eigenvalues[some], X, X.conj(), everything.eigenvalues)
+    alone = with_bars(pencil, everything.eigenvalues[some], X, X.conj(), everything.eigenvalues)
     assert np.allclose(alone.error_bar, everything.error_bar[some], rtol=1e-6)
-    assert not np.allclose(certificates(pencil, everything.eigenvalues[some][:1], X[:, :1], X[:, :1].conj(),
+    assert not np.allclose(with_bars(pencil, everything.eigenvalues[some][:1], X[:, :1], X[:, :1].conj(),
                                         np.array([-1.0 + 1j])).error_bar, alone.error_bar[:1], rtol=0.1)

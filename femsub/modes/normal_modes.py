@@ -300,6 +300,10 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
             last: FemsubError = error
             continue
         count = below - handle.rigid.shape[1]
+        if count > handle.elastic:
+            last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but there are only "
+                                    f"{handle.elastic + handle.rigid.shape[1]}: K or M is indefinite, or known to few digits")
+            continue
         modes = lowest_modes(handle, max(0, count), certify=False)
         if count > 0 and modes.frequencies[-1] > reach:  # one was missed, or lies on the edge: a count in between tells
             modes = lowest_modes(handle, count, known=modes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,13 @@ import numpy as np
 from femsub.checks import Array, items, positive_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
 from femsub.linalg.subspace import new_directions
-from femsub.model.bands import beyond
 from femsub.model.friction import Belt
 from femsub.model.matrices import Difference
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.quadratic import dense as qep
-from femsub.quadratic.complex_modes import ComplexModes, certificates
+from femsub.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.quadratic.matching import assigned, pair_costs
 
 BELONGS = 1e-6  # the largest backward error with which modes are taken for those of the reduced model
@@ -169,8 +168,7 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
     flip = down[at] != (mirrored != chosen)
     values, X, Y = values[at], X[:, at], Y[:, at]
     values, X, Y = np.where(flip, values.conj(), values), np.where(flip, X.conj(), X), np.where(flip, Y.conj(), Y)
-    result = certificates(pencil, values, X, Y)
-    result = replace(result, above_cutoff=beyond(result.frequencies, full.cutoff))
+    result = with_bars(pencil, values, X, Y, cutoff=full.cutoff)
     lost = (share[at] < LOST) | (twin[at] >= 0)
     lost[modes.rigid[chosen]] = False
     merged = tuple((int(rows[twin[i]]), int(rows[i])) for i in range(len(rows)) if twin[i] >= 0)

@@ -1,52 +1,28 @@
-"""Eigenvalues of a sparse pencil near 0 or in a rectangle, by SLEPc's PEP, with left vectors and an independent count."""
+"""Eigenvalues of a sparse pencil nearest to a shift, by SLEPc's PEP (TOAR), with right and left vectors."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from copy import copy
-from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from femsub.checks import Array
-from femsub.errors import BreakdownError, InputError, MissedModesError, NotConvergedError, SingularMatrixError
-from femsub.linalg.factor import QUADRATIC, Handle, shared_factor
+from femsub.errors import BreakdownError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.linalg.factor import Handle, shared_factor
 from femsub.linalg.petsc import Factor, Transposed, quadratic_modes
-from femsub.linalg.shared import shared
-from femsub.model.bands import beyond, in_band
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.quadratic import damping_split as splitting
-from femsub.quadratic import dense as qep
-from femsub.quadratic import disc_count as condensed
 from femsub.quadratic.matching import match
-from femsub.quadratic.multiplicity import Search, clear_radius, distinct, joined
-from femsub.quadratic.winding_count import missed_around, undamped_reference
+from femsub.quadratic.multiplicity import distinct, joined
 
 SAME = 1e-6  # |Δλ| / |λ| up to which left and right vectors belong to one eigenvalue
-MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
 # Tolerance, what is added to the seed of the start, and what to the number asked for, relatively; tried in turn. TOAR's own
 # estimate is optimistic, at 1e-12 by five digits where K is singular. Where it breaks off, in reordering a Schur form with
 # equal eigenvalues, another start and a larger space get it by.
 ATTEMPTS = ((1e-14, 0, 0.0), (1e-12, 0, 0.0), (1e-12, 100, 0.15), (1e-12, 200, 0.3))
 KEPT = 200_000  # up to so many DOF a second factor may stay in memory for a count, which is made unasked
-Box = tuple[float, float, float, float]
-Proof = condensed.Count | None
-
-
-class Found(NamedTuple):
-    """λ (k,), X and Y (n, k), whether an independent argument says that none is missing, the count in a disc if that does, and
-    all λ that were found, those beyond the band or the count included.
-    """
-
-    values: Array
-    X: Array
-    Y: Array
-    certified: bool
-    proof: Proof
-    known: Array
 
 
 class Shifted:
@@ -172,162 +148,3 @@ class Shifted:
         near = np.abs(found[to] - values[at]) <= SAME * np.maximum(np.abs(values[at]), self.shift)
         Y[:, at[near]] = vectors[:, to[near]].conj()
         return Y
-
-
-def solve_count(pencil: Pencil, count: int, certify: bool | None) -> Found:
-    """At least `count` eigenvalues nearest to 0, conjugates included, and the proof that none is nearer."""
-    problem = Shifted(pencil)
-    parts = splitting.split(pencil) if certify or (certify is None and pencil.size <= KEPT) else None
-    # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for. A count needs a gap
-    # behind the last, and hence the next.
-    ask = count + (0 if problem.shift == 0 else 12) + (0 if parts is None else 2)
-    search = Search(problem.nearest, pencil.size)
-    while True:
-        try:
-            values, X = search.found(ask)
-        except NotConvergedError:
-            if pencil.size <= QUADRATIC:
-                return _complete(pencil)
-            if parts is None or certify:
-                raise
-            parts, ask = None, ask - 2  # what was not asked for must not be what fails
-            continue
-        reach = np.abs(values - problem.shift).max() - problem.shift
-        sure = ~beyond(np.abs(values), reach)
-        if _listed(values[sure]) < count and _listed(values) < 2 * pencil.size and ask < 2 * pencil.size:
-            ask = min(2 * ask, 2 * pencil.size)
-            continue
-        near, Xn = values[sure], X[:, sure]
-        order = np.argsort(np.abs(near), kind="stable")
-        listed = np.cumsum(1 + (near[order].imag != 0))
-        order = order[:int(np.searchsorted(listed, count)) + 1]
-        proof = None
-        if parts is not None:
-            proof = _confirmed(problem, parts, _edge(parts, clear_radius(np.sort(np.abs(near)), len(order))), values, X)
-        if proof is None:
-            if search.settled():
-                break
-            continue
-        if (missed := proof.number - _number(values, proof.radius)) == 0:
-            break
-        if missed < 0 or search.exhausted:
-            return _complete(pencil, proof, missed)
-        ask = search.more(ask, missed)
-    known, values, X = values, near[order], Xn[:, order]
-    return Found(*_with_conjugates(values, X, problem.left(values, X, search.ask, search.searches)), proof is not None, proof,
-                 known)
-
-
-def solve_band(pencil: Pencil, box: Box, certify: bool | None) -> Found:
-    """All eigenvalues in a rectangle with Im λ ≥ 0."""
-    problem = Shifted(pencil)
-    a, b, lo, hi = box
-    radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
-    parts = None if certify is False else splitting.split(pencil)
-    at = None if parts is None else _edge(parts, radius)
-    winding = at is None and (pencil.size <= QUADRATIC if certify is None else certify)
-    reference = undamped_reference(pencil, radius, winding) if at is None else None
-    ask = 2 * (at.below if at else reference[1].counted[1] if reference else 10) + 12
-    most, search = min(pencil.size, MOST), Search(problem.nearest, pencil.size)
-    while True:
-        if ask > most:
-            if pencil.size <= QUADRATIC:  # more than half of all
-                return _complete(pencil)
-            raise InputError(
-                f"the disc around 0 that holds the band has about {ask} eigenvalues, and with a real shift all of them would "
-                f"have to be found ({MOST} at most); lower the band, narrow re=(a, b), or reduce the model")
-        try:
-            values, X = search.found(ask)
-        except NotConvergedError:
-            if pencil.size <= QUADRATIC:
-                return _complete(pencil)
-            raise
-        if np.abs(values - problem.shift).max() < radius and _listed(values) < 2 * pencil.size:
-            ask = min(2 * ask, most) if ask < most else most + 1
-            continue
-        proof = None if parts is None or at is None else _confirmed(problem, parts, at, values, X)
-        missed = proof.number - _number(values, proof.radius) if proof else 0
-        if proof is None and (pencil.size <= QUADRATIC if certify is None else certify):
-            reference = reference if winding else undamped_reference(pencil, radius, True)
-            winding = True
-            if reference is not None:
-                try:
-                    missed = missed_around(pencil, box, values, radius, reference)
-                except NotConvergedError:
-                    if pencil.size > QUADRATIC:
-                        raise
-                    return _complete(pencil)
-        if not missed:
-            if proof or (winding and reference is not None) or search.settled():
-                break
-            continue
-        if missed < 0 or search.exhausted:
-            return _complete(pencil, proof, missed)
-        ask = search.more(ask, missed)
-    keep = in_band(values, (lo, hi), (a, b))
-    known, values, X = values, values[keep], X[:, keep]
-    pair = (values.imag != 0) & in_band(values.conj(), (lo, hi), (a, b))  # a double real one, which rounding has split
-    values, X = np.append(values, values[pair].conj()), np.hstack([X, X[:, pair].conj()])
-    certified = proof is not None or (winding and reference is not None)
-    return Found(values, X, problem.left(values, X, search.ask, search.searches), certified, proof, known)
-
-
-def _complete(pencil: Pencil, proof: Proof = None, missed: int = 0) -> Found:
-    """All by LAPACK, which is complete; for a large pencil the error that tells what is missing."""
-    if pencil.size <= QUADRATIC:
-        values, X, Y = qep.solve(pencil.dense())
-        return Found(values, X, Y, True, None, values)
-    if proof is None:
-        raise MissedModesError(f"the winding number of det P says that {missed} eigenvalues around the band are missing; shift "
-                               "the band a little, or narrow re=(a, b)")
-    raise MissedModesError(f"an independent count says that {proof.number} eigenvalues lie in |λ| < {proof.radius:.6g}, but "
-                           f"{proof.number - missed} were found; ask for more or fewer, or for another band")
-
-
-def _edge(parts: splitting.Split, radius: float) -> condensed.Edge | None:
-    """The undamped count at a radius, or up to 0.1 % beyond it where a mode is just there; None where K0 - R²M cannot be
-    factorised.
-    """
-    for share in (0.0, 1e-5, 1e-3):
-        try:
-            there = radius * (1 + share)
-            return shared((parts.K0, parts.M), ("edge", there, parts.W.shape[1] > 0),
-                          partial(condensed.edge, parts, there))
-        except SingularMatrixError:
-            continue
-    return None
-
-
-def _confirmed(problem: Shifted, parts: splitting.Split, at: condensed.Edge | None, values: Array, X: Array) -> Proof:
-    """The number of eigenvalues in the disc, if it can be proved."""
-    if at is None:
-        return None
-    inside = X[:, np.abs(values) <= at.radius]
-    if problem.pencil.symmetric[2]:  # K0 is K, and one of the factors at hand may do
-        found = None
-        if problem.shift == 0 and problem.factor.kind == "definite":
-            found = condensed.count(parts, at, problem.factor.solve, 0.0, inside)
-        elif problem.handle is not None and problem.handle.factor.kind == "definite":
-            found = condensed.count(parts, at, problem.handle.factor.solve, -problem.handle.sigma, inside)
-        if found is not None and found.proved:
-            return found
-    try:
-        found = condensed.count(parts, at, *condensed.definite(parts, at.radius), inside)
-    except SingularMatrixError:
-        return None
-    return found if found is not None and found.proved else None
-
-
-def _number(values: Array, radius: float) -> int:
-    return _listed(values[np.abs(values) < radius])
-
-
-def _listed(values: Array) -> int:
-    """How many eigenvalues these stand for, those with Im λ > 0 for two each."""
-    return len(values) + int(np.count_nonzero(values.imag))
-
-
-def _with_conjugates(values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array]:
-    double = np.flatnonzero(values.imag)
-    return (np.append(values, values[double].conj()), np.hstack([X, X[:, double].conj()]),
-            np.hstack([Y, Y[:, double].conj()]))

@@ -8,20 +8,18 @@ from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from femsub.checks import Array, Matrix
-from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import NormalModes, modes_below, modes_under
+from femsub.quadratic.region import Box
 
 MOST = 600  # contour points after which the phase is called untraceable
-Box = tuple[float, float, float, float]
 NEAR = 1e-7  # share of an edge over which the slope of the phase is taken
 
 
-def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix,
-                       undamped: Array) -> int:
+def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix, undamped: Array) -> int:
     """How many eigenvalues of P lie in a rectangle (re_lo, re_hi, im_lo, im_hi) and are not among the known ones.
 
     The number is (1/2π) Δ arg g(z) around it, by the argument principle, with
@@ -95,7 +93,7 @@ def undamped_reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Mat
                 return K, modes_below(K, pencil.M, radius)
             count = modes_under(K, pencil.M, radius**2)
             return K, NormalModes(np.zeros(0), np.zeros((pencil.size, 0)), 0, np.zeros(0), (radius, count))
-        except (SingularMatrixError, MissedModesError, InputError):
+        except (SingularMatrixError, MissedModesError):
             continue
     return None
 
@@ -135,6 +133,8 @@ def _turned(phase: Callable[[complex], float], start: complex, end: complex) -> 
 
 def _phase(matrix: Matrix) -> float:
     """arg det of a complex sparse matrix: the phases of U's diagonal, and π for each odd permutation."""
+    from scipy.sparse.linalg import splu
+
     try:
         lu = splu(sp.csc_array(matrix, dtype=complex))
     except RuntimeError:  # exactly singular: an eigenvalue on the contour, which the step control will run into

@@ -1,0 +1,87 @@
+"""What of a spectrum is asked: the eigenvalues nearest to 0, those in a rectangle, or all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, check_band, whole_number
+from femsub.errors import InputError
+from femsub.linalg.factor import QUADRATIC
+from femsub.model.bands import in_band
+from femsub.model.pencil import Pencil
+
+Box = tuple[float, float, float, float]  # (re_lo, re_hi, lo, hi)
+
+
+@dataclass(frozen=True)
+class Region:
+    """`count` eigenvalues nearest to 0, or those in the rectangle `box`; all where both are None."""
+
+    count: int | None = None
+    box: Box | None = None
+
+    @property
+    def is_all(self) -> bool:
+        return self.count is None and self.box is None
+
+    def listed(self, values: Array) -> Array:
+        """Indices of the values that are in it, as they are to be listed."""
+        if self.box is None:
+            return _nearest(values, self.count)
+        inside = np.flatnonzero(in_band(values, self.box[2:], self.box[:2]))
+        return inside[np.argsort(values[inside].imag, kind="stable")]
+
+
+def region_of(pencil: Pencil, count: Any, band: Any, re: Any) -> Region:
+    """The region that `complex_modes` is asked for, checked."""
+    if count is not None and band is not None:
+        raise InputError("give count or band, not both")
+    if re is not None and band is None:
+        raise InputError("re=(a, b) goes with band=(lo, hi)")
+    if count is not None:
+        count, most = whole_number("count", count), 2 * pencil.size
+        if not 1 <= count <= most:
+            raise InputError(f"count must be between 1 and {most}, the number of eigenvalues of {pencil.size} DOF, not {count}")
+    region = Region(count, None if band is None else _rectangle(band, re))
+    if region.is_all and pencil.is_sparse and pencil.size > QUADRATIC:
+        raise InputError(f"a sparse model of {pencil.size} DOF has {2 * pencil.size} eigenvalues: ask for count=20 or "
+                         f"band=(lo, hi)")
+    return region
+
+
+def _rectangle(band: Any, re: Any) -> Box:
+    lo, hi = check_band(band)
+    if re is None:
+        return -hi, hi, lo, hi
+    try:
+        a, b = (float(edge) for edge in re)
+    except (TypeError, ValueError):
+        raise InputError(f"re must be a pair (a, b), not {re!r}") from None
+    if not (np.isfinite(a) and np.isfinite(b) and a < b):
+        raise InputError(f"re must satisfy a < b, both finite, but is ({a!r}, {b!r})")
+    return a, b, lo, hi
+
+
+def _nearest(values: Array, count: int | None) -> Array:
+    """Indices by |λ|, conjugates side by side with Im λ > 0 first; at least `count`, a pair never split."""
+    with np.errstate(divide="ignore"):
+        size = np.round(np.log(np.abs(values)), 13)  # equal up to rounding of each |λ|, however large others are
+    order = np.lexsort((-values.imag, values.real, size))
+    ordered, taken = values[order], np.zeros(len(values), dtype=bool)
+    result: list[int] = []
+    for i in range(len(order)):
+        if taken[i]:
+            continue
+        if count is not None and len(result) >= count:
+            break
+        taken[i] = True
+        result.append(int(order[i]))
+        if ordered[i].imag != 0:
+            ahead = np.flatnonzero(~taken & (ordered == ordered[i].conj()))
+            if len(ahead):
+                taken[ahead[0]] = True
+                result.append(int(order[ahead[0]]))
+    return np.array(result, dtype=int)
