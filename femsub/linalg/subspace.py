@@ -31,24 +31,26 @@ def new_directions(V: Array, columns: Array, product: Callable[[Array], Array]) 
     ----------
     L. Giraud, J. Langou, M. Rozložník, J. van den Eshof, Numer. Math. 101 (2005) 87 (two passes are enough).
     """
-    x, image = _of_unit_length(columns, product(columns), 0.0)
-    for least in (INSIDE, 0.0):
-        if V.shape[1] and x.shape[1]:
-            x = x - V @ (V.T @ image)
-            x, image = _of_unit_length(x, product(x), least)
+    x, image, least = columns, product(columns), 0.0
+    for last in (False, True):
+        if V.shape[1]:
+            x, image, length = _longer(x, image, 0.0)
+            x = x / length - V @ ((V.T @ image) / length)
+            image, least = product(x), 0.0 if last else INSIDE
+        x, image, length = _longer(x, image, least)
         if not x.shape[1]:
             break
-        gram = x.T @ image
+        gram = x.T @ image / np.outer(length, length)
         values, vectors = np.linalg.eigh((gram + gram.T) / 2)
         good = values > DEPENDENT * values[-1]
-        change = vectors[:, good] / np.sqrt(values[good])
+        change = vectors[:, good] / np.sqrt(values[good]) / length[:, None]
         x = x @ change
-        image = product(x) if least else image @ change  # the second change is by rounding
+        image = image @ change if last else product(x)  # the last change is by rounding
     return x, image
 
 
-def _of_unit_length(x: Array, image: Array, least: float) -> tuple[Array, Array]:
-    """Columns longer than `least` (in A), and their products, over their lengths."""
+def _longer(x: Array, image: Array, least: float) -> tuple[Array, Array, Array]:
+    """The columns longer than `least` (in A), their products, and their lengths."""
     length = np.sqrt(np.maximum(np.einsum("ij,ij->j", x, image), 0.0))
     keep = length > least
-    return x[:, keep] / length[keep], image[:, keep] / length[keep]
+    return (x, image, length) if keep.all() else (x[:, keep], image[:, keep], length[keep])

@@ -167,9 +167,10 @@ class _Basis:
         new, Anew = new_directions(self.V, np.array(new, order="C"), self.A.__matmul__)
         if new.shape[1]:
             Mnew = self.parts.M @ new
-            more = (new, Anew, Mnew, self._solved(Mnew))
-            self.V, self.AV, self.MV, self.T = (np.hstack(pair) for pair in zip(
-                (self.V, self.AV, self.MV, self.T), more, strict=True))
+            more = [new, Anew, Mnew, self._solved(Mnew)]
+            if self.size:
+                more = [np.hstack(pair) for pair in zip((self.V, self.AV, self.MV, self.T), more, strict=True)]
+            self.V, self.AV, self.MV, self.T = more
 
     def small(self, at: Edge) -> _Small:
         M, W = self.V.T @ self.MV, self.AV.T @ self.static
