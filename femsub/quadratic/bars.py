@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from femsub.checks import EPS, Array
 from femsub.model.matrices import equilibration, scaled
-from femsub.model.pencil import Pencil
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
 
 CLUSTER = 1e-7  # eigenvalues closer than this, relatively, get their left vectors as a group
 

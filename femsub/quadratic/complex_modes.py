@@ -5,18 +5,21 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.checks import NOT_CHECKED, Array
 from femsub.errors import FemsubWarning, InputError, InputTypeError
 from femsub.model.bands import beyond
-from femsub.model.friction import Belt
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import Substructure
 from femsub.quadratic.bars import bars
 from femsub.quadratic.region import region_of
 from femsub.quadratic.search import search
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
 
 LOUD = 1e-9  # a backward error above this is warned of
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
-from femsub.model.pencil import Pencil
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
 
 RANK = 40  # columns of W at the most
 JUDGES = 500  # rows by which α and β are judged

@@ -12,6 +12,7 @@ accuracy that their sensitivity allows. Where M is not definite, see `singular_m
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
@@ -19,11 +20,13 @@ import scipy.linalg as la
 from femsub.checks import Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.model.matrices import is_symmetric, unit_length
-from femsub.model.pencil import Pencil
 from femsub.modes.dense import dense_modes
 from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, units
 from femsub.quadratic import singular_mass
 from femsub.quadratic.singular_mass import REGULAR
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,19 @@ class ModalForm:
         else:
             A[n - r:, :n - r] = -self.H[:, r:] / self.omega[r:]
         return A
+
+    def at(self, s: complex) -> Array:
+        """ΦᵀP(s)Φ, shape (n, n).
+
+        Ω² + s² is (Ω + is)(Ω - is): the difference of the squares would lose the digits that decide at a resonance.
+        """
+        elastic = np.arange(len(self.omega)) >= self.rigid
+        stiffness = np.diag(self.sign * self.omega**2 * elastic) if self.H is None else self.H
+        P = stiffness + s**2 * np.eye(len(self.omega)) + s * self.C
+        if self.H is None:
+            gap = (self.omega + 1j * s) * (self.omega - 1j * s) + s * self.C.diagonal()
+            np.fill_diagonal(P, np.where((self.sign > 0) & elastic, gap, P.diagonal()))
+        return P
 
 
 def definite_form(pencil: Pencil) -> ModalForm:

@@ -12,13 +12,19 @@ own modes, with a grid as fine as their damping.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
+from femsub.errors import SingularMatrixError
+from femsub.linalg.factor import ComplexFactor, shared_factor
 from femsub.model.bands import REAL_ROOT, in_band, widened
-from femsub.quadratic.dense import ModalForm
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+    from femsub.quadratic.dense import ModalForm
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +58,7 @@ class PortFunction:
     def exact(self, omega: float) -> tuple[complex, complex, Array]:
         """G(ω), dG/dω and the modal shape q with P(iω)q = w."""
         s = 1j * omega
-        P = self._pencil(omega)
-        factor = la.lu_factor(P, check_finite=False)
+        factor = la.lu_factor(self.form.at(s), check_finite=False)
         q = la.lu_solve(factor, self.w, check_finite=False)
         y = la.lu_solve(factor, self.w, trans=1, check_finite=False)
         h = self.w @ q
@@ -65,21 +70,9 @@ class PortFunction:
 
         Those of the stiffness move ω, and c by less.
         """
-        factor = la.lu_factor(self._pencil(omega), check_finite=False)
+        factor = la.lu_factor(self.form.at(1j * omega), check_finite=False)
         q, y = (la.lu_solve(factor, self.w, trans=trans, check_finite=False) for trans in (0, 1))
         return float(EPS * omega * np.abs(y) @ (np.abs(self.form.C) @ np.abs(q)) / np.abs(self.w @ q))
-
-    def _pencil(self, omega: float) -> Array:
-        """P(iω) in modal coordinates."""
-        form, s = self.form, 1j * omega
-        stiffness = np.diag(form.sign * form.omega**2 * (np.arange(len(form.omega)) >= form.rigid)) \
-            if form.H is None else form.H.astype(complex)
-        # (Ω - ω)(Ω + ω): the difference of the squares would lose the digits that decide at a resonance.
-        P = (stiffness - np.diag(np.full(len(form.omega), omega**2))).astype(complex)
-        if form.H is None:
-            gap = (form.omega - omega) * (form.omega + omega)
-            np.fill_diagonal(P, np.where((form.sign > 0) & (np.arange(len(gap)) >= form.rigid), gap, P.diagonal()))
-        return P + s * form.C
 
     def grid(self, lo: float, hi: float) -> Array:
         """Frequencies between which Im G changes sign at most once, as far as the poles tell."""
@@ -148,3 +141,27 @@ class PortFunction:
         if not np.isfinite(c) or c.real >= 0 or abs(c.imag) > limit * abs(c.real):
             return None
         return omega, float(c.real)
+
+
+def port_responses(pencil: Pencil, s: complex, W: Array) -> tuple[Array, Array]:
+    """P(s)⁻¹W and P(s)⁻ᵀW, shape (n, p) each: what harmonic forces on the columns of W move; one factor of a sparse pencil.
+
+    Raises
+    ------
+    SingularMatrixError
+        s is an eigenvalue, as iω is at an undamped resonance.
+    """
+    both = all(pencil.symmetric)
+    if pencil.is_sparse:
+        if s == 0 and pencil.symmetric[2]:
+            x = shared_factor(pencil.K, "symmetric").solve(W)
+            return x, x
+        factor = ComplexFactor(pencil.at(s))
+        x = factor.solve(W)
+        return x, x if both else factor.solve(W, transposed=True)
+    try:
+        P = pencil.at(s)
+        x = np.linalg.solve(P, W.astype(complex))
+        return x, x if both else np.linalg.solve(P.T, W.astype(complex))
+    except np.linalg.LinAlgError:
+        raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g}") from None

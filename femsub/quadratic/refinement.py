@@ -5,14 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import Array, items, positive_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
 from femsub.linalg.subspace import new_directions
-from femsub.model.friction import Belt
 from femsub.model.matrices import Difference
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import ReducedSubstructure, Substructure
@@ -20,6 +19,9 @@ from femsub.modes.shift_invert import ShiftInvert
 from femsub.quadratic import dense as qep
 from femsub.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.quadratic.matching import assigned, pair_costs
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
 
 BELONGS = 1e-6  # the largest backward error with which modes are taken for those of the reduced model
 LOST = 0.5  # a mode that keeps less of its shape (as energy) than this is another one

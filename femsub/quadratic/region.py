@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,9 @@ from femsub.checks import Array, check_band, whole_number
 from femsub.errors import InputError
 from femsub.linalg.factor import QUADRATIC
 from femsub.model.bands import in_band
-from femsub.model.pencil import Pencil
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
 
 Box = tuple[float, float, float, float]  # (re_lo, re_hi, lo, hi)
 

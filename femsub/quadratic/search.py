@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,13 +14,15 @@ from femsub.linalg.shared import shared
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import beyond, in_band
 from femsub.model.matrices import unit_length
-from femsub.model.pencil import Pencil
 from femsub.quadratic import damping_split, dense, disc_count
-from femsub.quadratic.disc_count import Count, Edge
 from femsub.quadratic.multiplicity import Search, clear_radius
-from femsub.quadratic.region import Box, Region
 from femsub.quadratic.sparse import KEPT, Shifted
 from femsub.quadratic.winding_count import missed_around, undamped_reference
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+    from femsub.quadratic.disc_count import Count, Edge
+    from femsub.quadratic.region import Box, Region
 
 MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from copy import copy
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,11 +12,13 @@ from femsub.checks import Array
 from femsub.errors import BreakdownError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.linalg.factor import Handle, shared_factor
 from femsub.linalg.petsc import Factor, Transposed, quadratic_modes
-from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.quadratic.matching import match
 from femsub.quadratic.multiplicity import distinct, joined
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
 
 SAME = 1e-6  # |Δλ| / |λ| up to which left and right vectors belong to one eigenvalue
 # Tolerance, what is added to the seed of the start, and what to the number asked for, relatively; tried in turn. TOAR's own

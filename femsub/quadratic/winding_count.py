@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
-from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import NormalModes, modes_below, modes_under
-from femsub.quadratic.region import Box
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+    from femsub.quadratic.region import Box
 
 MOST = 600  # contour points after which the phase is called untraceable
 NEAR = 1e-7  # share of an edge over which the slope of the phase is taken

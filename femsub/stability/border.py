@@ -8,7 +8,6 @@ import numpy as np
 
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError, UnstableModelError
-from femsub.linalg.factor import ComplexFactor
 from femsub.linalg.subspace import new_directions
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
@@ -19,7 +18,7 @@ from femsub.modes.shift_invert import ShiftInvert, units
 from femsub.modes.static_shapes import independent
 from femsub.quadratic.complex_modes import complex_modes
 from femsub.quadratic.dense import unresisted
-from femsub.quadratic.port_function import PortFunction
+from femsub.quadratic.port_function import PortFunction, port_responses
 from femsub.stability.bracketing import BESIDE, bracketed
 from femsub.stability.contact_model import MARGIN, TOGETHER, Band, Border, Model
 
@@ -201,7 +200,7 @@ class _Growing:
     def grow(self, omega: Array) -> None:
         if not len(omega):
             return
-        new = np.hstack([ComplexFactor(self.full.at(1j * value)).solve(self.load) for value in omega])
+        new = np.hstack([port_responses(self.full, 1j * value, self.load)[0] for value in omega])
         new, _ = new_directions(self.V, np.hstack([new.real, new.imag]), self.full.M.__matmul__)
         cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
         cross[:self.rigid] = 0.0  # K resists no rigid motion: rounding beside exact zeros would pass for a soft mount

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
@@ -11,8 +12,10 @@ import scipy.linalg as la
 from femsub.checks import EPS, Array
 from femsub.model.bands import REAL_ROOT, in_band
 from femsub.model.matrices import is_symmetric
-from femsub.model.pencil import Pencil
 from femsub.quadratic.dense import definite_form
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
 
 TOGETHER = 1e-9  # pairs whose c agree to this, relatively, cross together
 MARGIN = 1e-3  # each border is verified on the pencil at c(1 ∓ MARGIN)

@@ -14,13 +14,13 @@ import numpy as np
 
 from femsub.checks import Array, finite_number, items
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
-from femsub.linalg.factor import ComplexFactor, factorise
 from femsub.model.bands import within
 from femsub.model.friction import Belt
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.motion.nonlinear_model import project
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import likeness, listed, match
+from femsub.quadratic.port_function import port_responses
 
 NEAR = 0.05  # |Δλ| / |λ| up to which a mode of a reduced model can stand for one of the full model
 ALIKE = 0.9  # and the MAC of the two shapes from which on it does
@@ -268,15 +268,11 @@ def _compliance(model: Substructure, belts: Sequence[Belt], grid: Array) -> Arra
         pencil = pencil.dense()
     found = np.empty((len(grid), W.shape[1], W.shape[1]), dtype=complex)
     for row, value in enumerate(grid):
-        if pencil.is_sparse:
-            x = ComplexFactor(pencil.at(1j * value)).solve(W) if value else factorise(pencil.K, "symmetric").solve(W)
-        else:
-            try:
-                x = np.linalg.solve(pencil.at(1j * value), W.astype(complex))
-            except np.linalg.LinAlgError:
-                raise SingularMatrixError(f"the dynamic stiffness of {model.name!r} is singular at ω = {value:.6g}; give omega "
-                                          "without this frequency, or damping") from None
-        found[row] = W.T @ x
+        try:
+            found[row] = W.T @ port_responses(pencil, 1j * value, W)[0]
+        except SingularMatrixError:
+            raise SingularMatrixError(f"the dynamic stiffness of {model.name!r} is singular at ω = {value:.6g}; give omega "
+                                      "without this frequency, or damping") from None
     return found
 
 

@@ -17,14 +17,18 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import Array
-from femsub.errors import SingularMatrixError
-from femsub.linalg.factor import QUADRATIC, ComplexFactor, Handle, shared_factor
+from femsub.linalg.factor import QUADRATIC, Handle, shared_factor
 from femsub.linalg.subspace import new_directions
 from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.quadratic.dense import ModalForm, modal_form, with_energy
+from femsub.quadratic.port_function import port_responses
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
+    from femsub.motion.nonlinear_model import Sliding
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
@@ -163,15 +167,14 @@ class Fractions:
 
     def _checked(self) -> float:
         """The largest relative difference from a solve, at frequencies next to the poles that stand out most."""
-        form, values = self.found.form, self.found.values
+        values = self.found.values
         upper = np.flatnonzero(values.imag > 0)
         if not len(upper):
             return 0.0
         height = np.abs(self.residues[upper]).sum(axis=1) / np.maximum(np.abs(values[upper].real), 1e-300)
         s = 1j * values[upper[np.argsort(-height)[:3]]].imag * (1 + 1e-3)
-        found, stiffness = self.mobility(s)[0], np.diag(form.sign * form.omega**2 * (np.arange(len(form.omega)) >= form.rigid))
-        H = stiffness if form.H is None else form.H
-        exact = np.array([value * self.w.T @ la.solve(value**2 * np.eye(len(H)) + value * form.C + H, self.w) for value in s])
+        found = self.mobility(s)[0]
+        exact = np.array([value * self.w.T @ la.solve(self.found.form.at(value), self.w) for value in s])
         size = np.abs(exact).max(axis=(1, 2))
         return float((np.abs(found - exact).max(axis=(1, 2)) / np.where(size > 0, size, 1.0)).max())
 
@@ -238,18 +241,8 @@ class Solved:
         return {name: value for name, value in vars(self).items() if name != "static"}  # a factor does not travel
 
     def _exact(self, s: complex) -> tuple[Array, Array]:
-        """P(s)⁻¹W and P(s)⁻ᵀW."""
-        P, W = self.pencil.at(s), self.W.astype(complex)
         self.solves += 1
-        if not self.pencil.is_sparse:
-            try:
-                x = la.solve(P, W, check_finite=False)
-                return x, x if self.symmetric else la.solve(P.T, W, check_finite=False)
-            except la.LinAlgError:
-                raise SingularMatrixError(f"s²M + sD + K is singular at s = {s:.6g}") from None
-        factor = ComplexFactor(P)
-        x = factor.solve(W)
-        return x, x if self.symmetric else factor.solve(W, transposed=True)
+        return port_responses(self.pencil, s, self.W)
 
     def _responses(self, s: Array) -> tuple[Array, dict[int, Array]]:
         """P(s)⁻¹W, shape (m, n, p), and P(s)⁻ᵀW for those at which a system was solved."""
