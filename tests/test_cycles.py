@@ -9,10 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from scipy.integrate import solve_ivp
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
+from femsub.linalg.factor import ComplexFactor
 from femsub.motion.cycles.balance import Balance, Orbit
 from femsub.motion.cycles.compliance import Fractions, Solved, compliance
 from femsub.motion.nonlinear_model import sliding
@@ -59,6 +61,28 @@ def test_partial_fractions_and_solves_are_the_same_mobility(name: str) -> None:
     np.testing.assert_allclose(found.mobility(s)[1], slope, rtol=1e-3)
     f = np.array([[1.0], [2.0], [0.5j], [1.0]])
     np.testing.assert_allclose(found.response(s, f), solved.response(s, f), rtol=1e-7, atol=1e-12)
+
+
+def test_both_sides_of_an_unsymmetric_mobility_come_from_one_factor(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = fs.chain(300, belt=2, damping=0.5)
+    gyroscopic = sp.coo_array((np.array([0.3, -0.3]), ([20, 1], [1, 20])), shape=(300, 300))
+    pencil = plain.with_damping(plain.D + sp.csr_array(gyroscopic)).pencil
+    made: list[int] = []
+
+    class Counted(ComplexFactor):
+        def __init__(self, A: sp.csr_array) -> None:
+            made.append(A.shape[0])
+            super().__init__(A)
+
+    monkeypatch.setattr("femsub.motion.cycles.compliance.ComplexFactor", Counted)
+    s, h = np.array([0.3j, 0.8j]), 1e-6
+    W = plain.port("belt")[:, None]
+    Y, slope = Solved(pencil, W).mobility(s)
+    assert len(made) == 2
+    for at, value in enumerate(s):
+        exact = [z * (W.T @ np.linalg.solve(pencil.at(z).toarray(), W)) for z in (value, value + h, value - h)]
+        assert np.abs(Y[at] - exact[0]).max() < 1e-10 * np.abs(exact[0]).max()
+        assert np.abs(slope[at] - (exact[1] - exact[2]) / (2 * h)).max() < 1e-6 * np.abs(slope[at]).max()
 
 
 def test_responses_of_a_sparse_model_are_reused_nearby() -> None:

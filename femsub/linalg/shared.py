@@ -21,7 +21,8 @@ from femsub.linalg.process_memory import available
 T = TypeVar("T")
 Key = tuple[tuple[int, ...], Hashable]
 VARIABLE = "FEMSUB_FACTOR_BYTES"  # of the environment: how much is kept at the most
-SHARE = 0.25  # of the memory at hand, where the variable says nothing
+SHARE = 0.25  # of the memory at hand, where the variable says nothing,
+FREELY = 1e8  # and bytes up to which nobody asks how much that is
 FACTOR_BYTES = 8 * 1.6  # for each nonzero of a factor
 
 _lock = RLock()  # taken twice by one thread where the garbage collector runs in between
@@ -46,7 +47,7 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
             at = id(owner)
             _owners.setdefault(at, (weakref.ref(owner, partial(_gone, at)), []))[1].append(key)
         if _kept[key][1]:
-            give_up_until(lambda: kept_bytes() <= limit())
+            give_up_until(_within_limit)
     return made
 
 
@@ -56,12 +57,12 @@ def kept_bytes() -> float:
         return sum(size for _, size in _kept.values())
 
 
-def limit() -> float:
-    """Bytes that may be kept: as the environment says, else a quarter of the memory at hand."""
+def _within_limit() -> bool:
+    kept = kept_bytes()
     if (told := os.environ.get(VARIABLE)) is not None:
-        return float(told)
-    free = available()
-    return float("inf") if free is None else SHARE * (free + kept_bytes())
+        return kept <= float(told)
+    free = available() if kept > FREELY else None
+    return free is None or kept <= SHARE * (free + kept)
 
 
 def give_up_until(enough: Callable[[], bool]) -> None:

@@ -37,8 +37,8 @@ class ShiftInvert:
     made for this handle, and may be 0.
     """
 
-    def __init__(self, K: Matrix, M: Matrix, rows: Array | None = None) -> None:
-        self.K, self.M, self.factorisations = (K, M, 0) if rows is None else (_block(K, rows), _block(M, rows), 0)
+    def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None)) -> None:
+        self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
         key = (self.K, self.M), "shift and rigid-body modes"
         self.sigma: float
         self.rigid: Array
@@ -260,8 +260,11 @@ class ShiftInvert:
         return self.deflate(x, basis)
 
 
-def _block(matrix: Matrix, rows: Array) -> Matrix:
-    """The rows and columns of the interior, say, found again for as long as there is the matrix itself."""
+def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
+    """The matrix, or its rows and columns of the interior, say, which are found again for as long as it is there itself."""
+    if isinstance(rows, slice):
+        return matrix
+
     def made() -> Matrix:
         return sp.csr_array(matrix[rows][:, rows]) if sp.issparse(matrix) else matrix[np.ix_(rows, rows)]
 
