@@ -71,7 +71,9 @@ def test_bases_of_the_same_part_share_what_is_the_same() -> None:
     with pytest.warns(fs.PortWarning):
         assert fs.reduce(sub, fs.CraigChang(5)).factorisations == 0
     assert made(lambda: fs.reduce(sub, fs.CraigChang(10))) == 1  # another count
-    assert made(lambda: ShiftInvert(sub.K, sub.M, sub.interior)) == 1
+    assert made(lambda: fs.reduce(sub, fs.CraigBampton(5))) == 2
+    with pytest.warns(fs.PortWarning):
+        assert fs.reduce(sub, fs.CraigBampton(8)).factorisations == 0
     assert made(lambda: ShiftInvert(sub.K, sub.M, sub.interior)) == 0
 
 

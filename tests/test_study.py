@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
+from femsub.linalg.petsc import Factor
 from femsub.quadratic.matching import match, spectrum_errors, turnover
 from femsub.studies.results import Row, Study, Timing, with_front
 from femsub.timing import timed
@@ -68,6 +69,16 @@ def test_each_row_tells_where_its_seconds_went_and_what_it_holds() -> None:
         fs.reduce(fs.chain(400, belt=2), fs.CraigChang(6))
     assert seconds["certificate"] > 1e-5 and seconds["factorisation"] > 0
     assert found.full.phases == {} and "assembled in 250 ms" in str(found)
+
+
+def test_no_run_finds_the_factor_of_another() -> None:
+    """What is timed is a first call: each reduction takes a factor and that of its count, the full model two."""
+    made = []
+    for repeats in (1, 3):
+        before = Factor.made
+        fs.study(fs.chain(400, belt=2), [fs.CraigBampton(6), fs.CraigChang(6)], band=(0.0, 0.02), repeats=repeats)
+        made.append(Factor.made - before)
+    assert made[1] - made[0] == 2 * 6
 
 
 def test_frequencies_and_shapes_are_compared_in_the_band() -> None:

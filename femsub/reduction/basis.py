@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
-from femsub.model.estimate import Estimate
-from femsub.modes.normal_modes import NormalModes
 from femsub.modes.static_shapes import independent
 from femsub.reduction.statics import COLUMNS, Statics
 from femsub.timing import phase
+
+if TYPE_CHECKING:
+    from femsub.model.estimate import Estimate
+    from femsub.modes.normal_modes import NormalModes
 
 
 @dataclass(frozen=True, eq=False)

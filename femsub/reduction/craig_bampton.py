@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array
 from femsub.errors import ConditionWarning, InputError
-from femsub.model.substructure import Substructure
 from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio
 from femsub.reduction.method import Method
 from femsub.reduction.statics import COLUMNS, Partition, Statics, block, submatrix
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
 
 DIGITS = 1e-4  # of the condensed stiffness that rounding may take before `reduce` warns
 CLEAR = 4e-15  # up to here it is rounding, beyond any doubt (see `rounding_ratio`)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.checks import Array
-from femsub.modes.shift_invert import ShiftInvert
 from femsub.reduction.basis import Kept, Responses
 from femsub.reduction.method import Method
 from femsub.reduction.statics import Partition, Statics
+
+if TYPE_CHECKING:
+    from femsub.modes.shift_invert import ShiftInvert
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from femsub.checks import Array, check_band, finite_number, whole_number
 from femsub.errors import InputError
-from femsub.modes.shift_invert import ShiftInvert
 from femsub.reduction.basis import Kept, Responses
 from femsub.reduction.statics import Partition, Statics
+
+if TYPE_CHECKING:
+    from femsub.modes.shift_invert import ShiftInvert
 
 METHODS: dict[str, type[Method]] = {}  #: every method by its key
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from femsub.errors import NotConvergedError
 from femsub.linalg.memory import check_columns
 from femsub.model.bands import in_band, within
 from femsub.model.estimate import SHARE, Estimate
-from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import NormalModes, all_modes, lowest_modes
 from femsub.modes.static_shapes import independent, lightest
 from femsub.quadratic.dense import solve
@@ -20,6 +19,9 @@ from femsub.reduction.basis import Kept
 from femsub.reduction.error_bounds import Nested
 from femsub.reduction.method import Method
 from femsub.reduction.statics import Span, Statics
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
 
 BEGIN = 10  # modes of the first search
 MOST = 1000  # modes after which growth ends, where the model has more

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,8 +16,6 @@ from femsub.linalg.factor import SMALL
 from femsub.linalg.memory import check_memory
 from femsub.linalg.threads import WORK, one_thread
 from femsub.model.estimate import SHARE
-from femsub.model.friction import Belt
-from femsub.model.pencil import Pencil
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import confirm
 from femsub.reduction.basis import Basis, assembled, projected
@@ -25,6 +24,10 @@ from femsub.reduction.craig_chang import CraigChang
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import selected, unreduced
 from femsub.reduction.statics import block, factored, partitioned
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
+    from femsub.model.pencil import Pencil
 
 FIRST = 100  # modes that a search for their number may well take
 PORT_LIMIT = 0.01  # a port's static response may be wrong by so much in the energy norm before `reduce` warns

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
-from femsub.model.substructure import Substructure
 from femsub.modes.shift_invert import ShiftInvert
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
 
 COLUMNS = 64  # of V, worked on at a time
 
@@ -30,9 +33,8 @@ def partitioned(sub: Substructure, held: bool) -> Partition:
 
 
 def factored(part: Partition) -> ShiftInvert:
-    """The factor of the part, for its modes and its static solves alike."""
-    K, M = ((A if isinstance(part.rows, slice) else submatrix(A, part.rows, part.rows)) for A in (part.sub.K, part.sub.M))
-    return ShiftInvert(K, M)
+    """The factor of the part, for its modes and its static solves alike; that of the same part is found again."""
+    return ShiftInvert(part.sub.K, part.sub.M, None if isinstance(part.rows, slice) else part.rows)
 
 
 @dataclass(frozen=True, eq=False)
