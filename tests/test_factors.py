@@ -75,6 +75,9 @@ def test_bases_of_the_same_part_share_what_is_the_same() -> None:
     with pytest.warns(fs.PortWarning):
         assert fs.reduce(sub, fs.CraigBampton(8)).factorisations == 0
     assert made(lambda: ShiftInvert(sub.K, sub.M, sub.interior)) == 0
+    alone = fs.Substructure(sub.M, sub.K)  # without an interface the interior is all
+    assert made(lambda: fs.reduce(alone, fs.CraigBampton(5))) == 2
+    assert made(lambda: fs.reduce(alone, fs.CraigChang(5))) == 0
 
 
 def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:

@@ -84,17 +84,25 @@ def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping
     n_c, r = C.shape[1], C.shape[1] + len(kept.values)
     V = np.zeros((len(C), r + len(stiffness)), order="F")
     V[:, :n_c], V[statics.rows, n_c:r], V[statics.rows, r:] = C, kept.shapes, residual
-    # CᵀK[Φ Ξ] = 0 and ΦᵀKΦ = Ω²; the condensed stiffness needs no second product with K.
-    values = np.concatenate([kept.values, stiffness])
-    M, K = (np.diag(np.concatenate([np.zeros(n_c), part])) for part in (np.append(np.ones(len(kept.values)), inertia), values))
-    K[:n_c, :n_c] = statics.condensed
-    coupling = projected(statics.sub.M, V, C)
-    coupling[r + np.flatnonzero(inertia == 0)] = 0.0
+    M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.sub.M, V, C))
+    kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (modes,) * kept.elastic + (statics.kind,) * len(stiffness)
+    errors = _port_errors(ports, V, statics.condensed, K.diagonal()[n_c:], responses)
+    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate)
+
+
+def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array, coupling: Array) -> tuple[Array, Array]:
+    """M and K (r, r) in [C Φ Ξ], of CᵀKC, ω² of Φ, stiffness and mass of Ξ, and [C Φ Ξ]ᵀMC (r, n_c).
+
+    CᵀK[Φ Ξ] = 0 and ΦᵀKΦ = Ω²; the condensed stiffness needs no second product with K.
+    """
+    n_c = len(condensed)
+    diagonals = np.append(np.ones(len(values)), inertia), np.append(values, stiffness)
+    M, K = (np.diag(np.append(np.zeros(n_c), diagonal)) for diagonal in diagonals)
+    K[:n_c, :n_c] = condensed
+    coupling[n_c + len(values) + np.flatnonzero(inertia == 0)] = 0.0
     coupling[:n_c] = (coupling[:n_c] + coupling[:n_c].T) / 2
     M[:, :n_c], M[:n_c] = coupling, coupling.T
-    kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (modes,) * kept.elastic + (statics.kind,) * len(stiffness)
-    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, _port_errors(ports, V, statics.condensed, values, responses),
-                 statics.handle.factorisations, kept.estimate)
+    return M, K
 
 
 @phase("projection")

@@ -15,7 +15,7 @@ from femsub.model.estimate import SHARE, Estimate
 from femsub.modes.normal_modes import NormalModes, all_modes, lowest_modes
 from femsub.modes.static_shapes import independent, lightest
 from femsub.quadratic.dense import solve
-from femsub.reduction.basis import Kept
+from femsub.reduction.basis import Kept, in_blocks
 from femsub.reduction.error_bounds import Nested
 from femsub.reduction.method import Method
 from femsub.reduction.statics import Span, Statics
@@ -102,21 +102,13 @@ class Search:
         return replace(plain, D=(D + D.T) / 2 if symmetric else D, symmetric=symmetric)
 
     def _space(self, loads: Array, rest: Array) -> tuple[Nested, Span]:
-        statics, found, rigid = self.statics, self.found, self.found.rigid
-        elastic = found.eigenvalues[rigid:]
+        statics, found = self.statics, self.found
         static, stiffness, mass, _ = independent(statics.handle, rest, loads, found.shapes, found.eigenvalues)
         span = Span(statics, found.shapes, static)
-        n_c = statics.constraint.shape[1]
-        M = np.diag(np.concatenate([np.zeros(n_c), np.ones(rigid + len(elastic)), mass]))
-        K = np.diag(np.concatenate([np.zeros(n_c + rigid), elastic, stiffness]))
-        M[:, :n_c] = span.dot(statics.inertia)
-        M[n_c + rigid + len(elastic) + np.flatnonzero(mass == 0), :n_c] = 0.0
-        M[:n_c] = M[:, :n_c].T
-        M[:n_c, :n_c] = (M[:n_c, :n_c] + M[:n_c, :n_c].T) / 2
-        K[:n_c, :n_c] = statics.condensed
+        M, K = in_blocks(statics.condensed, found.eigenvalues, stiffness, mass, span.dot(statics.inertia))
         inner = [statics.constraint[statics.rows], found.shapes, static]
         forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
-        return Nested(M, K, None, n_c, rigid, elastic, forces, statics.rounding,
+        return Nested(M, K, None, len(statics.condensed), found.rigid, found.eigenvalues[found.rigid:], forces, statics.rounding,
                       lightest=lightest(statics.handle)), span
 
     def _residuals(self, plain: Nested, span: Span, band: tuple[float, float]) -> Array:
