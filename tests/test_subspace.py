@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femsub.linalg.subspace import new_directions
+from femsub.linalg.subspace import orthonormal
 
 
 def grown(size: int = 60, spread: float = 8.0) -> tuple[np.ndarray, np.ndarray, np.random.Generator]:
@@ -14,7 +14,7 @@ def grown(size: int = 60, spread: float = 8.0) -> tuple[np.ndarray, np.ndarray, 
     Q = np.linalg.qr(rng.standard_normal((size, size)))[0]
     A = (Q * np.logspace(0, spread, size)) @ Q.T
     A = (A + A.T) / 2
-    V, AV = new_directions(np.zeros((size, 0)), rng.standard_normal((size, 5)), A.__matmul__)
+    V, AV = orthonormal(rng.standard_normal((size, 5)), A.__matmul__)
     assert np.abs(V.T @ AV - np.eye(5)).max() < 1e-13
     return A, V, rng
 
@@ -29,7 +29,7 @@ def off(V: np.ndarray, Q: np.ndarray, A: np.ndarray) -> float:
 def test_what_is_nearly_in_the_basis_is_still_orthonormal_to_it(share: float) -> None:
     A, V, rng = grown()
     columns = V @ rng.standard_normal((5, 4)) + share * rng.standard_normal((60, 4)) / np.sqrt(A.diagonal().max())
-    Q, AQ = new_directions(V, columns, A.__matmul__)
+    Q, AQ = orthonormal(columns, A.__matmul__, V)
     assert Q.shape[1] == 4 and off(V, Q, A) < 1e-12 and np.abs(AQ - A @ Q).max() < 1e-10 * np.abs(AQ).max()
     left = columns - np.hstack([V, Q]) @ (np.hstack([V, Q]).T @ (A @ columns))
     assert np.sqrt(np.einsum("ij,ij->j", left, A @ left)).max() < 1e-7 * np.linalg.norm(V.T @ A @ columns, axis=0).max()
@@ -38,7 +38,7 @@ def test_what_is_nearly_in_the_basis_is_still_orthonormal_to_it(share: float) ->
 def test_columns_close_to_each_other_and_in_any_units() -> None:
     A, V, rng = grown()
     columns = rng.standard_normal((60, 1)) + 1e-4 * rng.standard_normal((60, 6))
-    Q = new_directions(V, columns * 10.0 ** np.arange(-9, 9, 3), A.__matmul__)[0]
+    Q = orthonormal(columns * 10.0 ** np.arange(-9, 9, 3), A.__matmul__, V)[0]
     assert Q.shape[1] == 6 and off(V, Q, A) < 1e-12
 
 
@@ -47,7 +47,7 @@ def test_what_holds_nothing_new_is_left_out() -> None:
     one = rng.standard_normal((60, 1))
     for columns, rank in ((V @ rng.standard_normal((5, 3)), 0), (np.zeros((60, 2)), 0), (np.zeros((60, 0)), 0),
                           (np.hstack([one, 3 * one, one + V[:, :1]]), 1), (np.eye(60), 55)):
-        Q = new_directions(V, columns, A.__matmul__)[0]
+        Q = orthonormal(columns, A.__matmul__, V)[0]
         assert Q.shape == (60, rank) and off(V, Q, A) < 1e-11
     A[:, 7] = A[7] = 0.0  # what has no length in A has none
-    assert new_directions(np.zeros((60, 0)), np.eye(60)[:, [7, 8]], A.__matmul__)[0].shape == (60, 1)
+    assert orthonormal(np.eye(60)[:, [7, 8]], A.__matmul__)[0].shape == (60, 1)

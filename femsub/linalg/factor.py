@@ -47,7 +47,7 @@ class Handle(Protocol):
 
 
 class DenseFactor:
-    """A⁻¹B for a dense A by Cholesky (definite), LU with the inertia from eigenvalues (symmetric), or LU."""
+    """A⁻¹B for a dense A by Cholesky (definite) or LU, with the inertia from LDLᵀ (symmetric)."""
 
     def __init__(self, A: Array, kind: Kind) -> None:
         import scipy.linalg as la
@@ -77,7 +77,7 @@ class DenseFactor:
     @property
     def negative_pivots(self) -> int:
         """The number of negative eigenvalues, which the scaling does not change (Sylvester)."""
-        return int(np.count_nonzero(np.linalg.eigvalsh(self._matrix) < 0))
+        return negative_eigenvalues(self._matrix)
 
     def solve(self, B: Array) -> Array:
         """A⁻¹B for B of shape (n,) or (n, k)."""
@@ -209,6 +209,19 @@ def inertia(A: Matrix | Difference) -> int:
     count = handle.negative_pivots
     handle.close()
     return count
+
+
+def negative_eigenvalues(A: Array) -> int:
+    """How many eigenvalues of a symmetric A are negative, by the inertia of LDLᵀ (Bunch and Kaufman): no eigensolver.
+
+    A block of two rows has one of each sign.
+    """
+    import scipy.linalg as la
+
+    blocks = la.ldl(A, check_finite=False)[1]
+    double = np.flatnonzero(np.diag(blocks, -1))
+    single = np.setdiff1d(np.arange(len(A)), np.concatenate([double, double + 1]))
+    return len(double) + int(np.count_nonzero(blocks.diagonal()[single] < 0))
 
 
 def _small(A: Matrix | Difference) -> Array | None:

@@ -1,4 +1,4 @@
-"""A basis V that grows: columns made orthonormal, VᵀAV = I, to those before and among themselves."""
+"""Columns made orthonormal, among themselves and to a basis that grows by them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from femsub.checks import Array
 
 INSIDE = 1e-9  # share of a column's length up to which what V leaves of it is rounding
-DEPENDENT = 1e-10  # of the largest eigenvalue of the Gram matrix: the square of what a combination of columns has of its own
+DEPENDENT = 1e-14  # of the largest eigenvalue of the Gram matrix: the square of the share that a direction has in the columns
 
 
-def new_directions(V: Array, columns: Array, product: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Q (n, k) with [V Q]ᵀA[V Q] = I that spans what `columns` have beyond V, and AQ.
+def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | None = None) -> tuple[Array, Array]:
+    """Q (n, k) with [V Q]ᵀA[V Q] = I that spans what `columns` have beside V, and AQ.
 
     Block Gram-Schmidt in two passes. Columns are brought to unit length before each, so that their units do not matter. Among
     each other they are told apart by their Gram matrix, which holds half of the digits: the second pass gives the rest back.
@@ -21,11 +21,11 @@ def new_directions(V: Array, columns: Array, product: Callable[[Array], Array]) 
 
     Parameters
     ----------
-    V : ndarray, shape (n, m)
-        VᵀAV = I; m may be 0.
     columns : ndarray, shape (n, l)
     product : callable
         x (n, l) to Ax, with a symmetric positive semidefinite A.
+    V : ndarray, shape (n, m), optional
+        VᵀAV = I; m may be 0.
 
     References
     ----------
@@ -33,7 +33,7 @@ def new_directions(V: Array, columns: Array, product: Callable[[Array], Array]) 
     """
     x, image, least = columns, product(columns), 0.0
     for last in (False, True):
-        if V.shape[1]:
+        if V is not None and V.shape[1]:
             x, image, length = _longer(x, image, 0.0)
             x = x / length - V @ ((V.T @ image) / length)
             image, least = product(x), 0.0 if last else INSIDE

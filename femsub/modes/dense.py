@@ -76,14 +76,3 @@ def orthonormalise(shapes: Array, M: Matrix) -> None:
                                     "lost a mode; check the scaling of K and M")
         for start in range(0, len(shapes), ROWS):
             shapes[start:start + ROWS] -= shapes[start:start + ROWS] @ change
-
-
-def negative_eigenvalues(A: Array) -> int:
-    """How many eigenvalues of a symmetric A are negative, by the inertia of LDLᵀ (Bunch and Kaufman): no eigensolver.
-
-    A block of two rows has one of each sign.
-    """
-    blocks = la.ldl(A, check_finite=False)[1]
-    double = np.flatnonzero(np.diag(blocks, -1))
-    single = np.setdiff1d(np.arange(len(A)), np.concatenate([double, double + 1]))
-    return len(double) + int(np.count_nonzero(blocks.diagonal()[single] < 0))

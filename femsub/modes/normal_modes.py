@@ -23,12 +23,12 @@ from femsub.errors import (
     NotConvergedError,
     SingularMatrixError,
 )
-from femsub.linalg.factor import SMALL, inertia
+from femsub.linalg.factor import SMALL, inertia, negative_eigenvalues
 from femsub.linalg.null_space import massless_apart
 from femsub.linalg.shared import shared
 from femsub.model.bands import EDGE, in_band, widened
 from femsub.model.matrices import Difference
-from femsub.modes.dense import dense_modes, negative_eigenvalues, orthonormalise
+from femsub.modes.dense import dense_modes, orthonormalise
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.timing import phase
 

@@ -17,7 +17,8 @@ from femsub.linalg.factor import Handle, factorise, factors_made, forget_factor,
 from femsub.linalg.null_space import SINGULAR, rank_of_mass
 from femsub.linalg.ordering import smooth_shape
 from femsub.linalg.shared import shared
-from femsub.model.matrices import Difference
+from femsub.linalg.subspace import orthonormal
+from femsub.model.matrices import Difference, unit_length
 from femsub.timing import phase
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units,
@@ -130,7 +131,7 @@ class ShiftInvert:
             x = np.random.default_rng(3).standard_normal((n, min(block, n)))
             before = np.full(x.shape[1], np.inf)
             for _ in range(20):
-                x = _normalised(self.factor.solve(self.M @ x), self.M)
+                x = orthonormal(self.factor.solve(self.M @ x), self.M.__matmul__)[0]
                 values, rotation = np.linalg.eigh(x.T @ (self.K @ x))
                 x = x @ rotation
                 noise = 1e-14 * np.einsum("ij,ij->j", abs(x), abs(self.K) @ abs(x))
@@ -140,7 +141,7 @@ class ShiftInvert:
                     break
                 before = values
             # Ritz vectors of rigid motion still hold rounding of the stiff ones: one more solve cleans each.
-            cleaned = _normalised(self.factor.solve(self.M @ x), self.M, mix=False)
+            cleaned = unit_length(self.factor.solve(self.M @ x))
             order = np.argsort(np.abs(values), kind="stable")
             values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
             cleaned = self._without_dust(cleaned)
@@ -151,7 +152,7 @@ class ShiftInvert:
             if count < len(values) or block >= n:
                 break
             block *= 2
-        self.rigid = _normalised(cleaned[:, :count], self.M)
+        self.rigid = orthonormal(cleaned[:, :count], self.M.__matmul__)[0]
         rest = values[count:]
         if (rest < -noise[count:]).any():
             raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding: "
@@ -183,7 +184,7 @@ class ShiftInvert:
         """
         x = np.random.default_rng(5).standard_normal((self.K.shape[0], 2))
         for _ in range(10):
-            x = _normalised(self.deflate(self.factor.solve(self.M @ x)), self.M)
+            x = orthonormal(self.deflate(self.factor.solve(self.M @ x)), self.M.__matmul__)[0]
         self.lowest = float(np.linalg.eigvalsh(x.T @ (self.K @ x))[0])
         return self.lowest
 
@@ -305,16 +306,3 @@ def rounding_ratio(K: Matrix, x: Array) -> Array:
     unit = units(K)[:, None]
     scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
     return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
-
-
-def _normalised(x: Array, M: Matrix, mix: bool = True) -> Array:
-    """Columns made M-orthonormal; with mix=False only scaled to unit length."""
-    if not mix:
-        return x / np.linalg.norm(x, axis=0)
-    for _ in range(2):  # the second pass gives back what DOF of mixed units cost the first
-        x = x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))
-        gram = x.T @ (M @ x)
-        values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-        keep = values > 1e-14 * values[-1:]
-        x = x @ (vectors[:, keep] / np.sqrt(values[keep]))
-    return x

@@ -17,7 +17,7 @@ import scipy.linalg as la
 from femsub.checks import CERTIFIED, CONFIRMED, Array
 from femsub.errors import SingularMatrixError
 from femsub.linalg.factor import counting, factorise, inertia
-from femsub.linalg.subspace import new_directions
+from femsub.linalg.subspace import orthonormal
 from femsub.model.matrices import Difference
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ class _Basis:
 
     def add(self, new: Array) -> None:
         """Appends what is new, made orthonormal."""
-        new, Anew = new_directions(self.V, np.array(new, order="C"), self.A.__matmul__)
+        new, Anew = orthonormal(np.array(new, order="C"), self.A.__matmul__, self.V)
         if new.shape[1]:
             Mnew = self.parts.M @ new
             more = [new, Anew, Mnew, self._solved(Mnew)]

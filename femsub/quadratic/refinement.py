@@ -11,7 +11,7 @@ import numpy as np
 
 from femsub.checks import Array, items, positive_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
-from femsub.linalg.subspace import new_directions
+from femsub.linalg.subspace import orthonormal
 from femsub.model.matrices import Difference
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import ReducedSubstructure, Substructure
@@ -204,7 +204,7 @@ class _Space:
 
     def append(self, new: Array) -> bool:
         """Appends what V does not hold, made orthonormal; False where it holds all of it."""
-        new, old = new_directions(self.V, new, self.A.__matmul__)[0], self.V.shape[1]
+        new, old = orthonormal(new, self.A.__matmul__, self.V)[0], self.V.shape[1]
         if not new.shape[1]:
             return False
         Mnew, Dnew = self.full.M @ new, self.full.D @ new

@@ -8,7 +8,7 @@ import numpy as np
 
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError, UnstableModelError
-from femsub.linalg.subspace import new_directions
+from femsub.linalg.subspace import orthonormal
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
 from femsub.model.matrices import is_symmetric
@@ -201,7 +201,7 @@ class _Growing:
         if not len(omega):
             return
         new = np.hstack([port_responses(self.full, 1j * value, self.load)[0] for value in omega])
-        new, _ = new_directions(self.V, np.hstack([new.real, new.imag]), self.full.M.__matmul__)
+        new, _ = orthonormal(np.hstack([new.real, new.imag]), self.full.M.__matmul__, self.V)
         cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
         cross[:self.rigid] = 0.0  # K resists no rigid motion: rounding beside exact zeros would pass for a soft mount
         self.K = np.block([[self.K, cross], [cross.T, (own + own.T) / 2]])

@@ -18,7 +18,7 @@ import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.linalg.factor import QUADRATIC, Handle, shared_factor
-from femsub.linalg.subspace import new_directions
+from femsub.linalg.subspace import orthonormal
 from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import lowest_modes
@@ -265,7 +265,7 @@ class Solved:
 
     def _grow(self, new: Array) -> None:
         new = np.hstack([new.real, new.imag]) if np.iscomplexobj(new) else new
-        self.V = np.hstack([self.V, new_directions(self.V, new, np.asarray)[0]])
+        self.V = np.hstack([self.V, orthonormal(new, np.asarray, self.V)[0]])
         self._project()
 
     def mobility(self, s: Array) -> tuple[Array, Array]:
