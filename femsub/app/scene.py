@@ -78,7 +78,7 @@ class Scene:
         if not self.outputs:
             object.__setattr__(self, "outputs", list(self.OUTPUTS))
         object.__setattr__(self, "methods", [name if name in METHODS else _hyphenated(name) for name in self.methods])
-        object.__setattr__(self, "law", _hyphenated(self.law))
+        object.__setattr__(self, "law", self.law if self.law in LAWS else _hyphenated(self.law))
         known = self.OUTPUTS + self.ON_REQUEST
         for kind, values, valid in (("method", self.methods, METHODS), ("output", self.outputs, known),
                                     ("law", [self.law], LAWS)):

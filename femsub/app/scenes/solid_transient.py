@@ -12,7 +12,7 @@ from femsub.app.figure_style import look
 from femsub.app.report import machine
 from femsub.app.scene import Result, run_outputs
 from femsub.app.scenes.component import Work
-from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track
+from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, whole
 from femsub.app.scenes.solid import SolidScene
 from femsub.checks import Array
 from femsub.errors import InputError
@@ -23,6 +23,7 @@ from femsub.motion.transient import Transient, transient
 from femsub.quadratic.complex_modes import complex_modes
 from femsub.quadratic.matching import relative_error
 from femsub.tables import table
+from femsub.timing import Interruptible
 
 POINTS = 40  # of the recorded grid, per period
 SETTLED = 1 / 4  # of the long run, at its end: where its spectrum is taken
@@ -117,22 +118,20 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
                 models: list[tuple[str, int, Any]], told_by: Callable[[str], Callable[[str], None]]) -> Result:
     """Full and reduced models from one physical state: amplitude, its error, and seconds per period."""
     rows: list[dict[str, Any]] = []
-    exact, complete = 0.0, True
-    for kind, modes, model in models:
-        start = state if kind == "full" else State(*(project(model, work.sub.M, part) for part in
-                                                     (state.displacement, state.velocity)))
-        name = f"{look(kind).label} with {model.size} DOF"
-        runs = [_side(scene, model, belt, start, period, told_by(name)) for _ in range(1 if kind == "full" else TIMED)]
-        if not all(item.complete for item in runs):
-            complete = False
-            break
-        amplitude = _amplitude(runs[0])
-        exact = amplitude if kind == "full" else exact
-        seconds = float(np.median([item.effort.seconds for item in runs])) / scene.compared
-        rows.append({"model": kind, "modes": modes, "size": model.size, "rms": amplitude,
-                     "amplitude_error": relative_error(amplitude, exact), "seconds_per_period": seconds,
-                     "speedup": rows[0]["seconds_per_period"] / seconds if rows else 1.0, "steps": runs[0].effort.steps,
-                     "energy_residual": runs[0].energy.residual, "method": runs[0].effort.method})
+    exact = 0.0
+    with Interruptible() as course:
+        for kind, modes, model in models:
+            start = state if kind == "full" else State(*(project(model, work.sub.M, part) for part in
+                                                         (state.displacement, state.velocity)))
+            name = f"{look(kind).label} with {model.size} DOF"
+            runs = [whole(_side(scene, model, belt, start, period, told_by(name))) for _ in range(1 if kind == "full" else TIMED)]
+            amplitude = _amplitude(runs[0])
+            exact = amplitude if kind == "full" else exact
+            seconds = float(np.median([item.effort.seconds for item in runs])) / scene.compared
+            rows.append({"model": kind, "modes": modes, "size": model.size, "rms": amplitude,
+                         "amplitude_error": relative_error(amplitude, exact), "seconds_per_period": seconds,
+                         "speedup": rows[0]["seconds_per_period"] / seconds if rows else 1.0, "steps": runs[0].effort.steps,
+                         "energy_residual": runs[0].energy.residual, "method": runs[0].effort.method})
     said = table(["model", "modes", "DOF", "rms of v", "error", "s per period", "times faster", "steps", "energy balance"],
                  [[look(row["model"]).label, row["modes"] or None, row["size"], row["rms"], row["amplitude_error"],
                    row["seconds_per_period"], row["speedup"], row["steps"], row["energy_residual"]] for row in rows],
@@ -143,7 +142,7 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
         return period_figure(rows)
 
     head = f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)"
-    return Result({"error-time": rows} | ({} if complete else {"complete": False}), rows, f"{head}\n{said}",
+    return Result({"error-time": rows} | ({} if course.complete else {"complete": False}), rows, f"{head}\n{said}",
                   {"error-time": draw} if len(rows) > 1 else {})
 
 
