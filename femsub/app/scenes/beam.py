@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from femsub import Mesh, Substructure, beam
 from femsub.app.scene import Result
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
-from femsub.components.beam import beam
-from femsub.components.mesh import Mesh
 from femsub.errors import InputError
-from femsub.model.substructure import Substructure
 
 
 @dataclass(frozen=True)

@@ -9,20 +9,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from femsub import ComplexModes, ReducedSubstructure, Substructure, chain, complex_modes, critical_slope, reduce, study, sweep
 from femsub.app.figure_style import look
 from femsub.app.report import machine
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.outputs import comparable
 from femsub.checks import check_band, whole_number
-from femsub.components.chain import chain
 from femsub.errors import InputError, PortWarning
 from femsub.model.friction import LAWS
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import relative_error
-from femsub.reduction.reduce import METHODS, reduce
-from femsub.stability.critical_slope import critical_slope, sweep
-from femsub.studies.error_vs_time import border_or_reason, study
+from femsub.reduction.reduce import METHODS
+from femsub.studies.error_vs_time import border_or_reason
 from femsub.tables import known, table
 
 Progress = Callable[[str], None]

@@ -11,14 +11,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from femsub import Mesh, NormalModes, ReducedSubstructure, Substructure, displacements, normal_modes, reduce
 from femsub.app.scene import Scene
 from femsub.checks import Array, check_band
-from femsub.components.fields import displacements, node_rows
-from femsub.components.mesh import Mesh
+from femsub.components.fields import node_rows
 from femsub.errors import InputError, PortWarning
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.modes.normal_modes import NormalModes, normal_modes
-from femsub.reduction.reduce import METHODS, Method, reduce
+from femsub.reduction.reduce import METHODS, Method
 
 Progress = Callable[[str], None]
 UP_TO, MARGIN = 8, 0.02  # the band's default: so much above that mode

@@ -9,20 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_balance, spectrum, transient
 from femsub.app.figure_style import look
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
 from femsub.checks import Array, interval
 from femsub.errors import InputError, NoCycleError, NotConvergedError, unknown_name
 from femsub.linalg.factor import QUADRATIC
-from femsub.model.substructure import Substructure
-from femsub.motion.cycles.branch import Branch, branch
 from femsub.motion.cycles.continuation import PARAMETERS, with_parameter
 from femsub.motion.cycles.initial_guess import of_signal, onsets
-from femsub.motion.cycles.limit_cycle import LimitCycle, harmonic_balance
-from femsub.motion.nonlinear_model import State, sliding
-from femsub.motion.signals import spectrum
-from femsub.motion.transient import transient
+from femsub.motion.nonlinear_model import sliding
 from femsub.tables import known, table
 
 Progress = Callable[[str], None]

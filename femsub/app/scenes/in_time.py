@@ -8,14 +8,23 @@ from typing import Any
 
 import numpy as np
 
+from femsub import (
+    Belt,
+    ComplexModes,
+    Substructure,
+    Transient,
+    complex_modes,
+    growth_rate,
+    rms,
+    spectrogram,
+    spectrum,
+    sticking,
+    transient,
+)
 from femsub.app.figure_style import look
 from femsub.app.scene import Result
-from femsub.model.friction import Belt
-from femsub.model.substructure import Substructure
 from femsub.motion.nonlinear_model import sliding
-from femsub.motion.signals import Spectrum, growth_rate, rms, spectrogram, spectrum, sticking
-from femsub.motion.transient import Transient, transient
-from femsub.quadratic.complex_modes import ComplexModes, complex_modes
+from femsub.motion.signals import Spectrum
 from femsub.quadratic.matching import relative_error
 from femsub.studies.self_excitation import table_rows
 from femsub.tables import table

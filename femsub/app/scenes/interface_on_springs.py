@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub import CraigBampton, Substructure, normal_modes
 from femsub.app.figure_style import look
 from femsub.app.scene import Result
 from femsub.app.scenes.component import UP_TO, Work
 from femsub.checks import Array
-from femsub.model.substructure import Substructure
-from femsub.modes.normal_modes import normal_modes
-from femsub.reduction.reduce import CraigBampton
 from femsub.tables import table
 
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of the springs to the component's own static stiffness at the interface

@@ -9,14 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from femsub import Substructure, read_component
 from femsub.app.scene import Result
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.outputs import run_component
 from femsub.errors import InputError, unknown_name
 from femsub.io.atomic import Writer
-from femsub.io.component_files import read_component
 from femsub.io.model_folder import FORMATS, matrix_files
-from femsub.model.substructure import Substructure
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from femsub import ComplexModes, ReducedSubstructure, Substructure, complex_modes, critical_slope, study
 from femsub.app.figure_style import look
 from femsub.app.report import machine
 from femsub.app.scene import Result, run_outputs
@@ -15,11 +16,8 @@ from femsub.app.scenes.component import ComponentScene, Progress, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
 from femsub.model.bands import in_band
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import listed, relative_error
-from femsub.stability.critical_slope import critical_slope
-from femsub.studies.error_vs_time import border_or_reason, study
+from femsub.studies.error_vs_time import border_or_reason
 from femsub.tables import known, table
 
 DRAWN = 6  # of the normal modes

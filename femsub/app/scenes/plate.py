@@ -8,14 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from femsub import Mesh, Substructure, plate, rectangle
 from femsub.app.scene import Result
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
-from femsub.components.grids import rectangle
-from femsub.components.mesh import Mesh
-from femsub.components.plate import plate
 from femsub.errors import InputError
-from femsub.model.substructure import Substructure
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from femsub import Material, Mesh, Substructure, annulus, solid
 from femsub.app.scene import Result
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
-from femsub.components.grids import annulus
-from femsub.components.mesh import Mesh
-from femsub.components.solid import solid
-from femsub.components.solid_assembly import Material
 from femsub.errors import InputError
-from femsub.model.substructure import Substructure
 
 
 @dataclass(frozen=True)

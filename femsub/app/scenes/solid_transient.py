@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from femsub import Belt, ReducedSubstructure, State, Substructure, Transient, complex_modes, transient
 from femsub.app.figure_style import look
 from femsub.app.report import machine
 from femsub.app.scene import Result, run_outputs
@@ -16,11 +17,7 @@ from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, s
 from femsub.app.scenes.solid import SolidScene
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.model.friction import Belt
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.motion.nonlinear_model import State, project
-from femsub.motion.transient import Transient, transient
-from femsub.quadratic.complex_modes import complex_modes
+from femsub.motion.nonlinear_model import project
 from femsub.quadratic.matching import relative_error
 from femsub.tables import table
 from femsub.timing import Interruptible
