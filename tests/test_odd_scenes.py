@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import subprocess
@@ -75,6 +76,33 @@ def test_what_was_computed_before_an_output_fails_is_kept(thrown: BaseException,
         assert "eigenvalues: failed; planted" in said.out and "eigenvalues failed: NotConvergedError: planted" in said.err
     else:
         assert data["complete"] is False and "incomplete" in said.out
+
+
+def test_ctrl_c_ends_a_block_and_nothing_else_does() -> None:
+    from femsub.timing import Interruptible
+
+    done = []
+    with Interruptible() as work:
+        for number in range(3):
+            done.append(number)
+            if number == 1:
+                raise KeyboardInterrupt
+    assert done == [0, 1] and not work.complete
+    with Interruptible() as work:
+        pass
+    assert work.complete
+    with pytest.raises(fs.NotConvergedError), Interruptible():
+        raise fs.NotConvergedError("planted")
+
+
+def test_outcomes_are_not_caught_as_wrong_arguments_and_ctrl_c_in_one_place() -> None:
+    """What a computation finds is told by an error of its own, so that a wrong argument is never taken for it."""
+    wide = {"Exception", "BaseException", "KeyboardInterrupt", "InputError", "InputTypeError"}
+    package = Path(fs.__file__).parent
+    for path in (path for room in ("model", "components", "motion", "app") for path in (package / room).rglob("*.py")):
+        caught = {name.id for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.ExceptHandler)
+                  for name in ast.walk(node.type or ast.Name("BaseException")) if isinstance(name, ast.Name)}
+        assert not caught & wide or path.name == "cli.py", f"{path} catches {caught & wide}"
 
 
 def test_where_every_output_fails_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
