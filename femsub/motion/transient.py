@@ -25,13 +25,13 @@ from femsub.checks import (
     word,
 )
 from femsub.errors import InputError, InputTypeError, unknown_name
-from femsub.model.friction import Belt
-from femsub.model.substructure import Substructure
 from femsub.motion.first_order import METHODS, Flow, equations
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 from femsub.timing import Interruptible
 
 if TYPE_CHECKING:
+    from femsub.model.friction import Belt
+    from femsub.model.substructure import Substructure
     from femsub.motion.generalised_alpha import AlphaFlow
 
 DENSE = 300  # up to so many DOF a sparse model is integrated as a dense one

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
+from femsub import Substructure
 from femsub.app.report import machine
 from femsub.app.scene import Result
 from femsub.app.scenes.chain import ChainScene
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
-from femsub.model.substructure import Substructure
 
 
 @dataclass(frozen=True)

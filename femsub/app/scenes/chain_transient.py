@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from femsub import transient
 from femsub.app.figure_style import look
 from femsub.app.report import machine
 from femsub.app.scene import Result, Scene, run_outputs
@@ -14,7 +15,6 @@ from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, 
 from femsub.checks import interval
 from femsub.errors import InputError
 from femsub.linalg.factor import QUADRATIC
-from femsub.motion.transient import transient
 from femsub.timing import Interruptible
 
 

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from femsub import Substructure
 from femsub.app.report import machine
 from femsub.app.scene import Result
 from femsub.app.scenes.component import Work
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
 from femsub.app.scenes.plate import PlateScene
-from femsub.model.substructure import Substructure
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import Array, choice, finite_number, listener, truth, whole_number
 from femsub.errors import InputError, InputTypeError
-from femsub.model.friction import Belt
-from femsub.model.substructure import Substructure
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.cycles.continuation import PARAMETERS, Path, Place
@@ -24,6 +22,10 @@ from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of
 from femsub.motion.cycles.limit_cycle import LimitCycle, check_columns, flexibility_of
 from femsub.motion.cycles.special_points import SpecialPoint, Tracer
 from femsub.motion.nonlinear_model import Sliding, sliding
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
+    from femsub.model.substructure import Substructure
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,18 +6,21 @@ The linear border says F μ'(v0) = c, exactly; the first cycles of the branch, e
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.checks import Array, interval
 from femsub.errors import InputError, NoCycleError
-from femsub.model.friction import Belt
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance, Fractions
 from femsub.motion.cycles.continuation import Path, Place
 from femsub.motion.cycles.initial_guess import crossings
 from femsub.motion.nonlinear_model import Sliding
 from femsub.stability.critical_slope import critical_slope
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
 
 SMALL = 1e-3  # amplitude of the first cycle, of the belt's speed
 TOGETHER = 1e-6  # crossings whose slopes agree to this, relatively, happen at once

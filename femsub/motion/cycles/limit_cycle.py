@@ -6,19 +6,21 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import Array, finite_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
-from femsub.model.friction import Belt
-from femsub.model.substructure import Substructure
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
+    from femsub.model.substructure import Substructure
 
 MOST_ASKED = 100_000  # harmonics, each some 16 samples of every column
 MOST = 1500  # harmonics beyond which none are added unasked

@@ -11,16 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.checks import Array, finite_number, whole_number
 from femsub.errors import InputError, InputTypeError, NotConvergedError
-from femsub.model.friction import Belt
-from femsub.model.substructure import Substructure
 from femsub.modes.normal_modes import all_modes
 from femsub.motion.cycles.limit_cycle import LimitCycle
 from femsub.motion.nonlinear_model import Sliding, State, sliding
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
+    from femsub.model.substructure import Substructure
 
 LARGEST = 60  # DOF
 TIGHTEST = 1e-13  # relative tolerance of the integration; below it rounding decides the steps
