@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,7 +27,9 @@ from femsub.components.solid_assembly import Material
 from femsub.components.solid_elements import skfem
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model.dof_map import DofMap
-from femsub.model.substructure import Substructure
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
 
 SUPPORTS = ("free", "simply supported", "clamped")
 ROUNDING = 0.7  # see `tell_rounding`

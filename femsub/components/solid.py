@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from femsub.components.solid_assembly import Material, stiffness_and_mass
 from femsub.components.solid_elements import KINDS
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model.dof_map import TRANSLATIONS, DofMap
-from femsub.model.substructure import Substructure
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
 
 Direction: TypeAlias = str | Sequence[float]
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0),
