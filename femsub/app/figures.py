@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from femsub import Study
 from femsub.app.figure_style import look, new_figure
-from femsub.studies.results import Study
 
 FLOOR = 1e-16  # where an error of zero is drawn on a logarithmic axis
 

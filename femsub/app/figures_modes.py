@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from femsub import Mesh
 from femsub.app.figure_style import new_figure
 from femsub.checks import Array
-from femsub.components.mesh import Mesh
 
 STRETCH = 0.12  # how far the largest displacement of a solid is drawn, in parts of the mesh's largest side
 MARKS = {"contact": ("black", "v"), "interface": ("#0067a5", "s")}

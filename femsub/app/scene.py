@@ -16,7 +16,7 @@ from femsub.errors import FemsubError, InputError, unknown_name
 from femsub.timing import Interruptible
 
 if TYPE_CHECKING:
-    from femsub.model.friction import Belt
+    from femsub import Belt
 
 #: name of a built-in scene: (module in femsub.app.scenes, one line)
 SCENES = {
@@ -117,7 +117,7 @@ class Scene:
     @property
     def linear_belt(self) -> Belt:
         """The belt with its slope alone, given or from the law."""
-        from femsub.model.friction import Belt
+        from femsub import Belt
 
         return Belt(force=self.force, slope=self.rubbing.slope if self.slope is None else self.slope)
 

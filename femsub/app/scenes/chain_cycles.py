@@ -24,7 +24,7 @@ class ChainCycleScene(CycleKeys, ChainScene):
 
     def __post_init__(self) -> None:
         if not self.band:
-            from femsub.components.chain import chain_frequencies
+            from femsub import chain_frequencies
 
             lowest = chain_frequencies(max(self.n, 1), min(max(self.n, 1), 4))
             object.__setattr__(self, "band", [0.0, float(1.02 * lowest[-1])])
