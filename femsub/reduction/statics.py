@@ -34,7 +34,7 @@ def partitioned(sub: Substructure, held: bool) -> Partition:
 
 def factored(part: Partition) -> ShiftInvert:
     """The factor of the part, for its modes and its static solves alike; that of the same part is found again."""
-    return ShiftInvert(part.sub.K, part.sub.M, None if isinstance(part.rows, slice) else part.rows)
+    return ShiftInvert(part.sub.K, part.sub.M, part.rows)
 
 
 @dataclass(frozen=True, eq=False)
