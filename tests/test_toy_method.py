@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from femsub.app.cli import main
 from femsub.app.figures import error_time_figure, size_sweep_figure
 from femsub.checks import Array
 from femsub.modes.shift_invert import ShiftInvert
+from femsub.reduction.basis import Kept
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.statics import Partition, Statics
 
@@ -61,6 +62,20 @@ def test_a_new_method_is_its_steps_alone(truncation: type[Method], tmp_path: Pat
     fs.write_matrices(tmp_path, rom)
     read = fs.read_component(tmp_path)
     assert read.modes == 5 and repr(read) == repr(rom)
+
+
+def test_one_step_may_be_replaced() -> None:
+    class Moving(fs.CraigBampton):
+        """Of the modes found those that are known to move the belt: here all but the last."""
+
+        def kept(self, statics: Statics, pencil: fs.Pencil | None) -> Kept:
+            found = super().kept(statics, pencil)
+            return replace(found, elastic=found.elastic - 1, cutoff=float(found.found.frequencies[found.elastic - 1]))
+
+    sub = fs.chain(30, belt=4, interface=(1, 4))
+    rom, same = fs.reduce(sub, Moving(6)), fs.reduce(sub, fs.CraigBampton(5))
+    assert rom.modes == 5 and rom.method == same.method and rom.cutoff == pytest.approx(same.cutoff, rel=1e-12)
+    assert np.allclose(rom.K, same.K, rtol=1e-10, atol=1e-12) and np.allclose(abs(rom.M), abs(same.M), atol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")

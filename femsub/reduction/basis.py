@@ -77,15 +77,15 @@ class Basis:
     estimate: Estimate | None = None
 
 
-def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array], modes: str) -> Basis:
-    """V = [C Φ Ξ], of which the elastic columns of Φ are labelled `modes`."""
+def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array], mode_kind: str) -> Basis:
+    """V = [C Φ Ξ], of which the elastic columns of Φ are labelled `mode_kind`."""
     C, forces = statics.constraint, statics.forces
     residual, stiffness, inertia, dropped = independent(statics.handle, responses.rest, forces, kept.shapes, kept.values)
     n_c, r = C.shape[1], C.shape[1] + len(kept.values)
     V = np.zeros((len(C), r + len(stiffness)), order="F")
     V[:, :n_c], V[statics.rows, n_c:r], V[statics.rows, r:] = C, kept.shapes, residual
     M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.sub.M, V, C))
-    kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (modes,) * kept.elastic + (statics.kind,) * len(stiffness)
+    kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (mode_kind,) * kept.elastic + (statics.kind,) * len(stiffness)
     errors = _port_errors(ports, V, statics.condensed, K.diagonal()[n_c:], responses)
     return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate)
 

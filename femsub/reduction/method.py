@@ -11,10 +11,12 @@ import numpy as np
 
 from femsub.checks import Array, check_band, finite_number, whole_number
 from femsub.errors import InputError
-from femsub.reduction.basis import Kept, Responses
+from femsub.reduction.basis import Basis, Kept, Responses, assembled
+from femsub.reduction.mode_selection import chosen, lowest
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
     from femsub.modes.shift_invert import ShiftInvert
 
 METHODS: dict[str, type[Method]] = {}  #: every method by its key
@@ -35,17 +37,17 @@ class Method(ABC):
     -----
     A method of your own is a subclass with a key; from then on `study`, tables, figures and scene files take it by that key:
 
-    1. It is a frozen dataclass without fields of its own. `reduce` makes nothing but its steps.
+    1. It is a frozen dataclass. Scenes make it with a number of modes alone, so that fields of its own need defaults.
     2. `key` is its name in scene files and results, `label` that in tables and figures, `colour` and `marker` are those of
-       figures (as matplotlib names them). `key` is not inherited: a subclass without one is no method yet.
+       figures (as matplotlib names them). A subclass without a key of its own is not registered.
     3. `held` says what the modes are those of: of the interior, with the interface fixed, or of the whole part, with the
        interface free. It says which matrix is factorised, too.
     4. `statics` is the step that must be there. It gets the part and its factor, and returns C with CᵀKC, and the
        forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part.
-    5. `responses` solves for the static responses. One of your own may use that some are known already.
-    6. No step changes what the steps before it returned, and none releases the factor.
+    5. The steps after it may be replaced one by one: `kept` finds the modes, `responses` the static responses, and `basis`
+       puts V, M and K together. Each takes what those before it returned, changes nothing of it, and keeps the factor.
 
-    `reduce` takes the steps in this order: check, partition, factor, statics, modes, responses, basis, projection.
+    `reduce` checks what is asked, takes the part and its factor, these four steps in their order, and projects D and the ports.
     """
 
     modes: int | None = None
@@ -94,8 +96,24 @@ class Method(ABC):
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """C, CᵀKC and the forces F, to which `extra` (n, s) belongs: the ports whose static responses were asked for."""
 
+    def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
+        """The modes of the part: so many, or as many as a band and a tolerance need, with the damping of a `pencil`."""
+        if self.band is not None:
+            return chosen(statics, self.band, self.tol, pencil)
+        assert self.modes is not None
+        return lowest(statics, self.modes)
+
     def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
         """The static responses to F less the share of the modes, and the energy of the whole ones to the ports (n, p)."""
         loads = np.hstack([np.zeros((len(statics.forces), 0)), *(w[statics.part.rows] for w in ports.values())])
         energy = np.einsum("ij,ij->j", statics.handle.elastic_solve(loads), loads)
         return Responses(statics.handle.elastic_solve(statics.forces, kept.shapes), energy, energy, 0)
+
+    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
+        """V = [C Φ Ξ] with its labels, and M and K in its coordinates."""
+        return assembled(statics, kept, responses, ports, self.mode_kind)
+
+    @property
+    def mode_kind(self) -> str:
+        """What elastic modes are called: 'fixed-interface' or 'free'."""
+        return "fixed-interface" if self.held else "free"

@@ -17,7 +17,6 @@ from femsub.modes.static_shapes import independent, lightest
 from femsub.quadratic.dense import solve
 from femsub.reduction.basis import Kept, in_blocks
 from femsub.reduction.error_bounds import Nested
-from femsub.reduction.method import Method
 from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
@@ -133,16 +132,11 @@ class Search:
         return _compressed(np.hstack(blocks), self.statics.handle.K.diagonal())
 
 
-def selected(statics: Statics, method: Method, pencil: Pencil | None) -> Kept:
-    """The modes that a method keeps, with one more for the cut-off, if there is one; the count of a large model is still to be
-    confirmed.
-    """
-    if method.band is not None:
-        return chosen(statics, method.band, method.tol, pencil)
-    assert method.modes is not None
-    more = method.modes < statics.handle.elastic
-    found = lowest_modes(statics.handle, method.modes + more, defer=True)
-    return Kept(found, method.modes, float(found.frequencies[-1]) if more else np.inf)
+def lowest(statics: Statics, count: int) -> Kept:
+    """So many modes, with one more for the cut-off, if there is one; the count of a large model is still to be confirmed."""
+    more = count < statics.handle.elastic
+    found = lowest_modes(statics.handle, count + more, defer=True)
+    return Kept(found, count, float(found.frequencies[-1]) if more else np.inf)
 
 
 def chosen(statics: Statics, band: Any, tol: Any, pencil: Pencil | None) -> Kept:

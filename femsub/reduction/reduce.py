@@ -18,11 +18,11 @@ from femsub.linalg.threads import WORK, one_thread
 from femsub.model.estimate import SHARE
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import confirm
-from femsub.reduction.basis import Basis, assembled, projected
+from femsub.reduction.basis import Basis, projected
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.craig_chang import CraigChang
 from femsub.reduction.method import METHODS, Method
-from femsub.reduction.mode_selection import selected, unreduced
+from femsub.reduction.mode_selection import unreduced
 from femsub.reduction.statics import block, factored, partitioned
 
 if TYPE_CHECKING:
@@ -130,18 +130,18 @@ def _basis(task: _Task) -> Basis:
     method = task.method
     part = partitioned(task.sub, method.held)
     statics = method.statics(part, factored(part), task.extra)
-    kept = selected(statics, method, task.pencil)
+    kept = method.kept(statics, task.pencil)
     responses = method.responses(statics, kept, task.ports)
     statics.handle.release()  # before the count, which takes a factor of its own
     confirm(statics.handle, kept.found)
-    return assembled(statics, kept, responses, task.ports, "fixed-interface" if method.held else "free")
+    return method.basis(statics, kept, responses, task.ports)
 
 
 def _whole(task: _Task) -> Basis:
     """That of a component whose every DOF is interface, where a method would hold them all: nothing is left out."""
     sub, method, b = task.sub, task.method, task.sub.interface
     if method.modes:
-        raise InputError(f"{method.modes} fixed-interface modes were asked for, but every DOF is interface: there are 0")
+        raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface: there are 0")
     estimate = None if method.band is None else unreduced(sub.K, sub.M, method.band, method.tol, task.pencil)
     return Basis(np.eye(sub.size)[:, b], block(sub.M, b, b), block(sub.K, b, b), ("constraint",) * len(b), 0, np.inf,
                  task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
@@ -149,7 +149,7 @@ def _whole(task: _Task) -> Basis:
 
 def _projected(task: _Task, basis: Basis) -> ReducedSubstructure:
     sub, V = task.sub, basis.V
-    title = f"{task.method.label} with {basis.modes} {'fixed-interface' if task.method.held else 'free'} modes"
+    title = f"{task.method.label} with {basis.modes} {task.method.mode_kind} modes"
     for name, error in basis.port_error.items():
         if error > PORT_LIMIT:
             warnings.warn(
