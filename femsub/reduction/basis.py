@@ -83,8 +83,8 @@ def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping
     residual, stiffness, inertia, dropped = independent(statics.handle, responses.rest, forces, kept.shapes, kept.values)
     n_c, r = C.shape[1], C.shape[1] + len(kept.values)
     V = np.zeros((len(C), r + len(stiffness)), order="F")
-    V[:, :n_c], V[statics.rows, n_c:r], V[statics.rows, r:] = C, kept.shapes, residual
-    M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.sub.M, V, C))
+    V[:, :n_c], V[statics.part.rows, n_c:r], V[statics.part.rows, r:] = C, kept.shapes, residual
+    M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
     kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (mode_kind,) * kept.elastic + (statics.kind,) * len(stiffness)
     errors = _port_errors(ports, V, statics.condensed, K.diagonal()[n_c:], responses)
     return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate)

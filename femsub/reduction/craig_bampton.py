@@ -13,7 +13,7 @@ from femsub.checks import Array
 from femsub.errors import ConditionWarning, InputError
 from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio
 from femsub.reduction.method import Method
-from femsub.reduction.statics import COLUMNS, Partition, Statics, block, submatrix
+from femsub.reduction.statics import COLUMNS, Partition, Statics, square
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
@@ -99,7 +99,7 @@ def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
 def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array) -> Array:
     """Puts Ψ = -K_ii⁻¹K_ib into the rows of the interior, a block of columns at a time; returns K_bb + K_bi Ψ."""
     b, i = sub.interface, sub.interior
-    Kib, condensed = submatrix(sub.K, i, b), block(sub.K, b, b)
+    Kib, condensed = sub.K[i][:, b], square(sub.K, b)
     for start in range(0, len(b), COLUMNS):
         part = slice(start, min(start + COLUMNS, len(b)))
         loads = Kib[:, part]

@@ -36,7 +36,7 @@ class Search:
         self.statics, self.pencil = statics, pencil
         self.most = statics.handle.elastic
         self.found = lowest_modes(statics.handle, min(begin, self.most), certify=False)
-        self.loads = np.hstack([statics.forces, statics.inertia[statics.rows]])
+        self.loads = np.hstack([statics.forces, statics.inertia[statics.part.rows]])
         self.rest = statics.handle.elastic_solve(self.loads, self.found.shapes)
 
     @property
@@ -59,7 +59,7 @@ class Search:
 
     def grow(self, count: int) -> None:
         """More modes beside those at hand; the static shapes lose their share without a further solve."""
-        handle, sub = self.statics.handle, self.statics.sub
+        handle, sub = self.statics.handle, self.statics.part.sub
         count = min(count, self.most)
         # modes twice, Krylov vectors of the new ones, loads and static shapes with those of the residuals
         check_columns(sub.name, sub.size, 5 * (count - self.modes) + 4 * count + 4 * self.loads.shape[1])
@@ -105,7 +105,7 @@ class Search:
         static, stiffness, mass, _ = independent(statics.handle, rest, loads, found.shapes, found.eigenvalues)
         span = Span(statics, found.shapes, static)
         M, K = in_blocks(statics.condensed, found.eigenvalues, stiffness, mass, span.dot(statics.inertia))
-        inner = [statics.constraint[statics.rows], found.shapes, static]
+        inner = [statics.constraint[statics.part.rows], found.shapes, static]
         forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
         return Nested(M, K, None, len(statics.condensed), found.rigid, found.eigenvalues[found.rigid:], forces, statics.rounding,
                       lightest=lightest(statics.handle)), span
@@ -128,7 +128,7 @@ class Search:
                 static = np.zeros(x.shape)
                 static[plain.rest] = part(x * (value**2 / size))[plain.rest]
                 residual = self.pencil.M @ span.times(static) + D @ span.times(part(x * (value / size)))
-                blocks.append(residual[self.statics.rows])
+                blocks.append(residual[self.statics.part.rows])
         return _compressed(np.hstack(blocks), self.statics.handle.K.diagonal())
 
 
@@ -164,7 +164,7 @@ def chosen(statics: Statics, band: Any, tol: Any, pencil: Pencil | None) -> Kept
             nested = search.damped(nested, span, band)
             best = _smallest(nested, band, tol, search.complete, best.modes)
         if not best.met:
-            search.grow(_further(nested, best, search, statics.sub.name))
+            search.grow(_further(nested, best, search, statics.part.sub.name))
             continue
         if counted or search.found.confirmed:
             return Kept(search.found, best.modes, best.cutoff, best)

@@ -23,7 +23,7 @@ from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.craig_chang import CraigChang
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
-from femsub.reduction.statics import block, factored, partitioned
+from femsub.reduction.statics import factored, partitioned, square
 
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
@@ -143,7 +143,7 @@ def _whole(task: _Task) -> Basis:
     if method.modes:
         raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface: there are 0")
     estimate = None if method.band is None else unreduced(sub.K, sub.M, method.band, method.tol, task.pencil)
-    return Basis(np.eye(sub.size)[:, b], block(sub.M, b, b), block(sub.K, b, b), ("constraint",) * len(b), 0, np.inf,
+    return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
                  task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
 
 

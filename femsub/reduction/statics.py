@@ -60,18 +60,10 @@ class Statics:
     forces: Array
     kind: str
 
-    @property
-    def sub(self) -> Substructure:
-        return self.part.sub
-
-    @property
-    def rows(self) -> Array | slice:
-        return self.part.rows
-
     @cached_property
     def inertia(self) -> Array:
         """MC, shape (n, n_c)."""
-        return self.sub.M @ self.constraint
+        return self.part.sub.M @ self.constraint
 
     @cached_property
     def rounding(self) -> Array:
@@ -81,8 +73,8 @@ class Statics:
         """
         if not len(self.condensed):
             return self.condensed
-        E = self.constraint.T @ (self.sub.K @ self.constraint) - self.condensed
-        bare = self.sub.K.diagonal()[self.sub.interface]
+        E = self.constraint.T @ (self.part.sub.K @ self.constraint) - self.condensed
+        bare = self.part.sub.K.diagonal()[self.part.sub.interface]
         unit = np.sqrt(np.where(bare > 0, bare, 1.0))
         stiffness, vectors = np.linalg.eigh(self.condensed / np.outer(unit, unit))
         elastic = vectors[:, stiffness > 1e-14 * stiffness[-1]]
@@ -101,14 +93,14 @@ class Span:
 
     def dot(self, x: Array) -> Array:
         """Uᵀx, shape (R, k), for x of all rows."""
-        inner = x[self.statics.rows]
+        inner = x[self.statics.part.rows]
         return np.concatenate([self.statics.constraint.T @ x, self.modes.T @ inner, self.static.T @ inner])
 
     def times(self, q: Array) -> Array:
         """Uq, shape (n, k)."""
         first, second = self.statics.constraint.shape[1], self.statics.constraint.shape[1] + self.modes.shape[1]
         u = self.statics.constraint @ q[:first]
-        u[self.statics.rows] += self.modes @ q[first:second] + self.static @ q[second:]
+        u[self.statics.part.rows] += self.modes @ q[first:second] + self.static @ q[second:]
         return u
 
     def projected(self, D: Matrix) -> Array:
@@ -119,21 +111,14 @@ class Span:
         for group in (self.statics.constraint, self.modes, self.static):
             for start in range(0, group.shape[1], COLUMNS):
                 block = group[:, start:start + COLUMNS]
-                if group is not self.statics.constraint and len(group) < self.statics.sub.size:
-                    full = np.zeros((self.statics.sub.size, block.shape[1]), order="F")
-                    full[self.statics.rows] = block
+                if group is not self.statics.constraint and len(group) < self.statics.part.sub.size:
+                    full = np.zeros((self.statics.part.sub.size, block.shape[1]), order="F")
+                    full[self.statics.part.rows] = block
                     block = full
                 yield block
 
 
-def submatrix(matrix: Matrix, rows: Array, columns: Array) -> Matrix:
-    """The rows and columns of a dense or sparse matrix."""
-    if sp.issparse(matrix):
-        return sp.csr_array(matrix[rows][:, columns])
-    return matrix[np.ix_(rows, columns)]
-
-
-def block(matrix: Matrix, rows: Array, columns: Array) -> Array:
-    """The same, dense."""
-    part = submatrix(matrix, rows, columns)
+def square(matrix: Matrix, places: Array) -> Array:
+    """The rows and columns at some places of a matrix, dense."""
+    part = matrix[places][:, places]
     return part.toarray() if sp.issparse(part) else part
