@@ -11,7 +11,7 @@ import femsub as fs
 from benchmarks.clusters import evaluate, make
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
 from femsub.linalg import petsc
-from femsub.model.bands import DOUBLE, EDGE, in_band, widened
+from femsub.model.bands import DOUBLE, EDGE, REAL, beyond, in_band, moving, upper, widened, within
 from femsub.modes.dense import dense_modes
 from femsub.quadratic.multiplicity import clear_radius, clusters, distinct, joined
 
@@ -55,6 +55,17 @@ def test_a_split_double_eigenvalue_is_in_or_out_as_one() -> None:
     noise = np.array([1e-16 - 5e-16j, 1e-16 + 5e-16j])  # of an eigenvalue at 0
     assert in_band(noise, (0.0, 2.0)).all()
     assert np.array_equal(in_band(np.array([1j, -1j]), (0.0, 2.0)), [True, False])
+
+
+def test_other_filters_have_the_same_edges() -> None:
+    omega = 2.0 * (1 + EDGE * np.array([-1.0, 0.0, 0.9, 1.1]))
+    assert np.array_equal(beyond(omega, 2.0), ~in_band(omega, (0.0, 2.0)) | (omega > 2 * (1 + EDGE)))
+    assert np.array_equal(beyond(omega, 2.0), [False, False, False, True]) and not beyond(omega, np.inf).any()
+    values = np.array([-1.0 + 1j, -3.0 + 1j, 1j, 3j, -1.0 - 0.5 * REAL * 1j, -1.0 - 2 * REAL * 1j, 0.0])
+    assert np.array_equal(within(values, (0.0, 2.0)), in_band(values, (0.0, 2.0), (-2.0, 2.0)))
+    assert np.array_equal(upper(values), [True, True, True, True, True, False, True])
+    bars = np.array([0.0, 2e-3, 0.0, 0.0])
+    assert np.array_equal(moving(np.array([1.0, 1e-3, 1e-16j, 0.0]), bars), [True, False, False, False])
 
 
 @pytest.mark.parametrize("sparse", [False, True])

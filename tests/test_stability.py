@@ -12,6 +12,8 @@ from scipy.linalg import null_space
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.quadratic.dense import modal_form
+from femsub.quadratic.port_function import port_responses
 from femsub.stability.border import dense_border
 
 TABLE = {  # belt: full, HCB and CC with 5 DOF; d1 = 0.1, interface {m1}
@@ -391,3 +393,23 @@ def test_a_sweep_of_a_model_with_massless_dof_takes_its_complex_modes() -> None:
             assert growth == pytest.approx(fs.complex_modes(model, fs.Belt(slope=slope)).growth, rel=1e-9)
         with pytest.raises(fs.InputError, match="mass under every motion"):
             fs.critical_slope(model)
+
+
+@pytest.mark.parametrize("unsymmetric", [False, True])
+def test_what_harmonic_forces_move_is_the_same_dense_sparse_and_in_modes(unsymmetric: bool) -> None:
+    sub = lattice(5, 4, held=True, seed=1)
+    K = sub.K + (0.1 * sp.diags_array(np.ones(sub.size - 3), offsets=3) if unsymmetric else 0 * sub.K)
+    pencil, W = fs.Pencil(sub.M, 0.02 * sub.M + 0.01 * sub.K, sp.csr_array(K)), np.eye(sub.size)[:, [3, 8]]
+    form = modal_form(pencil.dense())
+    assert form is not None
+    for s in (0.0, 0.7j, -0.1 + 1.3j):
+        x, y = port_responses(pencil, s, W)
+        assert np.abs(pencil.at(s) @ x - W).max() < 1e-12 and np.abs(pencil.at(s).T @ y - W).max() < 1e-12
+        assert (np.abs(x - y).max() > 1e-3) == unsymmetric
+        for ours, theirs in zip((x, y), port_responses(pencil.dense(), s, W), strict=True):
+            assert np.abs(ours - theirs).max() < 1e-12
+        w = form.shapes.T @ W
+        assert np.abs(W.T @ x - w.T @ np.linalg.solve(form.at(s), w)).max() < 1e-12
+    held = fs.Pencil(np.eye(2), np.zeros((2, 2)), np.diag([1.0, 4.0]))
+    with pytest.raises(fs.SingularMatrixError, match="singular at s = 0\\+1j"):
+        port_responses(held, 1j, np.ones((2, 1)))

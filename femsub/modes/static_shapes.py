@@ -34,10 +34,7 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     """
     given, room = rest.shape[1], len(rest) - kept.shape[1]
     static, motion = _whole(handle, rest, forces, kept, values)
-    scale = np.where(static > 0, static, 1.0) ** -0.5
-    share, vectors = np.linalg.eigh(block_energy(rest, forces) * np.outer(scale, scale))
-    keep = np.flatnonzero(share > DEPENDENT)[::-1][:max(room, 0)]
-    change = scale[:, None] * vectors[:, keep] / np.sqrt(share[keep])
+    change, share = energy_directions(block_energy(rest, forces), static, max(room, 0))
     inertia, rotation = np.linalg.eigh(change.T @ (rest.T @ (handle.M @ rest)) @ change)
     order = np.argsort(-inertia)
     inertia, change = inertia[order], change @ rotation[:, order]
@@ -49,12 +46,23 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     count = int(np.count_nonzero((inertia > least)[:max(handle.finite - kept.shape[1], 0)]))
     unit = np.where(np.arange(len(inertia)) < count, inertia, 1.0)
     shapes, stiffness = shapes / np.sqrt(unit), 1 / unit
-    noise = EPS / float(share[keep].min(initial=1.0))
+    noise = EPS / float(share.min(initial=1.0))
     if count:
         shapes[:, :count], stiffness[:count] = _again(handle, shapes[:, :count], stiffness[:count], noise, kept)
     if count < len(inertia):
         shapes[:, count:] = _of_unit_energy(handle, shapes[:, count:], noise)
-    return shapes, stiffness, np.where(np.arange(len(inertia)) < count, 1.0, 0.0), given - len(keep)
+    return shapes, stiffness, np.where(np.arange(len(inertia)) < count, 1.0, 0.0), given - len(share)
+
+
+def energy_directions(energy: Array, whole: Array, most: int | None = None) -> tuple[Array, Array]:
+    """C (s, k) with CᵀEC = I of shapes with the energy E (s, s), and the share that each has of that of the `whole` shapes (s,).
+
+    Shares of at most DEPENDENT are rounding of what the modes have taken, and left out; `most` are kept, the largest first.
+    """
+    scale = np.where(whole > 0, whole, 1.0) ** -0.5
+    share, vectors = np.linalg.eigh(energy * np.outer(scale, scale))
+    keep = np.flatnonzero(share > DEPENDENT)[::-1][:most]
+    return scale[:, None] * vectors[:, keep] / np.sqrt(share[keep]), share[keep]
 
 
 def _whole(handle: ShiftInvert, rest: Array, forces: Array, kept: Array, values: Array) -> tuple[Array, Array]:

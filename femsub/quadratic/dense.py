@@ -64,7 +64,7 @@ class ModalForm:
         """
         elastic = np.arange(len(self.omega)) >= self.rigid
         stiffness = np.diag(self.sign * self.omega**2 * elastic) if self.H is None else self.H
-        P = stiffness + s**2 * np.eye(len(self.omega)) + s * self.C
+        P = (stiffness + s**2 * np.eye(len(self.omega)) + s * self.C).astype(complex)
         if self.H is None:
             gap = (self.omega + 1j * s) * (self.omega - 1j * s) + s * self.C.diagonal()
             np.fill_diagonal(P, np.where((self.sign > 0) & elastic, gap, P.diagonal()))

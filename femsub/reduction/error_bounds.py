@@ -17,7 +17,7 @@ from femsub.model.estimate import SHARE, Estimate
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import all_modes
 from femsub.modes.shift_invert import RIGID
-from femsub.modes.static_shapes import DEPENDENT, NOISE
+from femsub.modes.static_shapes import NOISE, energy_directions
 from femsub.quadratic.dense import solve
 from femsub.quadratic.matching import match
 
@@ -84,10 +84,7 @@ class Nested:
         held = self.loads[first:kept]
         energy = shapes.T @ (self.K @ shapes)
         whole = energy.diagonal() + np.einsum("ij,ij->j", held, held / self.values[:count, None])
-        scale = np.where(whole > 0, whole, 1.0) ** -0.5
-        share, vectors = np.linalg.eigh(energy * np.outer(scale, scale))
-        good = share > DEPENDENT
-        change = scale[:, None] * vectors[:, good] / np.sqrt(share[good])
+        change, _ = energy_directions(energy, whole)
         mass = self.M.diagonal()[first:]
         inertia, turn = np.linalg.eigh((shapes[first:] @ change).T @ (mass[:, None] * (shapes[first:] @ change)))
         change = change @ turn
