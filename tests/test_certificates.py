@@ -213,7 +213,7 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
         assert not fs.complex_modes(sub, BELT, count=12).certified
         with pytest.raises(fs.NotConvergedError):
             fs.complex_modes(sub, BELT, count=12, certify=True)
-    monkeypatch.setattr("femsub.quadratic.search.KEPT", 400)  # beyond it only if asked
+    monkeypatch.setattr("femsub.quadratic.certificate.KEPT", 400)  # beyond it only if asked
     assert not fs.complex_modes(sub, BELT, count=12).certified and fs.complex_modes(sub, BELT, count=12, certify=True).certified
 
 

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.checks import CERTIFIED, CONFIRMED, NOT_CHECKED, Array
-from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.checks import CERTIFIED, Array
+from femsub.errors import InputError, MissedModesError, NotConvergedError
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE
-from femsub.linalg.shared import shared
 from femsub.linalg.threads import FEW, one_thread
-from femsub.model.bands import beyond, in_band
 from femsub.model.matrices import unit_length
-from femsub.quadratic import damping_split, dense, disc_count
-from femsub.quadratic.multiplicity import Search, clear_radius
-from femsub.quadratic.sparse import KEPT, Shifted
-from femsub.quadratic.winding_count import missed_around, undamped_reference
+from femsub.quadratic import dense
+from femsub.quadratic.certificate import MOST, certificate_of
+from femsub.quadratic.multiplicity import Search
+from femsub.quadratic.sparse import Shifted
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
-    from femsub.quadratic.disc_count import Count, Edge
-    from femsub.quadratic.region import Box, Region
-
-MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
+    from femsub.quadratic.disc_count import Count
+    from femsub.quadratic.region import Region
 
 
 class Found(NamedTuple):
@@ -70,25 +65,25 @@ def _by_lapack(pencil: Pencil) -> Found:
 
 def _by_pep(pencil: Pencil, region: Region, certify: bool | None) -> Found:
     """More and more of the eigenvalues nearest to 0, until the certificate says that none is missing in the region."""
-    problem, missed = Shifted(pencil), None
-    goal = Nearest(problem, region.count or 0, certify) if region.box is None else Enclosed(problem, region.box, certify)
+    problem = Shifted(pencil)
+    certificate = certificate_of(problem, region, certify)
     searched = Search(problem.nearest, pencil.size)
     while True:
-        if goal.ask > goal.most:
+        if certificate.ask > certificate.most:
             if pencil.size <= QUADRATIC:  # more than half of all
                 return _by_lapack(pencil)
             raise InputError(
-                f"the disc around 0 that holds the band has about {goal.ask} eigenvalues, and with a real shift all of them "
-                f"would have to be found ({MOST} at most); lower the band, narrow re=(a, b), or reduce the model")
+                f"the disc around 0 that holds the band has about {certificate.ask} eigenvalues, and with a real shift all of "
+                f"them would have to be found ({MOST} at most); lower the band, narrow re=(a, b), or reduce the model")
         try:
-            values, X = searched.found(goal.ask)
-            if goal.is_short(values):
+            values, X = searched.found(certificate.ask)
+            if certificate.is_short(values):
                 continue
-            missed = goal.missed(values, X)
+            missed = certificate.missed(values, X)
         except NotConvergedError:
             if pencil.size <= QUADRATIC:
                 return _by_lapack(pencil)
-            if not goal.is_found_without_proof():
+            if not certificate.is_found_without_proof():
                 raise
             continue
         if missed == 0 or (missed is None and searched.settled()):
@@ -98,169 +93,10 @@ def _by_pep(pencil: Pencil, region: Region, certify: bool | None) -> Found:
         if missed < 0 or searched.exhausted:
             if pencil.size <= QUADRATIC:
                 return _by_lapack(pencil)
-            raise MissedModesError(goal.lacking(missed))
-        goal.ask = searched.more(goal.ask, missed)
-    taken, mirrored = goal.taken(values)
+            raise MissedModesError(certificate.lacking(missed))
+        certificate.ask = searched.more(certificate.ask, missed)
+    taken, mirrored = certificate.taken(values)
     near, X = values[taken], X[:, taken]
     Y = problem.left(near, X, searched.ask, searched.searches)
     near, X, Y = (np.concatenate([part, part[..., mirrored].conj()], axis=-1) for part in (near, X, Y))
-    return Found(near, X, Y, values, goal.evidence, goal.counted)
-
-
-class _Disc:
-    """The count in a disc around 0, of a pencil with proportional damping but for a few columns."""
-
-    def __init__(self, problem: Shifted, wanted: bool) -> None:
-        self.problem = problem
-        self.counted: Count | None = None
-        self.parts = damping_split.split(problem.pencil) if wanted else None
-
-    def edge(self, radius: float) -> Edge | None:
-        """The undamped count at a radius, or up to 0.1 % beyond it where a mode is just there; None where there is none."""
-        for share in (0.0, 1e-5, 1e-3):
-            if (parts := self.parts) is not None:
-                there = radius * (1 + share)
-                try:
-                    return shared((parts.K0, parts.M), ("edge", there, parts.W.shape[1] > 0),
-                                  partial(disc_count.edge, parts, there))
-                except SingularMatrixError:
-                    continue
-        return None
-
-    def missed_in(self, at: Edge | None, values: Array, X: Array) -> int | None:
-        """How many are missing in the disc; None where nothing proves their number."""
-        self.counted = None if at is None else self._proved(at, X[:, np.abs(values) <= at.radius])
-        return None if self.counted is None else self.counted.number - _listed(values[np.abs(values) < self.counted.radius])
-
-    def _proved(self, at: Edge, inside: Array) -> Count | None:
-        problem, parts = self.problem, self.parts
-        assert parts is not None
-        if problem.pencil.symmetric[2]:  # K0 is K, and one of the factors at hand may do
-            found = None
-            if problem.shift == 0 and problem.factor.kind == "definite":
-                found = disc_count.count(parts, at, problem.factor.solve, 0.0, inside)
-            elif problem.handle is not None and problem.handle.factor.kind == "definite":
-                found = disc_count.count(parts, at, problem.handle.factor.solve, -problem.handle.sigma, inside)
-            if found is not None and found.proved:
-                return found
-        try:
-            found = disc_count.count(parts, at, *disc_count.definite(parts, at.radius), inside)
-        except SingularMatrixError:
-            return None
-        return found if found is not None and found.proved else None
-
-    def lacking(self, missed: int) -> str:
-        assert self.counted is not None
-        return (f"an independent count says that {self.counted.number} eigenvalues lie in |λ| < {self.counted.radius:.6g}, but "
-                f"{self.counted.number - missed} were found; ask for more or fewer, or for another band")
-
-    @property
-    def evidence(self) -> str:
-        return NOT_CHECKED if self.counted is None else self.counted.evidence
-
-
-class Nearest(_Disc):
-    """The `number` eigenvalues nearest to 0, conjugates included, and a disc that holds them."""
-
-    most = np.inf
-
-    def __init__(self, problem: Shifted, number: int, certify: bool | None) -> None:
-        super().__init__(problem, problem.pencil.size <= KEPT if certify is None else certify)
-        self.number, self.unasked = number, certify is None
-        # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for. A count needs a gap
-        # behind the last, and hence the next.
-        self.ask = number + (0 if problem.shift == 0 else 12) + (0 if self.parts is None else 2)
-
-    def _sure(self, values: Array) -> Array:
-        """Indices, ascending in |λ|, of those than which no other is nearer to 0."""
-        near = np.flatnonzero(~beyond(np.abs(values), np.abs(values - self.problem.shift).max() - self.problem.shift))
-        return near[np.argsort(np.abs(values[near]), kind="stable")]
-
-    def is_short(self, values: Array) -> bool:
-        """Whether others may be as near to 0 as those asked for; then `ask` is more."""
-        all_of_them = 2 * self.problem.pencil.size
-        if _listed(values[self._sure(values)]) >= self.number or _listed(values) >= all_of_them or self.ask >= all_of_them:
-            return False
-        self.ask = min(2 * self.ask, all_of_them)
-        return True
-
-    def missed(self, values: Array, X: Array) -> int | None:
-        """How many are missing by an independent count; None where there is none."""
-        if self.parts is None:
-            return None
-        radius = clear_radius(np.abs(values[self._sure(values)]), len(self.taken(values)[0]))
-        return self.missed_in(self.edge(radius), values, X)
-
-    def is_found_without_proof(self) -> bool:
-        """Whether the count, for which more are asked, is given up: what was not asked for must not be what fails."""
-        if self.parts is None or not self.unasked:
-            return False
-        self.parts, self.ask = None, self.ask - 2
-        return True
-
-    def taken(self, values: Array) -> tuple[Array, Array]:
-        """Indices of those asked for, and which of these have conjugates that are, too."""
-        sure = self._sure(values)
-        listed = np.cumsum(1 + (values[sure].imag != 0))
-        sure = sure[:int(np.searchsorted(listed, self.number)) + 1]
-        return sure, np.flatnonzero(values[sure].imag)
-
-
-class Enclosed(_Disc):
-    """All eigenvalues in a rectangle: by the count in the disc around it, or else by the winding number of det P."""
-
-    def __init__(self, problem: Shifted, box: Box, certify: bool | None) -> None:
-        super().__init__(problem, certify is not False)
-        pencil, (a, b, _, hi) = problem.pencil, box
-        self.box, self.most = box, float(min(pencil.size, MOST))
-        self.radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
-        self.at = self.edge(self.radius)
-        self.wound = pencil.size <= QUADRATIC if certify is None else certify  # by the winding number, if need be
-        self.known = self.at is None and self.wound  # whether `reference` has its modes
-        self.reference = undamped_reference(pencil, self.radius, self.known) if self.at is None else None
-        self.ask = 2 * (self.at.below if self.at else self.reference[1].counted[1] if self.reference else 10) + 12
-
-    def is_short(self, values: Array) -> bool:
-        """Whether there may be others in the disc around the rectangle; then `ask` is more."""
-        pencil = self.problem.pencil
-        if np.abs(values - self.problem.shift).max() >= self.radius or _listed(values) >= 2 * pencil.size:
-            return False
-        self.ask = int(min(2 * self.ask, self.most) if self.ask < self.most else self.most + 1)
-        return True
-
-    def missed(self, values: Array, X: Array) -> int | None:
-        """As for `Nearest`."""
-        missed = self.missed_in(self.at, values, X)
-        if missed is not None or not self.wound:
-            return missed
-        if not self.known:
-            self.reference, self.known = undamped_reference(self.problem.pencil, self.radius, True), True
-        if self.reference is None:
-            return None
-        return missed_around(self.problem.pencil, self.box, values, self.radius, self.reference)
-
-    def is_found_without_proof(self) -> bool:
-        """Never: nothing more is asked for a proof."""
-        return False
-
-    def lacking(self, missed: int) -> str:
-        return super().lacking(missed) if self.counted is not None else (
-            f"the winding number of det P says that {missed} eigenvalues around the band are missing; shift the band a little, "
-            "or narrow re=(a, b)")
-
-    @property
-    def evidence(self) -> str:
-        return CONFIRMED if self.counted is None and self.known and self.reference is not None else super().evidence
-
-    def taken(self, values: Array) -> tuple[Array, Array]:
-        """Indices of those in the rectangle, and which of these have conjugates in it."""
-        band, re = self.box[2:], self.box[:2]
-        taken = np.flatnonzero(in_band(values, band, re))
-        near = values[taken]
-        # of a double real eigenvalue, which rounding has split, both are in
-        return taken, np.flatnonzero((near.imag != 0) & in_band(near.conj(), band, re))
-
-
-def _listed(values: Array) -> int:
-    """How many eigenvalues these stand for, those with Im λ > 0 for two each."""
-    return len(values) + int(np.count_nonzero(values.imag))
+    return Found(near, X, Y, values, certificate.evidence, certificate.counted)
