@@ -6,6 +6,8 @@ import copy
 import dataclasses
 import inspect
 import pickle
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -136,6 +138,13 @@ def test_what_is_computed_by_a_copy_is_the_same() -> None:
     orbit = pickle.loads(pickle.dumps(cycle()))
     assert np.array_equal(orbit.floquet.values, cycle().floquet.values) and orbit.sticking == cycle().sticking
     assert fs.branch(orbit.contact.model, BELT, start=orbit, points=2).points[0].omega == pytest.approx(orbit.omega, rel=1e-6)
+
+
+def test_another_process_reads_what_was_pickled() -> None:
+    things = [made(name) for name in ("Belt", "Branch", "ReducedSubstructure", "Mesh")]
+    code = "import pickle, sys; print(*pickle.load(sys.stdin.buffer), sep='\\n')"
+    said = subprocess.run([sys.executable, "-c", code], input=pickle.dumps(things), capture_output=True, check=True).stdout
+    assert said.decode().splitlines() == [str(thing) for thing in things]
 
 
 def test_a_cycle_leaves_its_factor_behind() -> None:

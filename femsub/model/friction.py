@@ -176,7 +176,7 @@ def with_slope(law: Any, slope: float, speed: float) -> Any:
 
 
 class SlopeOfLaw(float):
-    """μ'(v0) that a belt has taken from its law."""
+    """μ'(v0) that a belt has taken from its law: beside a law it is taken anew, where another number must be that of the law."""
 
 
 @dataclass(frozen=True)

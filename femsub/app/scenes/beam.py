@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from femsub import Mesh, Substructure, beam
-from femsub.app.scene import Result
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
 from femsub.errors import InputError
@@ -71,9 +69,4 @@ class BeamScene(ComponentScene):
         return sub, Mesh(places[:, None], np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=self.name)
 
 
-SCENE = BeamScene
-
-
-def run(scene: BeamScene, progress: Callable[[str], None]) -> Result:
-    """Computes what `scene.outputs` names, and nothing else."""
-    return run_component(scene, progress)
+SCENE, run = BeamScene, run_component

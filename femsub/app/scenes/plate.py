@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from femsub import Mesh, Substructure, plate, rectangle
-from femsub.app.scene import Result
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
 from femsub.errors import InputError
@@ -87,9 +85,4 @@ class PlateScene(ComponentScene):
         return made.with_sets(corners=np.concatenate(ends))
 
 
-SCENE = PlateScene
-
-
-def run(scene: PlateScene, progress: Callable[[str], None]) -> Result:
-    """Computes what `scene.outputs` names, and nothing else."""
-    return run_component(scene, progress)
+SCENE, run = PlateScene, run_component

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from femsub import Material, Mesh, Substructure, annulus, solid
-from femsub.app.scene import Result
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
 from femsub.errors import InputError
@@ -106,15 +105,10 @@ class SolidScene(ComponentScene):
         return made.with_sets(contact=patch, mounts=mounts)
 
 
-SCENE = SolidScene
+SCENE, run = SolidScene, run_component
 
 
 def _motions(names: list[str]) -> dict[str, str]:
     """{"inner": "xyz", "symmetry": "x"} of ["inner", "symmetry:x"]."""
     pairs = (name.rpartition(":") if ":" in name else (name, ":", "xyz") for name in names)
     return {name: axes for name, _, axes in pairs}
-
-
-def run(scene: SolidScene, progress: Callable[[str], None]) -> Result:
-    """Computes what `scene.outputs` names, and nothing else."""
-    return run_component(scene, progress)
