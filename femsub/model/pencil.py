@@ -86,7 +86,7 @@ class Pencil(Frozen):
     def _with(self, **changed: Any) -> Pencil:
         """A copy with other fields, which are not checked again."""
         copy = object.__new__(Pencil)
-        copy._set(**self.__getstate__() | changed)
+        copy.__dict__.update({name: getattr(self, name) for name in ("M", "D", "K", "symmetric", "contacts")} | changed)
         if "K" not in changed:
             copy.__dict__["rescaled"] = self.rescaled
         return copy
