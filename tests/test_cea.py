@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.quadratic import dense as qep
+from femsub.quadratic import dense
 from femsub.quadratic.complex_modes import with_bars
 from femsub.quadratic.matching import match
 from femsub.quadratic.region import Region
@@ -138,13 +138,12 @@ def test_overdamped_modes_are_among_the_wanted_ones() -> None:
 
 @pytest.mark.parametrize("by", ["winding number of det P says that 2 eigenvalues", "56 eigenvalues lie in .* but 54 were found"])
 def test_a_missed_eigenvalue_is_noticed(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.quadratic import damping_split as splitting
-    from femsub.quadratic import sparse as pep
+    from femsub.quadratic import sparse
 
     if "winding" in by:
-        monkeypatch.setattr(splitting, "split", lambda pencil: None)
+        monkeypatch.setattr("femsub.quadratic.damping_split.split", lambda pencil: None)
 
-    original = pep.quadratic_modes
+    original = sparse.quadratic_modes
 
     def forgetful(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
         values, shapes = original(*arguments, **options)
@@ -154,7 +153,7 @@ def test_a_missed_eigenvalue_is_noticed(by: str, monkeypatch: pytest.MonkeyPatch
     sub = fs.chain(300, belt=2)
     exact = fs.complex_modes(sub, BELT, band=(0.0, 0.2))
     assert exact.certified
-    monkeypatch.setattr(pep, "quadratic_modes", forgetful)
+    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", forgetful)
     whole = fs.complex_modes(sub, BELT, band=(0.0, 0.2))  # by LAPACK, which can do a model as small as this
     assert whole.certified and np.allclose(whole.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
     monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 200)
@@ -289,7 +288,7 @@ def test_one_without_its_conjugate_beside_a_pair_has_its_own_certificate() -> No
     """Only where each is followed by its conjugate, value and shape, one of the two stands for both."""
     sub = fs.chain(20, belt=2)
     pencil = sub.linearised(fs.Belt(slope=-0.05))
-    values, X, Y = qep.solve(pencil.dense())
+    values, X, Y = dense.solve(pencil.dense())
     upper = np.flatnonzero(values.imag > 0)[:2]
     rows = [values[upper[0]], values[upper[0]].conj(), values[upper[1]].conj()]
     x, y = (np.stack([part[:, upper[0]], part[:, upper[0]].conj(), part[:, upper[1]].conj()], axis=1) for part in (X, Y))
@@ -334,7 +333,7 @@ def test_belts_on_many_dof_are_counted_whatever_rounding_they_leave_in_d(ask: di
     belts = [fs.Belt("one", slope=-1e-5), fs.Belt("two", slope=-2e-5), fs.Belt("one", slope=0.0)]
     found = fs.complex_modes(sub, belts, **ask)
     assert found.evidence == "confirmed" and found.counted
-    every = qep.solve(sub.linearised(belts).dense())[0]
+    every = dense.solve(sub.linearised(belts).dense())[0]
     assert np.count_nonzero(np.abs(every) < found.counted[0]) == found.counted[1]
 
 

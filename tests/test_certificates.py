@@ -13,10 +13,7 @@ import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.linalg.factor import factorise
 from femsub.linalg.petsc import Factor
-from femsub.quadratic import damping_split as splitting
-from femsub.quadratic import dense as qep
-from femsub.quadratic import disc_count as condensed
-from femsub.quadratic import sparse as pep
+from femsub.quadratic import damping_split, dense, disc_count, sparse
 from femsub.quadratic.matching import match
 
 BELT = fs.Belt(slope=-0.2677)
@@ -24,17 +21,17 @@ BELT = fs.Belt(slope=-0.2677)
 
 def in_disc(pencil: fs.Pencil, radius: float) -> int:
     """How many of LAPACK's eigenvalues lie in it."""
-    return int(np.count_nonzero(np.abs(qep.solve(pencil.dense())[0]) < radius))
+    return int(np.count_nonzero(np.abs(dense.solve(pencil.dense())[0]) < radius))
 
 
-def counted(pencil: fs.Pencil, radius: float, shapes: np.ndarray | None = None) -> condensed.Count | None:
-    parts = splitting.split(pencil)
-    at = condensed.edge(parts, radius)
+def counted(pencil: fs.Pencil, radius: float, shapes: np.ndarray | None = None) -> disc_count.Count | None:
+    parts = damping_split.split(pencil)
+    at = disc_count.edge(parts, radius)
     try:
         solve, mu = factorise(parts.K0, "definite").solve, 0.0
     except fs.SingularMatrixError:
-        solve, mu = condensed.definite(parts, radius)
-    return condensed.count(parts, at, solve, mu, np.zeros((pencil.size, 0)) if shapes is None else shapes)
+        solve, mu = disc_count.definite(parts, radius)
+    return disc_count.count(parts, at, solve, mu, np.zeros((pencil.size, 0)) if shapes is None else shapes)
 
 
 def contact(sub: fs.Substructure, seed: int, strength: float, flutter: float, rayleigh: tuple[float, float]) -> fs.Pencil:
@@ -59,7 +56,7 @@ def test_the_count_is_lapack_s_and_moves_with_the_contact(held: bool, flutter: f
         sub = lattice(9, 8, held=held, seed=seed)
         pencil = contact(sub, seed, strength, flutter, rayleigh)
         omega = fs.normal_modes(sub, count=24).frequencies
-        values, shapes, _ = qep.solve(pencil.dense())
+        values, shapes, _ = dense.solve(pencil.dense())
         for radius in (0.5 * (omega[9] + omega[10]), 0.9 * omega[20] + 0.1 * omega[21]):
             near = (np.abs(values) < 1.1 * radius) & (values.imag >= 0)
             found = counted(pencil, radius, shapes[:, near])
@@ -72,7 +69,7 @@ def test_the_count_is_lapack_s_and_moves_with_the_contact(held: bool, flutter: f
 def test_the_count_does_not_need_what_it_counts() -> None:
     """A mode left out of the basis leaves the number where it is: it is no premise."""
     pencil = fs.chain(150, belt=2).linearised(BELT)
-    values, shapes, _ = qep.solve(pencil.dense())
+    values, shapes, _ = dense.solve(pencil.dense())
     near = np.flatnonzero((np.abs(values) < 0.24) & (values.imag >= 0))
     for left_out in ([], [0], [3, 4, 5], list(range(len(near)))):
         found = counted(pencil, 0.2081, shapes[:, np.delete(near, left_out)])
@@ -81,7 +78,7 @@ def test_the_count_does_not_need_what_it_counts() -> None:
 
 def test_an_unproved_count_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """A bad basis widens the margin; it must not give a number that is not one."""
-    monkeypatch.setattr(condensed, "ROUNDS", 1)
+    monkeypatch.setattr("femsub.quadratic.disc_count.ROUNDS", 1)
     sub = lattice(12, 10, held=True, seed=3)
     pencil = contact(sub, 3, 30.0, 0.0, (0.0, 0.0))
     omega = fs.normal_modes(sub, count=60).frequencies
@@ -96,11 +93,11 @@ def test_the_bound_of_what_the_basis_lacks_holds_and_is_no_luxury(mu: float, ray
     pencil = contact(sub, 2, 1.0, 0.0, rayleigh)
     omega = fs.normal_modes(sub, count=20).frequencies
     R = 1.0001 * omega[7]
-    parts, mu = splitting.split(pencil), mu * R**2
+    parts, mu = damping_split.split(pencil), mu * R**2
     K, M, W = parts.K0.toarray(), parts.M.toarray(), parts.W
-    basis = condensed._Basis(parts, factorise(sp.csr_array(K + mu * M), "definite").solve, mu)
+    basis = disc_count._Basis(parts, factorise(sp.csr_array(K + mu * M), "definite").solve, mu)
     basis.add(basis.static)
-    small = basis.small(condensed.edge(parts, R))
+    small = basis.small(disc_count.edge(parts, R))
     s = small.contour()
     amplitude, _ = small._amplitudes(s)
     weights, kappa = small.weights(s), small._kappa(s)
@@ -118,7 +115,7 @@ def test_splitting_finds_proportional_damping_dashpots_and_friction() -> None:
     sub = lattice(10, 10, held=True, seed=1)
     for rayleigh in ((0.0, 0.0), (0.3, 0.0), (0.0, 2e-3), (0.3, 2e-3)):
         pencil = contact(sub, 5, 1.0, 0.1, rayleigh)
-        parts = splitting.split(pencil)
+        parts = damping_split.split(pencil)
         assert parts is not None and parts.W.shape[1] == 2
         assert np.allclose((parts.alpha, parts.beta), rayleigh, rtol=1e-11, atol=0)
         assert np.allclose(parts.W.T @ parts.W, np.eye(2), atol=1e-14)
@@ -127,7 +124,7 @@ def test_splitting_finds_proportional_damping_dashpots_and_friction() -> None:
             whole = (1 + parts.beta * s) * (parts.K0 + parts.squared(s) * parts.M) + parts.W @ C @ parts.W.T
             assert np.abs(whole - pencil.at(s)).max() < 1e-12 * np.abs(pencil.at(s)).max()
     rng = np.random.default_rng(0)
-    assert splitting.split(fs.Pencil(sub.M, sp.diags_array(rng.random(sub.size)), sub.K)) is None  # a dashpot at each DOF
+    assert damping_split.split(fs.Pencil(sub.M, sp.diags_array(rng.random(sub.size)), sub.K)) is None  # a dashpot at each DOF
 
 
 @pytest.mark.parametrize("ask", [{"count": 20}, {"band": (0.0, 0.1)}, {"band": (0.02, 0.1), "re": (-0.01, 0.05)}])
@@ -137,20 +134,20 @@ def test_a_large_model_is_counted_and_a_removed_eigenvalue_noticed(ask: dict[str
     ask = ask if "band" not in ask else {key: tuple(0.1 * edge for edge in pair) for key, pair in ask.items()}
     modes = fs.complex_modes(sub, BELT, certify=True, **ask)
     assert modes.certified and modes.counted is not None and modes.counted[1] % 2 == 0
-    original = pep.quadratic_modes
+    original = sparse.quadratic_modes
 
     def forgetful(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
         values, shapes = original(*arguments, **options)
         keep = np.setdiff1d(np.arange(len(values)), np.argsort(np.abs(values))[4])
         return values[keep], shapes[:, keep]
 
-    monkeypatch.setattr(pep, "quadratic_modes", forgetful)
+    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", forgetful)
     with pytest.raises(fs.MissedModesError, match="independent count"):
         fs.complex_modes(sub, BELT, certify=True, **ask)
 
 
 def test_what_is_missing_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
-    original, calls = pep.quadratic_modes, []
+    original, calls = sparse.quadratic_modes, []
 
     def forgetful_once(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
         values, shapes = original(*arguments, **options)
@@ -160,7 +157,7 @@ def test_what_is_missing_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
 
     sub = fs.chain(3000, belt=2)
     exact = fs.complex_modes(sub, BELT, band=(0.0, 0.01))
-    monkeypatch.setattr(pep, "quadratic_modes", forgetful_once)
+    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", forgetful_once)
     again = fs.complex_modes(sub, BELT, band=(0.0, 0.01))
     assert len(calls) == 2 and np.allclose(again.eigenvalues, exact.eigenvalues, rtol=1e-10)
 
@@ -168,7 +165,7 @@ def test_what_is_missing_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_sign_of_friction_is_seen_by_the_count() -> None:
     sub = fs.chain(60, belt=1, damping=0.1)
     pencils = [sub.linearised(fs.Belt(slope=slope)) for slope in (-4.0, 4.0)]
-    values = [qep.solve(pencil.dense())[0] for pencil in pencils]
+    values = [dense.solve(pencil.dense())[0] for pencil in pencils]
     assert values[0].real.max() > 2.2 and values[1].real.max() < 0
     radius = 0.5 * (np.abs(values[0]).max() + np.abs(values[1]).max())
     numbers = [counted(pencil, radius) for pencil in pencils]
@@ -182,7 +179,7 @@ def test_so_many_dashpots_and_no_more_are_taken_out(rayleigh: tuple[float, float
     for count, split in ((40, True), (41, False), (3000, False)):
         where = rng.choice(3000, count, replace=False)
         dashpots = sp.csr_array((rng.random(count) + 0.1, (where, where)), shape=(3000, 3000))
-        parts = splitting.split(fs.Pencil(sub.M, dashpots + rayleigh[0] * sub.M + rayleigh[1] * sub.K, sub.K))
+        parts = damping_split.split(fs.Pencil(sub.M, dashpots + rayleigh[0] * sub.M + rayleigh[1] * sub.K, sub.K))
         assert (parts is not None) == split
         assert parts is None or parts.W.shape[1] == count
         assert parts is None or np.allclose((parts.alpha, parts.beta), rayleigh, rtol=1e-9, atol=0)
@@ -192,7 +189,7 @@ def test_stored_zeros_are_no_contact() -> None:
     sub = lattice(10, 10, held=True, seed=1)
     there = (np.array([3, 5]), np.array([5, 3]))
     zeros, flutter = (sp.csr_array((values, there), shape=sub.K.shape) for values in (np.zeros(2), np.array([0.1, -0.1])))
-    parts = splitting.split(fs.Pencil(sub.M, zeros, sub.K + flutter))
+    parts = damping_split.split(fs.Pencil(sub.M, zeros, sub.K + flutter))
     assert parts is not None and parts.W.shape == (sub.size, 2) and not parts.C_D.any()
 
 
@@ -201,15 +198,15 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
     found = fs.complex_modes(sub, BELT, count=12)
     assert found.certified and found.counted is not None and found.counted[1] >= 12 == len(found)
     monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 400)  # not for LAPACK
-    nearest = pep.Shifted.nearest
+    nearest = sparse.Shifted.nearest
     with monkeypatch.context() as patched:  # what is not asked for must not be what fails
 
-        def stubborn(self: pep.Shifted, count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        def stubborn(self: sparse.Shifted, count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
             if count > 12:
                 raise fs.NotConvergedError(f"0 of {count} complex modes converged")
             return nearest(self, count, seed)
 
-        patched.setattr(pep.Shifted, "nearest", stubborn)
+        patched.setattr(sparse.Shifted, "nearest", stubborn)
         assert not fs.complex_modes(sub, BELT, count=12).certified
         with pytest.raises(fs.NotConvergedError):
             fs.complex_modes(sub, BELT, count=12, certify=True)
@@ -225,10 +222,10 @@ def test_the_count_costs_one_factorisation_and_a_few_solves() -> None:
             fs.complex_modes(sub, BELT, certify=certify, **ask)
             made[name, certify] = Factor.made - before
     assert made == {("count", False): 1, ("count", True): 2, ("band", False): 2, ("band", True): 2}
-    parts = splitting.split(sub.linearised(BELT))
-    at = condensed.edge(parts, 0.0105)
+    parts = damping_split.split(sub.linearised(BELT))
+    at = disc_count.edge(parts, 0.0105)
     modes = fs.complex_modes(sub, BELT, band=(0.0, 0.012), certify=False)
-    found = condensed.count(parts, at, factorise(parts.K0, "definite").solve, 0.0, modes.shapes)
+    found = disc_count.count(parts, at, factorise(parts.K0, "definite").solve, 0.0, modes.shapes)
     assert found is not None and found.proved and found.solves <= modes.shapes.shape[1] + 2 * parts.W.shape[1]
 
 
@@ -243,7 +240,7 @@ def test_condition_is_tisseur_s_and_bounds_what_perturbations_do() -> None:
     for _ in range(60):
         dM, dD, dK = (norm * a / np.linalg.norm(a, 2) for norm, a in
                       zip(pencil.norms, rng.standard_normal((3, 10, 10)), strict=True))
-        moved = qep.solve(fs.Pencil(M + eps * dM, D + eps * dD, K + eps * dK))[0]
+        moved = dense.solve(fs.Pencil(M + eps * dM, D + eps * dD, K + eps * dK))[0]
         _, to = match(modes.eigenvalues, moved)
         ratio = np.abs(moved[to] - modes.eigenvalues) / (eps * modes.condition * np.abs(modes.eigenvalues))
         largest = max(largest, float(ratio.max()))

@@ -8,7 +8,6 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.linalg import factor as factors
 from femsub.linalg.factor import TreeFactor, counting, inertia
 from femsub.linalg.ordering import good_order, leaves_first
 from femsub.linalg.petsc import Factor
@@ -73,7 +72,7 @@ def test_a_count_keeps_no_factor_and_finds_the_same(monkeypatch: pytest.MonkeyPa
     assert isinstance(lost, Factor) and lost._factor.getMumpsIcntl(31) == 1  # MUMPS throws it away as it goes
     with pytest.raises(fs.InputError, match="not kept"):
         lost.solve(np.ones(sub.size))
-    monkeypatch.setattr(factors, "SMALL", 1000)  # the same by LAPACK
+    monkeypatch.setattr("femsub.linalg.factor.SMALL", 1000)  # the same by LAPACK
     assert inertia(A) == lost.negative_pivots
 
 

@@ -10,13 +10,10 @@ import pytest
 
 import femsub as fs
 from benchmarks.lattices import membrane, membrane_eigenvalues
-from femsub.linalg import petsc as _slepc
+from femsub.linalg import petsc
 from femsub.model import pencil
-from femsub.modes import normal_modes as eigen
-from femsub.quadratic import damping_split as splitting
-from femsub.quadratic import dense as qep
-from femsub.quadratic import port_function as crossing
-from femsub.quadratic import sparse as pep
+from femsub.modes import normal_modes
+from femsub.quadratic import dense, port_function, sparse
 from femsub.stability import border
 
 BELT = fs.Belt(slope=-0.2677)
@@ -56,7 +53,7 @@ def moved(place: int, by: float) -> Callable:
 
 # normal modes: the pair λ_12 = λ_21 of a square membrane, dense (LAPACK) and sparse (Krylov-Schur)
 
-SOLVERS = {"dense": (eigen, "dense_modes", 6), "sparse": (_slepc, "symmetric_modes", 30)}
+SOLVERS = {"dense": (normal_modes, "dense_modes", 6), "sparse": (petsc, "symmetric_modes", 30)}
 
 
 @pytest.mark.parametrize("path", SOLVERS)
@@ -111,7 +108,7 @@ def test_reductions_notice_it_too(path: str, monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize("by", [1e-6, 1e-8])
 def test_a_perturbed_eigenvalue_of_a_dense_pencil_is_loud(by: float, monkeypatch: pytest.MonkeyPatch) -> None:
     exact = fs.complex_modes(fs.chain(10, belt=2), BELT)
-    after(monkeypatch, qep, "solve", moved(6, by))
+    after(monkeypatch, dense, "solve", moved(6, by))
     with pytest.warns(fs.FemsubWarning, match="has a backward error of"):
         modes = fs.complex_modes(fs.chain(10, belt=2), BELT)
     error = np.abs(modes.eigenvalues - exact.eigenvalues)
@@ -122,7 +119,7 @@ def test_a_perturbed_eigenvalue_of_a_dense_pencil_is_loud(by: float, monkeypatch
 def test_a_perturbed_eigenvalue_of_a_sparse_pencil_is_in_its_error_bar(by: float, monkeypatch: pytest.MonkeyPatch) -> None:
     sub = fs.chain(300, belt=2)
     exact = fs.complex_modes(sub, BELT, count=12)
-    after(monkeypatch, pep, "quadratic_modes", moved(3, by))
+    after(monkeypatch, sparse, "quadratic_modes", moved(3, by))
     # A backward error is taken against the norm of K, of which low modes make up little: the error bar is what tells.
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -136,7 +133,7 @@ def test_a_perturbed_eigenvalue_of_a_sparse_pencil_is_in_its_error_bar(by: float
 def test_a_lost_eigenvalue_of_a_dense_pencil_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     twins = fs.Substructure(np.eye(8), np.kron(np.eye(2), fs.chain(4).K.toarray()), 0.1 * np.eye(8))
     assert len(fs.complex_modes(twins)) == 16
-    after(monkeypatch, qep, "solve", without(1))
+    after(monkeypatch, dense, "solve", without(1))
     with pytest.raises(fs.MissedModesError, match="15 eigenvalues"):
         fs.complex_modes(twins)
 
@@ -146,7 +143,7 @@ def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place
     sub = membrane(16).with_damping(0.01 * membrane(16).K)
     exact = fs.complex_modes(sub, band=(0.0, 0.5))
     assert exact.certified
-    after(monkeypatch, pep, "quadratic_modes", without(place))
+    after(monkeypatch, sparse, "quadratic_modes", without(place))
     # Another search sees another vector of the pair; what none sees is LAPACK's.
     again = fs.complex_modes(sub, band=(0.0, 0.5))
     assert again.certified and np.allclose(again.eigenvalues, exact.eigenvalues, rtol=1e-9)
@@ -161,15 +158,15 @@ def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place
 def test_a_ghost_does_not_make_up_for_a_missed_pair(ask: dict, way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if way == "winding number":
         ask = {"band": (0.0, 0.5)}  # a count is not checked by it
-        monkeypatch.setattr(splitting, "split", lambda pencil: None)
+        monkeypatch.setattr("femsub.quadratic.damping_split.split", lambda pencil: None)
     sub = membrane(16).with_damping(0.01 * membrane(16).K)
     exact = fs.complex_modes(sub, **ask)
     with monkeypatch.context() as planted:
-        after(planted, pep, "quadratic_modes", twice(3))  # as many as there are, one of them twice and its neighbour lost
+        after(planted, sparse, "quadratic_modes", twice(3))  # as many as there are, one of them twice and its neighbour lost
         modes = fs.complex_modes(sub, **ask)
         assert modes.certified and np.allclose(modes.eigenvalues, exact.eigenvalues, rtol=1e-9)
     monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 100)  # not for LAPACK
-    after(monkeypatch, pep, "quadratic_modes", twice(3))
+    after(monkeypatch, sparse, "quadratic_modes", twice(3))
     with pytest.raises(fs.MissedModesError, match=way):
         fs.complex_modes(fs.chain(200, damping=0.0).with_damping(0.01 * fs.chain(200).K), certify=True,
                          **{key: value if key == "count" else (0.0, 0.1) for key, value in ask.items()})
@@ -179,21 +176,21 @@ def test_a_ghost_does_not_make_up_for_a_missed_pair(ask: dict, way: str, monkeyp
 
 @pytest.mark.parametrize("factor", [0.99, 1.01])
 def test_a_perturbed_border_is_noticed(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    original = crossing.PortFunction.crossings
+    original = port_function.PortFunction.crossings
 
     def spoilt(self: object, lo: float, hi: float) -> tuple[np.ndarray, np.ndarray]:
         omega, c = original(self, lo, hi)
         return omega, np.where(np.arange(len(c)) == 0, factor * c, c)
 
     assert float(fs.critical_slope(fs.chain(10, belt=2))) == pytest.approx(-0.025567, abs=1e-6)
-    monkeypatch.setattr(crossing.PortFunction, "crossings", spoilt)
+    monkeypatch.setattr(port_function.PortFunction, "crossings", spoilt)
     with pytest.raises(fs.NotConvergedError, match="unstable already"):
         fs.critical_slope(fs.chain(10, belt=2))
 
 
 def test_a_lost_border_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = crossing.PortFunction.crossings
-    monkeypatch.setattr(crossing.PortFunction, "crossings",
+    original = port_function.PortFunction.crossings
+    monkeypatch.setattr(port_function.PortFunction, "crossings",
                         lambda self, lo, hi: tuple(part[1:] for part in original(self, lo, hi)))
     with pytest.raises(fs.NotConvergedError, match="unstable already"):
         fs.critical_slope(fs.chain(10, belt=2))
@@ -236,8 +233,8 @@ def test_a_flipped_sign_in_the_contact_fails(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_flipped_sign_in_the_border_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = crossing.PortFunction.exact
-    monkeypatch.setattr(crossing.PortFunction, "exact", lambda self, omega: tuple(-part for part in original(self, omega)))
+    original = port_function.PortFunction.exact
+    monkeypatch.setattr(port_function.PortFunction, "exact", lambda self, omega: tuple(-part for part in original(self, omega)))
     with pytest.raises((AssertionError, fs.FemsubError)):
         sign_of_friction()
 

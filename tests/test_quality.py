@@ -160,11 +160,11 @@ def test_a_large_sparse_model_in_a_band() -> None:
 
 
 def test_a_sequence_solves_the_full_model_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    import femsub.studies.self_excitation as quality
+    from femsub.studies import self_excitation
 
     asked: list[int] = []
-    original = quality.complex_modes
-    monkeypatch.setattr(quality, "complex_modes", lambda model, *rest, **more: asked.append(model.size) or original(
+    original = self_excitation.complex_modes
+    monkeypatch.setattr(self_excitation, "complex_modes", lambda model, *rest, **more: asked.append(model.size) or original(
         model, *rest, **more))
     models = [reduced(fs.CraigBampton, size) for size in (4, 6)]
     both = fs.self_excitation(FULL, models, BELT)

@@ -13,8 +13,6 @@ from femsub.errors import InputError, MissedModesError, NotConvergedError, NotEn
 from femsub.linalg import memory
 from femsub.linalg.factor import factorise
 from femsub.linalg.petsc import Factor
-from femsub.modes import block_lanczos as lanczos
-from femsub.modes import normal_modes as eigen
 from femsub.modes.block_lanczos import block_lanczos
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -30,14 +28,14 @@ def every_model_is_heavy(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         asked.append(args[3])  # type: ignore[arg-type]
         return block_lanczos(*args, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(eigen, "HEAVY", 0.0)
-    monkeypatch.setattr(lanczos, "block_lanczos", counted)
+    monkeypatch.setattr("femsub.modes.normal_modes.HEAVY", 0.0)
+    monkeypatch.setattr("femsub.modes.block_lanczos.block_lanczos", counted)
     return asked
 
 
 @pytest.mark.parametrize("block", [1, 3, 10])
 def test_block_lanczos_finds_pairs(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
-    monkeypatch.setattr(lanczos, "BLOCK", block)
+    monkeypatch.setattr("femsub.modes.block_lanczos.BLOCK", block)
     sub = membrane(40)
     values, shapes = block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-10)
     order = np.argsort(values)
@@ -67,7 +65,7 @@ def test_block_lanczos_where_the_space_is_soon_exhausted() -> None:
 
 
 def test_block_lanczos_says_when_it_has_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lanczos, "RESTARTS", 0)
+    monkeypatch.setattr("femsub.modes.block_lanczos.RESTARTS", 0)
     sub = membrane(40)
     with pytest.raises(NotConvergedError, match=r"of 30 modes converged to 1e-13 within 0 restarts"):
         block_lanczos(Factor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-13)
@@ -80,7 +78,7 @@ def test_a_heavy_model_is_reduced_to_the_same(method: fs.CraigBampton | fs.Craig
     before = Factor.made
     heavy = fs.reduce(sub, method, ports=True)
     assert every_model_is_heavy == [15] and Factor.made - before == 2  # the basis, and the count
-    monkeypatch.setattr(eigen, "HEAVY", np.inf)
+    monkeypatch.setattr("femsub.modes.normal_modes.HEAVY", np.inf)
     plain = fs.reduce(sub, method, ports=True)
     assert len(every_model_is_heavy) == 1
     np.testing.assert_allclose(np.linalg.eigvals(np.linalg.solve(heavy.M, heavy.K)).real.sum(),
@@ -94,7 +92,7 @@ def test_a_mode_that_block_lanczos_hides_is_an_error(monkeypatch: pytest.MonkeyP
         keep = np.argsort(values) != 4
         return np.sort(values)[keep], shapes[:, np.argsort(values)][:, keep]
 
-    monkeypatch.setattr(lanczos, "block_lanczos", blind)
+    monkeypatch.setattr("femsub.modes.block_lanczos.block_lanczos", blind)
     with pytest.raises(MissedModesError, match=r"modes were found below ω = .*, but the inertia of K - ω²M counts"):
         fs.reduce(lattice(40, 30, held=True), fs.CraigBampton(12))
 

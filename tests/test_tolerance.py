@@ -19,7 +19,7 @@ from femsub.linalg.factor import inertia
 from femsub.linalg.petsc import Factor
 from femsub.model.bands import within
 from femsub.model.estimate import SHARE
-from femsub.modes import normal_modes as eigen
+from femsub.modes import normal_modes
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.quadratic.matching import match
@@ -212,7 +212,7 @@ def test_modes_are_added_to_and_not_sought_again() -> None:
 
 
 def test_a_mode_that_the_search_has_missed_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = eigen.lowest_modes
+    original = normal_modes.lowest_modes
 
     def forgetful(handle: ShiftInvert, count: int, **options: bool) -> fs.NormalModes:
         found = original(handle, count + 1, **options)
