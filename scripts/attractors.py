@@ -45,7 +45,7 @@ from benchmarks.attractor_states import Motion
 from femsub.app import report
 from femsub.app.scene import Result
 from femsub.studies.self_excitation import CRITERIA, table_rows
-from femsub.tables import table
+from femsub.studies.tables import table
 
 SHORT = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC"}
 MEASURED = ("distance", "error_spectrum", "error_frequency", "error_amplitude")

@@ -35,7 +35,7 @@ from benchmarks import comparisons as tasks
 from benchmarks.processes import Row, fresh, machine
 from femsub.app import report
 from femsub.app.scene import Result
-from femsub.tables import table
+from femsub.studies.tables import table
 
 PARTS = ("assembly", "bases", "cea")
 SIZES: dict[bool, Row] = {  # by --quick: bricks, nodes of the interface, modes

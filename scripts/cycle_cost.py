@@ -23,7 +23,7 @@ from femsub.io.atomic import write_whole
 from femsub.motion.cycles import compliance
 from femsub.motion.cycles.balance import Balance
 from femsub.motion.nonlinear_model import sliding
-from femsub.tables import table
+from femsub.studies.tables import table
 
 
 def models(modes: int) -> dict[str, tuple[fs.Substructure, fs.Belt]]:

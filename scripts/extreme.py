@@ -38,7 +38,7 @@ from benchmarks.extreme.table import CASES
 from benchmarks.extreme.verdict import FIGURES, Row, evaluate
 from femsub.app import report
 from femsub.app.scene import Result
-from femsub.tables import table
+from femsub.studies.tables import table
 
 
 def run(names: list[str], limit: float) -> list[Row]:

@@ -41,7 +41,7 @@ from benchmarks import models
 from benchmarks.processes import Row, fresh, machine, peak_mb, warm_up
 from femsub.app import report
 from femsub.app.scene import Result
-from femsub.tables import table
+from femsub.studies.tables import table
 
 STEPS = ("assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC")
 METHODS: dict[str, Any] = {"HCB": fs.CraigBampton, "CC": fs.CraigChang}

@@ -10,7 +10,7 @@ import numpy as np
 
 from femsub.errors import InputError
 from femsub.reduction.reduce import METHODS
-from femsub.tables import known, table
+from femsub.studies.tables import known, table
 
 APART = 1.25  # factor in time, beyond the spread of the runs, below which two models are equally quick
 VERDICT = {True: "yes", False: "no", None: "?"}

@@ -20,7 +20,7 @@ from femsub.model.friction import LAWS
 from femsub.quadratic.matching import relative_error
 from femsub.reduction.reduce import METHODS
 from femsub.studies.error_vs_time import border_or_reason
-from femsub.tables import known, table
+from femsub.studies.tables import known, table
 
 Progress = Callable[[str], None]
 

@@ -19,7 +19,7 @@ from femsub.linalg.factor import QUADRATIC
 from femsub.motion.cycles.continuation import PARAMETERS, with_parameter
 from femsub.motion.cycles.initial_guess import of_signal, onsets
 from femsub.motion.nonlinear_model import sliding
-from femsub.tables import known, table
+from femsub.studies.tables import known, table
 
 Progress = Callable[[str], None]
 NEAR = 0.05  # frequencies of two models that differ by less belong to the same mode

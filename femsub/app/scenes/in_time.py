@@ -27,7 +27,7 @@ from femsub.motion.nonlinear_model import sliding
 from femsub.motion.signals import Spectrum
 from femsub.quadratic.matching import relative_error
 from femsub.studies.self_excitation import table_rows
-from femsub.tables import table
+from femsub.studies.tables import table
 from femsub.timing import Interruptible
 
 LISTED = 3  # frequencies in the table

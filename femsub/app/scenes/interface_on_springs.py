@@ -12,7 +12,7 @@ from femsub.app.figure_style import look
 from femsub.app.scene import Result
 from femsub.app.scenes.component import UP_TO, Work
 from femsub.checks import Array
-from femsub.tables import table
+from femsub.studies.tables import table
 
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of the springs to the component's own static stiffness at the interface
 

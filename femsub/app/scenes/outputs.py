@@ -18,7 +18,7 @@ from femsub.checks import Array
 from femsub.model.bands import in_band
 from femsub.quadratic.matching import listed, relative_error
 from femsub.studies.error_vs_time import border_or_reason
-from femsub.tables import known, table
+from femsub.studies.tables import known, table
 
 DRAWN = 6  # of the normal modes
 

@@ -19,7 +19,7 @@ from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.motion.nonlinear_model import project
 from femsub.quadratic.matching import relative_error
-from femsub.tables import table
+from femsub.studies.tables import table
 from femsub.timing import Interruptible
 
 POINTS = 40  # of the recorded grid, per period
