@@ -20,6 +20,8 @@ from femsub.linalg.petsc import Factor
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.motion.cycles.compliance import compliance
 from femsub.motion.nonlinear_model import sliding
+from femsub.quadratic.port_function import port_responses
+from femsub.stability import border
 
 BELT = fs.Belt("belt", force=1.0, slope=-1e-4)
 BAND = (0.0, 0.02)
@@ -37,9 +39,9 @@ def long_chain() -> fs.Substructure:
     return fs.chain(2500, belt=2, interface=(1, 900))
 
 
-def plate() -> fs.Substructure:
+def plate(cells: tuple[int, int] = (14, 12)) -> fs.Substructure:
     """Its DOF are deflections and slopes, in units of their own."""
-    return fs.plate(fs.rectangle((1.0, 0.8), (14, 12)), E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01,
+    return fs.plate(fs.rectangle((1.0, 0.8), cells), E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01,
                     supports={"left": "clamped"}, interface=["right"], ports={"belt": (0.5, 0.4)}, rayleigh=(1.0, 1e-6))
 
 
@@ -85,12 +87,29 @@ def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
     assert made(lambda: fs.complex_modes(sub, BELT, band=BAND)) == 2
     assert made(lambda: fs.complex_modes(sub, fs.Belt("belt", force=2.0, slope=-1e-4), band=BAND)) == 0
     assert made(lambda: fs.normal_modes(sub, 10)) == 1
-    assert made(lambda: fs.sweep(long_chain(), np.linspace(0, -1e-3, 20), band=BAND)) <= 3  # one where Re λ is bounded
-    assert made(lambda: fs.sweep(sub, np.linspace(0, -1e-3, 20), band=BAND)) <= 2
+    assert made(lambda: fs.sweep(long_chain(), np.linspace(0, -1e-3, 20), band=BAND)) <= 3  # one of them bounds Re λ
 
 
-def test_a_border_takes_one_factor_and_one_count() -> None:
+def test_a_border_takes_one_factor_and_one_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(border, "port_responses", None)  # nor one that nobody counts
     assert made(lambda: fs.critical_slope(long_chain(), band=BAND)) == 2
+    assert made(lambda: fs.critical_slope(plate((26, 30)), band=(0.0, 1500.0))) == 2
+
+
+@pytest.mark.parametrize(("damping", "iterated"), [(1e-3, True), (50.0, False)])
+def test_a_response_beyond_the_basis_is_found_by_its_factor_or_by_a_complex_one(damping: float, iterated: bool,
+                                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    sub = fs.chain(400, belt=2, damping=0.1)
+    sub = sub.with_damping(sub.D + damping * sub.K)
+    taken: list[int] = []
+    monkeypatch.setattr(border, "port_responses", lambda *given: taken.append(1) or port_responses(*given))
+    W, omega = sub.port("belt")[:, None], 0.1
+    basis = border._Growing(sub.pencil, W, 0.2)
+    Z = basis._beyond(omega)
+    assert len(taken) == (not iterated)
+    x = np.linalg.solve(sub.pencil.at(1j * omega).toarray(), W)
+    space = np.linalg.qr(np.hstack([basis.V, Z.real, Z.imag]))[0]
+    assert np.linalg.norm(x - space @ (space.T @ x)) < 1e-11 * np.linalg.norm(x)
 
 
 def test_models_in_units_of_their_own_share_too() -> None:
@@ -206,7 +225,7 @@ def test_no_number_depends_on_it(make: Callable[[], fs.Substructure], band: tupl
 
 # transposed -----------------------------------------------------------------------------------------------------------
 
-def unsymmetric(n: int = 900) -> fs.Pencil:
+def unsymmetric(n: int = 300) -> fs.Pencil:
     sub = fs.chain(n, belt=2, damping=0.1)
     rng = np.random.default_rng(4)
     rows, columns = rng.integers(0, n, (2, 40))
@@ -231,6 +250,6 @@ def test_left_vectors_take_no_factor_of_their_own() -> None:
     pencil = unsymmetric()
     assert made(lambda: fs.complex_modes(pencil, count=8, certify=False)) == 1
     found = fs.complex_modes(pencil, count=8, certify=False)
-    true = np.linalg.eigvals(np.block([[np.zeros((900, 900)), np.eye(900)], [-pencil.K.toarray(), -pencil.D.toarray()]]))
+    true = np.linalg.eigvals(np.block([[np.zeros((300, 300)), np.eye(300)], [-pencil.K.toarray(), -pencil.D.toarray()]]))
     off = np.abs(found.eigenvalues[:, None] - true).min(axis=1)
     assert np.isfinite(found.error_bar).all() and (off <= found.error_bar + 1e-12).all()

@@ -22,6 +22,8 @@ from femsub.quadratic.port_function import PortFunction, port_responses
 from femsub.stability.bracketing import BESIDE, bracketed
 from femsub.stability.contact_model import MARGIN, TOGETHER, Band, Border, Model
 
+STEPS = 60  # of the iteration for a response, before it is left to a complex factor
+SETTLED, ROUNDED = 1e-12, 1e-9  # change of Z that is small enough, relative to it; and what rounding may leave, to the response
 ROUNDS = 8  # in which the basis of a large model may grow
 NEXT = 1e-3  # of an edge of the band, up to which an undamped mode may cross on it
 
@@ -168,7 +170,7 @@ class _Growing:
 
     def __init__(self, model: Pencil, W: Array, limit: float) -> None:
         self.full, self.load = model, W
-        handle = ShiftInvert(model.K, model.M)
+        self.handle = handle = ShiftInvert(model.K, model.M)
         modes = modes_below(model.K, model.M, limit, handle)
         if modes.rigid == len(modes.eigenvalues):
             modes = lowest_modes(handle, 1)
@@ -200,12 +202,35 @@ class _Growing:
     def grow(self, omega: Array) -> None:
         if not len(omega):
             return
-        new = np.hstack([port_responses(self.full, 1j * value, self.load)[0] for value in omega])
+        new = np.hstack([self._beyond(value) for value in omega])
         new, _ = orthonormal(np.hstack([new.real, new.imag]), self.full.M.__matmul__, self.V)
         cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
         cross[:self.rigid] = 0.0  # K resists no rigid motion: rounding beside exact zeros would pass for a soft mount
         self.K = np.block([[self.K, cross], [cross.T, (own + own.T) / 2]])
         self.V = np.hstack([self.V, new])
+
+
+    def _beyond(self, omega: float) -> Array:
+        """Z (n, p) that spans with V the response P(iω)⁻¹W = VQ + Z.
+
+        VᵀMZ = 0: Z is made of modes beyond the band, on which A = K - σM is near P(iω), so that Z ← Z + A⁻¹(W - P(VQ + Z))
+        contracts, with Q by Galerkin's condition. Where too much damping keeps it from that, a complex factor does it.
+        """
+        P, small, p = self.full.at(1j * omega), self.pencil.at(1j * omega), self.load.shape[1]
+        Z, step = np.zeros(self.load.shape, dtype=complex), np.inf
+        for _ in range(STEPS):
+            rest = self.load - P @ Z
+            inside = self.V @ np.linalg.solve(small, self.V.T @ rest)
+            rest = rest - P @ inside
+            both = self.handle.factor.solve(np.hstack([rest.real, rest.imag]))
+            change = both[:, :p] + 1j * both[:, p:]
+            change -= self.V @ (self.V.T @ (self.full.M @ change))
+            Z, before, step = Z + change, step, float(np.linalg.norm(change))
+            if step <= SETTLED * np.linalg.norm(Z) or before / 2 < step <= ROUNDED * np.linalg.norm(inside + Z):
+                return Z
+            if step > before:
+                break
+        return port_responses(self.full, 1j * omega, self.load)[0]
 
 
 def _units(size: int, at: Array) -> Array:
