@@ -47,6 +47,7 @@ def plate(cells: tuple[int, int] = (14, 12)) -> fs.Substructure:
 
 @pytest.fixture
 def nothing_shared(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    shared.drop()
     monkeypatch.setattr("femsub.linalg.shared._kept", Forgetful())
     yield
 
@@ -152,6 +153,13 @@ def test_a_factor_dies_with_its_model() -> None:
     gc.collect()
     assert inner() is None and outer() is None and shared.kept_bytes() < before
     assert all(at in shared._owners for owners, _ in shared._kept for at in owners)
+
+
+def test_another_matrix_at_the_same_place_in_memory_never_passes_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = sp.csr_array(np.eye(3)), sp.csr_array(2 * np.eye(3))
+    monkeypatch.setattr(shared, "id", lambda _: -1, raising=False)
+    assert [shared.shared((A,), "trace", lambda A=A: A.trace()) for A in (one, other, one, one)] == [3, 6, 3, 3]
+    shared.forget((one,), "trace")
 
 
 def test_the_longest_unused_gives_way_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,7 @@ FACTOR_BYTES = 8 * 1.6  # for each nonzero of a factor
 
 _lock = RLock()  # taken twice by one thread where the garbage collector runs in between
 _kept: OrderedDict[Key, tuple[Any, float]] = OrderedDict()  # with its bytes, used longest ago first
-_owners: dict[int, tuple[weakref.ref[Any], list[Key]]] = {}
+_owners: dict[int, tuple[weakref.ref[Any], set[Key]]] = {}
 
 
 def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], size: Callable[[T], float] = lambda _: 0.0) -> T:
@@ -37,7 +37,8 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
     """
     key = tuple(map(id, owners)), what
     with _lock:
-        if key in _kept:
+        # A number that was given to another matrix must never pass for this one, whatever has become of the callback.
+        if key in _kept and all(at in _owners and _owners[at][0]() is owner for at, owner in zip(key[0], owners, strict=True)):
             _kept.move_to_end(key)
             return _kept[key][0]
     made = make()
@@ -45,7 +46,9 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
         _kept[key] = made, size(made)
         for owner in owners:
             at = id(owner)
-            _owners.setdefault(at, (weakref.ref(owner, partial(_gone, at)), []))[1].append(key)
+            if at not in _owners or _owners[at][0]() is not owner:
+                _owners[at] = weakref.ref(owner, partial(_gone, at)), set()
+            _owners[at][1].add(key)
         if _kept[key][1]:
             give_up_until(_within_limit)
     return made
@@ -90,5 +93,6 @@ def drop(*owners: Matrix) -> None:
 
 def _gone(at: int, _: object = None) -> None:
     with _lock:
-        for key in _owners.pop(at, (None, []))[1]:
-            _kept.pop(key, None)
+        if at in _owners:
+            for key in _owners.pop(at)[1]:
+                _kept.pop(key, None)

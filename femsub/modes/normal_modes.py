@@ -66,7 +66,7 @@ class NormalModes:
     confirmed : bool
         Whether that count was made yet, or is what was found, see `confirm`.
     factorisations : int
-        Made for the modes (the one for the count comes on top).
+        Made for the modes (the one for the count comes on top): 0 where an earlier call on the model had made it.
     rounding : ndarray, shape (k,)
         eps |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: how far ω² moves, relatively, if each entry of K and M moves by one rounding
         (0 for rigid-body modes).
