@@ -45,7 +45,8 @@ class Scene:
     slope : float, optional
         μ'(v0) itself. Without it, it comes from `law` at `speed`.
     law, eps, speed, force
-        The friction law, its width ε, the belt's speed and the normal force.
+        The friction law by its key ('stribeck-arctan', 'stribeck-arctan-odd', or one of your own, see
+        `femsub.model.friction.FrictionLaw`), its width ε, the belt's speed and the normal force.
     methods : list of str
         Keys of reduction methods: 'craig-bampton', 'craig-chang', or one of your own, see `femsub.reduction.method.Method`.
         HCB, CC, and Python's CraigBampton and CraigChang will do.
