@@ -155,16 +155,16 @@ def bases(method: str, component: str, sizes: Row, folder: Path | None) -> Row:
 
 
 def femsub_bases(sub: fs.Substructure, modes: int, laps: Laps) -> tuple[Any, ...]:
-    from femsub.linalg.petsc import Factor
+    from femsub.linalg.factor import factors_made
     from femsub.timing import timed
 
-    before = Factor.made
+    before = factors_made()
     laps.begin()
     with timed() as phases:
         rom = fs.reduce(sub, fs.CraigBampton(modes=modes))
     laps("modes and constraint modes")
     laps.split(phases)
-    return rom.K.diagonal()[len(sub.interface):], rom.V, rom.M, rom.K, Factor.made - before
+    return rom.K.diagonal()[len(sub.interface):], rom.V, rom.M, rom.K, factors_made() - before
 
 
 def scipy_bases(sub: fs.Substructure, modes: int, laps: Laps, **options: Any) -> tuple[Any, ...]:
@@ -291,12 +291,14 @@ def full_cea(counts: tuple[int, ...], slopes: np.ndarray, band: tuple[float, flo
 
 def reductions(counts: tuple[int, ...], kept: tuple[int, ...], slopes: np.ndarray, spectra: list[fs.ComplexModes]) -> Row:
     """HCB and CC with more and more modes against the full spectra; the smallest within GROWTH, ready for the sweep."""
+    from femsub.linalg.factor import release
     from femsub.quadratic.matching import spectrum_errors
 
     sub, models = pad(counts), {}
     tried: list[Row] = []
     for method in (fs.CraigBampton, fs.CraigChang):
         for modes in kept:
+            release(sub)  # each reduction by itself
             start = time.perf_counter()
             rom = fs.reduce(sub, method(modes=modes), ports=True)
             seconds = time.perf_counter() - start

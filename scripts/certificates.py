@@ -8,7 +8,7 @@ the solution). Seconds are those of the processor (the process has one thread of
 than a minute is measured once. With --out, certificates.csv and .json.
 
 solution  all but the certificates. By band, K - R²M is factorised to know how many eigenvalues to ask for: that is part of it.
-errors    residuals, backward errors, condition numbers, error bars (`complex_modes.certificates`)
+errors    residuals, backward errors, condition numbers, error bars (`bars`)
 left      left vectors, where the pencil is unsymmetric
 inertia   the factorisation of K - R²M, or K - ω²M, where only the count needs it, with its solves
 disc      taking the pencil apart, the basis and the margin on the circle (`damping_split`, `disc_count`); of a K that is not
@@ -37,7 +37,7 @@ from femsub.app.scene import Result
 from femsub.linalg.factor import release
 from femsub.modes import normal_modes
 from femsub.quadratic import complex_modes, damping_split, disc_count, sparse
-from femsub.studies.tables import table
+from femsub.tables import table
 
 LONG = 60.0
 KINDS = ("errors", "left", "inertia", "disc")
@@ -71,9 +71,9 @@ class Clock:
 
 
 def once(sub: fs.Substructure, belt: fs.Belt, ask: Row) -> tuple[Row, fs.ComplexModes]:
-    """Seconds of one call, by kind."""
+    """Seconds of one call, by kind, with nothing kept of the model from calls before."""
+    release(sub)
     clock = Clock()
-    release(sub)  # each call makes its own factors
     with patch.object(complex_modes, "bars", clock.wrapped("errors", complex_modes.bars)), \
             patch.object(sparse.Shifted, "left", clock.wrapped("left", sparse.Shifted.left)), \
             patch.object(disc_count, "edge", clock.wrapped("inertia", disc_count.edge)), \
@@ -93,9 +93,9 @@ def once(sub: fs.Substructure, belt: fs.Belt, ask: Row) -> tuple[Row, fs.Complex
 
 
 def reduction(sub: fs.Substructure, way: str) -> Row:
-    """Seconds of one reduction, of which the count by inertia is the certificate."""
-    clock = Clock()
+    """Seconds of one reduction, of which the count by inertia is the certificate; nothing is kept from calls before."""
     release(sub)
+    clock = Clock()
     with patch.object(normal_modes, "inertia", clock.wrapped("inertia", normal_modes.inertia)):
         start = time.process_time()
         fs.reduce(sub, METHODS[way], ports=True)

@@ -20,6 +20,7 @@ import femsub as fs
 from femsub.app.report import machine, to_json
 from femsub.app.scene import load
 from femsub.io.atomic import write_whole
+from femsub.linalg.factor import release
 from femsub.motion.cycles import compliance
 from femsub.motion.cycles.balance import Balance
 from femsub.motion.nonlinear_model import sliding
@@ -54,6 +55,7 @@ def main() -> None:
         for name in list(chosen)[:: 1 if turn % 2 else -1]:
             model, belt = chosen[name]
             compliance._KNOWN.clear()
+            release(model)
             for kind in ("cold", "warm"):
                 begun = time.perf_counter()
                 cycles[name] = fs.harmonic_balance(model, belt)

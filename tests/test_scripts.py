@@ -104,3 +104,15 @@ def test_certificates_cost_less_than_what_they_certify(tmp_path: Path) -> None:
     rows = {row["model"]: row for row in json.loads((tmp_path / "certificates.json").read_text())["rows"]}
     assert all(row["certified"] and 0 < row["ratio"] < 1 for row in rows.values())
     assert rows["chain 10"]["inertia"] == 0 < rows["solid 3,000"]["inertia"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "options", "printed"), [
+    ("effectivity", ["--only", "chain 10, stable", "--out", "{out}"], "8 reductions to a tolerance: 0 miss it"),
+    ("cycle_cost", ["--modes", "8", "--repeats", "1", "--harmonics", "30"], "chain"),
+    ("integrators", ["--time", "1", "--numbers", "10"], "LSODA"),
+    ("clusters", ["--models", "4"], "{'right': 4}")])
+def test_others_on_their_smallest_case(name: str, options: list[str], printed: str, tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / "scripts" / f"{name}.py"), *(option.format(out=tmp_path) for option in options)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and printed.lower() in done.stdout.lower(), done.stdout + done.stderr

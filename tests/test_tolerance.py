@@ -13,7 +13,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
-from benchmarks.gallery import GALLERY, Problem, positive, quick
+from benchmarks.gallery import GALLERY, Problem, positive, quick, statics
 from benchmarks.lattices import lattice
 from femsub.linalg.factor import inertia
 from femsub.linalg.petsc import Factor
@@ -25,7 +25,6 @@ from femsub.modes.shift_invert import ShiftInvert
 from femsub.quadratic.matching import match
 from femsub.reduction.error_bounds import FAR, Nested
 from femsub.reduction.mode_selection import Search
-from femsub.reduction.statics import Statics, factored, partitioned
 
 paired = partial(match, far=FAR)
 
@@ -46,11 +45,6 @@ def errors(problem: Problem, omega: np.ndarray, values: np.ndarray) -> tuple[np.
     wrong = np.full(len(full), np.inf)
     wrong[at] = np.abs(values[to] - full[at]) / np.abs(full[at])
     return np.abs(omega[:len(problem.omega)] / problem.omega - 1), wrong[within(full, problem.band)]
-
-
-def statics(kind: type, sub: fs.Substructure, extra: np.ndarray) -> Statics:
-    part = partitioned(sub, kind.held)
-    return kind(0).statics(part, factored(part), extra)
 
 
 def nested(problem: Problem, kind: type, known: int) -> Nested:
