@@ -25,8 +25,26 @@ SHARE = 0.25  # of the memory at hand, where the variable says nothing,
 FREELY = 1e8  # and bytes up to which nobody asks how much that is
 FACTOR_BYTES = 8 * 1.6  # for each nonzero of a factor
 
+
+
+class Kept(OrderedDict[Key, tuple[Any, int]]):
+    """What is kept, with its bytes, used longest ago first; and the sum of all bytes."""
+
+    total = 0
+
+    def keep(self, key: Key, made: Any, size: int) -> None:
+        self.give_up(key)
+        self[key] = made, size
+        self.total += size
+
+    def give_up(self, key: Key) -> None:
+        if key in self:
+            self.total -= self[key][1]
+            del self[key]
+
+
 _lock = RLock()  # taken twice by one thread where the garbage collector runs in between
-_kept: OrderedDict[Key, tuple[Any, float]] = OrderedDict()  # with its bytes, used longest ago first
+_kept = Kept()
 _owners: dict[int, tuple[weakref.ref[Any], set[Key]]] = {}
 
 
@@ -43,21 +61,20 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
             return _kept[key][0]
     made = make()
     with _lock:
-        _kept[key] = made, size(made)
+        _kept.keep(key, made, int(size(made)))
         for owner in owners:
             at = id(owner)
             if at not in _owners or _owners[at][0]() is not owner:
                 _owners[at] = weakref.ref(owner, partial(_gone, at)), set()
             _owners[at][1].add(key)
-        if _kept[key][1]:
+        if size(made):
             give_up_until(_within_limit)
     return made
 
 
-def kept_bytes() -> float:
+def kept_bytes() -> int:
     """Bytes of all that is kept."""
-    with _lock:
-        return sum(size for _, size in _kept.values())
+    return _kept.total
 
 
 def _within_limit() -> bool:
@@ -71,17 +88,18 @@ def _within_limit() -> bool:
 def give_up_until(enough: Callable[[], bool]) -> None:
     """Gives up what was used longest ago, one by one, until there is enough room; what takes none stays."""
     with _lock:
-        while not enough():
-            key = next((key for key, (_, size) in _kept.items() if size), None)
-            if key is None:
+        if enough():
+            return
+        for key in [key for key, (_, size) in _kept.items() if size]:
+            _kept.give_up(key)
+            if enough():
                 return
-            del _kept[key]
 
 
 def forget(owners: tuple[Matrix, ...], what: Hashable) -> None:
     """Gives up one thing."""
     with _lock:
-        _kept.pop((tuple(map(id, owners)), what), None)
+        _kept.give_up((tuple(map(id, owners)), what))
 
 
 def drop(*owners: Matrix) -> None:
@@ -95,4 +113,4 @@ def _gone(at: int, _: object = None) -> None:
     with _lock:
         if at in _owners:
             for key in _owners.pop(at)[1]:
-                _kept.pop(key, None)
+                _kept.give_up(key)
