@@ -32,12 +32,12 @@ class Frozen:
 
 def frozen(value: Any) -> Any:
     """The same array or matrix, read-only, alone or in a tuple; a mapping as a view of a copy; anything else as it is."""
-    if isinstance(value, Mapping):
-        return MappingProxyType({key: frozen(item) for key, item in value.items()})
-    if isinstance(value, tuple):
-        return tuple(frozen(item) for item in value)
-    if sp.issparse(value):
-        value.data.flags.writeable = False
-    elif isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray):
         value.flags.writeable = False
+    elif sp.issparse(value):
+        value.data.flags.writeable = False
+    elif isinstance(value, tuple):
+        return tuple(frozen(item) for item in value)
+    elif isinstance(value, (dict, MappingProxyType)):
+        return MappingProxyType({key: frozen(item) for key, item in value.items()})
     return value
