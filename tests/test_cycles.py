@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from conftest import lattice
 from scipy.integrate import solve_ivp
 from scipy.optimize import linear_sum_assignment
 
@@ -61,6 +62,15 @@ def test_partial_fractions_and_solves_are_the_same_mobility(name: str) -> None:
     np.testing.assert_allclose(found.mobility(s)[1], slope, rtol=1e-3)
     f = np.array([[1.0], [2.0], [0.5j], [1.0]])
     np.testing.assert_allclose(found.response(s, f), solved.response(s, f), rtol=1e-7, atol=1e-12)
+
+
+def test_modes_and_moments_answer_for_all_frequencies_of_the_modes() -> None:
+    part = lattice(36, 32, held=True)
+    part = fs.Substructure(part.M, part.K, 1e-2 * part.M, ports={"belt": np.eye(part.size)[1001]})
+    found = compliance(sliding(part, BELT))
+    assert isinstance(found, Solved) and found.V.shape[1] >= 43  # 40 modes, and what these leave of the moments
+    wrong = found._galerkin(1j * fs.normal_modes(part, 20).frequencies[-1] * np.array([0.4, 0.8]))[1]
+    assert wrong[0] < 1e-10 and wrong[1] < 1e-6
 
 
 def test_both_sides_of_an_unsymmetric_mobility_come_from_one_factor(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -197,13 +197,14 @@ class Solved:
             self._project()
 
     def _first(self) -> Array:
-        """The lowest modes, which responses nearby cannot tell apart, and the first moments of h about 0."""
+        """The first moments of h about 0, beside the lowest modes, which responses nearby cannot tell apart."""
         handle = ShiftInvert(self.pencil.K, self.pencil.M)
         modes = lowest_modes(handle, MODES, certify=False)
         moments = [self.static.solve(self.W)]
         for _ in range(MOMENTS):
             moments.append(self.static.solve(self.pencil.M @ moments[-1]))
-        return np.hstack([modes.shapes, *moments])
+        self.V = orthonormal(modes.shapes, np.asarray)[0]  # before the moments, of which they leave little, are told apart
+        return np.hstack(moments)
 
     def _project(self) -> None:
         self.images = [part @ self.V for part in (self.pencil.M, self.pencil.D, self.pencil.K)]
