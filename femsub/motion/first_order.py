@@ -20,7 +20,7 @@ seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; 
     chain, full (1000)     -       -       -       -       1.8
 
 It changes to BDF by itself where the friction layer is stiff (ε → 1e-6), which DOP853 cannot. Sparse models with consistent
-masses have no sparse first-order form: see `second_order`.
+masses have no sparse first-order form: see `generalised_alpha`.
 
 Error control: |local error of y_i| ≤ tol (|y_i| + s_i) in the largest norm. s = v/‖w‖_M⁻¹ for velocities, v the largest
 of the belts' speeds and of the speeds under them at the start, but no more than the motion itself, (‖u‖² + ‖u̇‖²/ω²)^½ where a

@@ -182,7 +182,7 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
         'ports', or 'states' for all coordinates as well (2 n numbers per point).
     tol : float
         Local error: tol times (value + scale); the scale of velocities is the belts' speed, or the motion's where that is
-        smaller. See `integrators` (default 1e-9) and `second_order` (default 1e-5).
+        smaller. See `first_order` (default 1e-9) and `generalised_alpha` (default 1e-5).
     method : str
         'lsoda', 'dop853', 'radau', 'bdf' (SciPy's) for dense models, 'alpha' (the generalised-α method) for sparse ones; 'auto'
         is lsoda for dense models and sparse ones of up to 300 DOF.

@@ -16,7 +16,7 @@ from femsub.model.matrices import Difference
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.quadratic import dense as qep
+from femsub.quadratic import dense
 from femsub.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.quadratic.matching import assigned, pair_costs
 
@@ -130,7 +130,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
     start, twin = q, np.full(len(rows), -1)
     error = np.where(still, 0.0, np.inf)
     for step in range(steps + 1):
-        small, xs, ys = qep.solve(space.pencil)
+        small, xs, ys = dense.solve(space.pencil)
         at, taken = _matched(values, q, small, xs, still)
         twin = np.where(taken >= 0, taken, twin)
         values, q = np.where(still, 0.0, small[at]), np.where(still, q, xs[:, at])

@@ -73,7 +73,7 @@ class Model:
     def spectrum(self, c: float, band: Band, real: bool = False) -> tuple[Array, Array]:
         """λ with Im λ > 0 (with real=True: ≥ 0) in the band at contact coefficient c, (k,), and modal shapes q (n, k).
 
-        For symmetric matrices Re λ is taken from its energy, see `qep.with_energy`.
+        For symmetric matrices Re λ is taken from its energy, see `femsub.quadratic.dense.with_energy`.
         """
         values, _, right = self.decomposition(c)
         keep = ((values.imag >= 0) if real else (values.imag > 0)) & in_band(values, band)
