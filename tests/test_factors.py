@@ -224,7 +224,9 @@ def test_no_number_depends_on_it(make: Callable[[], fs.Substructure], band: tupl
     with_it = answers(sub, band)
     request.getfixturevalue("nothing_shared")
     for one, two in zip(with_it, answers(sub, band), strict=True):
-        np.testing.assert_array_equal(one, two)
+        # mostly the same to the last digit; but where data lie in memory decides on BLAS' order of adding up, and a defective
+        # λ near 0 has only half of its digits
+        np.testing.assert_allclose(one, two, rtol=0.0, atol=1e-8 * np.abs(two).max())
 
 
 # transposed -----------------------------------------------------------------------------------------------------------

@@ -159,7 +159,7 @@ class ReducedSubstructure(Substructure):
     port_error : dict of str to float
         Per port, the error of the static response in the energy norm, relative to that of the full component.
     factorisations : int
-        How many factorisations of the component the basis took.
+        How many factorisations of the component were made for the basis: 0 where an earlier call on the part had made them.
     full_dofs : DofMap, optional
         That of the rows of V.
     full_interface : ndarray of int

@@ -151,12 +151,9 @@ class LimitCycle:
 
 def static(model: Substructure, load: Array) -> Array:
     """K⁻¹ load of a model that does not float."""
-    from femsub.linalg.factor import factorise
+    from femsub.linalg.factor import shared_factor
 
-    handle = factorise(model.K, "definite")
-    found = handle.solve(load)
-    handle.close()
-    return found
+    return shared_factor(model.K, "definite").solve(load)
 
 
 def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmonics: int | None = None, start: Any = None,
