@@ -30,8 +30,6 @@ from unittest.mock import patch
 
 os.environ["OMP_NUM_THREADS"] = "1"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
-from femsub.tables import table
-
 import femsub as fs
 from benchmarks import models
 from femsub.app import report
@@ -39,6 +37,7 @@ from femsub.app.scene import Result
 from femsub.linalg.factor import release
 from femsub.modes import normal_modes
 from femsub.quadratic import complex_modes, damping_split, disc_count, sparse
+from femsub.studies.tables import table
 
 LONG = 60.0
 KINDS = ("errors", "left", "inertia", "disc")
