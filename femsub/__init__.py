@@ -9,59 +9,19 @@
                  ▼
              study: error against run time
 
-A name is imported when it is first used: a chain scene never loads what only a finite-element scene needs. The folders are
-rooms in the order of the method; imports go to rooms before (tests/test_house.py).
+The imports below list what is public. Type checkers follow them; at run time a name is imported when it is first used: a chain
+scene never loads what only a finite-element scene needs. The folders are rooms in the order of the method; imports go to rooms
+before (tests/test_house.py).
 """
 
 from __future__ import annotations
 
+import ast
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
-
-#: module: the names that come from it
-_ROOMS = {
-    "components.beam": "beam",
-    "components.chain": "chain chain_frequencies",
-    "components.damping": "damped",
-    "components.fields": "displacements",
-    "components.grids": "block annulus rectangle",
-    "components.mesh": "Mesh",
-    "components.plate": "plate",
-    "components.solid": "solid",
-    "components.solid_assembly": "Material",
-    "errors": (
-        "FemsubError InputError InputTypeError SingularMatrixError NotConvergedError MissedModesError "
-        "UnstableModelError MissingPackageError NotEnoughMemoryError FemsubWarning PortWarning CutoffWarning "
-        "ConditionWarning"),
-    "io.component_files": "read_component",
-    "io.matrix_files": "read_matrix",
-    "io.mesh_files": "read_mesh write_mesh",
-    "io.model_folder": "write_matrices",
-    "model.dof_map": "DofMap",
-    "model.estimate": "Estimate",
-    "model.friction": "StribeckArctan StribeckArctanOdd Belt",
-    "model.pencil": "Pencil",
-    "model.substructure": "Substructure ReducedSubstructure",
-    "modes.normal_modes": "normal_modes NormalModes",
-    "motion.cycles.branch": "branch Branch",
-    "motion.cycles.limit_cycle": "harmonic_balance LimitCycle",
-    "motion.cycles.shooting": "shoot ShotCycle",
-    "motion.nonlinear_model": "State",
-    "motion.signals": "spectrum spectrogram growth_rate sticking rms",
-    "motion.transient": "transient Transient",
-    "quadratic.complex_modes": "complex_modes ComplexModes",
-    "quadratic.refinement": "refine Refined",
-    "reduction.reduce": "reduce CraigBampton CraigChang",
-    "stability.critical_slope": "sweep critical_slope CriticalSlope StabilitySweep",
-    "studies.error_vs_time": "study",
-    "studies.results": "Study",
-    "studies.self_excitation": "self_excitation SelfExcitation",
-}
-_HOME = {name: module for module, names in _ROOMS.items() for name in names.split()}
-
-__all__ = sorted([*_HOME, "__version__"])
 
 if TYPE_CHECKING:
     from femsub.components.beam import beam
@@ -112,11 +72,17 @@ if TYPE_CHECKING:
     from femsub.studies.results import Study
     from femsub.studies.self_excitation import SelfExcitation, self_excitation
 
+#: name: the module that it comes from, as the imports above say
+_HOME = {alias.name: node.module for node in ast.walk(ast.parse(Path(__file__).read_text(encoding="utf-8")))
+         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("femsub.") for alias in node.names}
+
+__all__ = sorted([*_HOME, "__version__"])
+
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'femsub' has no attribute {name!r}")
-    value = getattr(import_module(f"femsub.{_HOME[name]}"), name)
+    value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from femsub.errors import MissingPackageError
 from femsub.reduction.reduce import METHODS
@@ -26,12 +25,10 @@ def look(kind: str) -> Look:
     return Look(kind, "black", "o") if method is None else Look(method.label, method.colour, method.marker)
 
 
-def render(draw: Callable[[], Any]) -> bytes:
-    """A PNG of what a drawing function makes."""
-    file = io.BytesIO()
+def render(draw: Callable[[], Any], file: BinaryIO) -> None:
+    """Writes a PNG of what a drawing function makes."""
     with _matplotlib().rc_context(STYLE):
         draw().savefig(file, format="png", dpi=150)
-    return file.getvalue()
 
 
 def new_figure(width: float, height: float) -> Any:

@@ -22,13 +22,26 @@ def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, 
     columns = min(count, 3 if mesh.dimension > 1 else 2)
     rows = -(-count // columns)
     if mesh.dimension == 1:
-        draw, width, height = _lines, 4.6, 1.9
+        draw, upward, width, height = _lines, "w / max|w|  [-]", 4.6, 1.9
     elif mesh.dimension == 2:
-        draw, width, height = _contours, 4.0, 0.5 + 3.3 * _aspect(mesh.points)
+        draw, upward, width, height = _contours, "y  [length]", 4.0, 0.5 + 3.3 * _aspect(mesh.points)
     else:
-        draw, width, height = _surfaces, 4.0, 0.4 + 3.6 * _aspect(_seen(mesh.points)[0])
+        draw, upward, width, height = _surfaces, "", 4.0, 0.4 + 3.6 * _aspect(_seen(mesh.points)[0])
     figure = new_figure(width * columns + (1.0 if mesh.dimension > 1 else 0), height * rows + 0.8)
-    draw(figure, mesh, shapes, titles, marks, (rows, columns))
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    draw(figure, axes, mesh, shapes, marks)
+    for axis, label in zip(axes.ravel(), titles, strict=False):
+        axis.set_title(label)
+    for axis in axes.ravel()[count:]:
+        axis.set_visible(False)
+    if upward:
+        for axis in axes[-1]:
+            axis.set_xlabel("x  [length]")
+        for axis in axes[:, 0]:
+            axis.set_ylabel(upward)
+    shown = {label: line for axis in axes.ravel() for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
+             if len(line.get_xdata())}
+    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=max(2, len(shown)))
     figure.suptitle(title)
     return figure
 
@@ -38,70 +51,48 @@ def _aspect(points: Array) -> float:
     return float(np.clip(height / width, 0.3, 2.0))
 
 
-def _lines(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], marks: Mapping[str, Array],
-           grid: tuple[int, int]) -> None:
-    axes = figure.subplots(*grid, sharex=True, sharey=True, squeeze=False)
+def _lines(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[str, Array]) -> None:
     x = mesh.points[:, 0]
     order = np.argsort(x)
-    for i, (axis, label) in enumerate(zip(axes.ravel(), titles, strict=False)):
-        w = shapes[:, 2, i]
+    for axis, w in zip(axes.ravel(), shapes[:, 2].T, strict=False):
         axis.axhline(0, color="grey", lw=0.6)
         axis.plot(x[order], w[order], color="black", lw=1.2)
         for name, at in marks.items():
             colour, marker = MARKS[name]
             axis.plot(x[at], w[at], marker, color=colour, ms=6, ls="none", label=name)
-        axis.set_title(label)
         axis.set(ylim=(-1.2, 1.2))
         axis.grid()
-    _unused(axes, len(titles))
-    for axis in axes[-1]:
-        axis.set_xlabel("x  [length]")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("w / max|w|  [-]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
-def _contours(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], marks: Mapping[str, Array],
-              grid: tuple[int, int]) -> None:
-    axes = figure.subplots(*grid, sharex=True, sharey=True, squeeze=False)
+def _contours(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[str, Array]) -> None:
     cells = mesh.cells if mesh.kind == "triangle" else mesh.cells[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
-    drawn = None
-    for i, (axis, label) in enumerate(zip(axes.ravel(), titles, strict=False)):
-        drawn = axis.tripcolor(*mesh.points[:, :2].T, shapes[:, 2, i], triangles=cells, shading="gouraud", cmap="RdBu_r",
-                               vmin=-1, vmax=1, rasterized=True)
+    for axis, w in zip(axes.ravel(), shapes[:, 2].T, strict=False):
+        drawn = axis.tripcolor(*mesh.points[:, :2].T, w, triangles=cells, shading="gouraud", cmap="RdBu_r", vmin=-1, vmax=1,
+                               rasterized=True)
         for name, at in marks.items():
             colour, marker = MARKS[name]
             axis.plot(*mesh.points[at, :2].T, marker, color=colour, mec="white", ms=6, ls="none", label=name, clip_on=False)
-        axis.set_title(label)
         axis.set_aspect("equal")
-    _unused(axes, len(titles))
-    for axis in axes[-1]:
-        axis.set_xlabel("x  [length]")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("y  [length]")
     figure.colorbar(drawn, ax=axes, label="w / max|w|  [-]", shrink=0.8)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
-def _surfaces(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], marks: Mapping[str, Array],
-              grid: tuple[int, int]) -> None:
+def _surfaces(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[str, Array]) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import PolyCollection
 
     from femsub.components.surface import boundary_faces, corner_nodes
 
     faces = corner_nodes(mesh, *boundary_faces(mesh))
-    axes = figure.subplots(*grid, sharex=True, sharey=True, squeeze=False)
     stretch = STRETCH * np.ptp(mesh.points, axis=0).max()
     scale = ScalarMappable(cmap="viridis")
     scale.set_clim(0, 1)
-    for i, (axis, label) in enumerate(zip(axes.ravel(), titles, strict=False)):
-        plane, depth = _seen(mesh.points + stretch * shapes[..., i])
+    for axis, u in zip(axes.ravel(), np.moveaxis(shapes, -1, 0), strict=False):
+        plane, depth = _seen(mesh.points + stretch * u)
         corners = plane[faces]
         side, other = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
         front = np.flatnonzero(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0] > 0)  # anticlockwise from outside
         order = front[np.argsort(depth[faces[front]].mean(axis=1))]  # the nearest is painted last
-        size = np.linalg.norm(shapes[..., i], axis=1)[faces[order]].mean(axis=1)
+        size = np.linalg.norm(u, axis=1)[faces[order]].mean(axis=1)
         colours = scale.to_rgba(size)
         fine = len(faces) > 8000
         axis.add_collection(PolyCollection(corners[order], facecolors=colours, linewidths=0.3,
@@ -113,16 +104,11 @@ def _surfaces(figure: Any, mesh: Mesh, shapes: Array, titles: Sequence[str], mar
             style = {"color": colour, "ls": "none", "ms": 5 if len(at) < 30 else 3}
             axis.plot(*plane[at[~hidden]].T, marker, mec="white", mew=0.5, label=name, **style)
             axis.plot(*plane[at[hidden]].T, marker, mfc="none", mew=0.7, label=f"{name}, behind", **style)
-        axis.set_title(label)
         axis.set_aspect("equal")
         axis.autoscale_view()
         axis.set_axis_off()
     _triad(axes[0, 0])
-    _unused(axes, len(titles))
     figure.colorbar(scale, ax=axes, label="|u| / max|u|  [-]", shrink=0.8)
-    shown = {label: line for axis in axes.ravel() for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
-             if len(line.get_xdata())}
-    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=len(shown))
 
 
 def _seen(points: Array) -> tuple[Array, Array]:
@@ -138,8 +124,3 @@ def _triad(axis: Any) -> None:
         axis.annotate("", origin + 0.11 * along, origin, xycoords="axes fraction", annotation_clip=False,
                       arrowprops={"arrowstyle": "->", "lw": 0.7, "shrinkA": 0, "shrinkB": 0})
         axis.text(*(origin + 0.15 * along), name, transform=axis.transAxes, fontsize=8, ha="center", va="center")
-
-
-def _unused(axes: Any, count: int) -> None:
-    for axis in axes.ravel()[count:]:
-        axis.set_visible(False)

@@ -12,13 +12,13 @@ import tempfile
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
 from femsub.app.scene import Result
 from femsub.errors import InputError
-from femsub.io.atomic import write_whole
+from femsub.io.atomic import Writer, write_whole
 
 
 def check_folder(folder: str | None) -> Path | None:
@@ -48,22 +48,17 @@ def check_folder(folder: str | None) -> Path | None:
 
 def write(result: Result, folder: Path, figures: bool, name: str = "results") -> list[Path]:
     """name.json, name.csv, the figures and the scene's own files, each whole or not at all; returns what was written."""
-    contents: dict[str, bytes] = {f"{name}.json": to_json(result.data).encode()}
+    writers: dict[str, Writer] = {f"{name}.json": lambda file: file.write(to_json(result.data).encode())}
     if result.rows:
-        contents[f"{name}.csv"] = _csv(result.rows).encode()
+        writers[f"{name}.csv"] = lambda file: file.write(_csv(result.rows).encode())
     if figures and result.drawings:
         from femsub.app.figure_style import render
 
-        contents |= {f"{title}.png": render(draw) for title, draw in result.drawings.items()}
-    contents |= {file: content() for file, content in result.files.items()}
+        writers |= {f"{title}.png": partial(render, draw) for title, draw in result.drawings.items()}
     try:
-        return write_whole(folder, {file: partial(_put, content=content) for file, content in contents.items()})
+        return write_whole(folder, writers | result.files)
     except OSError as error:
         raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
-
-
-def _put(file: BinaryIO, content: bytes) -> None:
-    file.write(content)
 
 
 def to_json(data: Any) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from femsub.checks import choice, finite_number, shown, whole_number
 from femsub.errors import FemsubError, InputError, unknown_name
+from femsub.io.atomic import Writer
 from femsub.timing import Interruptible
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ class Result:
     drawings : dict of str to callable
         File name (without ending) to a function that draws onto a new matplotlib figure.
     files : dict of str to callable
-        File name, which may name a folder below that of the results, to a function that returns the file's content. Called
+        File name, which may name a folder below that of the results, to a function that writes the file's content. Called
         only where there is a folder to write to.
     """
 
@@ -160,7 +161,7 @@ class Result:
     rows: list[dict[str, Any]]
     text: str
     drawings: dict[str, Callable[[], Any]]
-    files: dict[str, Callable[[], bytes]] = field(default_factory=dict)
+    files: dict[str, Writer] = field(default_factory=dict)
 
 
 def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], text: list[str],
@@ -177,7 +178,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
     """
     rows: list[dict[str, Any]] = []
     drawings: dict[str, Callable[[], Any]] = {}
-    files: dict[str, Callable[[], bytes]] = {}
+    files: dict[str, Writer] = {}
     failed: dict[str, FemsubError] = {}
     with Interruptible() as work:
         for output in outputs:

@@ -11,6 +11,7 @@ import numpy as np
 
 from femsub import ComplexModes, ReducedSubstructure, Substructure, chain, complex_modes, critical_slope, reduce, study, sweep
 from femsub.app.figure_style import look
+from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, error_time_figure, friction_figure, size_sweep_figure
 from femsub.app.report import machine
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.outputs import comparable
@@ -29,25 +30,19 @@ MOST = 10**7  # masses
 
 
 @dataclass(frozen=True)
-class ChainScene(Scene):
-    """The chain of `femsub.chain` and what is asked of it.
+class ChainKeys(Scene):
+    """The chain of `femsub.chain` and its reduced models.
 
     Attributes
     ----------
     n, masses, springs, damping : chain
         Numbers of masses; one value or n of them; dashpot d1 at m1.
     belt : int
-        The mass under the belt for the eigenvalues, the size sweep and the error against time.
-    belts : list of int
-        Places for the belt sweep and the table of critical slopes.
+        The mass under the belt.
     interface : list of int
-        The paper's interface; next to it the one with the belt's mass is always shown.
+        Interface masses, as in the paper.
     size : int
-        DOF of the reduced models in the eigenvalue figure, the belt sweep and the table; 0 stands for the paper's 5.
-    sizes : list of int
-        DOF of the reduced models in the size sweep and the error against time.
-    band : list of float
-        Frequencies (rad/time) in which eigenvalues are compared.
+        DOF of the reduced models; 0 stands for the paper's 5.
     """
 
     n: int = 10
@@ -55,33 +50,22 @@ class ChainScene(Scene):
     springs: float | list[float] = 1.0
     damping: float = 0.1
     belt: int = 2
-    belts: list[int] = field(default_factory=list)
     interface: list[int] = field(default_factory=lambda: [1])
     size: int = 0
-    sizes: list[int] = field(default_factory=list)
-    band: list[float] = field(default_factory=list)
-
-    OUTPUTS: ClassVar[tuple[str, ...]] = ("friction", "critical-slope", "belt-sweep", "size-sweep", "eigenvalues", "error-time")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         whole_number("n", self.n, least=1, most=MOST)
-        if not self.belts:
-            object.__setattr__(self, "belts", list(range(1, min(self.n, 10) + 1)))
         if not self.size:
             object.__setattr__(self, "size", min(5, self.n))
-        if not self.sizes:
-            object.__setattr__(self, "sizes", list(range(len(self.interface) + 1, min(self.n, 10) + 1)))
-        if not self.band:
-            # the lowest three pairs of a uniform chain; what lies higher no small model can follow
-            object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
-        check_band(self.band)
-        for key, sizes in (("size", [self.size]), ("sizes", self.sizes)):
-            for size in sizes:
-                if size > self.n:
-                    raise InputError(f"{key}: {size} DOF means more modes than there are; the chain has {self.n} masses")
-                if size < len(self.interface) + (key == "size" and self.n > 1):
-                    raise InputError(f"{key}: {size} DOF leave no room for the interface of {len(self.interface)} and the belt")
+        self.check_size("size", self.size, len(self.interface) + (self.n > 1))
+
+    def check_size(self, key: str, size: int, least: int) -> None:
+        """Refuses reduced models of more DOF than the chain has, or of too few."""
+        if size > self.n:
+            raise InputError(f"{key}: {size} DOF means more modes than there are; the chain has {self.n} masses")
+        if size < least:
+            raise InputError(f"{key}: {size} DOF leave no room for the interface of {len(self.interface)} and the belt")
 
     def model(self, belt: int, widened: bool) -> Substructure:
         """The chain with the belt under a mass, with the paper's interface or with the belt's mass joined to it."""
@@ -99,6 +83,40 @@ class ChainScene(Scene):
             return reduce(sub, METHODS[method](modes))
 
 
+@dataclass(frozen=True)
+class ChainScene(ChainKeys):
+    """What is asked of the chain, with the interface given and next to it the one with the belt's mass.
+
+    Attributes
+    ----------
+    belts : list of int
+        Places of the belt in the belt sweep and the table of critical slopes; `belt` is for the other outputs.
+    sizes : list of int
+        DOF of the reduced models in the size sweep and the error against time; `size` is for the other outputs.
+    band : list of float
+        Frequencies (rad/time) in which eigenvalues are compared.
+    """
+
+    belts: list[int] = field(default_factory=list)
+    sizes: list[int] = field(default_factory=list)
+    band: list[float] = field(default_factory=list)
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("friction", "critical-slope", "belt-sweep", "size-sweep", "eigenvalues", "error-time")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.belts:
+            object.__setattr__(self, "belts", list(range(1, min(self.n, 10) + 1)))
+        if not self.sizes:
+            object.__setattr__(self, "sizes", list(range(len(self.interface) + 1, min(self.n, 10) + 1)))
+        if not self.band:
+            # the lowest three pairs of a uniform chain; what lies higher no small model can follow
+            object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
+        check_band(self.band)
+        for size in self.sizes:
+            self.check_size("sizes", size, len(self.interface))
+
+
 SCENE = ChainScene
 
 
@@ -107,7 +125,6 @@ def run(scene: ChainScene, progress: Progress) -> Result:
     scene.model(scene.belt, False)  # bad values end here, before any work
     for belt in scene.belts:
         scene.model(belt, False)
-    slope = float(scene.linear_belt.slope or 0.0)
     data: dict[str, Any] = {
         "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
         "damping": scene.damping, "interface": scene.interface, **scene.friction, "methods": scene.methods,
@@ -117,30 +134,22 @@ def run(scene: ChainScene, progress: Progress) -> Result:
 
     def compute(output: str) -> Result:
         progress(f"{scene.name}: {output}")
-        found, said, drawing = PARTS[output](scene, slope, progress)
-        return Result({output: found}, found.get("rows", []), said, {} if drawing is None else {output: drawing})
+        return PARTS[output](scene, progress)
 
     return run_outputs(scene.outputs, compute, data, text)
 
 
-Part = tuple[dict[str, Any], str, Callable[[], Any] | None]
-
-
-def _friction(scene: ChainScene, slope: float, progress: Progress) -> Part:
+def _friction(scene: ChainScene, _: Progress) -> Result:
     side = np.concatenate([np.geomspace(1e-5, 0.05, 60), np.linspace(0.06, 1.0, 95)])
     speeds = np.concatenate([-side[::-1], [0.0], side])
     titles = {name: getattr(law, "label", name) for name, law in LAWS.items()}
     curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)}
               for name in LAWS for eps in sorted({1e-1, 1e-2, 1e-3, scene.eps}, reverse=True)]
-
-    def draw() -> Any:
-        from femsub.app.figures import friction_figure
-        return friction_figure(speeds, curves, titles, scene.speed, slope)
-
-    return {"speed": speeds, "curves": curves}, "", draw
+    return Result({"friction": {"speed": speeds, "curves": curves}}, [], "", {
+        "friction": lambda: friction_figure(speeds, curves, titles, scene.speed, scene.linear_belt.slope or 0.0)})
 
 
-def _critical(scene: ChainScene, slope: float, progress: Progress) -> Part:
+def _critical(scene: ChainScene, _: Progress) -> Result:
     rows: list[dict[str, Any]] = []
     for belt in scene.belts:
         for widened in _interfaces(scene, belt):
@@ -158,7 +167,7 @@ def _critical(scene: ChainScene, slope: float, progress: Progress) -> Part:
                    ["s", "s", "s", "d", ".6f", ".6f", ".1e", ".1e"])]
     lines += dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"])
     head = f"Critical slopes dμ/dv in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time"
-    return {"rows": rows}, "\n".join([head, *lines]), None
+    return Result({"critical-slope": {"rows": rows}}, rows, "\n".join([head, *lines]), {})
 
 
 def _border(scene: ChainScene, model: Substructure) -> tuple[float, float, str]:
@@ -172,7 +181,7 @@ def _interfaces(scene: ChainScene, belt: int) -> list[bool]:
     return [False] if belt in scene.interface else [False, True]
 
 
-def _belt_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
+def _belt_sweep(scene: ChainScene, _: Progress) -> Result:
     slopes, band = -np.geomspace(1e-3, 0.4, 60), (scene.band[0], scene.band[1])
     panels = []
     for widened in (False, True):
@@ -187,15 +196,10 @@ def _belt_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
             panels.append({"model": kind, "interface": "{m1, belt}" if widened else _masses(scene.interface),
                            "growth": np.array(growth), "critical_slope": border})
     found = {"slopes": slopes, "belts": scene.belts, "panels": panels}
-
-    def draw() -> Any:
-        from femsub.app.figures import belt_sweep_figure
-        return belt_sweep_figure(found)
-
-    return found, "", draw
+    return Result({"belt-sweep": found}, [], "", {"belt-sweep": lambda: belt_sweep_figure(found)})
 
 
-def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
+def _size_sweep(scene: ChainScene, _: Progress) -> Result:
     curves: list[dict[str, Any]] = []
     for widened in _interfaces(scene, scene.belt):
         sub = scene.model(scene.belt, widened)
@@ -209,20 +213,16 @@ def _size_sweep(scene: ChainScene, slope: float, progress: Progress) -> Part:
                    [[curve["interface"], look(curve["method"]).label,
                      *(known(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size, np.nan)) for size in scene.sizes)]
                     for curve in curves], ["s", "s", *[".1e"] * len(scene.sizes)])]
-
-    def draw() -> Any:
-        from femsub.app.figures import size_sweep_figure
-        return size_sweep_figure(curves, scene.belt)
-
     rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
              "full": curve["full"], "error": error} for curve in curves
             for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
     head = (f"Relative error of the critical slope in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time, belt under "
             f"m{scene.belt} (-: the band reaches above the model's cut-off)")
-    return {"curves": curves, "rows": rows}, "\n".join([head, *lines]), draw
+    return Result({"size-sweep": {"curves": curves, "rows": rows}}, rows, "\n".join([head, *lines]),
+                  {"size-sweep": lambda: size_sweep_figure(curves, scene.belt)})
 
 
-def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
+def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
     belt = scene.linear_belt
     models: list[dict[str, Any]] = []
     for widened in _interfaces(scene, scene.belt):
@@ -245,19 +245,15 @@ def _eigenvalues(scene: ChainScene, slope: float, progress: Progress) -> Part:
                    known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
                    float(m["backward_error"].max(initial=0.0))] for m in models],
                  ["s", "s", "d", ".4g", "d", "d", ".4f", ".4f", "s", ".0e"])
-
-    def draw() -> Any:
-        from femsub.app.figures import eigenvalue_figure
-        panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
-        return eigenvalue_figure(panels, f"belt under m{scene.belt}, dμ/dv = {slope:.4g}")
-
+    panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
     rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "up_to": m["up_to"],
              "growth": m["growth"], "full_growth": m["full_growth"], "is_stable": m["is_stable"]} for m in models]
-    head = f"Complex modes, belt under m{scene.belt}, dμ/dv = {slope:.5g}"
-    return {"belt": scene.belt, "models": models, "rows": rows}, f"{head}\n{said}", draw
+    head = f"Complex modes, belt under m{scene.belt}, dμ/dv = {belt.slope:.5g}"
+    return Result({"eigenvalues": {"belt": scene.belt, "models": models, "rows": rows}}, rows, f"{head}\n{said}", {
+        "eigenvalues": lambda: eigenvalue_figure(panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}")})
 
 
-def _error_time(scene: ChainScene, slope: float, progress: Progress) -> Part:
+def _error_time(scene: ChainScene, progress: Progress) -> Result:
     belt, studies = scene.linear_belt, []
     for widened in _interfaces(scene, scene.belt):
         sub = scene.model(scene.belt, widened)
@@ -267,15 +263,11 @@ def _error_time(scene: ChainScene, slope: float, progress: Progress) -> Part:
                                                           repeats=scene.repeats, progress=progress)))
     rows = [{"interface": interface, **row.flat()} for interface, found in studies for row in (found.full, *found.rows)]
     said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies)
-
-    def draw() -> Any:
-        from femsub.app.figures import error_time_figure
-        return error_time_figure(studies)
-
-    return {"rows": rows, "band": scene.band, "repeats": scene.repeats}, said, draw
+    return Result({"error-time": {"rows": rows, "band": scene.band, "repeats": scene.repeats}}, rows, said,
+                  {"error-time": lambda: error_time_figure(studies)})
 
 
-PARTS: dict[str, Callable[[ChainScene, float, Progress], Part]] = {
+PARTS: dict[str, Callable[[ChainScene, Progress], Result]] = {
     "friction": _friction, "critical-slope": _critical, "belt-sweep": _belt_sweep, "size-sweep": _size_sweep,
     "eigenvalues": _eigenvalues, "error-time": _error_time}
 

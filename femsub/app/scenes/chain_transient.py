@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 from femsub import transient
 from femsub.app.figure_style import look
 from femsub.app.report import machine
-from femsub.app.scene import Result, Scene, run_outputs
-from femsub.app.scenes.chain import ChainScene
+from femsub.app.scene import Result, run_outputs
+from femsub.app.scenes.chain import ChainKeys
 from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, whole
 from femsub.checks import interval
 from femsub.errors import InputError
@@ -19,17 +19,13 @@ from femsub.timing import Interruptible
 
 
 @dataclass(frozen=True)
-class ChainTransientScene(Scene):
+class ChainTransientScene(ChainKeys):
     """The chain of `femsub.chain` under the nonlinear belt.
 
     Attributes
     ----------
-    n, masses, springs, damping, belt : chain
-        As in the scene `chain`.
-    interface : list of int
-        Interface masses; `join_belt` joins the belt's mass to them.
-    size : int
-        DOF of the reduced models; 0 stands for the paper's 5.
+    join_belt : bool
+        Whether the belt's mass joins the interface masses.
     impulse : float
         The blow on the belt's mass with which each model leaves its own sliding equilibrium.
     time, window : list of float
@@ -42,14 +38,7 @@ class ChainTransientScene(Scene):
         Error control of the integration, see `femsub.transient`.
     """
 
-    n: int = 10
-    masses: float | list[float] = 1.0
-    springs: float | list[float] = 1.0
-    damping: float = 0.1
-    belt: int = 2
-    interface: list[int] = field(default_factory=lambda: [1])
     join_belt: bool = False
-    size: int = 0
     impulse: float = 1e-3
     time: list[float] = field(default_factory=lambda: [0.0, 20000.0])
     window: list[float] = field(default_factory=lambda: [12000.0, 20000.0])
@@ -68,12 +57,6 @@ class ChainTransientScene(Scene):
         if self.n > QUADRATIC and {"growth", "quality"} & set(self.outputs):
             raise InputError(f"outputs 'growth' and 'quality' need all eigenvalues, which is up to n = {QUADRATIC}; name others")
         _ = self.rubbing  # refuses a slope
-        self.linear()
-
-    def linear(self) -> ChainScene:
-        """The scene `chain` with the same chain: it makes the models."""
-        return ChainScene(name=self.name, n=self.n, masses=self.masses, springs=self.springs, damping=self.damping,
-                          belt=self.belt, interface=self.interface, size=self.size, methods=self.methods)
 
 
 SCENE = ChainTransientScene
@@ -81,8 +64,8 @@ SCENE = ChainTransientScene
 
 def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
-    chain, belt = scene.linear(), scene.rubbing
-    full = chain.model(scene.belt, scene.join_belt)
+    belt = scene.rubbing
+    full = scene.model(scene.belt, scene.join_belt)
     tracks: list[Track] = []
     window = (scene.window[0], scene.window[1])
     with Interruptible() as work:
@@ -90,7 +73,7 @@ def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
             def tell(text: str, kind: str = kind) -> None:
                 progress(f"{scene.name}: {look(kind).label}, {text}")
 
-            model = full if kind == "full" else chain.reduced(full, kind, chain.size)
+            model = full if kind == "full" else scene.reduced(full, kind, scene.size)
             found = transient(model, belt, (scene.time[0], scene.time[1]), impulse=scene.impulse, step=scene.step, tol=scene.tol,
                               progress=tell)
             tracks.append(track(kind, model, found, window))
@@ -101,7 +84,7 @@ def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
         "spectrogram": lambda: spectrograms(tracks, scene.length)}
     data: dict[str, Any] = {
         "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
-        "damping": scene.damping, "belt": scene.belt, "interface": [int(dof) + 1 for dof in full.interface], "size": chain.size,
+        "damping": scene.damping, "belt": scene.belt, "interface": [int(dof) + 1 for dof in full.interface], "size": scene.size,
         **scene.friction,
         "impulse": scene.impulse, "time": scene.time, "window": scene.window, "step": scene.step, "tol": scene.tol,
         "models": [item.row for item in tracks]}

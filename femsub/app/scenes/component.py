@@ -106,6 +106,11 @@ class Work:
     def reduced(self) -> list[tuple[Method, ReducedSubstructure]]:
         return [(method, self.reduce(method)) for method in self.methods]
 
+    @property
+    def models(self) -> list[tuple[str, int, Substructure]]:
+        """'full' or the method's key, the modes kept (0 of the full model), and the model."""
+        return [("full", 0, self.sub), *((method.key, rom.modes, rom) for method, rom in self.reduced)]
+
     def reduce(self, method: Method) -> ReducedSubstructure:
         """The component by one method, as the scene has it."""
         self.tell(str(method))

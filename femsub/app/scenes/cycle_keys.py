@@ -11,6 +11,7 @@ import numpy as np
 
 from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_balance, spectrum, transient
 from femsub.app.figure_style import look
+from femsub.app.figures_cycles import bifurcation_figure
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
 from femsub.checks import Array, interval
@@ -200,13 +201,9 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
         text += "\nSpecial points\n" + "\n".join(special)
     data = {"branches": [{key: value for key, value in item.items() if key != "branch"} |
                          (_plain(item["branch"]) if "branch" in item else {}) for item in found], "transients": dots}
-
-    def draw() -> Any:
-        from femsub.app.figures_cycles import bifurcation_figure
-        return bifurcation_figure([item for item in found if "branch" in item], dots, scene.parameter, families,
-                                  float(getattr(scene.rubbing, scene.parameter)), scene.name)
-
-    return Result(data, rows, text, {"bifurcation": draw})
+    now = float(getattr(scene.rubbing, scene.parameter))
+    return Result(data, rows, text, {"bifurcation": lambda: bifurcation_figure(
+        [item for item in found if "branch" in item], dots, scene.parameter, families, now, scene.name)})
 
 
 def _plain(traced: Branch) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from femsub import (
     transient,
 )
 from femsub.app.figure_style import look
+from femsub.app.figures_transient import signals_figure, spectra_figure, spectrogram_figure
 from femsub.app.scene import Result
 from femsub.motion.nonlinear_model import sliding
 from femsub.motion.signals import Spectrum
@@ -96,7 +97,7 @@ def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
     """The row of one model."""
     row: dict[str, Any] = {"model": kind, "size": model.size}
     modes = complex_modes(model, belt)
-    above = {"above": _above(modes)}
+    above = {"above": float(modes.eigenvalues[modes.above_cutoff].real.max()) if modes.above_cutoff.any() else None}
     at = most_unstable(modes)
     if at is None:  # too few modes: what grows lies above this model's cut-off
         return row | dict.fromkeys(("growth", "growth_of_cea", "omega", "omega_of_cea", "error")) | above
@@ -109,11 +110,6 @@ def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
     found = growth_rate(run.t, run.velocity("belt"), below=2 * STILL * speed)
     return row | {"growth": found.rate, "growth_of_cea": value.real, "omega": found.omega, "omega_of_cea": value.imag,
                   "error": abs(found.rate / value.real - 1)} | above
-
-
-def _above(found: ComplexModes) -> float | None:
-    """The largest Re λ above the model's cut-off; None where nothing lies there."""
-    return float(found.eigenvalues[found.above_cutoff].real.max()) if found.above_cutoff.any() else None
 
 
 def told(tracks: Sequence[Track]) -> str:
@@ -138,11 +134,8 @@ def highest(tracks: Sequence[Track]) -> float:
 
 def signals(tracks: Sequence[Track]) -> Result:
     """Velocities under the belt: all of the run, and the last ten periods."""
-    def draw() -> Any:
-        from femsub.app.figures_transient import signals_figure
-        return signals_figure(tracks)
-
-    return Result({}, [], "", {"signals": draw} if any(len(item.run.t) > 1 for item in tracks) else {})
+    seen = any(len(item.run.t) > 1 for item in tracks)
+    return Result({}, [], "", {"signals": lambda: signals_figure(tracks)} if seen else {})
 
 
 def spectra(tracks: Sequence[Track]) -> Result:
@@ -150,12 +143,7 @@ def spectra(tracks: Sequence[Track]) -> Result:
     known = [item for item in tracks if item.spectrum is not None]
     rows = [{"model": item.kind, "size": item.model.size, "omega": at, "amplitude": height} for item in known
             if item.spectrum is not None for at, height in zip(item.spectrum.peaks, item.spectrum.heights, strict=True)]
-
-    def draw() -> Any:
-        from femsub.app.figures_transient import spectra_figure
-        return spectra_figure(known, highest(known))
-
-    return Result({"spectrum": rows}, rows, "", {"spectrum": draw} if known else {})
+    return Result({"spectrum": rows}, rows, "", {"spectrum": lambda: spectra_figure(known, highest(known))} if known else {})
 
 
 def spectrograms(tracks: Sequence[Track], length: float) -> Result:
@@ -165,12 +153,8 @@ def spectrograms(tracks: Sequence[Track], length: float) -> Result:
     rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,
              "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
             for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
-
-    def draw() -> Any:
-        from femsub.app.figures_transient import spectrogram_figure
-        return spectrogram_figure(made, highest(tracks))
-
-    return Result({"spectrogram": {"length": length, "strongest": rows}}, rows, "", {"spectrogram": draw} if made else {})
+    return Result({"spectrogram": {"length": length, "strongest": rows}}, rows, "",
+                  {"spectrogram": lambda: spectrogram_figure(made, highest(tracks))} if made else {})
 
 
 def quality(tracks: Sequence[Track], belt: Belt) -> Result:

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 from femsub import CraigBampton, Substructure, normal_modes
 from femsub.app.figure_style import look
+from femsub.app.figures import joined_figure
 from femsub.app.scene import Result
 from femsub.app.scenes.component import UP_TO, Work
 from femsub.checks import Array
@@ -41,12 +42,8 @@ def interface_on_springs(work: Work) -> Result:
                  ["s", "d", "d", *[".1e"] * len(RATIOS)])
     head = (f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
             "component's own at each interface DOF")
-
-    def draw() -> Any:
-        from femsub.app.figures import joined_figure
-        return joined_figure(rows, f"{work.scene.name}: interface on springs, lowest {count} frequencies")
-
-    return Result({"joined-interface": rows}, rows, f"{head}\n{said}", {"joined-interface": draw})
+    title = f"{work.scene.name}: interface on springs, lowest {count} frequencies"
+    return Result({"joined-interface": rows}, rows, f"{head}\n{said}", {"joined-interface": lambda: joined_figure(rows, title)})
 
 
 def _frequencies(model: Substructure, springs: Array, count: int) -> Array:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -14,7 +12,6 @@ from femsub.app.scene import Result
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.outputs import run_component
 from femsub.errors import InputError, unknown_name
-from femsub.io.atomic import Writer
 from femsub.io.model_folder import FORMATS, matrix_files
 
 
@@ -81,14 +78,7 @@ def run(scene: MatricesScene, progress: Callable[[str], None]) -> Result:
 
 def _written(work: Work) -> Result:
     assert isinstance(work.scene, MatricesScene)
-    files: dict[str, Callable[[], bytes]] = {
-        f"{method.key}-{method.modes}/{file}": partial(_content, writer)
-        for method, model in work.reduced for file, writer in matrix_files(model, work.scene.format).items()}
+    files = {f"{method.key}-{method.modes}/{file}": writer
+             for method, model in work.reduced for file, writer in matrix_files(model, work.scene.format).items()}
     folders = sorted({file.split("/")[0] for file in files})
     return Result({"reduced-matrices": folders}, [], f"reduced matrices, with --out: {', '.join(folders)}", {}, files)
-
-
-def _content(writer: Writer) -> bytes:
-    file = io.BytesIO()
-    writer(file)
-    return file.getvalue()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from femsub import ComplexModes, ReducedSubstructure, Substructure, complex_modes, critical_slope, study
+from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, complex_modes, critical_slope, study
 from femsub.app.figure_style import look
+from femsub.app.figures import eigenvalue_figure, error_time_figure
+from femsub.app.figures_modes import shapes_figure
 from femsub.app.report import machine
 from femsub.app.scene import Result, run_outputs
 from femsub.app.scenes.component import ComponentScene, Progress, Work
@@ -60,38 +62,26 @@ def _modes(work: Work) -> Result:
         proof += f", {found.unlisted} of them outside of the band"
     head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}"
     data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
-    shapes = work.field(found.shapes)
-    if shapes is None or not work.scene.figures:
+    mesh, shapes = work.mesh, work.field(found.shapes)
+    if mesh is None or shapes is None or not work.scene.figures:
         return Result({"modes": data}, rows, f"{head}\n{said}", {})
-    titles = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows]
-
-    def draw() -> Any:
-        return _picture(work, shapes[..., :DRAWN], titles[:DRAWN], f"{work.scene.name}: normal modes")
-
-    return Result({"modes": data}, rows, f"{head}\n{said}", {"modes": draw}, {"modes.vtu": lambda: _vtu(
-        work, {f"mode-{row['mode']:02d}": shapes[..., i] for i, row in enumerate(rows)})})
+    titles, title = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows], f"{work.scene.name}: normal modes"
+    fields = {f"mode-{row['mode']:02d}": shapes[..., i] for i, row in enumerate(rows)}
+    return Result({"modes": data}, rows, f"{head}\n{said}",
+                  {"modes": lambda: shapes_figure(mesh, shapes[..., :DRAWN], titles[:DRAWN], title, work.marks)},
+                  {"modes.vtu": partial(_vtu, mesh, fields)})
 
 
-def _picture(work: Work, shapes: Array, titles: list[str], title: str) -> Any:
-    from femsub.app.figures_modes import shapes_figure
-
-    assert work.mesh is not None
-    return shapes_figure(work.mesh, shapes, titles, title, work.marks)
-
-
-def _vtu(work: Work, shapes: Mapping[str, Array]) -> bytes:
+def _vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
     from femsub.io.mesh_files import mesh_bytes
 
-    assert work.mesh is not None
-    return mesh_bytes(work.mesh, shapes)
+    file.write(mesh_bytes(mesh, shapes))
 
 
 def _critical(work: Work) -> Result:
     band, _ = work.band
-    models: list[tuple[str, int, Substructure]] = [("full", 0, work.sub)]
-    models += [(method.key, rom.modes, rom) for method, rom in work.reduced]
     rows: list[dict[str, Any]] = []
-    for name, modes, model in models:
+    for name, modes, model in work.models:
         work.tell(f"critical slope, {look(name).label} with {model.size} DOF")
         found, reason = border_or_reason(partial(critical_slope, model, band=band, force=work.scene.force))
         slope, omega = (np.nan, np.nan) if found is None else (found.slope, found.omega)
@@ -119,9 +109,8 @@ def _eigenvalues(work: Work) -> Result:
     work.tell(f"complex modes of {work.sub.size} DOF")
     exact = complex_modes(work.sub, work.belt, band=band)
     at = _least_stable(exact)
-    models: list[tuple[str, int, Substructure, ComplexModes]] = [("full", 0, work.sub, exact)]
-    models += [(method.key, rom.modes, rom, complex_modes(rom, work.belt, band=band))
-               for method, rom in work.reduced]
+    models = [(name, modes, model, exact if model is work.sub else complex_modes(model, work.belt, band=band))
+              for name, modes, model in work.models]
     spectra: list[dict[str, Any]] = []
     for name, modes, model, found in models:
         item = {"model": name, "modes": modes, "size": model.size, "growth": found.growth, "is_stable": found.is_stable,
@@ -145,18 +134,13 @@ def _eigenvalues(work: Work) -> Result:
     kept = work.scene.modes
     panels = [{**m, "panel": f"{modes} modes"} for modes in dict.fromkeys([kept[0], kept[len(kept) // 2], kept[-1]])
               for m in spectra if m["model"] == "full" or m["modes"] == modes]
-
-    def draw() -> Any:
-        from femsub.app.figures import eigenvalue_figure
-        return eigenvalue_figure(panels, f"{work.scene.name}: dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}")
-
-    drawings, files = {"eigenvalues": draw}, {}
-    if at is not None:
-        shown = _recovered(work, exact, at, models[-1])
-        data["least-stable"], told = shown.data, shown.text
-        drawings, files = drawings | shown.drawings, dict(shown.files)
-        said = f"{said}\n{told}"
-    return Result(data, rows, f"{head}\n{said}", drawings, files)
+    title = f"{work.scene.name}: dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}"
+    drawings: dict[str, Callable[[], Any]] = {"eigenvalues": lambda: eigenvalue_figure(panels, title)}
+    if at is None:
+        return Result(data, rows, f"{head}\n{said}", drawings)
+    shown = _recovered(work, exact, at, models[-1])
+    return Result(data | {"least-stable": shown.data}, rows, f"{head}\n{said}\n{shown.text}", drawings | shown.drawings,
+                  shown.files)
 
 
 def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[str, Any]:
@@ -202,22 +186,19 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
             f"in the full pencil {error:.1e}")
     data = {"model": name, "modes": modes, "size": model.size, "eigenvalue": value, "full": complex(exact.eigenvalues[at]),
             "backward_error": error}
-    whole = work.field(u)
-    if whole is None or not work.scene.figures:
+    mesh, whole = work.mesh, work.field(u)
+    if mesh is None or whole is None or not work.scene.figures:
         return Result(data, [], told, {})
     # any phase will do: the one in which the place that moves most is at its largest
     largest = whole.ravel()[np.argmax(np.abs(whole))]
-    whole = whole * (np.conj(largest) / abs(largest))
+    shape = whole * (np.conj(largest) / abs(largest))
+    small = float(np.linalg.norm(shape.imag, axis=1).max()) or 1.0
+    parts = np.stack([shape.real, shape.imag / small], axis=-1)
+    titles = ["real part", f"imaginary part, drawn {1 / small:.3g} times larger"]
     title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {look(name).label} with "
              f"{model.size} DOF")
-
-    def draw() -> Any:
-        small = float(np.linalg.norm(whole.imag, axis=1).max())
-        parts = np.stack([whole.real, whole.imag / (small or 1.0)], axis=-1)
-        return _picture(work, parts, ["real part", f"imaginary part, drawn {1 / (small or 1.0):.3g} times larger"], title)
-
-    return Result(data, [], told, {"least-stable": draw},
-                  {"least-stable.vtu": lambda: _vtu(work, {"real-part": whole.real, "imaginary-part": whole.imag})})
+    return Result(data, [], told, {"least-stable": lambda: shapes_figure(mesh, parts, titles, title, work.marks)},
+                  {"least-stable.vtu": partial(_vtu, mesh, {"real-part": shape.real, "imaginary-part": shape.imag})})
 
 
 def _error_time(work: Work) -> Result:
@@ -228,12 +209,8 @@ def _error_time(work: Work) -> Result:
     best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
     data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,
                                                 "model": None if best is None else best.flat()}}
-
-    def draw() -> Any:
-        from femsub.app.figures import error_time_figure
-        return error_time_figure([(f"of {len(work.sub.interface)} DOF", found)])
-
-    return Result(data, rows, f"Error against run time\n{found}\n{words}", {"error-time": draw})
+    studies = [(f"of {len(work.sub.interface)} DOF", found)]
+    return Result(data, rows, f"Error against run time\n{found}\n{words}", {"error-time": lambda: error_time_figure(studies)})
 
 
 PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,

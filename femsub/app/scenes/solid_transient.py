@@ -10,6 +10,7 @@ import numpy as np
 
 from femsub import Belt, ReducedSubstructure, State, Substructure, Transient, complex_modes, transient
 from femsub.app.figure_style import look
+from femsub.app.figures_transient import period_figure
 from femsub.app.report import machine
 from femsub.app.scene import Result, run_outputs
 from femsub.app.scenes.component import Work
@@ -104,7 +105,7 @@ def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
 
     def error_time() -> Result:
         state = State(reference.expand(long.final.displacement), reference.expand(long.final.velocity))
-        return _error_time(scene, work, belt, state, period, [("full", 0, work.sub), *models], told_by)
+        return _error_time(scene, work, belt, state, period, work.models, told_by)
 
     views["error-time"] = error_time
     return run_outputs(scene.outputs, lambda output: views[output](), data | {"complete": True}, text, long.complete,
@@ -133,14 +134,9 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
                  [[look(row["model"]).label, row["modes"] or None, row["size"], row["rms"], row["amplitude_error"],
                    row["seconds_per_period"], row["speedup"], row["steps"], row["energy_residual"]] for row in rows],
                  ["s", "d", "d", ".6g", ".1e", ".2g", ".4g", "d", ".0e"])
-
-    def draw() -> Any:
-        from femsub.app.figures_transient import period_figure
-        return period_figure(rows)
-
     head = f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)"
     return Result({"error-time": rows} | ({} if course.complete else {"complete": False}), rows, f"{head}\n{said}",
-                  {"error-time": draw} if len(rows) > 1 else {})
+                  {"error-time": lambda: period_figure(rows)} if len(rows) > 1 else {})
 
 
 def _side(scene: SolidTransientScene, model: Substructure, belt: Belt, start: State, period: float,
