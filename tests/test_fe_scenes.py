@@ -141,11 +141,12 @@ def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, outputs: st
 
 def test_modes_solve_no_quadratic_problem_and_reduce_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from femsub.app.scenes import component, outputs
+    from femsub.studies import error_vs_time
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("not asked for")
 
-    for module, name in ((component, "reduce"), (outputs, "complex_modes"), (outputs, "critical_slope"), (outputs, "study")):
+    for module, name in ((component, "reduce"), (outputs, "complex_modes"), (error_vs_time, "critical_slope"), (outputs, "study")):
         monkeypatch.setattr(module, name, never)
     scene, run = load(scene_file(tmp_path, SMALL["plate"] + 'outputs = ["modes"]'))
     told: list[str] = []
@@ -292,13 +293,12 @@ def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: Runs, name: str
 
 
 def test_critical_slopes_are_sought_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.app.scenes import outputs
     from femsub.studies import error_vs_time
 
     sought: list[int] = []
-    for module in (error_vs_time, outputs):
-        monkeypatch.setattr(module, "critical_slope", lambda model, *rest, original=module.critical_slope, **options: (
-            sought.append(model.size), original(model, *rest, **options))[1])
+    original = error_vs_time.critical_slope
+    monkeypatch.setattr(error_vs_time, "critical_slope", lambda model, *rest, **options: (
+        sought.append(model.size), original(model, *rest, **options))[1])
     scene, run = load(scene_file(tmp_path, SMALL["beam"] + 'outputs = ["critical-slope", "error-time"]'))
     data = run(scene, lambda _: None).data
     assert len(sought) == len(data["critical-slope"]) == len(data["error-time"])

@@ -48,7 +48,7 @@ def test_refusals() -> None:
         fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), repeats=0)
     with pytest.raises(ValueError, match="unknown port 'bel'; did you mean 'belt'"):
         fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), port="bel")
-    with pytest.raises(TypeError, match="takes a Substructure"):
+    with pytest.raises(TypeError, match="sub must be a Substructure"):
         fs.study(fs.chain(10).K, [fs.CraigChang(2)], band=(0, 1))
 
 

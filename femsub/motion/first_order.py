@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array, Matrix
+from femsub.checks import EPS, Array
 from femsub.errors import InputError, NotConvergedError
 from femsub.model.friction import scalar_law
 from femsub.motion.nonlinear_model import Sliding, State
@@ -116,7 +116,8 @@ def equations(contact: Sliding, start: State) -> Equations:
         M is singular.
     """
     model = contact.model
-    M, D, K = (_dense(part) for part in (model.M, model.D, model.K))
+    pencil = model.pencil.dense()
+    M, D, K = pencil.M, pencil.D, pencil.K
     try:
         L = la.cholesky(M, lower=True)
     except la.LinAlgError:
@@ -149,10 +150,6 @@ def _rest(contact: Sliding, start: State, Tinv: Array, K: Array, force: Array) -
         return None
     sharp = np.abs(K @ found - force).max() <= SHARP * np.abs(force).max()
     return found if sharp or np.linalg.norm(found - begin) <= 0.5 * np.linalg.norm(found) else None
-
-
-def _dense(A: Matrix) -> Array:
-    return np.asarray(A if isinstance(A, np.ndarray) else A.toarray())
 
 
 def _scale(contact: Sliding, start: State, K: Array, G: Array, highest: float) -> tuple[float, float]:

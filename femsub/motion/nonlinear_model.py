@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, Matrix, finite_number, real_array
+from femsub.checks import EPS, Array, Matrix, finite_number, instance, real_array
 from femsub.errors import InputError, InputTypeError, SingularMatrixError
 from femsub.linalg.factor import factorise
 from femsub.model.friction import Belt, width_of
@@ -136,6 +136,16 @@ class Sliding:
             column = self.model.port(port).reshape(self.model.size, -1).sum(axis=1)
             load = load + column * finite_number(f"impulse on {port!r}", value)
         return State(self.equilibrium, mass_solve(self.model.M, load))
+
+    def checked(self, start: State) -> State:
+        """A copy of a state to start from, finite and of the model's size."""
+        instance("start", start, State, "displacement, velocity")
+        parts = [(name, real_array(f"the start's {name}", getattr(start, name))) for name in ("displacement", "velocity")]
+        for name, part in parts:
+            if part.shape != (self.model.size,):
+                raise InputError(f"the start's {name} has the shape {part.shape}; the model has {self.model.size} DOF. A "
+                                 "state of the full model reaches a reduced one by nonlinear_model.project")
+        return State(*(part.copy() for _, part in parts))
 
     def perturbed(self, displacement: Any = 0.0, velocity: Any = 0.0) -> State:
         """The sliding equilibrium plus what is given in the model's own coordinates, shape (n,) each."""

@@ -12,19 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import (
-    Array,
-    choice,
-    finite_number,
-    interval,
-    items,
-    listener,
-    positive_number,
-    real_array,
-    whole_number,
-    word,
-)
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.checks import Array, choice, finite_number, interval, items, listener, positive_number, whole_number, word
+from femsub.errors import InputError, unknown_name
 from femsub.motion.first_order import METHODS, Flow, equations
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 from femsub.timing import Interruptible
@@ -273,16 +262,7 @@ def _start(contact: Sliding, start: State | None, impulse: Mapping[str, float] |
         return contact.impulse(1e-3 if impulse is None else impulse)
     if impulse is not None:
         raise InputError("give either start or impulse: an impulse starts from the sliding equilibrium")
-    if not isinstance(start, State):
-        raise InputTypeError(f"start must be a State(displacement, velocity), not {type(start).__name__}")
-    checked = []
-    for name, value in (("displacement", start.displacement), ("velocity", start.velocity)):
-        part = real_array(f"the start's {name}", value)
-        if part.shape != (contact.model.size,):
-            raise InputError(f"the start's {name} has the shape {part.shape}; the model has {contact.model.size} DOF. A state of "
-                             "the full model reaches a reduced one by contacts.project")
-        checked.append(part.copy())
-    return State(*checked)
+    return contact.checked(start)
 
 
 def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_from: float | None, highest: float) -> Array:

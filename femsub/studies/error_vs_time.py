@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, check_band, listener, real_array, shown, whole_number
+from femsub.checks import Array, check_band, instance, listener, real_array, shown, whole_number
 from femsub.errors import CutoffWarning, FemsubError, InputError, InputTypeError, PortWarning
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE, release
 from femsub.model.bands import in_band
@@ -21,7 +21,7 @@ from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors, turnover
 from femsub.reduction.reduce import Method, reduce
-from femsub.stability.critical_slope import CriticalSlope, critical_slope
+from femsub.stability.critical_slope import critical_slope
 from femsub.studies.results import PHASES, Row, Study, Timing, with_front
 from femsub.timing import timed
 
@@ -64,10 +64,9 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
         The seconds of the full model are those of the eigensolver alone: where the number of its eigenvalues in the band
         is confirmed by an independent count (up to 2,000 DOF), that is done once and not timed.
     """
-    if not isinstance(sub, Substructure):
-        raise InputTypeError(f"study takes a Substructure, not {type(sub).__name__}")
-    if belt is not None and not isinstance(belt, Belt):
-        raise InputTypeError(f"belt must be a Belt, not {type(belt).__name__}")
+    instance("sub", sub, Substructure)
+    if belt is not None:
+        instance("belt", belt, Belt)
     lo, hi = check_band(band)
     if not isinstance(methods, Sequence):
         raise InputTypeError(f"methods must be a list, e.g. [CraigBampton(modes=4)], not {methods!r}")
@@ -83,11 +82,11 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
     tell = listener("progress", progress)
     costs = _measured(sub, methods, belt, (lo, hi), ports, repeats, tell)
     models, spectra = [sub, *costs.models], costs.spectra
-    reasons = [""] * len(models)
+    reasons: Sequence[str] = [""] * len(models)
     if slopes is None:
         tell(f"{sub.name}: critical slopes")
-        borders = [_border(model, place, force, (lo, hi)) for model in models]
-        slopes, reasons = [np.nan if border is None else border.slope for border, _ in borders], [reason for _, reason in borders]
+        slopes, _, reasons = zip(*(border_or_reason(model, place, force, (lo, hi)) if place in model.ports and force
+                                   else (np.nan, np.nan, "") for model in models), strict=True)
     elif len(slopes := list(real_array("slopes", slopes, finite=False).ravel())) != len(models):
         raise InputError(f"slopes must be {len(models)}, of the full model and of each method, not {len(slopes)}")
     tell(f"{sub.name}: undamped frequencies")
@@ -180,23 +179,18 @@ def _judged(modes: ComplexModes, band: tuple[float, float]) -> tuple[float, bool
     return float(modes.eigenvalues.real[keep].max(initial=-np.inf)), stable
 
 
-def border_or_reason(search: Callable[[], CriticalSlope]) -> tuple[CriticalSlope | None, str]:
-    """The critical slope; or None and the reason why there is none to be had, such as a band that the model does not reach.
+def border_or_reason(model: Substructure, port: str, force: float, band: tuple[float, float]) -> tuple[float, float, str]:
+    """Critical slope and its ω; or NaN and the reason why there is none to be had, such as a band that the model does not reach.
 
     For tables of many models, in which one that has no answer must not take those of the others away.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", CutoffWarning)  # the error is measured beside it
-            return search(), ""
+            found = critical_slope(model, port, force=force, band=band)
+            return found.slope, found.omega, ""
     except FemsubError as error:
-        return None, str(error)
-
-
-def _border(model: Substructure, port: str, force: float, band: tuple[float, float]) -> tuple[CriticalSlope | None, str]:
-    if port not in model.ports or force == 0:
-        return None, ""
-    return border_or_reason(lambda: critical_slope(model, port, force=force, band=band))
+        return np.nan, np.nan, str(error)
 
 
 def _clocked(call: Callable[..., Any], model: Substructure, *arguments: Any, **options: Any) -> tuple[Any, float]:

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, items
-from femsub.errors import InputError, InputTypeError, SingularMatrixError
+from femsub.checks import Array, finite_number, instance, items, real_array
+from femsub.errors import InputError, SingularMatrixError
 from femsub.model.bands import within
 from femsub.model.friction import Belt
 from femsub.model.substructure import ReducedSubstructure, Substructure
@@ -169,10 +169,9 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
     """
     several = not isinstance(reduced, Substructure)
     models = tuple(reduced) if isinstance(reduced, Sequence) else (reduced,)
-    for model in (full, *models):
-        if not isinstance(model, Substructure):
-            raise InputTypeError(f"self_excitation takes Substructures, not {type(model).__name__}")
+    instance("full", full, Substructure)
     for model in models:
+        instance("reduced", model, Substructure)
         if isinstance(model, ReducedSubstructure) and len(model.V) != full.size:
             raise InputError(f"the basis of {model.name!r} has {len(model.V)} rows, but the full model {full.size} DOF")
     contacts = [belts] if isinstance(belts, Belt) else items("belts", belts, "Belts")
@@ -251,11 +250,8 @@ def _grid(omega: Any, harmonics: float, top: float, full: Substructure) -> Array
         if finite_number("harmonics", harmonics) <= 0:
             raise InputError(f"harmonics must be positive, not {harmonics!r}")
         return np.linspace(0.0, harmonics * (top or 1.0), many)
-    try:
-        grid = np.atleast_1d(np.asarray(omega, dtype=float))
-    except (TypeError, ValueError):
-        raise InputTypeError(f"omega must be frequencies, not {omega!r:.80}") from None
-    if grid.ndim != 1 or grid.size == 0 or not np.isfinite(grid).all() or grid.min() < 0:
+    grid = np.atleast_1d(real_array("omega", omega))
+    if grid.ndim != 1 or grid.size == 0 or grid.min() < 0:
         raise InputError("omega must be a flat, non-empty sequence of finite frequencies, none negative")
     return np.unique(grid)
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import ComplexModes, ReducedSubstructure, Substructure, chain, complex_modes, critical_slope, reduce, study, sweep
+from femsub import ComplexModes, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
 from femsub.app.figure_style import look
 from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, error_time_figure, friction_figure, size_sweep_figure
 from femsub.app.report import machine
@@ -172,8 +172,7 @@ def _critical(scene: ChainScene, _: Progress) -> Result:
 
 def _border(scene: ChainScene, model: Substructure) -> tuple[float, float, str]:
     """Critical slope and frequency in the scene's band; NaN and the reason where there is none to be had."""
-    found, reason = border_or_reason(lambda: critical_slope(model, band=(scene.band[0], scene.band[1]), force=scene.force))
-    return (np.nan, np.nan, reason) if found is None else (found.slope, found.omega, "")
+    return border_or_reason(model, "belt", scene.force, (scene.band[0], scene.band[1]))
 
 
 def _interfaces(scene: ChainScene, belt: int) -> list[bool]:

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from femsub import Substructure
-from femsub.app.report import machine
 from femsub.app.scene import Result
 from femsub.app.scenes.chain import ChainScene
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
@@ -37,10 +35,8 @@ SCENE = ChainCycleScene
 def run(scene: ChainCycleScene, progress: Callable[[str], None]) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     full = scene.model(scene.belt, False)
-    models: dict[str, Substructure] = {"full": full}
-    models |= {method: scene.reduced(full, method, scene.size) for method in scene.methods}
+    models = {"full": full, **{method: scene.reduced(full, method, scene.size) for method in scene.methods}}
     head = (f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, belt under m{scene.belt}, "
             f"{scene.friction_words}; {scene.labels} of {scene.size} DOF")
-    data = {"scene": scene.name, "machine": machine(), "n": scene.n, "damping": scene.damping, "belt": scene.belt,
-            "interface": scene.interface, **scene.friction, "size": scene.size, "band": scene.band, "parameter": scene.parameter}
+    data = {"n": scene.n, "damping": scene.damping, "belt": scene.belt, "interface": scene.interface, "size": scene.size}
     return run_cycles(scene, models, (scene.band[0], scene.band[1]), data, head, progress)

@@ -12,10 +12,11 @@ import numpy as np
 from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_balance, spectrum, transient
 from femsub.app.figure_style import look
 from femsub.app.figures_cycles import bifurcation_figure
+from femsub.app.report import machine
 from femsub.app.scene import Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
-from femsub.checks import Array, interval
-from femsub.errors import InputError, NoCycleError, NotConvergedError, unknown_name
+from femsub.checks import Array, choice, interval, whole_number
+from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.linalg.factor import QUADRATIC
 from femsub.motion.cycles.continuation import PARAMETERS, with_parameter
 from femsub.motion.cycles.initial_guess import of_signal, onsets
@@ -67,16 +68,11 @@ class CycleKeys(Scene):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.parameter not in PARAMETERS:
-            raise unknown_name("parameter", self.parameter, PARAMETERS)
+        choice("parameter", self.parameter, PARAMETERS)
         _ = self.rubbing  # refuses a slope
-        if self.dots_from not in ("blow", "cycle"):
-            raise unknown_name("dots_from", self.dots_from, ("blow", "cycle"))
-        for key in ("families", "points", "harmonics", "periods"):
-            if getattr(self, key) < 1:
-                raise InputError(f"{key} must be at least 1, not {getattr(self, key)}")
-        if self.dots < 0:
-            raise InputError(f"dots must be 0 (none) or more, not {self.dots}")
+        choice("dots_from", self.dots_from, ("blow", "cycle"))
+        for key, least in (("families", 1), ("points", 1), ("harmonics", 1), ("periods", 1), ("dots", 0)):
+            whole_number(key, getattr(self, key), least=least)
         if self.between:
             interval("between", self.between)
 
@@ -86,7 +82,8 @@ def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple
     """The outputs 'cycles' and 'branches' of a set of models, the reference among them first if it is small."""
     tell = lambda text: progress(f"{scene.name}: {text}")  # noqa: E731 - a word for each step
     parts = {"cycles": _cycles, "branches": _branches}
-    return run_outputs(scene.outputs, lambda output: parts[output](scene, models, band, tell), data, [head])
+    common = {"scene": scene.name, "machine": machine(), **scene.friction, "band": band, "parameter": scene.parameter}
+    return run_outputs(scene.outputs, lambda output: parts[output](scene, models, band, tell), common | data, [head])
 
 
 def _small(model: Substructure) -> bool:
@@ -220,14 +217,15 @@ def _range(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[flo
     belt = scene.rubbing
     value = float(getattr(belt, scene.parameter))
     if scene.parameter == "speed":
-        return min(0.5 * value, 3 * value), max(0.5 * value, 3 * value)
+        lo, hi = sorted((0.5 * value, 3 * value))
+        return lo, hi
     small = next(model for model in models.values() if _small(model))
     first = float(onsets(sliding(small, belt), band)[1][0])
     assert belt.slope is not None
     begins = first / belt.force if scene.parameter == "slope" else first / belt.slope
     ends = value + 0.25 * (value - begins)
-    spare = 0.02 * abs(ends - begins)
-    return min(begins, ends) - (spare if begins < ends else 0.0), max(begins, ends) + (spare if begins > ends else 0.0)
+    lo, hi = sorted((begins - 0.02 * (ends - begins), ends))
+    return lo, hi
 
 
 def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: Substructure,
@@ -284,12 +282,10 @@ def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float,
         v: Array = done.velocity(belt.port)
         v = v[:, 0] if v.ndim > 1 else v
         if scene.dots_from == "cycle":
-            dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
-                         "omega": 2 * np.pi / _repeats(done.t, v, 2 * np.pi / of_signal(done.t, v, 1).omega)})
-            continue
-        peaks = spectrum(done.t, v)
-        dots.append({"model": name, "value": float(value), "rms": float(np.std(v)),
-                     "omega": float(peaks.peaks[0]) if len(peaks.peaks) else np.nan})
+            omega = 2 * np.pi / _repeats(done.t, v, 2 * np.pi / of_signal(done.t, v, 1).omega)
+        else:
+            omega = float(next(iter(spectrum(done.t, v).peaks), np.nan))
+        dots.append({"model": name, "value": float(value), "rms": float(np.std(v)), "omega": omega})
     return dots
 
 

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, complex_modes, critical_slope, study
+from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, complex_modes, study
 from femsub.app.figure_style import look
 from femsub.app.figures import eigenvalue_figure, error_time_figure
 from femsub.app.figures_modes import shapes_figure
@@ -83,8 +83,7 @@ def _critical(work: Work) -> Result:
     rows: list[dict[str, Any]] = []
     for name, modes, model in work.models:
         work.tell(f"critical slope, {look(name).label} with {model.size} DOF")
-        found, reason = border_or_reason(partial(critical_slope, model, band=band, force=work.scene.force))
-        slope, omega = (np.nan, np.nan) if found is None else (found.slope, found.omega)
+        slope, omega, reason = border_or_reason(model, "belt", work.scene.force, band)
         full = rows[0]["slope"] if rows else slope
         rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
                      "error": relative_error(slope, full), "port_error": _port_error(model), "reason": reason})

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from femsub import Substructure
-from femsub.app.report import machine
 from femsub.app.scene import Result
 from femsub.app.scenes.component import Work
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
@@ -41,13 +39,9 @@ def run(scene: PlateCycleScene, progress: Callable[[str], None]) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     work = Work(scene, progress)
     most = max(scene.modes)
-    models: dict[str, Substructure] = {
-        method.key: rom for method, rom in work.reduced if method.modes == most}
-    models["full"] = work.sub
+    models = {**{method.key: rom for method, rom in work.reduced if method.modes == most}, "full": work.sub}
     band, rule = work.band
     head = (f"{scene.name}: {work.sub!r}\n{scene.friction_words}; "
             f"{scene.labels} with {most} modes; band {band[0]:g} to {band[1]:.6g} rad/time ({rule})")
-    data = {"scene": scene.name, "machine": machine(), "model": repr(work.sub), "size": work.sub.size, **scene.friction,
-            "modes_kept": most,
-            "band": band, "band_rule": rule, "parameter": scene.parameter}
+    data = {"model": repr(work.sub), "size": work.sub.size, "modes_kept": most, "band_rule": rule}
     return run_cycles(scene, models, band, data, head, progress)

@@ -15,11 +15,10 @@ import numpy as np
 
 from femsub.checks import Array, choice, finite_number, listener, truth, whole_number
 from femsub.errors import InputError, InputTypeError
-from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance
-from femsub.motion.cycles.continuation import PARAMETERS, Path, Place
+from femsub.motion.cycles.continuation import PARAMETERS, Path
 from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of
-from femsub.motion.cycles.limit_cycle import LimitCycle, check_columns, flexibility_of
+from femsub.motion.cycles.limit_cycle import LimitCycle, flexibility_of
 from femsub.motion.cycles.special_points import SpecialPoint, Tracer
 from femsub.motion.nonlinear_model import Sliding, sliding
 
@@ -129,7 +128,6 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
         The first cycles were not found.
     """
     contact = sliding(model, belts, "a branch of limit cycles")
-    check_columns(contact, start)
     choice("parameter", parameter, PARAMETERS)
     whole_number("points", points, least=1)
     whole_number("harmonics", harmonics, least=1)
@@ -143,19 +141,16 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
         raise InputError("the belt is at rest and brings no energy: give it a speed")
     if parameter != "force" and belt.force == 0:
         raise InputError("the normal force is zero: nothing excites the model; give the belt a force")
-    _ = contact.equilibrium  # refuses what floats
     flexibility = flexibility_of(contact, start)
     tell = listener("progress", progress)
     if isinstance(start, LimitCycle):
         value = float(getattr(belt, parameter))
         limits = limits_of(between, parameter, value, belt)
         path = _path(contact, flexibility, parameter, at, limits, start.omega, tolerance, harmonics)
-        first = _on_path(path, start.orbit, value)
-        parts = [Tracer(path, sign, limits, stability).walk(first, points // 2, tell) for sign in (-1.0, 1.0)]
-        back, ahead = ([*part.cycles] for part in parts)
-        ends = [part.values for part in parts]
-        return Branch(parameter, np.array([*ends[0][:0:-1], *ends[1]]), (*back[:0:-1], *ahead),
-                      (*parts[0].special[::-1], *parts[1].special), None, f"{parts[0].ended}; {parts[1].ended}")
+        first = path.at_value(start.orbit.with_harmonics(min(start.orbit.harmonics, harmonics)), value, value)
+        back, ahead = (Tracer(path, sign, limits, stability).walk(first, points // 2, tell) for sign in (-1.0, 1.0))
+        return Branch(parameter, np.array([*back.values[:0:-1], *ahead.values]), (*back.cycles[:0:-1], *ahead.cycles),
+                      (*back.special[::-1], *ahead.special), None, f"{back.ended}; {ahead.ended}")
     if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float))):
         raise InputTypeError(f"start must be a frequency or a LimitCycle, not {type(start).__name__}")
     if len(contact.belts) > 1:
@@ -172,11 +167,3 @@ def _path(contact: Sliding, flexibility: Compliance, parameter: str, at: int, li
           tolerance: float, harmonics: int) -> Path:
     speed = abs(contact.belts[at].speed or 0.0) or max(map(abs, limits))
     return Path(contact, flexibility, parameter, at, (speed, omega, limits[1] - limits[0]), tolerance, harmonics)
-
-
-def _on_path(path: Path, orbit: Orbit, value: float) -> Place:
-    """The cycle at this very value, with its tangent and no more harmonics than are allowed."""
-    orbit = orbit.with_harmonics(min(orbit.harmonics, path.most))
-    row = np.zeros(2 * orbit.v.size + 2)
-    row[-1] = 1.0
-    return path.correct(orbit, value, row, value / path.scales[2])[0]

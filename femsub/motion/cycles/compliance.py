@@ -30,10 +30,6 @@ if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
     from femsub.motion.nonlinear_model import Sliding
 
-if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
-    from femsub.motion.nonlinear_model import Sliding
-
 AGREE = 1e-7  # partial fractions and a solve may differ by so much, relatively, where they differ most
 NEARBY = 1e-7  # relative error of h, as estimated, up to which a basis of responses is taken for the model itself
 MODES, MOMENTS = 40, 3  # with which the basis of a sparse model begins

@@ -127,6 +127,12 @@ class Path:
         return Place(orbit, value, tangent / np.linalg.norm(tangent),
                      float(np.linalg.norm(R) / np.linalg.norm(x[:-2]))), turn
 
+    def at_value(self, orbit: Orbit, value: float, wanted: float) -> Place:
+        """The cycle at this very value of the parameter, from an orbit at another one nearby."""
+        row = np.zeros(2 * orbit.v.size + 2)
+        row[-1] = 1.0
+        return self.correct(orbit, value, row, wanted / self.scales[2])[0]
+
     def resized(self, place: Place, harmonics: int) -> Place:
         """The same place with another number of harmonics, not corrected."""
         t, p = place.tangent, place.orbit.v.shape[1]

@@ -12,6 +12,7 @@ import numpy as np
 
 from femsub.checks import Array, finite_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
+from femsub.linalg.factor import shared_factor
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
@@ -118,7 +119,7 @@ class LimitCycle:
         if self.contact.columns == 1 and steady[0] != 0:
             rest = self.contact.equilibrium * (mean[0] / steady[0])
         else:
-            rest = static(self.contact.model, self.contact.W @ mean)
+            rest = shared_factor(self.contact.model.K, "definite").solve(self.contact.W @ mean)
         s = 1j * self.omega * np.arange(1, self.orbit.harmonics + 1)
         return rest, s, self.flexibility.response(s, f)
 
@@ -147,13 +148,6 @@ class LimitCycle:
         sticking = f"unknown (the law on {without[0]!r} has no eps)" if without else f"{100 * self.sticking:.3g} %"
         return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking {sticking}, {verdict}; "
                 f"{self.orbit.harmonics} harmonics, residual {self.residual:.0e}, left out {self.truncation:.0e}")
-
-
-def static(model: Substructure, load: Array) -> Array:
-    """K⁻¹ load of a model that does not float."""
-    from femsub.linalg.factor import shared_factor
-
-    return shared_factor(model.K, "definite").solve(load)
 
 
 def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmonics: int | None = None, start: Any = None,
@@ -187,31 +181,33 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
         `harmonics` are too few: the message says how many would do.
     """
     contact = sliding(model, belts, "harmonic balance")
-    check_columns(contact, start)
     if harmonics is not None:
         whole_number("harmonics", harmonics, least=1, most=MOST_ASKED)
     if not 0 < finite_number("tolerance", tolerance) < 1:
         raise InputError(f"tolerance must lie between 0 and 1, such as 1e-4, not {tolerance!r}")
     if all(belt.force == 0 for belt in contact.belts):
         raise InputError("the normal force is zero: nothing excites the model, and it has no limit cycle; give the belt a force")
-    _ = contact.equilibrium  # refuses what floats
     flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
     return refined(contact, flexibility, orbit, harmonics, tolerance, steps)
 
 
-def check_columns(contact: Sliding, start: Any) -> None:
-    """Refuses a cycle to start from that moves another number of columns than the contact has."""
-    if isinstance(start, LimitCycle) and start.contact.columns != contact.columns:
-        raise InputError(f"start: the cycle has {start.contact.columns} column(s) of contact, but {contact.model.name!r} has "
-                         f"{contact.columns} under its belts; give a cycle found with the same ports and belts, or none")
-
-
 def flexibility_of(contact: Sliding, start: Any) -> Compliance:
-    """That of the cycle to start from, where it is of the same model: a sparse one keeps its responses. Else a new one."""
-    known = start.contact if isinstance(start, LimitCycle) else None
-    same = known is not None and known.model is contact.model and np.array_equal(known.W, contact.W)
-    return start.flexibility if same else compliance(contact)
+    """That of the cycle to start from, where it is of the same model: a sparse one keeps its responses. Else a new one.
+
+    Raises
+    ------
+    InputError
+        The model floats, or the cycle moves another number of columns than the contact has.
+    """
+    _ = contact.equilibrium  # refuses what floats
+    if not isinstance(start, LimitCycle):
+        return compliance(contact)
+    known = start.contact
+    if known.columns != contact.columns:
+        raise InputError(f"start: the cycle has {known.columns} column(s) of contact, but {contact.model.name!r} has "
+                         f"{contact.columns} under its belts; give a cycle found with the same ports and belts, or none")
+    return start.flexibility if known.model is contact.model and np.array_equal(known.W, contact.W) else compliance(contact)
 
 
 def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: int | None, tolerance: float,

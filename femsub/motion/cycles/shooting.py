@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.checks import Array, finite_number, whole_number
-from femsub.errors import InputError, InputTypeError, NotConvergedError
+from femsub.errors import InputError, NotConvergedError
 from femsub.modes.normal_modes import all_modes
 from femsub.motion.cycles.limit_cycle import LimitCycle
 from femsub.motion.nonlinear_model import Sliding, State, sliding
@@ -103,14 +103,11 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
     if isinstance(start, LimitCycle):
         period = start.period if period is None else period
         start = start.state()
-    if not isinstance(start, State):
-        raise InputTypeError(f"start must be a LimitCycle or a State, not {type(start).__name__}")
+    start = contact.checked(start)
     if period is None or finite_number("period", period) <= 0:
         raise InputError(f"shooting from a state needs a positive period, not {period!r}")
     _check_period(model, period)
     y = np.concatenate([start.displacement, start.velocity])
-    if len(y) != 2 * model.size:
-        raise InputError(f"the state has {len(start.displacement)} DOF, the model {model.size}")
     flow = _Flow(contact, rtol)
     for turn in range(1, rounds + 1):  # noqa: B007 - told in the result
         end, Phi, _ = flow.run(y, period)
@@ -149,7 +146,7 @@ class _Flow:
     def __init__(self, contact: Sliding, rtol: float) -> None:
         pencil, n = contact.model.pencil.dense(), contact.model.size
         inverse = np.linalg.inv(pencil.M)
-        self.contact, self.n, self.rtol = contact, n, rtol
+        self.contact, self.rtol = contact, rtol
         self.A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ pencil.K, -inverse @ pencil.D]])
         self.B = np.vstack([np.zeros_like(contact.W), inverse @ contact.W])
         self.C = np.vstack([np.zeros_like(contact.W), contact.W]).T

@@ -118,11 +118,8 @@ class Tracer:
         lo, hi = self.limits
         if lo <= beyond.value <= hi:
             return
-        row = np.zeros(len(beyond.tangent))
-        row[-1] = 1.0
-        end = lo if beyond.value < lo else hi
         try:
-            place, _ = self.path.correct(beyond.orbit, beyond.value, row, end / self.path.scales[2])
+            place = self.path.at_value(beyond.orbit, beyond.value, lo if beyond.value < lo else hi)
         except NotConvergedError:
             return
         self._keep(place, self.cycle(place))
