@@ -57,7 +57,7 @@ def test_full_plate_and_its_reduced_models(tmp_path: Path, capsys: pytest.Captur
 
 @pytest.mark.parametrize(("text", "words"), [
     ('parameter = "speeed"', "did you mean 'speed'"), ("slope = -0.2", "needs a friction law"), ("families = 0", "at least 1"),
-    ("between = [1.0]", "between must be"), ("dots = -1", "dots must be 0"),
+    ("between = [1.0]", "between must be"), ("dots = -1", "dots must be at least 0"),
     ('dots_from = "rest"', "unknown dots_from"), ("force = 0.001", "no cycle begins"),
 ])
 def test_a_bad_scene_ends_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str) -> None:

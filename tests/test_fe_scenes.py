@@ -146,7 +146,8 @@ def test_modes_solve_no_quadratic_problem_and_reduce_nothing(tmp_path: Path, mon
     def never(*_: object, **__: object) -> None:
         raise AssertionError("not asked for")
 
-    for module, name in ((component, "reduce"), (outputs, "complex_modes"), (error_vs_time, "critical_slope"), (outputs, "study")):
+    for module, name in ((component, "reduce"), (outputs, "complex_modes"), (outputs, "study"),
+                         (error_vs_time, "critical_slope")):
         monkeypatch.setattr(module, name, never)
     scene, run = load(scene_file(tmp_path, SMALL["plate"] + 'outputs = ["modes"]'))
     told: list[str] = []
@@ -167,7 +168,7 @@ def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() ->
     few = next(row for row in found.rows if row.modes == 4)
     assert few.cutoff < 8500 and few not in fit
     assert found.recommended(1e-16) is None and "none of these models" in found.recommendation(1e-16)
-    with pytest.raises(ValueError, match="tolerance must be a positive number"):
+    with pytest.raises(ValueError, match="tolerance must be positive"):
         found.recommended(0)
 
 
@@ -247,7 +248,7 @@ FILE = 'mesh = "mesh.vtu"\nsupports = ["left"]\ncontact = "top"\nmodes = [4]\nre
     ('scene = "beam"\nrayleigh = [1.0]', "rayleigh must be [alpha, beta]"),
     ('scene = "beam"\nwidth = 0.0', "width must be positive"),
     ('scene = "beam"\nmodes = [401]', "401 are more than the 400 DOF"),
-    ('scene = "beam"\nmodes = [-1]', "modes must be 0 or more"),
+    ('scene = "beam"\nmodes = [-1]', "modes must be at least 0"),
     ('scene = "beam"\nband = [2.0, 1.0]', "0 <= lo < hi"),
     ('scene = "beam"\ntolerance = 0.0', "tolerance must be positive"),
     ('scene = "beam"\nforce = -1.0', "force must not be negative"),

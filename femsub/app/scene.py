@@ -19,6 +19,8 @@ from femsub.timing import Interruptible
 if TYPE_CHECKING:
     from femsub import Belt
 
+Progress = Callable[[str], None]
+
 #: name of a built-in scene: (module in femsub.app.scenes, one line)
 SCENES = {
     "chain": ("chain", "the paper's chain on a belt: full and reduced, its figures 2 to 4, error against run time"),
@@ -85,8 +87,7 @@ class Scene:
         for kind, values, valid in (("method", self.methods, METHODS), ("output", self.outputs, known),
                                     ("law", [self.law], LAWS)):
             for value in values:
-                if value not in valid:
-                    raise unknown_name(kind, value, valid)
+                choice(kind, value, valid)
         if not self.methods:
             raise InputError(f"methods is empty; valid: {', '.join(METHODS)}")
         whole_number("repeats", self.repeats, least=1, most=MOST_REPEATS)
@@ -208,7 +209,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
     return Result(data, rows, "\n\n".join(text), drawings, files)
 
 
-def load(source: str) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], Result]]:
+def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
     """A scene by the name of a built-in one or from a TOML file, with the function that runs it.
 
     Raises
@@ -234,7 +235,7 @@ def load(source: str) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], R
     return _build(table, path.parent)
 
 
-def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Scene, Callable[[str], None]], Result]]:
+def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
     values = dict(table)
     kind = choice("scene", values.pop("scene", "chain"), SCENES)
     if kind == "matrices" and not values:
@@ -242,14 +243,15 @@ def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Sce
                          "K = \"K.mtx\", port = 0, band = [0.0, 1000.0]")
     module = import_module(f"femsub.app.scenes.{SCENES[kind][0]}")
     scene_type = module.SCENE
-    fields = {item.name: item for item in dataclasses.fields(scene_type) if item.name != "folder"}
+    fields = {item.name: item for item in dataclasses.fields(scene_type)}
+    takes_folder = fields.pop("folder", None) is not None
     for key, value in values.items():
         if key not in fields:
             raise unknown_name("scene key", key, ["scene", *fields])
         if value == []:
             raise InputError(f"scene key {key!r} is an empty list; leave the key out to take its default")
         values[key] = _typed(key, value, str(fields[key].type))
-    if "folder" in {item.name for item in dataclasses.fields(scene_type)}:
+    if takes_folder:
         values["folder"] = str(folder)
     return scene_type(**{"name": kind, **values}), module.run
 

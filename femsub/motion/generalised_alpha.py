@@ -113,21 +113,22 @@ class AlphaFlow:
             step = float(f"{span / count:.9e}")  # equal steps share a factorisation
             if step != last:  # the third difference needs four speeds at equal distances
                 history, last = history[-1:], step
-            failed = False
             for _ in range(count):
                 history = [*history[-3:], self._step(step)]
                 done += 1
                 if len(history) == 4:
                     worst = max(worst, self._error(history, step))
                     if worst > self.tol:
-                        failed = True
                         break
-            if failed:
+            if worst > self.tol:
                 halved += 1
                 if halved > HALVINGS:
                     raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g} and the local error is still "
                                             f"{worst:.1e} at tol = {self.tol:g}; take a larger tol or eps")
-                at -= self._back(begin, shown)
+                x, v, a, self.work, self.loss, self.moving, self.error, kept = begin
+                self.stepper.x, self.stepper.v, self.stepper.a = x, v, a
+                at -= len(shown) - kept
+                del shown[kept:]
                 # the local error falls with the third power of the step: what is far too long is halved more than once
                 halvings = min(max(1, int(np.log2(worst / self.tol) / 3)), AT_MOST)
                 self.dt, done, worst, history = step / 2**halvings, 0, 0.0, [begin[1]]
@@ -146,14 +147,6 @@ class AlphaFlow:
     def _checkpoint(self) -> Checkpoint:
         at = self.stepper
         return at.x, at.v, at.a, self.work, self.loss, self.moving, self.error, 1
-
-    def _back(self, begin: Checkpoint, shown: list[Any]) -> int:
-        """Back to a checkpoint; returns how many points of the grid are lost with it."""
-        x, v, a, self.work, self.loss, self.moving, self.error, kept = begin
-        self.stepper.put(x, v, a)
-        lost = len(shown) - kept
-        del shown[kept:]
-        return lost
 
     def _seen(self) -> tuple[Array, ...]:
         x, v = self.rest + self.stepper.x, self.stepper.v
@@ -238,10 +231,6 @@ class Stepper:
         speeds = contact.W.T @ self.v
         self.force = contact.force(speeds)
         self.a = mass_solve(flow.M, -flow.residual(self.x, self.v, np.zeros_like(self.v), self.force))
-
-    def put(self, x: Array, v: Array, a: Array) -> None:
-        """Another state, to go on from."""
-        self.x, self.v, self.a = x, v, a
 
     def step(self, h: float) -> None:
         """One step: one solve with S, p scalar equations, and the stage is right to rounding."""

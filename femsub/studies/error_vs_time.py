@@ -5,13 +5,12 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, check_band, instance, listener, real_array, shown, whole_number
+from femsub.checks import Array, check_band, instance, items, listener, real_array, shown, whole_number
 from femsub.errors import CutoffWarning, FemsubError, InputError, InputTypeError, PortWarning
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE, release
 from femsub.model.bands import in_band
@@ -68,8 +67,7 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
     if belt is not None:
         instance("belt", belt, Belt)
     lo, hi = check_band(band)
-    if not isinstance(methods, Sequence):
-        raise InputTypeError(f"methods must be a list, e.g. [CraigBampton(modes=4)], not {methods!r}")
+    methods = items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]")
     for method in methods:
         if not isinstance(method, Method):
             raise InputTypeError(f"methods must hold reductions, e.g. CraigBampton(modes=4), not {shown(method)}")
@@ -80,8 +78,8 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
     if sub.ports:  # without any there is no critical slope, and that is all
         sub.port(place)
     tell = listener("progress", progress)
-    costs = _measured(sub, methods, belt, (lo, hi), ports, repeats, tell)
-    models, spectra = [sub, *costs.models], costs.spectra
+    roms, spectra, phases, solving = _measured(sub, methods, belt, (lo, hi), ports, repeats, tell)
+    models = [sub, *roms]
     reasons: Sequence[str] = [""] * len(models)
     if slopes is None:
         tell(f"{sub.name}: critical slopes")
@@ -96,12 +94,12 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
     for i, model in enumerate(models):
         found = spectrum_errors(spectra[0], spectra[i], (sub, model), rates)
         growth, stable = _judged(spectra[i], (lo, hi))
-        taken = costs.phases[i]
+        taken = phases[i]
         rows.append(Row(
             methods[i - 1].key if i else "full", model.modes if isinstance(model, ReducedSubstructure) else 0,
             model.size, found.eigenvalue, found.growth, relative_error(slopes[i], slopes[0]), found.missing, slopes[i],
             growth,
-            Timing.of([sum(one.values()) for one in taken]), Timing.of(costs.solving[i]),
+            Timing.of([sum(one.values()) for one in taken]), Timing.of(solving[i]),
             model.port_error.get(place, 0.0) if isinstance(model, ReducedSubstructure) else 0.0, model.cutoff,
             extra_eigenvalues(spectra[0], spectra[i], (lo, hi)),
             frequency_error(own, all_frequencies(model)) if i else 0.0, found.mac,
@@ -110,18 +108,10 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
     return Study(sub.name, (lo, hi), repeats, rows[0], with_front(rows[1:], hi), assembly)
 
 
-@dataclass(frozen=True, eq=False)
-class _Costs:
-    """Reduced models, all spectra (the full model's first), and the seconds of each run."""
-
-    models: list[ReducedSubstructure]
-    spectra: list[ComplexModes]
-    phases: list[list[dict[str, float]]]
-    solving: list[list[float]]
-
-
 def _measured(sub: Substructure, methods: Sequence[Method], belt: Belt | None, band: tuple[float, float],
-              ports: bool, repeats: int, tell: Progress) -> _Costs:
+              ports: bool, repeats: int, tell: Progress) -> tuple[list[ReducedSubstructure], list[ComplexModes],
+                                                                  list[list[dict[str, float]]], list[list[float]]]:
+    """Reduced models, all spectra (the full model's first), and the seconds of each run: by phases of reduction, to solve."""
     solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
     phases: list[list[dict[str, float]]] = [[{}], *([] for _ in methods)]
     models: list[Any] = [None] * len(methods)
@@ -146,7 +136,7 @@ def _measured(sub: Substructure, methods: Sequence[Method], belt: Belt | None, b
                 spectra[i], seconds = _clocked(complex_modes, model, belt, band=None if model.size <= WIDE else band,
                                                 certify=False)
                 solving[i].append(seconds)
-    return _Costs(models, spectra, phases, solving)
+    return models, spectra, phases, solving
 
 
 def _frequencies(sub: Substructure, band: tuple[float, float]) -> Array:

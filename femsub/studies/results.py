@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.errors import InputError
+from femsub.checks import positive_number
 from femsub.reduction.reduce import METHODS
 from femsub.studies.tables import known, table
 
@@ -159,8 +159,7 @@ class Study:
         that does not hang on the noise of the clock. Among equals the one with the smallest error, unless it clearly takes
         longer.
         """
-        if not isinstance(tolerance, (int, float)) or not 0 < tolerance < np.inf:
-            raise InputError(f"tolerance must be a positive number, such as 1e-3, not {tolerance!r}")
+        positive_number("tolerance", tolerance)
         fit = [row for row in self.rows if row.error_growth <= tolerance and row.sound and row.cutoff >= self.band[1]]
         least = min((row.size for row in fit), default=0)
         fit = [row for row in fit if row.size == least]

@@ -177,19 +177,17 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
     contacts = [belts] if isinstance(belts, Belt) else items("belts", belts, "Belts")
     if not contacts:
         raise InputError("self_excitation needs at least one Belt: without contact nothing feeds the motion")
-    values, shapes, grows, modes = _upper(complex_modes(full, contacts, band=band, count=count))
+    modes = complex_modes(full, contacts, band=band, count=count)
+    values, _, grows = ours = _upper(modes)
     limits = band
     if band is None and len(modes) < 2 * full.size:
         limits = (0.0, float(np.abs(values).max(initial=0.0)))
     top = float((values[grows] if grows.any() else values).imag.max(initial=0.0))
     grid = _grid(omega, harmonics, top, full)
     reference = _compliance(full, contacts, grid)
-    found = []
-    for model in models:
-        others, fields, increase, _ = _upper(complex_modes(model, contacts))
-        found.append(_compare(full, model, (values, shapes, grows), (others, fields, increase), limits,
-                              reference, _compliance(model, contacts, grid), grid))
-    return tuple(found) if several else found[0]
+    found = tuple(_compare(full, model, ours, _upper(complex_modes(model, contacts)), limits, reference,
+                           _compliance(model, contacts, grid), grid) for model in models)
+    return found if several else found[0]
 
 
 def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Belt | Sequence[Belt],
@@ -206,15 +204,15 @@ def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Belt 
             for model, one, errors in zip(reduced, found, measured, strict=True)]  # type: ignore[arg-type]
 
 
-def _upper(modes: ComplexModes) -> tuple[Array, Array, Array, ComplexModes]:
+Spectrum = tuple[Array, Array, Array]
+
+
+def _upper(modes: ComplexModes) -> Spectrum:
     """λ with Im λ ≥ 0 that belong to no rigid motion, ascending; their shapes; which grow for certain, cut-off or not."""
     keep = np.flatnonzero(listed(modes))
     keep = keep[np.argsort(modes.eigenvalues[keep].imag, kind="stable")]
     grows = np.array([modes.stable[i] is False for i in keep], dtype=bool)
-    return modes.eigenvalues[keep], modes.shapes[:, keep], grows, modes
-
-
-Spectrum = tuple[Array, Array, Array]
+    return modes.eigenvalues[keep], modes.shapes[:, keep], grows
 
 
 def _compare(full: Substructure, model: Substructure, ours: Spectrum, theirs: Spectrum, limits: tuple[float, float] | None,

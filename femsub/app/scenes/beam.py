@@ -9,7 +9,7 @@ import numpy as np
 from femsub import Mesh, Substructure, beam
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
-from femsub.errors import InputError
+from femsub.checks import positive_number
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,7 @@ class BeamScene(ComponentScene):
 
     def component(self) -> tuple[Substructure, Mesh]:
         for key in ("width", "height"):
-            if not 0 < getattr(self, key) < np.inf:
-                raise InputError(f"{key} must be positive, but is {getattr(self, key)!r}")
+            positive_number(key, getattr(self, key))
         sub = beam(self.length, self.elements, E=self.E, I=self.I or self.width * self.height**3 / 12, rho=self.rho,
                    A=self.A or self.width * self.height, foundation=self.foundation,
                    supports={"left": self.left, "right": self.right}, interface=self.interface, ports={"belt": self.contact},

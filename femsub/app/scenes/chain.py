@@ -13,7 +13,7 @@ from femsub import ComplexModes, ReducedSubstructure, Substructure, chain, compl
 from femsub.app.figure_style import look
 from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, error_time_figure, friction_figure, size_sweep_figure
 from femsub.app.report import machine
-from femsub.app.scene import Result, Scene, run_outputs
+from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import comparable
 from femsub.checks import check_band, whole_number
 from femsub.errors import InputError, PortWarning
@@ -22,9 +22,6 @@ from femsub.quadratic.matching import relative_error
 from femsub.reduction.reduce import METHODS
 from femsub.studies.error_vs_time import border_or_reason
 from femsub.studies.tables import known, table
-
-Progress = Callable[[str], None]
-
 
 MOST = 10**7  # masses
 
@@ -234,10 +231,8 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
             modes = complex_modes(model, belt, band=band)
             exact = modes if exact is None else exact
             limit = min(model.cutoff, float(exact.frequencies.max(initial=0.0)))
-            models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size,
-                           **comparable(exact, modes, limit), "is_stable": modes.is_stable, "eigenvalues": modes.eigenvalues,
-                           "error_bar": modes.error_bar,
-                           "backward_error": modes.backward_error, "above_cutoff": modes.above_cutoff, "cutoff": model.cutoff})
+            models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size, "cutoff": model.cutoff,
+                           **comparable(exact, modes, limit)})
     said = table(["interface", "model", "DOF", "up to ω", "eigenvalues", "full has", "largest Re λ", "full has", "stable",
                   "largest backward error"],
                  [[m["interface"], look(m["model"]).label, m["size"], m["up_to"], m["counted"], m["full_counted"],

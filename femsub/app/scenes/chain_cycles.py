@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from femsub.app.scene import Result
+from femsub.app.scene import Progress, Result
 from femsub.app.scenes.chain import ChainScene
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
 
@@ -32,7 +31,7 @@ class ChainCycleScene(CycleKeys, ChainScene):
 SCENE = ChainCycleScene
 
 
-def run(scene: ChainCycleScene, progress: Callable[[str], None]) -> Result:
+def run(scene: ChainCycleScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     full = scene.model(scene.belt, False)
     models = {"full": full, **{method: scene.reduced(full, method, scene.size) for method in scene.methods}}

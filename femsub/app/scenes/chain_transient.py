@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from femsub import transient
 from femsub.app.figure_style import look
 from femsub.app.report import machine
-from femsub.app.scene import Result, run_outputs
+from femsub.app.scene import Progress, Result, run_outputs
 from femsub.app.scenes.chain import ChainKeys
 from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, whole
 from femsub.checks import interval
@@ -62,7 +62,7 @@ class ChainTransientScene(ChainKeys):
 SCENE = ChainTransientScene
 
 
-def run(scene: ChainTransientScene, progress: Callable[[str], None]) -> Result:
+def run(scene: ChainTransientScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     belt = scene.rubbing
     full = scene.model(scene.belt, scene.join_belt)

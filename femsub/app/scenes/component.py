@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -12,13 +11,12 @@ from typing import ClassVar
 import numpy as np
 
 from femsub import Mesh, NormalModes, ReducedSubstructure, Substructure, displacements, normal_modes, reduce
-from femsub.app.scene import Scene
-from femsub.checks import Array, check_band
+from femsub.app.scene import Progress, Scene
+from femsub.checks import Array, check_band, positive_number, whole_number
 from femsub.components.fields import node_rows
 from femsub.errors import InputError, PortWarning
 from femsub.reduction.reduce import METHODS, Method
 
-Progress = Callable[[str], None]
 UP_TO, MARGIN = 8, 0.02  # the band's default: so much above that mode
 LISTED = 14  # normal modes that are listed and written
 
@@ -54,10 +52,8 @@ class ComponentScene(Scene):
         if not self.modes:
             raise InputError("modes is empty: name the numbers of modes to compare, e.g. [10, 20]")
         for count in self.modes:
-            if count < 0:
-                raise InputError(f"modes must be 0 or more, but one is {count}")
-        if not 0 < self.tolerance < np.inf:
-            raise InputError(f"tolerance must be positive, such as 1e-3, not {self.tolerance!r}")
+            whole_number("modes", count, least=0)
+        positive_number("tolerance", self.tolerance)
 
     def component(self) -> tuple[Substructure, Mesh | None]:
         """The component with the port "belt", and the mesh to show its shapes on."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,7 +13,7 @@ from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_bal
 from femsub.app.figure_style import look
 from femsub.app.figures_cycles import bifurcation_figure
 from femsub.app.report import machine
-from femsub.app.scene import Result, Scene, run_outputs
+from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
 from femsub.checks import Array, choice, interval, whole_number
 from femsub.errors import InputError, NoCycleError, NotConvergedError
@@ -23,7 +23,6 @@ from femsub.motion.cycles.initial_guess import of_signal, onsets
 from femsub.motion.nonlinear_model import sliding
 from femsub.studies.tables import known, table
 
-Progress = Callable[[str], None]
 NEAR = 0.05  # frequencies of two models that differ by less belong to the same mode
 VERDICT = {True: "yes", False: "no", None: "-"}
 
@@ -90,22 +89,21 @@ def _small(model: Substructure) -> bool:
     return not model.pencil.is_sparse or model.size <= QUADRATIC
 
 
-def _families(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float]) -> list[float]:
-    """Frequencies of the modes to follow: those of the first small model."""
-    for model in models.values():
-        if _small(model):
-            omega, _ = onsets(sliding(model, scene.rubbing), band)
-            if not len(omega):
-                raise NoCycleError(f"steady sliding is stable in the band {band[0]:g} to {band[1]:g}: no cycle begins; raise the "
-                                   "force, or change the speed")
-            return [float(value) for value in np.sort(omega[:scene.families])]
-    raise InputError("no model is small enough for its modes to be listed; name reduction methods")
+def _families(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float]) -> tuple[list[float], float]:
+    """Frequencies of the modes to follow, and F μ' at the first one's Hopf point: those of the first small model."""
+    small = next((model for model in models.values() if _small(model)), None)
+    if small is None:
+        raise InputError("no model is small enough for its modes to be listed; name reduction methods")
+    omega, c = onsets(sliding(small, scene.rubbing), band)
+    if not len(omega):
+        raise NoCycleError(f"steady sliding is stable in the band {band[0]:g} to {band[1]:g}: no cycle begins; raise the force, "
+                           "or change the speed")
+    return [float(value) for value in np.sort(omega[:scene.families])], float(c[0])
 
 
 def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], tell: Progress) -> Result:
     rows: list[dict[str, Any]] = []
-    text: list[str] = []
-    for family in _families(scene, models, band):
+    for family in _families(scene, models, band)[0]:
         found: dict[str, LimitCycle] = {}
         here: list[dict[str, Any]] = []
         for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):
@@ -148,8 +146,8 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
 
 
 def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], tell: Progress) -> Result:
-    families = _families(scene, models, band)
-    limits = _range(scene, models, band)
+    families, first = _families(scene, models, band)
+    limits = _range(scene, first)
     found: list[dict[str, Any]] = []
     for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):  # large ones start from the others' cycles
         for family in families:
@@ -210,8 +208,8 @@ def _plain(traced: Branch) -> dict[str, Any]:
             "special": [vars(point) for point in traced.special], "ended": traced.ended, "points": traced.rows()}
 
 
-def _range(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float]) -> tuple[float, float]:
-    """From the first Hopf point to the scene's own value and a quarter beyond."""
+def _range(scene: CycleKeys, first: float) -> tuple[float, float]:
+    """From the first Hopf point, where F μ' = first, to the scene's own value and a quarter beyond."""
     if scene.between:
         return scene.between[0], scene.between[1]
     belt = scene.rubbing
@@ -219,8 +217,6 @@ def _range(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[flo
     if scene.parameter == "speed":
         lo, hi = sorted((0.5 * value, 3 * value))
         return lo, hi
-    small = next(model for model in models.values() if _small(model))
-    first = float(onsets(sliding(small, belt), band)[1][0])
     assert belt.slope is not None
     begins = first / belt.force if scene.parameter == "slope" else first / belt.slope
     ends = value + 0.25 * (value - begins)

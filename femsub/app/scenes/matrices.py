@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
 from femsub import Substructure, read_component
-from femsub.app.scene import Result
+from femsub.app.scene import Progress, Result
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.outputs import run_component
-from femsub.errors import InputError, unknown_name
+from femsub.checks import choice
+from femsub.errors import InputError
 from femsub.io.model_folder import FORMATS, matrix_files
 
 
@@ -58,8 +58,7 @@ class MatricesScene(ComponentScene):
             raise InputError("scene key 'band' must be [lo, hi] in rad per unit of time: it says where models are compared")
         if not self.port:
             raise InputError("scene key 'port' is missing: name the DOF under the belt, counted from 0")
-        if self.format not in FORMATS:
-            raise unknown_name("format", self.format, FORMATS)
+        choice("format", self.format, FORMATS)
 
     def component(self) -> tuple[Substructure, None]:
         """The component, checked."""
@@ -71,7 +70,7 @@ class MatricesScene(ComponentScene):
 SCENE = MatricesScene
 
 
-def run(scene: MatricesScene, progress: Callable[[str], None]) -> Result:
+def run(scene: MatricesScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     return run_component(scene, progress, {"reduced-matrices": _written})
 

@@ -13,8 +13,8 @@ from femsub.app.figure_style import look
 from femsub.app.figures import eigenvalue_figure, error_time_figure
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.report import machine
-from femsub.app.scene import Result, run_outputs
-from femsub.app.scenes.component import ComponentScene, Progress, Work
+from femsub.app.scene import Progress, Result, run_outputs
+from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
 from femsub.model.bands import in_band
@@ -23,6 +23,7 @@ from femsub.studies.error_vs_time import border_or_reason
 from femsub.studies.tables import known, table
 
 DRAWN = 6  # of the normal modes
+SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 
 Part = Callable[[Work], Result]
 
@@ -42,13 +43,10 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
     if set(scene.outputs) & {"critical-slope", "eigenvalues", "error-time"}:
         band, rule = work.band
         data |= {"band": band, "band_rule": rule}
-        text[0] += f"\nband {band[0]:g} to {band[1]:.6g} rad/time ({rule}); {scene.labels} with {_listed(scene.modes)} modes" + \
+        modes = ", ".join(map(str, scene.modes))
+        text[0] += f"\nband {band[0]:g} to {band[1]:.6g} rad/time ({rule}); {scene.labels} with {modes} modes" + \
                    (", static responses to the contact joined" if scene.ports else "")
     return run_outputs(scene.outputs, lambda output: parts[output](work), data, text)
-
-
-def _listed(numbers: list[int]) -> str:
-    return ", ".join(str(number) for number in numbers)
 
 
 def _modes(work: Work) -> Result:
@@ -112,11 +110,8 @@ def _eigenvalues(work: Work) -> Result:
               for name, modes, model in work.models]
     spectra: list[dict[str, Any]] = []
     for name, modes, model, found in models:
-        item = {"model": name, "modes": modes, "size": model.size, "growth": found.growth, "is_stable": found.is_stable,
-                "eigenvalues": found.eigenvalues, "error_bar": found.error_bar, "certified": found.certified,
-                "evidence": found.evidence,
-                "backward_error": found.backward_error, "above_cutoff": found.above_cutoff, "cutoff": model.cutoff}
-        item |= comparable(exact, found, min(band[1], model.cutoff))
+        item = {"model": name, "modes": modes, "size": model.size, "certified": found.certified, "evidence": found.evidence,
+                "cutoff": model.cutoff, **comparable(exact, found, min(band[1], model.cutoff))}
         if isinstance(model, ReducedSubstructure) and at is not None and len(found):
             item["shape_error"] = _shape_error(work.sub, model.expand(_counterpart(found, exact, at)[1]), exact.shapes[:, at])
         spectra.append(item)
@@ -127,8 +122,8 @@ def _eigenvalues(work: Work) -> Result:
                    int(np.sum(m["above_cutoff"])), m.get("shape_error")]
                   for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", "d", ".1e"])
     head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: completeness {exact.evidence})"
-    rows = [{"model": m["model"], "modes": m["modes"], "size": m["size"], "up_to": m["up_to"], "growth": m["growth"],
-             "full_growth": m["full_growth"], "is_stable": m["is_stable"], "shape_error": m.get("shape_error")} for m in spectra]
+    columns = ("model", "modes", "size", "up_to", "growth", "full_growth", "is_stable", "shape_error")
+    rows = [{key: m.get(key) for key in columns} for m in spectra]
     data: dict[str, Any] = {"eigenvalues": spectra}
     kept = work.scene.modes
     panels = [{**m, "panel": f"{modes} modes"} for modes in dict.fromkeys([kept[0], kept[len(kept) // 2], kept[-1]])
@@ -143,11 +138,11 @@ def _eigenvalues(work: Work) -> Result:
 
 
 def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[str, Any]:
-    """Of a model and of the full one: the eigenvalues with 0 ≤ Im λ ≤ limit, its cut-off, and the largest Re λ among them.
+    """What is shown of a model, and of it and of the full one: how many λ have 0 ≤ Im λ ≤ limit, and their largest Re λ.
 
     What the full model has beyond the cut-off of a reduced one is no part of the comparison.
     """
-    data: dict[str, Any] = {"up_to": limit}
+    data: dict[str, Any] = {"up_to": limit} | {key: getattr(found, key) for key in SHOWN}
     for name, modes in (("", found), ("full_", exact)):
         keep = listed(modes) & in_band(modes.eigenvalues, (0.0, limit))
         data |= {f"{name}counted": int(keep.sum()), f"{name}growth": float(modes.eigenvalues.real[keep].max(initial=-np.inf))}

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from femsub.app.scene import Result
+from femsub.app.scene import Progress, Result
 from femsub.app.scenes.component import Work
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
 from femsub.app.scenes.plate import PlateScene
@@ -35,7 +34,7 @@ class PlateCycleScene(CycleKeys, PlateScene):
 SCENE = PlateCycleScene
 
 
-def run(scene: PlateCycleScene, progress: Callable[[str], None]) -> Result:
+def run(scene: PlateCycleScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     work = Work(scene, progress)
     most = max(scene.modes)

@@ -12,7 +12,7 @@ from femsub import Belt, ReducedSubstructure, State, Substructure, Transient, co
 from femsub.app.figure_style import look
 from femsub.app.figures_transient import period_figure
 from femsub.app.report import machine
-from femsub.app.scene import Result, run_outputs
+from femsub.app.scene import Progress, Result, run_outputs
 from femsub.app.scenes.component import Work
 from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, whole
 from femsub.app.scenes.solid import SolidScene
@@ -71,7 +71,7 @@ class SolidTransientScene(SolidScene):
 SCENE = SolidTransientScene
 
 
-def run(scene: SolidTransientScene, progress: Callable[[str], None]) -> Result:
+def run(scene: SolidTransientScene, progress: Progress) -> Result:
     """Computes what `scene.outputs` names, and nothing else."""
     work, belt = Work(scene, progress), scene.rubbing
     models = [(method.key, rom.modes, rom) for method, rom in work.reduced]

@@ -116,9 +116,8 @@ def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float]
 
 def limits_of(between: tuple[float, float] | None, parameter: str, value: float, belt: Belt) -> tuple[float, float]:
     if between is None:
-        if parameter == "speed":
-            return (0.2 * belt.speed, 5 * belt.speed) if (belt.speed or 0) > 0 else (5 * belt.speed, 0.2 * belt.speed)  # type: ignore[operator]
-        return (5 * value, 0.2 * value) if value < 0 else (0.2 * value, 5 * value)
+        now = float(belt.speed or 0.0) if parameter == "speed" else value
+        return (0.2 * now, 5 * now) if now > 0 else (5 * now, 0.2 * now)
     lo, hi = interval("between", between)
     if parameter == "force" and lo < 0:
         raise InputError(f"a force must not be negative, but between begins at {lo!r}")

@@ -106,22 +106,17 @@ class LimitCycle:
         return found[0] if self.contact.columns == 1 else found
 
     @cached_property
-    def _forces(self) -> tuple[Array, Array]:
-        """Mean of f (p,), and f_k (H, p)."""
-        f = coefficients(self.contact.force(self._wave), self.orbit.harmonics)
-        return f[0].real, f[1:]
-
-    @cached_property
     def _motion(self) -> tuple[Array, Array, Array]:
         """K⁻¹W f_0 (n,), ikω (H,) and q_k (n, H)."""
-        mean, f = self._forces
+        f = coefficients(self.contact.force(self._wave), self.orbit.harmonics)
+        mean = f[0].real
         steady = self.contact.force(np.zeros(self.contact.columns))
         if self.contact.columns == 1 and steady[0] != 0:
             rest = self.contact.equilibrium * (mean[0] / steady[0])
         else:
             rest = shared_factor(self.contact.model.K, "definite").solve(self.contact.W @ mean)
         s = 1j * self.omega * np.arange(1, self.orbit.harmonics + 1)
-        return rest, s, self.flexibility.response(s, f)
+        return rest, s, self.flexibility.response(s, f[1:])
 
     def state(self, t: float = 0.0) -> State:
         """q and q̇ on the cycle at time t in the model's own coordinates: q_k = P(ikω)⁻¹ W f_k, K q_0 = W f_0."""

@@ -133,10 +133,9 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
 def _check_period(model: Substructure, period: float) -> None:
     """Refuses a period in which the lowest elastic mode oscillates more than LONGEST times: it would take for ever."""
     modes = all_modes(model.K, model.M)
-    slowest = modes.frequencies[modes.rigid:][:1]
-    if len(slowest) and period * slowest[0] > 2 * np.pi * LONGEST:
-        turns = period * slowest[0] / (2 * np.pi)
-        raise InputError(f"period={period:.6g} holds {turns:.3g} oscillations of the lowest mode; at most {LONGEST} can be: "
+    turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
+    if (turns > LONGEST).any():
+        raise InputError(f"period={period:.6g} holds {turns[0]:.3g} oscillations of the lowest mode; at most {LONGEST} can be: "
                          "give the period in the model's unit of time")
 
 
