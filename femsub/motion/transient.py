@@ -199,7 +199,9 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
         raise InputError(f"tol must lie between 1e-13 and 1e-2, not {tol!r}")
     choice("record", record, ("ports", "states"))
     columns, slices = _columns(contact, ports)
-    first = _start(contact, start, impulse)
+    if start is not None and impulse is not None:
+        raise InputError("give either start or impulse: an impulse starts from the sliding equilibrium")
+    first = contact.impulse(1e-3 if impulse is None else impulse) if start is None else contact.checked(start)
     flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns, record == "states")
     before = flow.balance[2]
     parts: list[tuple[Array, ...]] = []
@@ -255,14 +257,6 @@ def _columns(contact: Sliding, ports: Sequence[str]) -> tuple[Array, dict[str, A
         at += wide.shape[1]
         parts.append(wide)
     return np.hstack(parts), places
-
-
-def _start(contact: Sliding, start: State | None, impulse: Mapping[str, float] | float | None) -> State:
-    if start is None:
-        return contact.impulse(1e-3 if impulse is None else impulse)
-    if impulse is not None:
-        raise InputError("give either start or impulse: an impulse starts from the sliding equilibrium")
-    return contact.checked(start)
 
 
 def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_from: float | None, highest: float) -> Array:

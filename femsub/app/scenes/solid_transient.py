@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import Belt, ReducedSubstructure, State, Substructure, Transient, complex_modes, transient
+from femsub import Belt, State, complex_modes, transient
 from femsub.app.figure_style import look
 from femsub.app.figures_transient import period_figure
 from femsub.app.report import machine
@@ -16,7 +16,6 @@ from femsub.app.scene import Progress, Result, run_outputs
 from femsub.app.scenes.component import Work
 from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, whole
 from femsub.app.scenes.solid import SolidScene
-from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.motion.nonlinear_model import project
 from femsub.quadratic.matching import relative_error
@@ -121,9 +120,12 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
         for kind, modes, model in models:
             start = state if kind == "full" else State(*(project(model, work.sub.M, part) for part in
                                                          (state.displacement, state.velocity)))
-            name = f"{look(kind).label} with {model.size} DOF"
-            runs = [whole(_side(scene, model, belt, start, period, told_by(name))) for _ in range(1 if kind == "full" else TIMED)]
-            amplitude = _amplitude(runs[0])
+            tol, method, times = (scene.full_tol, "alpha", 1) if kind == "full" else (scene.tol, "lsoda", TIMED)
+            tell = told_by(f"{look(kind).label} with {model.size} DOF")
+            runs = [whole(transient(model, belt, (0.0, scene.compared * period), start=start, step=period / POINTS, tol=tol,
+                                    method=method, progress=tell)) for _ in range(times)]
+            v = runs[0].velocity("belt")
+            amplitude = float(v[len(v) // 2:].std())
             exact = amplitude if kind == "full" else exact
             seconds = float(np.median([item.effort.seconds for item in runs])) / scene.compared
             rows.append({"model": kind, "modes": modes, "size": model.size, "rms": amplitude,
@@ -137,15 +139,3 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
     head = f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)"
     return Result({"error-time": rows} | ({} if course.complete else {"complete": False}), rows, f"{head}\n{said}",
                   {"error-time": lambda: period_figure(rows)} if len(rows) > 1 else {})
-
-
-def _side(scene: SolidTransientScene, model: Substructure, belt: Belt, start: State, period: float,
-          progress: Callable[[str], None]) -> Transient:
-    full = not isinstance(model, ReducedSubstructure)
-    return transient(model, belt, (0.0, scene.compared * period), start=start, step=period / POINTS,
-                     tol=scene.full_tol if full else scene.tol, method="alpha" if full else "lsoda", progress=progress)
-
-
-def _amplitude(found: Transient) -> float:
-    v: Array = found.velocity("belt")
-    return float(v[len(v) // 2:].std())

@@ -8,7 +8,7 @@ the point: +1 at a fold, -1 at a period doubling, a complex pair at a Neimark-Sa
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,30 +35,23 @@ class SpecialPoint:
     multiplier: complex
 
 
-@dataclass(eq=False)
-class Traced:
-    """The cycles found, in order, and why there are no more."""
-
-    values: list[float] = field(default_factory=list)
-    cycles: list[LimitCycle] = field(default_factory=list)
-    special: list[SpecialPoint] = field(default_factory=list)
-    ended: str = ""
-
-
 class Tracer:
-    """One walk along a path, in one direction."""
+    """One walk along a path, in one direction: the cycles found, in order, and why there are no more."""
 
     def __init__(self, path: Path, direction: float, limits: tuple[float, float], stability: bool) -> None:
         self.path, self.direction, self.limits, self.stability = path, direction, limits, stability
-        self.traced = Traced()
+        self.values: list[float] = []
+        self.cycles: list[LimitCycle] = []
+        self.special: list[SpecialPoint] = []
+        self.ended = ""
 
-    def walk(self, first: Place, points: int, tell: Callable[[str], None]) -> Traced:
+    def walk(self, first: Place, points: int, tell: Callable[[str], None]) -> Tracer:
         """From `first` on, until the range, the points or the branch end."""
-        place, length, traced = first, FIRST, self.traced
+        place, length = first, FIRST
         cycle = self.cycle(place)
         self._keep(place, cycle)
-        while len(traced.values) < points:
-            tell(f"branch: {len(traced.values)} cycles, {self.path.parameter} = {place.value:.6g}")
+        while len(self.values) < points:
+            tell(f"branch: {len(self.values)} cycles, {self.path.parameter} = {place.value:.6g}")
             try:
                 found, turns = self.path.step(place, self.direction * length)
                 if self._angle(place, found) < TURN:
@@ -66,20 +59,20 @@ class Tracer:
             except NotConvergedError as error:
                 length /= 2
                 if length < SHORTEST:
-                    traced.ended = f"the steps became too small at {self.path.parameter} = {place.value:.6g}: {error}"
-                    return traced
+                    self.ended = f"the steps became too small at {self.path.parameter} = {place.value:.6g}: {error}"
+                    return self
                 continue
-            traced.ended = self._over(place, found, first)
-            if traced.ended:
+            self.ended = self._over(place, found, first)
+            if self.ended:
                 self._last(found)
-                return traced
+                return self
             fresh = self.cycle(found)
             self._scan(place, cycle, found, fresh, length, HALVINGS)
             place, cycle = found, fresh
             self._keep(place, cycle)
             length = min(LONGEST, 1.5 * length) if turns <= EASY else 0.5 * length if turns >= HARD else length
-        traced.ended = f"{points} points"
-        return traced
+        self.ended = f"{points} points"
+        return self
 
     def cycle(self, place: Place) -> LimitCycle:
         """What a place is to a user."""
@@ -88,8 +81,8 @@ class Tracer:
                           truncation, aliasing, stability=self.stability)
 
     def _keep(self, place: Place, cycle: LimitCycle) -> None:
-        self.traced.values.append(place.value)
-        self.traced.cycles.append(cycle)
+        self.values.append(place.value)
+        self.cycles.append(cycle)
 
     def _angle(self, old: Place, new: Place) -> float:
         if new.orbit.harmonics != old.orbit.harmonics:
@@ -104,7 +97,7 @@ class Tracer:
         kept = min(old.orbit.harmonics, new.orbit.harmonics)
         if np.vdot(old.orbit.v[:kept], new.orbit.v[:kept]).real <= 0:
             return f"back at steady sliding, a Hopf point near {self.path.parameter} = {(old.value + new.value) / 2:.6g}"
-        if len(self.traced.values) > 8:
+        if len(self.values) > 8:
             big = self.path.resized(first, new.orbit.harmonics)
             last = old.orbit.with_harmonics(new.orbit.harmonics)
             here, there, before = (self.path.scaled(orbit, value) for orbit, value in (
@@ -142,14 +135,14 @@ class Tracer:
                 return
         point = self._named(a, one, b, two)
         if point is not None and not self._told(point):
-            self.traced.special.append(point)
+            self.special.append(point)
 
     def _told(self, point: SpecialPoint) -> bool:
         """The multiplier +1 of a fold, seen beside the fold itself because both are known to their errors only."""
-        near = [other for other in self.traced.special if {other.kind, point.kind} == {"fold", "branch point"}
+        near = [other for other in self.special if {other.kind, point.kind} == {"fold", "branch point"}
                 and abs(other.value - point.value) <= BESIDE * self.path.scales[2]]
         if point.kind == "fold":
-            self.traced.special = [other for other in self.traced.special if other not in near]
+            self.special = [other for other in self.special if other not in near]
             return False
         return bool(near)
 
