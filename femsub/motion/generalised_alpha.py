@@ -51,7 +51,7 @@ Checkpoint = tuple[Array, Array, Array, float, float, float, float, int]  # x, v
 
 
 class AlphaFlow:
-    """A trajectory of a sparse model under way; see `integrators.Flow`, whose attributes and methods it has."""
+    """A trajectory of a sparse model under way; see `first_order.Flow`, whose attributes and methods it has."""
 
     method = "alpha"
 
