@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -19,14 +19,13 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.inp_generate import along, between, in_rows, mapped, moved, reflected
-from femsub.io.mesh_text import as_numbers, as_table, fields, once, rows_of, text_of
+from femsub.io.mesh_text import as_numbers, as_table, fields, once, rows_of, text_of, with_included
 
 #: keywords with data from which a mesh is made
 _MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 #: keywords that change a mesh in ways that are not read
 _CHANGING = ("IMPERFECTION", "IMPORT", "IMPORT ELSET", "IMPORT NSET", "SYMMETRIC MODEL GENERATION", "REFINE MESH", "PARAMETER")
-_DEEPEST = 9  # files included by files
+_MADE = 50_000_000  # nodes or elements that one line may make, at most
 _ITEM = re.compile(r'(?:[^,"]|"[^"]*"?)+')
 _PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9", 65: "triangle6"}
 #: how the name of an element begins, and what the number after that means
@@ -102,12 +101,19 @@ def _collect(path: Path, found: Found) -> None:
                                  "'do not use parts and assemblies in input files' in Abaqus/CAE")
             continue
         in_assembly = found.scopes["ASSEMBLY"] > found.scopes["END ASSEMBLY"]
-        if keyword in _MAKERS:
-            name = options.get("NSET" if keyword in ("NODE", "NSET") else "ELSET", "")
-            if in_assembly and "INSTANCE" not in options:
-                found.apart.add(f"*{keyword} {name}".strip())
-            else:
-                _MAKERS[keyword](found, keyword, options, data)
+        if keyword not in _MAKERS:
+            continue
+        maker, option, known = _MAKERS[keyword]
+        if in_assembly and "INSTANCE" not in options:
+            found.apart.add(f"*{keyword} {options.get(option, '')}".strip())
+            continue
+        for key, value in options.items() if known else ():
+            if key not in (*known, "INPUT"):
+                raise InputError(f"{path}: *{keyword}, {f'{key}={value}' if value else key} is not read: write the mesh with all "
+                                 "nodes and elements listed")
+        for part in maker(found, keyword, options, data):
+            if option in options:
+                found.add(keyword[0].lower(), options[option], part)
 
 
 # ---- what has been read so far, by the file's numbers
@@ -204,9 +210,14 @@ def _whole_numbers(what: str, values: Array) -> Array:
     return values.astype(np.int64)
 
 
-def _padded(what: str, data: str) -> Array:
+def _padded(what: str, data: str, lines: int, width: int) -> Array:
+    """The numbers of a few lines, (lines, width), what is left out as 0."""
     values, counts = fields(f"{what}: its data", data, float)
-    return as_table(values, counts) if len(counts) else np.zeros((0, 1))
+    if len(counts) > lines or counts.max(initial=0) > width:
+        raise InputError(f"{what} takes {lines} lines of at most {width} numbers, not {len(counts)} of up to {counts.max()}")
+    rows = np.zeros((lines, width))
+    rows[:len(counts), :counts.max(initial=0)] = as_table(values, counts)
+    return rows
 
 
 def _integer(what: str, options: Mapping[str, str], name: str) -> int:
@@ -234,7 +245,7 @@ def _blocks(path: Path) -> Iterator[Block]:
         A file that is named but not there; a last line that may be cut; a keyword that changes the mesh in a way that is
         not read; one that is nearly, but not quite, the name of one that is.
     """
-    text = re.sub(r"^[ \t]*\*\*.*\n?", "", _whole(path, 0), flags=re.MULTILINE)
+    text = re.sub(r"^[ \t]*\*\*.*\n?", "", _whole(path), flags=re.MULTILINE)
     quoted: dict[str, str] = {}
     for part in re.split(r"^[ \t]*\*", text, flags=re.MULTILINE)[1:]:
         head, _, data = part.partition("\n")
@@ -272,18 +283,13 @@ def _refuse(path: Path, keyword: str, options: Mapping[str, str]) -> None:
         raise InputError(f"{path} has the unknown keyword *{keyword}; did you mean *{near[0]}?")
 
 
-def _whole(path: Path, depth: int) -> str:
-    """The text with the files it includes, as if they had been typed there."""
-    text = text_of(path)
-    _ended(path, text, alone=depth == 0)
-    parts = re.split(r"^[ \t]*\*[ \t]*INCLUDE\b([^\n]*(?:,[ \t]*\n[^\n]*)*)\n?", text, flags=re.MULTILINE | re.IGNORECASE)
-    for i in range(1, len(parts), 2):
-        found = re.search(r'INPUT\s*=\s*("[^"]*"|[^,\n]*)', parts[i], flags=re.IGNORECASE)
-        name = _unquoted(found[1]) if found else ""
-        if depth >= _DEEPEST or not name or not (path.parent / name).is_file():
-            raise InputError(f"{path} includes {name or 'no file'!r}, which is not a file beside it")
-        parts[i] = _whole(path.parent / name, depth + 1)
-    return "".join(part if part.endswith("\n") or not part else f"{part}\n" for part in parts)
+def _whole(path: Path) -> str:
+    """The text with the files it includes."""
+    def named(line: str) -> str:
+        found = re.search(r'INPUT\s*=\s*("[^"]*"|[^,\n]*)', line, flags=re.IGNORECASE)
+        return _unquoted(found[1]) if found else ""
+
+    return with_included(path, r"^[ \t]*\*[ \t]*INCLUDE\b([^\n]*(?:,[ \t]*\n[^\n]*)*)\n?", named, _ended)
 
 
 def _input(path: Path, keyword: str, name: str) -> str:
@@ -312,7 +318,7 @@ def _ended(path: Path, text: str, alone: bool) -> None:
 
 # ---- what is listed
 
-def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     path = found.path
     if options.get("SYSTEM", "R").upper() != "R":
         raise InputError(f"{path} gives nodes in cylindrical or spherical coordinates; write them as x, y, z")
@@ -328,11 +334,10 @@ def _nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) ->
     points = np.zeros((len(table), 3))
     points[:, :least - 1] = table[:, 1:least]
     found.nodes.append((whole, points))
-    if "NSET" in options:
-        found.add("n", options["NSET"], whole)
+    yield whole
 
 
-def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     path, kind_here = found.path, options.get("TYPE", "").upper()
     kind = next((kinds.get(int(match[1])) for family, kinds in _FAMILIES
                  if (match := re.match(rf"(?:{family})(\d+)", kind_here))), None)
@@ -341,7 +346,7 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
     if kind is None:
         if not kind_here or _VOLUMES.match(kind_here):
             raise InputError(f"{path}: elements of type {kind_here or '(none)'} cannot be read; C3D4, C3D10, C3D8 and C3D20 can")
-        _skip(found, kind_here, options, data)
+        yield _skip(found, kind_here, data)
         return
     values, counts = fields(what, data)
     width = _SIZES[kind] + 1
@@ -358,29 +363,28 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
         raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: what should be element {number} begins within a line; a line "
                          f"above it has not {width} numbers")
     found.elements.append((kind, _whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
-    if "ELSET" in options:
-        found.add("e", options["ELSET"], table[:, 0])
+    yield table[:, 0]
 
 
-def _skip(found: Found, kind: str, options: Mapping[str, str], data: str) -> None:
+def _skip(found: Found, kind: str, data: str) -> Array:
+    """The numbers of elements that are no cells."""
     lines = [line for line in data.split("\n") if line.strip()]
     heads = [line.split(",")[0] for line, above in zip(lines, ["", *lines], strict=False) if not above.rstrip().endswith(",")]
     numbers = as_numbers(f"{found.path}: the numbers of *ELEMENT, TYPE={kind}", " ".join(heads))
     found.skipped[kind] += len(numbers)
     found.others.append(numbers)
-    if "ELSET" in options:
-        found.add("e", options["ELSET"], numbers)
+    return numbers
 
 
-def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     sort = keyword[0].lower()
     name = options.get(keyword, "")
     what = f"{found.path}: *{keyword} {name}"
     if not name:
         raise InputError(f"{found.path}: a *{keyword} without a name ({keyword}=...)")
-    found.add(sort, name, np.zeros(0, dtype=np.int64))
+    yield np.zeros(0, dtype=np.int64)
     if sort == "n" and "ELSET" in options:
-        found.add(sort, name, NodesOf(options["ELSET"]))
+        yield NodesOf(options["ELSET"])
         return
     if "GENERATE" in options:
         for row in _table_of(f"{what}, GENERATE", data):
@@ -388,10 +392,10 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> N
             if step < 1 or last < first or first < 1:
                 raise InputError(f"{what}, GENERATE has a line {', '.join(map(str, row))}; it must be first, last, step with "
                                  "last ≥ first and a step of 1 or more")
-            found.add(sort, name, Range(int(first), int(last), int(step)))
+            yield Range(int(first), int(last), int(step))
         return
     if not re.search(r"[^\d\s,+-]", data):
-        found.add(sort, name, as_numbers(f"{what}: its data", data))
+        yield as_numbers(f"{what}: its data", data)
         return
     members: list[int] = []
     for word in _names(data):
@@ -402,94 +406,163 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> N
         known = found.sets(sort).get(other.upper())
         if known is None or (other.upper() == name.upper() and len(known) == 1):
             raise InputError(f"{what} names {word!r}, which is neither a number nor a set above it")
-        for part in list(known):
-            found.add(sort, name, part)
-    found.add(sort, name, np.array(members, dtype=np.int64))
+        yield from list(known)
+    yield np.array(members, dtype=np.int64)
 
 
-# ---- what is made
+# ---- what is made; what each line means stands in the Abaqus Keywords Reference Guide, under the keyword
 
-def _only(what: str, options: Mapping[str, str], known: tuple[str, ...]) -> None:
-    """Refuses options that mean something else is to be made."""
-    other = [f"{key}={value}" if value else key for key, value in options.items() if key not in (*known, "INPUT")]
-    if other:
-        raise InputError(f"{what}, {other[0]} is not read: write the mesh with all nodes and elements listed")
+def _line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+    """Nodes between two, on a straight line or (LINE=C) on an arc about a third.
 
-
-def _line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
-    what = f"{found.path}: *NGEN"
-    _only(what, options, ("LINE", "NSET"))
+    Columns: first node, last node, step of the numbers, centre as a node, or its coordinates, normal of the arc.
+    """
+    what, line = f"{found.path}: *NGEN", options.get("LINE", "").upper()
+    if line not in ("", "C"):
+        raise InputError(f"{what}, LINE={line} is not read: write the mesh with all nodes and elements listed")
     for row in _table_of(what, data, float):
         if not 2 <= len(row) <= 11 or any(value % 1 for value in row[:4]):
             raise InputError(f"{what} needs first node, last node, step; it has {row}")
         full = np.zeros(11)
         full[:len(row)] = row
-        line = options.get("LINE", "").upper()
-        numbers, points, every = along(what, full, lambda wanted: found.place("*NGEN", wanted), line)
-        found.nodes.append((numbers, points))
-        if "NSET" in options:
-            found.add("n", options["NSET"], every)
+        first, last, step = (int(value) for value in (*full[:2], full[2] or 1))
+        if (last - first) % step or (last - first) // step < 1:
+            raise InputError(f"{what}: {last} is not reached from {first} in steps of {step}")
+        if (last - first) // step > _MADE:
+            raise InputError(f"{what}: from {first} to {last} in steps of {step} are more than {_MADE} numbers")
+        numbers = np.arange(first, last + np.sign(step), step)
+        ends = found.place("*NGEN", numbers[[0, -1]])
+        share = np.linspace(0.0, 1.0, len(numbers))[1:-1, None]
+        if line:
+            centre = found.place("*NGEN", np.array([int(full[3])]))[0] if full[3] else full[4:7]
+            arms = ends - centre
+            axis = np.cross(arms[0], arms[1])
+            size, radii = np.linalg.norm(axis), np.linalg.norm(arms, axis=1)
+            if full[7:].any() or not radii.all() or size < 1e-6 * radii.prod() or abs(radii[0] - radii[1]) > 1e-3 * radii[0]:
+                raise InputError(f"{what}, LINE=C from node {first} to {last} is not read: only arcs below 180° about their "
+                                 "centre are")
+            angle = share * np.arctan2(size, arms[0] @ arms[1])
+            side = np.cross(axis / size, arms[0])
+            points = centre + (1 + share * (radii[1] / radii[0] - 1)) * (np.cos(angle) * arms[0] + np.sin(angle) * side)
+        else:
+            points = ends[0] + share * (ends[1] - ends[0])
+        found.nodes.append((numbers[1:-1], points))
+        yield numbers
 
 
-def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+    """Equal intervals from each node of a set to that of another in the same place of the order."""
     what = f"{found.path}: *NFILL"
-    _only(what, options, ("NSET",))
     for line in filter(str.strip, data.split("\n")):
         first, last, *rest = (*_names(line), "", "")
-        steps = [int(word) for word in rest if word.isdecimal()]
-        if not steps or len(steps) > 2:
+        given = [int(word) for word in rest if word.isdecimal()]
+        if not given or len(given) > 2:
             raise InputError(f"{what} needs two sets, the number of intervals and a step; it has {line.strip()!r}")
-        ends = found.members("n", first.strip('"'), "*NFILL"), found.members("n", last.strip('"'), "*NFILL")
-        numbers, points = between(what, *ends, steps[0], steps[1] if len(steps) > 1 else 1,
-                                              lambda wanted: found.place("*NFILL", wanted))
-        found.nodes.append((numbers, points))
-        if "NSET" in options:
-            found.add("n", options["NSET"], np.concatenate([*ends, numbers]))
+        count, step = (*given, 1)[:2]
+        low, high = (found.members("n", name.strip('"'), "*NFILL") for name in (first, last))
+        if len(low) != len(high) or not len(low) or count < 1:
+            raise InputError(f"{what} fills {count} intervals between sets of {len(low)} and {len(high)} nodes, which cannot be "
+                             "paired")
+        if count * len(low) > _MADE:
+            raise InputError(f"{what} makes more than {_MADE} nodes")
+        share = (np.arange(1, count) / count)[None, :, None]
+        start, end = (found.place("*NFILL", nodes)[:, None, :] for nodes in (low, high))
+        numbers = (low[:, None] + step * np.arange(1, count)).ravel()
+        found.nodes.append((numbers, (start + share * (end - start)).reshape(-1, 3)))
+        yield np.concatenate([low, high, numbers])
 
 
-def _copied_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+def _copied_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     what = f"{found.path}: *NCOPY"
-    _only(what, options, ("CHANGE NUMBER", "OLD SET", "NEW SET", "SHIFT", "REFLECT"))
     old, change = found.members("n", options.get("OLD SET", ""), "*NCOPY"), _integer(what, options, "CHANGE NUMBER")
-    points, rows = found.place("*NCOPY", old), _padded(what, data)
+    points = found.place("*NCOPY", old)
     if ("SHIFT" in options) == ("REFLECT" in options):
         raise InputError(f"{what} needs one of SHIFT and REFLECT")
-    points = (moved(what, rows, points) if "SHIFT" in options
-              else reflected(what, options["REFLECT"].upper(), rows, points))
+    points = (_moved(f"{what}, SHIFT", _padded(f"{what}, SHIFT", data, 2, 7), points) if "SHIFT" in options
+              else _reflected(what, options["REFLECT"].upper(), data, points))
     found.nodes.append((_whole_numbers(f"{what}: the new numbers", old + change), points))
-    if "NEW SET" in options:
-        found.add("n", options["NEW SET"], old + change)
+    yield old + change
 
 
-def _mapped_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
-    what = f"{found.path}: *NMAP"
-    _only(what, options, ("NSET", "TYPE"))
-    members = found.members("n", options.get("NSET", ""), "*NMAP")
-    points = mapped(what, options.get("TYPE", "").upper(), _padded(what, data), found.place("*NMAP", members))
+def _unit(what: str, vector: Array) -> Array:
+    length = np.linalg.norm(vector)
+    if not length:
+        raise InputError(f"{what}: its points give no direction, since some are the same or lie on a line")
+    return vector / length
+
+
+def _moved(what: str, rows: Array, points: Array) -> Array:
+    """A translation (first line), then a turn about the axis from a to b by an angle in degrees (second)."""
+    points = points + rows[0, :3]
+    if not rows[1, 6]:
+        return points
+    n, arms, angle = _unit(what, rows[1, 3:6] - rows[1, :3]), points - rows[1, :3], np.deg2rad(rows[1, 6])
+    along_axis = (arms @ n)[:, None] * n
+    return rows[1, :3] + along_axis + np.cos(angle) * (arms - along_axis) + np.sin(angle) * np.cross(n, arms)
+
+
+def _reflected(what: str, how: str, data: str, points: Array) -> Array:
+    """Through the point a, the line from a to b, or the plane (MIRROR) through a, b and c."""
+    flat = [value for row in _table_of(what, data, float) for value in row[:6]]
+    need = {"POINT": 3, "LINE": 6, "MIRROR": 9}.get(how, 0)
+    if not need or len(flat) < need:
+        raise InputError(f"{what}, REFLECT={how} with {len(flat)} numbers is not read: POINT needs 3, LINE 6, MIRROR 9")
+    a, b, c = np.array([*flat, *np.zeros(9)][:9]).reshape(3, 3)
+    arms = points - a
+    if how == "POINT":
+        return a - arms
+    n = _unit(f"{what}, REFLECT={how}", b - a if how == "LINE" else np.cross(b - a, c - a))
+    along_n = (arms @ n)[:, None] * n
+    return a + (2 * along_n - arms if how == "LINE" else arms - 2 * along_n)
+
+
+def _mapped_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterable[Part]:
+    """Local coordinates, scaled, into the global system; a is the origin, and a, b and c lie in a plane.
+
+    RECTANGULAR: x from a to b, y towards c. CYLINDRICAL (r, θ in degrees, z): z from a to b, θ = 0 towards c.
+    """
+    what, kind = f"{found.path}: *NMAP", options.get("TYPE", "").upper()
+    members, rows = found.members("n", options.get("NSET", ""), "*NMAP"), _padded(what, data, 3, 6)
+    if kind not in ("RECTANGULAR", "CYLINDRICAL"):
+        raise InputError(f"{what}, TYPE={kind or '(none)'} is not read; RECTANGULAR and CYLINDRICAL are")
+    a, b, c = rows[0, :3], rows[0, 3:], rows[1, :3]
+    e3, e1 = _unit(what, np.cross(b - a, c - a)), _unit(what, b - a)
+    local = found.place("*NMAP", members) * np.where(rows[2, :3] == 0, 1.0, rows[2, :3])
+    if kind == "CYLINDRICAL":
+        angle = np.deg2rad(local[:, 1])
+        local = np.stack([local[:, 2], local[:, 0] * np.cos(angle), local[:, 0] * np.sin(angle)], axis=1)
     numbers, places = found.all_nodes()
     places = places.copy()
-    places[np.searchsorted(numbers, members)] = points
+    places[np.searchsorted(numbers, members)] = a + local @ np.stack([e1, np.cross(e3, e1), e3])
     found.nodes = [(numbers, places)]
+    return ()
 
 
-def _rows_of_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+def _rows_of_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
+    """Elements like a master, in rows, rows of rows and layers.
+
+    Columns: master; count, step of nodes, step of elements along the row; the same three for rows; for layers.
+    """
     what = f"{found.path}: *ELGEN"
-    _only(what, options, ("ELSET",))
     for row in _table_of(what, data):
-        master, node, element = in_rows(what, np.array(row))
-        _copy_elements(found, what, np.array([master]), node, element)
-        if "ELSET" in options:
-            found.add("e", options["ELSET"], master + np.concatenate([[0], element]))
+        full = np.zeros(10, dtype=np.int64)
+        full[:min(len(row), 10)] = row[:10]
+        master, steps = full[:1], full[1:].reshape(3, 3)
+        count, node, element = np.where(steps == 0, 1, steps).T
+        if len(row) > 10 or count.min() < 1 or np.prod(count.astype(float)) > _MADE:
+            raise InputError(f"{what} of element {master[0]} makes {' x '.join(map(str, count))} elements, which is none or too "
+                             "many")
+        grid = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)
+        _copy_elements(found, what, master, grid[1:] @ node, grid[1:] @ element)
+        yield master + grid @ element
 
 
-def _copied_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> None:
+def _copied_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     what = f"{found.path}: *ELCOPY"  # REFLECT changes the order of nodes in a cell, which is checked and mended for every cell
-    _only(what, options, ("ELEMENT SHIFT", "OLD SET", "NEW SET", "SHIFT NODES", "REFLECT"))
     old = found.members("e", options.get("OLD SET", ""), "*ELCOPY")
     shift = _integer(what, options, "ELEMENT SHIFT")
     _copy_elements(found, what, old, np.array([_integer(what, options, "SHIFT NODES")]), np.array([shift]))
-    if "NEW SET" in options:
-        found.add("e", options["NEW SET"], old + shift)
+    yield old + shift
 
 
 def _copy_elements(found: Found, what: str, old: Array, node: Array, element: Array) -> None:
@@ -504,6 +577,11 @@ def _copy_elements(found: Found, what: str, old: Array, node: Array, element: Ar
             found.elements.append((kind, new, (nodes[taken] + node[:, None, None]).reshape(-1, nodes.shape[1])))
 
 
-_MAKERS: dict[str, Callable[[Found, str, Mapping[str, str], str], None]] = {
-    "NODE": _nodes, "ELEMENT": _elements, "NSET": _set, "ELSET": _set, "NGEN": _line_of_nodes, "NFILL": _nodes_between,
-    "NCOPY": _copied_nodes, "NMAP": _mapped_nodes, "ELGEN": _rows_of_elements, "ELCOPY": _copied_elements}
+#: keyword: what brings its nodes, elements or members, which option names the set of these, and the options that are read
+#: where others would mean something else
+_MAKERS: dict[str, tuple[Callable[[Found, str, Mapping[str, str], str], Iterable[Part]], str, tuple[str, ...]]] = {
+    "NODE": (_nodes, "NSET", ()), "ELEMENT": (_elements, "ELSET", ()), "NSET": (_set, "NSET", ()), "ELSET": (_set, "ELSET", ()),
+    "NGEN": (_line_of_nodes, "NSET", ("LINE", "NSET")), "NFILL": (_nodes_between, "NSET", ("NSET",)),
+    "NCOPY": (_copied_nodes, "NEW SET", ("CHANGE NUMBER", "OLD SET", "NEW SET", "SHIFT", "REFLECT")),
+    "NMAP": (_mapped_nodes, "NSET", ("NSET", "TYPE")), "ELGEN": (_rows_of_elements, "ELSET", ("ELSET",)),
+    "ELCOPY": (_copied_elements, "NEW SET", ("ELEMENT SHIFT", "OLD SET", "NEW SET", "SHIFT NODES", "REFLECT"))}

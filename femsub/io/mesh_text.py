@@ -5,12 +5,15 @@ from __future__ import annotations
 import codecs
 import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
+
+DEEPEST = 9  # files included by files
 
 
 def text_of(path: Path) -> str:
@@ -21,6 +24,24 @@ def text_of(path: Path) -> str:
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def with_included(path: Path, pattern: str, named: Callable[[str], str],
+                  check: Callable[[Path, str, bool], None] = lambda path, text, alone: None, depth: int = 0) -> str:
+    """The text with the files it includes, as if they had been typed there.
+
+    `pattern` finds a line that includes one, `named` the file's name in what the pattern's group caught; `check` sees each text,
+    and whether it is the file's own.
+    """
+    text = text_of(path)
+    check(path, text, depth == 0)
+    parts = re.split(pattern, text, flags=re.MULTILINE | re.IGNORECASE) if "INCLUDE" in text.upper() else [text]
+    for i in range(1, len(parts), 2):
+        name = named(parts[i])
+        if depth >= DEEPEST or not name or not (path.parent / name).is_file():
+            raise InputError(f"{path} includes {name or 'no file'!r}, which is not a file beside it")
+        parts[i] = with_included(path.parent / name, pattern, named, check, depth + 1)
+    return "".join(part if part.endswith("\n") or not part else f"{part}\n" for part in parts)
 
 
 def as_numbers(what: str, data: str, kind: type = np.int64) -> Array:
@@ -66,9 +87,9 @@ def fields(what: str, data: str, kind: type = np.int64) -> tuple[Array, Array]:
 
 def as_table(values: Array, counts: Array) -> Array:
     """(lines, most fields on a line), what is left out as 0."""
-    width = int(counts.max())
+    width = int(counts.max(initial=0))
     if (counts == width).all():
-        return values.reshape(-1, width)
+        return values.reshape(len(counts), width)
     table = np.zeros((len(counts), width), dtype=values.dtype)
     table[np.arange(width) < counts[:, None]] = values
     return table

@@ -17,9 +17,8 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.mesh_text import as_numbers, once, rows_of, text_of
+from femsub.io.mesh_text import as_numbers, once, rows_of, with_included
 
-DEEPEST = 9  # files included by files
 CHUNK = 400_000  # lines taken apart at a time
 
 _HEXA20 = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]  # Nastran has the upright edges before those of the top
@@ -103,7 +102,9 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
 
 def _bulk(path: Path) -> str:
     """The cards between BEGIN BULK (if there is one) and ENDDATA, without comments."""
-    text = re.sub(r"\$.*", "", _whole(path, 0)).expandtabs(8)
+    include = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\s$]*)[^\n]*\n?"""
+    text = with_included(path, include, lambda name: re.sub(r"\s*\n\s*", "", name.strip("'\"")))
+    text = re.sub(r"\$.*", "", text).expandtabs(8)
     if "//" in text or "#" in text:
         text = re.sub(r"^(?://|#).*", "", text, flags=re.MULTILINE)
     marks = list(re.finditer(r"^[ \t]*(BEGIN[ \t]+(?:BULK|SUPER)\b[^\n]*|ENDDATA\b)", text, flags=re.MULTILINE | re.IGNORECASE))
@@ -114,19 +115,6 @@ def _bulk(path: Path) -> str:
     if len(begins) > 1 or (begins and re.search(r"SUPER|AUXM", begins[0][1], flags=re.IGNORECASE)):
         raise InputError(f"{path} has several parts of bulk data (superelements): write one")
     return text[begins[0].end() if begins else 0:ends[0]]
-
-
-def _whole(path: Path, depth: int) -> str:
-    """The text with the files it includes, as if they had been typed there."""
-    pattern = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\s$]*)[^\n]*\n?"""
-    text = text_of(path)
-    parts = re.split(pattern, text, flags=re.MULTILINE | re.IGNORECASE) if "INCLUDE" in text.upper() else [text]
-    for i in range(1, len(parts), 2):
-        name = re.sub(r"\s*\n\s*", "", parts[i].strip("'\""))
-        if depth >= DEEPEST or not name or not (path.parent / name).is_file():
-            raise InputError(f"{path} includes {name or 'no file'!r}, which is not a file beside it")
-        parts[i] = _whole(path.parent / name, depth + 1)
-    return "".join(part if part.endswith("\n") or not part else f"{part}\n" for part in parts)
 
 
 def _names(lines: list[bytes]) -> tuple[Array, Array, Array]:
