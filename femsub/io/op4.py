@@ -6,7 +6,7 @@ import mmap
 import re
 import struct
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,10 +60,10 @@ def read_op4(path: Path) -> dict[str, Matrix]:
             raise InputError(f"{path} is empty or cut short ({len(start)} bytes); write it again")
         if 0 in start[:4]:
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                _check_binary(path, content)
+                _check(path, _Binary(path, content))
         else:
             file.seek(0)
-            _check_text(path, file)
+            _check(path, _Text(path, file))
     with warnings.catch_warnings():
         # a premature end is only a warning there; a name that is no identifier is harmless
         warnings.filterwarnings("error", "Premature end-of-file")
@@ -81,186 +81,182 @@ def read_op4(path: Path) -> dict[str, Matrix]:
     return found
 
 
+def _check(path: Path, source: _Binary | _Text) -> None:
+    """Walks through all matrices of a file, column by column: nothing may leave its record, column or matrix."""
+    while (what := source.matrix()) is not None:
+        if what.columns < 1 or not what.rows or what.kind not in (1, 2, 3, 4):
+            raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {what.columns} columns, {abs(what.rows)} rows, "
+                             f"type {what.kind}")
+        last, packed, count = 0, None, 0
+        while last <= what.columns:
+            column, row, words = source.column(what)
+            if not last < column <= what.columns + 1:
+                raise InputError(f"{path} is damaged, {source.here()}: column {column} of {what.columns} follows column {last}")
+            packed, last = row == 0 if packed is None else packed, column
+            if column > what.columns:
+                break
+            if words < (0 if packed else 1) or (row == 0) != packed:
+                raise _damaged(path, f"{source.here()}: row {row}, {words} words")
+            per = source.words_per_number(what, packed)
+            while words > 0:
+                length = used = words
+                if packed and (what.rows < 0 or what.rows >= BIG):
+                    length, row = source.integers(2)
+                    length, used = length - 1, length + 1
+                elif packed:
+                    code = source.integers(1)[0]
+                    length, row = (code >> 16) - 1, code & 0xFFFF
+                    used = length + 1
+                if length < 1 or used > words:
+                    raise _damaged(path, f"{source.here()}: a string of {length} words, and {words} are left")
+                entries, rest = divmod(length, per * (1 if what.kind < 3 else 2))
+                if rest:
+                    raise _damaged(path, f"{source.here()}: {length} words are no whole count of numbers")
+                if row < 1 or row - 1 + entries > abs(what.rows):
+                    raise InputError(f"{path} is damaged, {source.here()}: {entries} entries from row {row} in a matrix of "
+                                     f"{abs(what.rows)} rows")
+                source.skip(length // per, per)
+                count, words = count + entries, words - used
+        source.end()
+        check_extent(path, (abs(what.rows), what.columns), count, not packed)
+
+
 def _damaged(path: Path, place: str) -> InputError:
     return InputError(f"{path} is damaged or cut short, {place}; write it again")
 
 
-def _check_header(path: Path, what: _Matrix, place: str) -> None:
-    if what.columns < 1 or not what.rows or what.kind not in (1, 2, 3, 4):
-        raise InputError(f"{path} is no OP4 file or damaged, {place}: {what.columns} columns, {abs(what.rows)} rows, type "
-                         f"{what.kind}")
+class _Binary:
+    """A binary file, record by record; the length of each stands before and behind it."""
 
+    def __init__(self, path: Path, content: mmap.mmap) -> None:
+        self.path, self.content, self.start, self.place, self.after = path, content, 0, 0, 0
+        self.order = "<" if struct.unpack_from("<I", content)[0] <= 48 else ">"
+        self.wide = struct.unpack_from(f"{self.order}I", content)[0] == 48
+        word, self.size = ("q", 8) if self.wide else ("i", 4)
+        self.words = [struct.Struct(self.order + count * word) for count in range(5)]
 
-def _check_record(path: Path, what: _Matrix, column: int, last: int, place: str) -> None:
-    if not last < column <= what.columns + 1:
-        raise InputError(f"{path} is damaged, {place}: column {column} of {what.columns} follows column {last}")
+    def here(self) -> str:
+        return f"at byte {self.start}"
 
-
-def _check_rows(path: Path, what: _Matrix, row: int, numbers: int, place: str) -> int:
-    count = numbers // (1 if what.kind < 3 else 2)
-    if row < 1 or numbers < 1 or row - 1 + count > abs(what.rows):
-        raise InputError(f"{path} is damaged, {place}: {count} entries from row {row} in a matrix of {abs(what.rows)} rows")
-    return count
-
-
-def _check_binary(path: Path, content: mmap.mmap) -> None:
-    order = "<" if struct.unpack_from("<I", content)[0] <= 48 else ">"
-    wide = struct.unpack_from(f"{order}I", content)[0] == 48
-    word, size = ("q", 8) if wide else ("i", 4)
-    head, three, two, one = (struct.Struct(order + count * word) for count in (4, 3, 2, 1))
-
-    def record(place: int) -> int:
-        """The length of the record at a place, which stands before and behind it."""
-        if place + 8 > len(content):
-            raise _damaged(path, f"at byte {place}")
-        length = int(struct.unpack_from(f"{order}i", content, place)[0])
-        end = place + 4 + length
-        if length < 3 * size or end + 4 > len(content) or struct.unpack_from(f"{order}i", content, end)[0] != length:
-            raise _damaged(path, f"a record at byte {place} does not end where it should")
+    def _record(self) -> int:
+        """Begins the next record, of this length."""
+        self.start = self.after
+        if self.start + 8 > len(self.content):
+            raise _damaged(self.path, self.here())
+        length = int(struct.unpack_from(f"{self.order}i", self.content, self.start)[0])
+        end = self.start + 4 + length
+        if length < 3 * self.size or end + 4 > len(self.content) \
+                or struct.unpack_from(f"{self.order}i", self.content, end)[0] != length:
+            raise _damaged(self.path, f"a record {self.here()} does not end where it should")
+        self.place, self.after = self.start + 4, end + 4
         return length
 
-    place = 0
-    while place < len(content):
-        if record(place) != (48 if wide else 24):
-            raise _damaged(path, f"at byte {place}: no head of a matrix")
-        what = _Matrix(*(head.unpack_from(content, place + 4)[part] for part in (0, 1, 3)))
-        _check_header(path, what, f"at byte {place}")
-        place += 8 + (48 if wide else 24)
-        per = 1 if what.kind % 2 or wide else 2  # words per number
-        last, count, packed = 0, 0, None
-        while last <= what.columns:
-            length, told = record(place), f"at byte {place}"
-            column, row, words = three.unpack_from(content, place + 4)
-            _check_record(path, what, column, last, told)
-            if packed is None:
-                packed = row == 0
-            start, place, last = place + 4 + 3 * size, place + 8 + length, column
-            if column > what.columns:
-                break
-            if words < 0 or 3 * size + words * size != length or (row == 0) != packed:
-                raise _damaged(path, f"{told}: {words} words in a record of {length} bytes")
-            if not packed:
-                count += _check_rows(path, what, row, _whole(path, words, per, what, told), told)
-                continue
-            while words > 0:
-                if what.rows < 0 or what.rows >= BIG:
-                    length, row = two.unpack_from(content, start)
-                    length, used, start = length - 1, length + 1, start + 2 * size
-                else:
-                    code = one.unpack_from(content, start)[0]
-                    length, row = (code >> 16) - 1, code & 0xFFFF
-                    used, start = length + 1, start + size
-                if length < 1 or used > words:
-                    raise _damaged(path, f"{told}: a string of {length} words, and {words} are left")
-                count += _check_rows(path, what, row, _whole(path, length, per, what, told), told)
-                words, start = words - used, start + length * size
-        check_extent(path, (abs(what.rows), what.columns), count, not packed)
+    def matrix(self) -> _Matrix | None:
+        if self.after >= len(self.content):
+            return None
+        if self._record() != (48 if self.wide else 24):
+            raise _damaged(self.path, f"{self.here()}: no head of a matrix")
+        columns, rows, _, kind = self.integers(4)
+        return _Matrix(columns, rows, kind)
+
+    def column(self, what: _Matrix) -> tuple[int, ...]:
+        length = self._record()
+        column, row, words = self.integers(3)
+        if column <= what.columns and (3 + words) * self.size != length:
+            raise _damaged(self.path, f"{self.here()}: {words} words in a record of {length} bytes")
+        return column, row, words
+
+    def integers(self, count: int) -> tuple[int, ...]:
+        self.place += count * self.size
+        return self.words[count].unpack_from(self.content, self.place - count * self.size)
+
+    def words_per_number(self, what: _Matrix, packed: bool) -> int:
+        return 1 if what.kind % 2 or self.wide else 2
+
+    def skip(self, numbers: int, per: int) -> None:
+        self.place += numbers * per * self.size
+
+    def end(self) -> None:
+        pass
 
 
-def _whole(path: Path, words: int, per: int, what: _Matrix, told: str) -> int:
-    if words % (per * (1 if what.kind < 3 else 2)):
-        raise _damaged(path, f"{told}: {words} words are no whole count of numbers")
-    return words // per
+class _Text:
+    """A text file, line by line; its numbers are kept until their matrix ends, and then looked at all at once."""
 
+    def __init__(self, path: Path, file: Iterable[bytes]) -> None:
+        self.path, self.lines, self.line = path, iter(file), 0
+        self.per_line, self.digits, self.first = 0, 0, 0
+        self.cells: list[bytes] = []
 
-def _check_text(path: Path, file: Iterable[bytes]) -> None:
-    lines = _numbered(file)
-    for number, line in lines:
+    def here(self) -> str:
+        return f"in line {self.line}"
+
+    def _next(self) -> bytes:
+        line = next(self.lines, None)
+        if line is None:
+            raise InputError(f"{self.path} is cut short: it ends within a matrix; write it again")
+        self.line += 1
+        return line.rstrip(b"\r\n")
+
+    def _integer(self, cell: bytes) -> int:
+        if not _INTEGER.fullmatch(cell):
+            raise InputError(f"{self.path}, line {self.line}: {cell.decode('ascii', 'replace')!r} is not a whole number")
+        return int(cell)
+
+    def matrix(self) -> _Matrix | None:
+        self.line, line = self.line + 1, next(self.lines, b"").rstrip(b"\r\n")
         if not line.strip():
-            if any(rest.strip() for _, rest in lines):
-                raise _damaged(path, f"line {number} is empty")
-            return
+            if any(rest.strip() for rest in self.lines):
+                raise _damaged(self.path, f"line {self.line} is empty")
+            return None
         width = 16 if line.rstrip().endswith(b"|I16") else 8
         heads = [line[:width], line[width:2 * width], line[2 * width + 8:2 * width + 16], line[2 * width:2 * width + 8]]
-        columns, rows, kind, _ = (_integer(path, number, cell) for cell in heads)
-        what = _Matrix(columns, rows, kind)
-        _check_header(path, what, f"in line {number}")
+        columns, rows, kind, _ = map(self._integer, heads)
         form = line[2 * width + 24:].split(b"|")[0].strip().upper().removeprefix(b"1P,")
         match = re.fullmatch(rb"([1-9]\d?)[ED]([1-9]\d?)\.\d{1,2}", form or b"5E16.9")
         if not match:
-            raise InputError(f"{path}, line {number}: {form.decode('ascii', 'replace')!r} is no format of numbers, as 3E23.16 is")
-        per_line, digits = int(match[1]), int(match[2])
-        dense, count = _check_columns(path, what, lines, per_line, digits)
-        check_extent(path, (abs(what.rows), what.columns), count, dense)
+            raise InputError(f"{self.path}, line {self.line}: {form.decode('ascii', 'replace')!r} is no format of numbers, as "
+                             "3E23.16 is")
+        self.per_line, self.digits, self.first, self.cells = int(match[1]), int(match[2]), 0, []
+        return _Matrix(columns, rows, kind)
 
-
-def _numbered(file: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
-    for number, line in enumerate(file, 1):
-        yield number, line.rstrip(b"\r\n")
-
-
-def _integer(path: Path, number: int, cell: bytes) -> int:
-    if not _INTEGER.fullmatch(cell):
-        raise InputError(f"{path}, line {number}: {cell.decode('ascii', 'replace')!r} is not a whole number")
-    return int(cell)
-
-
-def _check_columns(path: Path, what: _Matrix, lines: Iterator[tuple[int, bytes]], per_line: int, digits: int) -> tuple[bool, int]:
-    """Whether the matrix that begins here is dense, and how many entries it has."""
-    per = 1 if what.kind % 2 else 2  # words per number in the sparse formats
-    cells: list[bytes] = []
-    first = 0
-
-    def following() -> tuple[int, bytes]:
-        found = next(lines, None)
-        if found is None:
-            raise InputError(f"{path} is cut short: it ends within a matrix; write it again")
+    def column(self, what: _Matrix) -> tuple[int, ...]:
+        found = self.integers(3)
+        if found[0] > what.columns:
+            self._next()  # a number that stands for nothing
         return found
 
-    def integers(count: int) -> tuple[int, list[int]]:
-        number, line = following()
+    def integers(self, count: int) -> tuple[int, ...]:
+        line = self._next()
+        if count == 1:
+            return (self._integer(line),)
         if line[8 * count:].strip():
-            raise InputError(f"{path}, line {number}: {line.decode('ascii', 'replace')!r:.60} should be {count} whole numbers")
-        return number, [_integer(path, number, line[8 * part:8 * part + 8]) for part in range(count)]
+            raise InputError(f"{self.path}, line {self.line}: {line.decode('ascii', 'replace')!r:.60} should be {count} whole "
+                             "numbers")
+        return tuple(self._integer(line[8 * part:8 * part + 8]) for part in range(count))
 
-    def numbers(count: int) -> None:
-        nonlocal first
-        for start in range(0, count, per_line):
-            number, line = following()
-            first = first or number
-            length = digits * min(per_line, count - start)
+    def words_per_number(self, what: _Matrix, packed: bool) -> int:
+        return 1 if what.kind % 2 or not packed else 2
+
+    def skip(self, numbers: int, per: int) -> None:
+        for start in range(0, numbers, self.per_line):
+            line = self._next()
+            self.first = self.first or self.line
+            length = self.digits * min(self.per_line, numbers - start)
             if len(line) < length or line[length:].strip():
-                raise InputError(f"{path}, line {number}: {line.decode('ascii', 'replace')!r:.60} should be "
-                                 f"{length // digits} numbers of {digits} characters")
-            cells.append(line[:length])
+                raise InputError(f"{self.path}, line {self.line}: {line.decode('ascii', 'replace')!r:.60} should be "
+                                 f"{length // self.digits} numbers of {self.digits} characters")
+            self.cells.append(line[:length])
 
-    last, packed, count = 0, None, 0
-    while True:
-        number, (column, row, words) = integers(3)
-        told = f"in line {number}"
-        _check_record(path, what, column, last, told)
-        packed, last = row == 0 if packed is None else packed, column
-        if column > what.columns:
-            following()
-            break
-        if words < 0 or (row == 0) != packed:
-            raise _damaged(path, f"{told}: row {row}, {words} words")
-        if not packed:
-            count += _check_rows(path, what, row, words, told)
-            numbers(words)
-        while packed and words > 0:
-            if what.rows < 0 or what.rows >= BIG:
-                number, (length, row) = integers(2)
-                length, used = length - 1, length + 1
-            else:
-                number, line = following()
-                code = _integer(path, number, line)
-                length, row = (code >> 16) - 1, code & 0xFFFF
-                used = length + 1
-            if length < 1 or used > words:
-                raise _damaged(path, f"in line {number}: a string of {length} words, and {words} are left")
-            count += _check_rows(path, what, row, _whole(path, length, per, what, told), told)
-            numbers(length // per)
-            words -= used
-    text = b"".join(cells)
-    try:
-        if b"_" in text:  # Python takes 1_0 for 10
-            raise ValueError
-        if not np.isfinite(np.frombuffer(text.upper().replace(b"D", b"E"), dtype=f"S{digits}").astype(float)).all():
-            raise ValueError
-    except ValueError:
-        bad = next(cell for part in cells for cell in (part[at:at + digits] for at in range(0, len(part), digits))
-                   if not re.fullmatch(rb" *[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)? *", cell))
-        raise InputError(f"{path}: {bad.decode('ascii', 'replace').strip()!r} is not a number, in the matrix whose numbers begin "
-                         f"in line {first}") from None
-    return not packed, count
+    def end(self) -> None:
+        text, digits = b"".join(self.cells), self.digits
+        try:
+            if b"_" in text:  # Python takes 1_0 for 10
+                raise ValueError
+            if not np.isfinite(np.frombuffer(text.upper().replace(b"D", b"E"), dtype=f"S{digits}").astype(float)).all():
+                raise ValueError
+        except ValueError:
+            bad = next(cell for part in self.cells for cell in (part[at:at + digits] for at in range(0, len(part), digits))
+                       if not re.fullmatch(rb" *[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)? *", cell))
+            raise InputError(f"{self.path}: {bad.decode('ascii', 'replace').strip()!r} is not a number, in the matrix whose "
+                             f"numbers begin in line {self.first}") from None
