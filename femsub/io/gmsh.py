@@ -16,7 +16,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.mesh_text import as_numbers
+from femsub.io.mesh_text import as_numbers, once, rows_of
 
 BODIES = ("point", "line", "surface", "volume")
 VERSIONS = ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1")
@@ -91,54 +91,58 @@ class _Numbers:
         self.end = len(raw)
         self.values: Array | None = None
         if not found.binary:
-            self.end = raw.find(b"$End" + section.encode(), start)
-            if self.end < 0:
-                raise found.wrong(f"${section} does not end: is it cut short?")
+            self.end = _end(found, section, raw, start)
             text = raw[start:self.end].decode("latin-1")
             self.values, self.place = as_numbers(f"{found.path}: the data of ${section}", text, kind), 0
 
     def take(self, kind: str, count: int) -> Array:
         """`count` numbers: 'i' whole, 'n' sizes and tags, 'd' real."""
-        if self.values is not None:
-            part = self.values[self.place:self.place + count]
-            if len(part) < count or count < 0:
-                raise self.found.wrong(f"${self.section} has fewer numbers than it says: is it cut short or damaged?")
-            self.place += count
-            if kind == "d":
-                return part.astype(float)
-            if (part % 1 != 0).any() or (np.abs(part) > 2.0**53).any():
-                raise self.found.wrong(f"${self.section} has {part[part % 1 != 0][:1]} where a whole number belongs")
-            return part.astype(np.int64)
-        dtype = np.dtype({"i": "<i4", "n": self.found.words, "d": "<f8"}[kind])
-        if count < 0 or self.place + count * dtype.itemsize > self.end:
-            raise self.found.wrong(f"${self.section} says it has {count} numbers more than the file: is it cut short or damaged?")
-        part = np.frombuffer(self.raw, dtype=dtype, count=count, offset=self.place)
-        self.place += count * dtype.itemsize
-        if kind == "n" and len(part) and part.max() > np.uint64(2**62):
-            raise self.found.wrong(f"${self.section} has a number beyond all limits")
-        return part.astype(float if kind == "d" else np.int64)
+        if self.values is None:
+            part = self.records({"i": "<i4", "n": self.found.words, "d": "<f8"}[kind], count)
+            if kind == "n" and len(part) and part.max() > np.uint64(2**62):
+                raise self.found.wrong(f"${self.section} has a number beyond all limits")
+            return part.astype(float if kind == "d" else np.int64)
+        part = self.values[self.place:self.place + count]
+        if len(part) < count or count < 0:
+            raise self.found.wrong(f"${self.section} has fewer numbers than it says: is it cut short or damaged?")
+        self.place += count
+        return part.astype(float) if kind == "d" else self._whole(part)
+
+    def _whole(self, part: Array) -> Array:
+        wrong = (part % 1 != 0) | (np.abs(part) > 2.0**53)
+        if wrong.any():
+            raise self.found.wrong(f"${self.section} has {part[wrong][0]} where a whole number belongs")
+        return part.astype(np.int64)
 
     def one(self, kind: str) -> int:
         return int(self.take(kind, 1)[0])
 
     def records(self, dtype: Any, count: int) -> Array:
-        """Rows of a binary section."""
+        """The next numbers, or records of them, of a binary section."""
         size = np.dtype(dtype).itemsize
         if count < 0 or self.place + count * size > self.end:
-            raise self.found.wrong(f"${self.section} says it has {count} rows, more than the file: is it cut short or damaged?")
+            raise self.found.wrong(f"${self.section} says it has {count} numbers or rows, more than the file: is it cut short or "
+                                   "damaged?")
         self.place += count * size
         return np.frombuffer(self.raw, dtype=dtype, count=count, offset=self.place - count * size)
+
+    def rows(self, count: int, width: int) -> tuple[Array, Array]:
+        """Numbers of nodes or elements (count,), behind each of which real numbers stand (count, width)."""
+        if self.values is None:
+            found = self.records([("number", "<i4"), ("values", "<f8", (width,))], count)
+            return found["number"].astype(np.int64), found["values"].astype(float)
+        table = self.take("d", (1 + width) * count).reshape(count, 1 + width)
+        return self._whole(table[:, 0]), table[:, 1:].copy()
 
     def done(self) -> int:
         """The place in the file behind the section, all of which must have been taken."""
         if self.values is not None and self.place != len(self.values):
             raise self.found.wrong(f"${self.section} has {len(self.values) - self.place} numbers more than it says")
-        mark = b"$End" + self.section.encode()
-        place = self.end if self.values is not None else self.place + len(self.raw[self.place:self.place + 9]) - len(
-            self.raw[self.place:self.place + 9].lstrip())
-        if self.raw[place:place + len(mark)] != mark:
+        mark = re.compile(rb"\s{0,9}\$End" + self.section.encode()).match(self.raw, self.end if self.values is not None else
+                                                                           self.place)
+        if not mark:
             raise self.found.wrong(f"${self.section} does not end where it says: is it cut short or damaged?")
-        return place + len(mark)
+        return mark.end()
 
 
 # ---- the sections
@@ -154,10 +158,15 @@ def _next(found: _Found, raw: bytes, place: int) -> int:
 def _skipped(found: _Found, section: str, raw: bytes, start: int) -> int:
     if section == "PartitionedEntities":
         raise found.wrong("it is partitioned: save it whole")
+    return _end(found, section, raw, start) + 4 + len(section)
+
+
+def _end(found: _Found, section: str, raw: bytes, start: int) -> int:
+    """Where a section's end is marked."""
     end = raw.find(b"$End" + section.encode("latin-1"), start)
     if end < 0:
-        raise found.wrong(f"${section} is not closed: is it cut short?")
-    return end + 4 + len(section)
+        raise found.wrong(f"${section} does not end: is it cut short?")
+    return end
 
 
 def _format(found: _Found, section: str, raw: bytes, start: int) -> int:
@@ -175,9 +184,7 @@ def _format(found: _Found, section: str, raw: bytes, start: int) -> int:
 
 
 def _names(found: _Found, section: str, raw: bytes, start: int) -> int:
-    end = raw.find(b"$EndPhysicalNames", start)
-    if end < 0:
-        raise found.wrong("$PhysicalNames does not end: is it cut short?")
+    end = _end(found, section, raw, start)
     try:
         text = raw[start:end].decode("utf-8")
     except UnicodeDecodeError:
@@ -208,14 +215,7 @@ def _entities(found: _Found, section: str, raw: bytes, start: int) -> int:
 def _nodes(found: _Found, section: str, raw: bytes, start: int) -> int:
     if found.version[0] == "2":
         numbers, count = _counted(found, section, raw, start, float)
-        if found.binary:
-            rows = numbers.records([("tag", "<i4"), ("x", "<f8", (3,))], count)
-            found.numbers, found.points = rows["tag"].astype(np.int64), rows["x"].astype(float)
-        else:
-            table = numbers.take("d", 4 * count).reshape(count, 4)
-            found.numbers, found.points = table[:, 0].astype(np.int64), table[:, 1:].copy()
-            if (found.numbers != table[:, 0]).any():
-                raise found.wrong("a node's number is not whole")
+        found.numbers, found.points = numbers.rows(count, 3)
         return numbers.done()
     numbers = _Numbers(found, section, raw, start)
     blocks, total = numbers.take("n", 2 if found.version == "4.0" else 4)[:2].tolist()
@@ -224,13 +224,12 @@ def _nodes(found: _Found, section: str, raw: bytes, start: int) -> int:
         dimension, _, parametric = numbers.take("i", 3).tolist()
         count = numbers.one("n")
         if found.version == "4.0":
-            rows = numbers.records([("tag", "<i4"), ("x", "<f8", (3,))], count) if found.binary else numbers.take("d", 4 * count)
-            tags.append((rows["tag"] if found.binary else rows[::4]).astype(np.int64))
-            points.append(rows["x"] if found.binary else rows.reshape(count, 4)[:, 1:])
-            continue
-        tags.append(numbers.take("n", count))
-        width = 3 + (min(max(dimension, 0), 3) if parametric else 0)
-        points.append(numbers.take("d", width * count).reshape(count, width)[:, :3])
+            some, places = numbers.rows(count, 3)
+        else:
+            width = 3 + (min(max(dimension, 0), 3) if parametric else 0)
+            some, places = numbers.take("n", count), numbers.take("d", width * count).reshape(count, width)
+        tags.append(some)
+        points.append(places[:, :3])
     found.numbers, found.points = np.concatenate(tags), np.concatenate(points)
     if len(found.numbers) != total:
         raise found.wrong(f"$Nodes has {len(found.numbers)} nodes, but says {total}")
@@ -333,13 +332,7 @@ def _data(found: _Found, section: str, raw: bytes, start: int) -> int:
     if len(lists[2]) < 3 or lists[2][1] != "1" or not lists[2][2].isdecimal():
         raise found.wrong(f"${section} {name!r} has not one number for each row")
     numbers, count = _Numbers(found, section, raw, place), int(lists[2][2])
-    if found.binary:
-        rows = numbers.records([("tag", "<i4"), ("value", "<f8")], count)
-        columns = rows["tag"].astype(np.int64), rows["value"].astype(float)
-    else:
-        table = numbers.take("d", 2 * count).reshape(count, 2)
-        columns = table[:, 0].astype(np.int64), table[:, 1]
-    (found.point_data if section == "NodeData" else found.cell_data)[name] = columns
+    (found.point_data if section == "NodeData" else found.cell_data)[name] = numbers.rows(count, 1)
     return numbers.done()
 
 
@@ -355,22 +348,12 @@ def _assembled(found: _Found) -> Any:
 
     if found.points is None or found.numbers is None or not found.blocks:
         raise found.wrong(f"it has no {'$Nodes' if found.points is None else '$Elements'}: is it cut short?")
-    order = np.argsort(found.numbers, kind="stable")
+    order = once(found.path, "nodes", found.numbers)
     ascending = found.numbers[order]
-    if (ascending[1:] == ascending[:-1]).any():
-        raise found.wrong(f"node {ascending[1:][ascending[1:] == ascending[:-1]][0]} is given twice")
-
-    def rows(what: str, known: Array, order: Array, wanted: Array) -> Array:
-        places = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-        missing = wanted[known[places] != wanted] if len(known) else wanted.ravel()
-        if len(missing):
-            raise found.wrong(f"{what} names number {missing[0]}, which is not given")
-        return order[places]
-
     cells, sets = [], dict[str, list[Array]]()
     for i, (kind, _, nodes, tags) in enumerate(found.blocks):
         name, _, dimension = _KINDS[kind]
-        at = rows("$Elements", ascending, order, nodes)
+        at = order[rows_of(found.path, "$Elements", "node", ascending, nodes)]
         cells.append((name, at[:, _ORDER[name]] if name in _ORDER else at))
         for tag in dict.fromkeys(tags) if isinstance(tags, list) else np.unique(tags[tags > 0]).tolist():
             label = found.names.get((dimension, tag), f"{BODIES[dimension]}-{tag}")
@@ -380,12 +363,12 @@ def _assembled(found: _Found) -> Any:
     mesh = meshio.Mesh(found.points, cells, cell_sets=sets)
     for name, (tags, values) in found.point_data.items():
         mesh.point_data[name] = np.zeros(len(found.points))
-        mesh.point_data[name][rows("$NodeData", ascending, order, tags)] = values
+        mesh.point_data[name][order[rows_of(found.path, "$NodeData", "node", ascending, tags)]] = values[:, 0]
     every = np.concatenate([block[1] for block in found.blocks])
     by_number = np.argsort(every, kind="stable")
     for name, (tags, values) in found.cell_data.items():
         whole = np.zeros(len(every))
-        whole[rows("$ElementData", every[by_number], by_number, tags)] = values
+        whole[by_number[rows_of(found.path, "$ElementData", "element", every[by_number], tags)]] = values[:, 0]
         mesh.cell_data[name] = np.split(whole, np.cumsum([len(block[1]) for block in found.blocks])[:-1])
     return mesh
 
