@@ -73,23 +73,23 @@ def test_what_was_written_and_then_damaged(tmp_path: Path, sub: fs.Substructure)
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("failing", ["fdopen", "replace"])
+@pytest.mark.parametrize(("place", "failing"), [(Path, "open"), (os, "replace")])
 def test_nothing_is_written_when_the_disk_is_full(tmp_path: Path, sub: fs.Substructure, monkeypatch: pytest.MonkeyPatch,
-                                                  failing: str) -> None:
+                                                  place: Any, failing: str) -> None:
     fs.write_matrices(tmp_path / "old", sub)
     before = {path.name: path.read_bytes() for path in (tmp_path / "old").iterdir()}
-    real, calls = getattr(os, failing), []
+    real, calls = getattr(place, failing), []
 
     def full_disk(*arguments: Any, **more: Any) -> Any:
         calls.append(arguments)
-        if len(calls) == (3 if failing == "fdopen" else 1):
+        if len(calls) == (3 if failing == "open" else 1):
             raise OSError(28, "No space left on device")
         return real(*arguments, **more)
 
     for folder in ("old", "new"):
         calls.clear()
         with monkeypatch.context() as patch:
-            patch.setattr(os, failing, full_disk)
+            patch.setattr(place, failing, full_disk)
             with pytest.raises(fs.InputError, match="cannot be written: No space left"):
                 fs.write_matrices(tmp_path / folder, fs.Substructure(2 * sub.M, sub.K))
     assert {path.name: path.read_bytes() for path in (tmp_path / "old").iterdir()} == before

@@ -12,9 +12,9 @@ from skfem.models.elasticity import linear_elasticity
 
 import femsub as fs
 from femsub.components import solid_assembly, solid_elements
+from femsub.components.mesh import boundary_faces
 from femsub.components.patches import solid_average
 from femsub.components.solid_assembly import stiffness_and_mass
-from femsub.components.surface import boundary_faces
 from femsub.errors import InputError, InputTypeError
 
 STEEL = {"SI": (fs.Material(2.1e11, 0.3, 7850.0), 1.0), "mm-t-s": (fs.Material(2.1e5, 0.3, 7.85e-9), 1e3)}
@@ -203,7 +203,7 @@ def test_more_bad_input() -> None:
         fs.Material(1.0, 0.5, 1.0)
     with pytest.raises(InputError, match="rho must be positive"):
         fs.Material(1.0, 0.3, -1.0)
-    with pytest.raises(InputTypeError, match="solid takes a Mesh"):
+    with pytest.raises(InputTypeError, match="mesh must be a Mesh"):
         fs.solid("mesh.inp", STEEL["SI"][0])
     with pytest.raises(InputError, match="quad cells, which are 2D; a solid needs"):
         fs.solid(fs.rectangle((1.0, 1.0), (2, 2), "quad"), STEEL["SI"][0])

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, positive_number, real_array, whole_number
+from femsub.checks import Array, choice, finite_number, positive_number, real_array, whole_number
 from femsub.components.bending_elements import hermite_matrices
-from femsub.components.build import component, free_to_lift, gathered, optional_mapping, tell_rounding
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.components.build import component, free_to_lift, gathered, optional_mapping, per_part, tell_rounding
+from femsub.errors import InputError, InputTypeError
 from femsub.linalg.memory import check_room
 from femsub.model.dof_map import DofMap
 
@@ -74,9 +74,9 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     ports = optional_mapping("ports", ports, "names and places, as {'belt': 0.3}")
     x = _nodes(length, elements)
     m = len(x) - 1
-    bending = _per_element("E", E, m) * _per_element("I", I, m)
-    mass = _per_element("rho", rho, m) * _per_element("A", A, m)
-    bed = _per_element("foundation", foundation, m, zero=True)
+    bending = per_part("E", E, m, "element") * per_part("I", I, m, "element")
+    mass = per_part("rho", rho, m, "element") * per_part("A", A, m, "element")
+    bed = per_part("foundation", foundation, m, "element", zero=True)
     h = np.diff(x) if np.ndim(elements) else np.full(m, x[-1] / m)  # one number for all, which differences are not
 
     def matrices(part: slice) -> tuple[Array, Array]:
@@ -94,7 +94,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     if bed.any():
         K = K + gathered(places, size, bedding)[0]
     held = [2 * _node(x, place, "supports") + dof for place, kind in supports.items()
-            for dof in _held(kind)]
+            for dof in SUPPORTS[choice("support", kind, SUPPORTS)]]
     dofs = DofMap(np.repeat(np.arange(1, m + 2), 2), np.tile([0, 1], m + 1), LABELS, np.repeat(x, 2)[:, None])
     if isinstance(interface, str) or not isinstance(interface, Iterable):
         raise InputTypeError(f"interface must be a sequence of places, e.g. ({interface!r},), not {interface!r}")
@@ -115,29 +115,9 @@ def _nodes(length: Any, elements: Any) -> Array:
     return np.arange(count + 1) * (size / count)
 
 
-def _per_element(name: str, value: Any, count: int, zero: bool = False) -> Array:
-    try:
-        values = np.broadcast_to(real_array(name, value, finite=False), (count,))
-    except ValueError:
-        raise InputError(f"{name} must be one number or {count} of them, one per element, not {value!r:.80}") from None
-    good = np.isfinite(values) & ((values >= 0) if zero else (values > 0))
-    if not good.all():
-        raise InputError(f"{name} must be {'zero or more' if zero else 'positive'} and finite, but is "
-                         f"{values[np.argmin(good)]:.6g}" + (f" in element {np.argmin(good) + 1}" if np.ndim(value) else ""))
-    return values
-
-
-def _held(kind: Any) -> tuple[int, ...]:
-    if not isinstance(kind, str) or kind not in SUPPORTS:
-        raise unknown_name("support", kind, SUPPORTS)
-    return SUPPORTS[kind]
-
-
 def _node(x: Array, place: Any, what: str) -> int:
     if isinstance(place, str):
-        if place not in ("left", "right"):
-            raise unknown_name(f"place in {what}:", place, ("left", "right"))
-        return 0 if place == "left" else len(x) - 1
+        return 0 if choice(f"place in {what}:", place, ("left", "right")) == "left" else len(x) - 1
     where = finite_number(f"a place in {what}", place)
     nearest = int(np.argmin(np.abs(x - where)))
     if abs(x[nearest] - where) > 1e-6 * np.diff(x).min():
@@ -151,8 +131,6 @@ def _column(x: Array, place: Any, what: str) -> Array:
         if len(place) != 2:
             raise InputTypeError(f"{what} must be a place or a pair (place, label), not {place!r:.80}")
         place, label = place
-    if label not in LABELS:
-        raise unknown_name(f"motion of {what}:", label, LABELS)
     w = np.zeros(2 * len(x))
-    w[2 * _node(x, place, what) + LABELS.index(label)] = 1.0
+    w[2 * _node(x, place, what) + LABELS.index(choice(f"motion of {what}:", label, LABELS))] = 1.0
     return w

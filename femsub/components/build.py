@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, Matrix, mapping
+from femsub.checks import EPS, Array, Matrix, mapping, real_array
 from femsub.components.damping import damped
 from femsub.errors import ConditionWarning, InputError
 from femsub.model.substructure import Substructure
@@ -25,6 +25,19 @@ LOSS = 2.0**-46  # of sqrt(K_ii K_jj) that an entry may be rounded to: more woul
 def optional_mapping(name: str, value: Any, of: str) -> Mapping[Any, Any]:
     """A dict of an argument that may be left out (None)."""
     return {} if value is None else mapping(name, value, of)
+
+
+def per_part(name: str, value: Any, count: int, part: str, zero: bool = False) -> Array:
+    """One positive number (or 0, with `zero`) for each element or mass, shape (count,), from one for all or one for each."""
+    try:
+        values = np.broadcast_to(real_array(name, value, finite=False), (count,))
+    except ValueError:
+        raise InputError(f"{name} must be one number or {count} of them, one per {part}, not {value!r:.80}") from None
+    good = np.isfinite(values) & ((values >= 0) if zero else (values > 0))
+    if not good.all():
+        raise InputError(f"{name} must be {'zero or more' if zero else 'positive'} and finite, but is "
+                         f"{values[np.argmin(good)]:.6g}" + (f" in {part} {np.argmin(good) + 1}" if np.ndim(value) else ""))
+    return values
 
 
 def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ...]]) -> tuple[Matrix, ...]:

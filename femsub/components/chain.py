@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, finite_number, items, truth, whole_number
+from femsub.checks import Array, items, truth, whole_number
+from femsub.components.build import per_part
+from femsub.components.damping import not_negative
 from femsub.errors import InputError
 from femsub.linalg.memory import check_room
 from femsub.model.substructure import Substructure
@@ -51,9 +53,8 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     """
     n = whole_number("n", n, least=1)
     check_room(f"a chain of {n:.3g} masses", BYTES * float(n))
-    mass, spring = _per_mass("masses", masses, n), _per_mass("springs", springs, n)
-    if finite_number("damping", damping) < 0:
-        raise InputError(f"damping must not be negative, but is {damping!r}; friction is a Belt's affair")
+    mass, spring = per_part("masses", masses, n, "mass"), per_part("springs", springs, n, "spring")
+    dashpot = not_negative("damping", damping)
     place = _mass_number("belt", belt, n)
     if not truth("fixed", fixed):
         spring = spring.copy()
@@ -61,7 +62,7 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     diagonal = spring + np.append(spring[1:], 0.0)
     K = sp.diags_array([-spring[1:], diagonal, -spring[1:]], offsets=[-1, 0, 1], shape=(n, n), format="csr")
     M = sp.diags_array(mass, format="csr")
-    D = sp.csr_array(([float(damping)], ([0], [0])), shape=(n, n)) if damping else None
+    D = sp.csr_array(([dashpot], ([0], [0])), shape=(n, n)) if dashpot else None
     w = np.zeros(n)
     w[place - 1] = 1.0
     held = [_mass_number("interface", number, n) - 1 for number in items("interface", interface, "mass numbers")]
@@ -82,14 +83,3 @@ def _mass_number(name: str, value: Any, n: int) -> int:
     if not 1 <= number <= n:
         raise InputError(f"{name}: there is no mass m{number}; the chain has m1 to m{n} (masses count from 1)")
     return number
-
-
-def _per_mass(name: str, value: Any, n: int) -> Array:
-    try:
-        values = np.broadcast_to(np.asarray(value, dtype=float), (n,))
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be one number or {n} of them, not {value!r:.80}") from None
-    if not (np.isfinite(values) & (values > 0)).all():
-        where = int(np.argmin(np.isfinite(values) & (values > 0)))
-        raise InputError(f"{name} must be positive and finite, but number {where + 1} is {values[where]:.6g}")
-    return values

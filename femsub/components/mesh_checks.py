@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -43,10 +44,9 @@ def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
     ordered = np.sort(mesh.cells, axis=1)
     _refuse(mesh, (ordered[:, 1:] == ordered[:, :-1]).any(axis=1), labels, "name a node twice (collapsed cells)",
             "mesh that part with other cells")
-    mesh, labels = _once(mesh, ordered, labels)
-    mesh = _used(mesh)
-    mesh = _oriented(mesh, labels)
-    return _with(mesh, notes=_notes(mesh))
+    mesh, labels = _once(mesh, labels)
+    mesh = _oriented(_used(mesh), labels)
+    return replace(mesh, repairs=tuple(dict.fromkeys((*mesh.repairs, *_notes(mesh)))))
 
 
 def refuse_spoilt(mesh: Mesh) -> None:
@@ -57,24 +57,34 @@ def refuse_spoilt(mesh: Mesh) -> None:
     InputError
         Their numbers.
     """
-    weights = np.random.default_rng(0).integers(1 << 62, size=len(mesh.points), dtype=np.uint64)
-    keys = weights[mesh.cells].sum(axis=1)  # the same for the same nodes in any order; sorting numbers is cheap
-    order = np.argsort(keys, kind="stable")
-    again = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
-    again = again[(np.sort(mesh.cells[order[again + 1]]) == np.sort(mesh.cells[order[again]])).all(axis=1)]
+    first = _first_alike(mesh)
+    again = np.flatnonzero(first != np.arange(len(first)))
     if len(again):
-        raise InputError(f"{len(again)} cells of {mesh.name!r} are given twice, the first is cell {order[again[0] + 1]}, which "
-                         f"is cell {order[again[0]]} again (counted from 0): its mass would count twice, leave it out")
-    unused = np.ones(len(mesh.points), dtype=bool)
-    unused[mesh.cells] = False
+        raise InputError(f"{len(again)} cells of {mesh.name!r} are given twice, the first is cell {again[0]}, which is cell "
+                         f"{first[again[0]]} again (counted from 0): its mass would count twice, leave it out")
+    unused = ~_in_cells(mesh)
     if unused.any():
         raise InputError(f"{np.count_nonzero(unused)} nodes of {mesh.name!r} belong to no cell: number "
-                         f"{_listed(mesh.numbers[unused])}; they would have no mass and no stiffness, leave them out")
+                         f"{listed(mesh.numbers[unused])}; they would have no mass and no stiffness, leave them out")
 
 
-def _with(mesh: Mesh, cells: Array | None = None, notes: tuple[str, ...] = ()) -> Mesh:
-    return Mesh(mesh.points, mesh.cells if cells is None else cells, mesh.kind, mesh.sets, mesh.groups, mesh.numbers,
-                dict.fromkeys((*mesh.repairs, *notes)), mesh.name)
+def _first_alike(mesh: Mesh) -> Array:
+    """For each cell the first one of the same nodes: itself, unless it is given twice."""
+    weights = np.random.default_rng(0).integers(1 << 62, size=len(mesh.points), dtype=np.uint64)
+    keys = weights[mesh.cells].sum(axis=1)  # the same for the same nodes in any order; sorting numbers is cheap
+    _, first, number = np.unique(keys, return_index=True, return_inverse=True)
+    first = first[number]
+    again = np.flatnonzero(first != np.arange(len(first)))
+    other = (np.sort(mesh.cells[again]) != np.sort(mesh.cells[first[again]])).any(axis=1)
+    first[again[other]] = again[other]
+    return first
+
+
+def _in_cells(mesh: Mesh) -> Array:
+    """Which nodes belong to a cell, bool (n,)."""
+    used = np.zeros(len(mesh.points), dtype=bool)
+    used[mesh.cells] = True
+    return used
 
 
 def _refuse(mesh: Mesh, bad: Array, labels: Array, what: str, advice: str) -> None:
@@ -87,7 +97,7 @@ def _refuse(mesh: Mesh, bad: Array, labels: Array, what: str, advice: str) -> No
                          f"{'; ...' if len(rows) > 3 else ''}; {advice}")
 
 
-def _listed(numbers: Array) -> str:
+def listed(numbers: Array) -> str:
     return ", ".join(str(number) for number in numbers[:5]) + (", ..." if len(numbers) > 5 else "")
 
 
@@ -96,35 +106,29 @@ def plural(count: int, one: str, many: str) -> str:
     return f"{count} {one if count == 1 else many}"
 
 
-def _once(mesh: Mesh, ordered: Array, labels: Array) -> tuple[Mesh, Array]:
-    order = np.lexsort(ordered.T)
-    again = (ordered[order[1:]] == ordered[order[:-1]]).all(axis=1)
-    if not again.any():
+def _once(mesh: Mesh, labels: Array) -> tuple[Mesh, Array]:
+    first = _first_alike(mesh)
+    kept = np.flatnonzero(first == np.arange(len(first)))
+    if len(kept) == len(first):
         return mesh, labels
-    run = np.concatenate([[0], np.cumsum(~again)])
-    first = np.minimum.reduceat(order, np.flatnonzero(np.concatenate([[True], ~again])))
-    kept = np.sort(first)
-    row = np.empty(len(order), dtype=np.intp)
-    row[order] = np.searchsorted(kept, first[run])
-    groups = {name: row[members] for name, members in mesh.groups.items()}
-    note = f"{plural(len(order) - len(kept), 'cell was', 'cells were')} given twice, kept once"
-    return Mesh(mesh.points, mesh.cells[kept], mesh.kind, mesh.sets, groups, mesh.numbers, (*mesh.repairs, note),
-                mesh.name), labels[kept]
+    row = np.searchsorted(kept, first)
+    note = f"{plural(len(first) - len(kept), 'cell was', 'cells were')} given twice, kept once"
+    return replace(mesh, cells=mesh.cells[kept], groups={name: row[members] for name, members in mesh.groups.items()},
+                   repairs=(*mesh.repairs, note)), labels[kept]
 
 
 def _used(mesh: Mesh) -> Mesh:
-    used = np.zeros(len(mesh.points), dtype=bool)
-    used[mesh.cells] = True
+    used = _in_cells(mesh)
     if used.all():
         return mesh
     row = np.cumsum(used) - 1
     sets = {name: row[nodes[used[nodes]]] for name, nodes in mesh.sets.items()}
     lost = mesh.numbers[~used]
-    notes = [f"{plural(len(lost), 'node belongs', 'nodes belong')} to no cell, dropped: {_listed(lost)}"]
+    notes = [f"{plural(len(lost), 'node belongs', 'nodes belong')} to no cell, dropped: {listed(lost)}"]
     notes += [f"the set {name!r} lost {plural(len(nodes) - len(sets[name]), 'node', 'nodes')} by that"
               for name, nodes in mesh.sets.items() if len(nodes) > len(sets[name])]
-    return Mesh(mesh.points[used], row[mesh.cells], mesh.kind, sets, mesh.groups, mesh.numbers[used], (*mesh.repairs, *notes),
-                mesh.name)
+    return replace(mesh, points=mesh.points[used], cells=row[mesh.cells], sets=sets, numbers=mesh.numbers[used],
+                   repairs=(*mesh.repairs, *notes))
 
 
 def _oriented(mesh: Mesh, labels: Array) -> Mesh:
@@ -137,7 +141,8 @@ def _oriented(mesh: Mesh, labels: Array) -> Mesh:
         return mesh
     cells = mesh.cells.copy()
     cells[mirrored] = cells[np.ix_(mirrored, _mirror(mesh.kind))]
-    mesh = _with(mesh, cells, (f"{mirrored.sum()} of {len(cells)} {mesh.kind} cells were listed in mirrored order, re-ordered",))
+    note = f"{mirrored.sum()} of {len(cells)} {mesh.kind} cells were listed in mirrored order, re-ordered"
+    mesh = replace(mesh, cells=cells, repairs=(*mesh.repairs, note))
     _refuse(mesh, _folded(mesh) & mirrored, labels, "are turned inside out and lie within their neighbours",
             "move their nodes, or mesh that part anew")
     return mesh

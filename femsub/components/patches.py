@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.checks import Array
-from femsub.components.mesh import Mesh
+from femsub.components.mesh import Mesh, boundary_faces, corner_nodes
+from femsub.components.mesh_checks import listed
 from femsub.components.solid_elements import KINDS, face_quadrature, jacobians, quadrature, reference, shape_functions
-from femsub.components.surface import boundary_faces
 from femsub.errors import InputError, PortWarning, unknown_name
 
 
@@ -81,14 +81,14 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
     corners = np.unique(mesh.cells[:, :reference(mesh.kind).corners]) if mesh.kind in KINDS else nodes
     for one, left in zip(found, lefts, strict=True):
         if not np.isin(left, corners).any():
-            warnings.warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number {_listed(mesh, left)}) are "
-                          f"middle nodes of {one.kind} that the set does not hold to their corners; the mean is over the whole "
+            warnings.warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number {listed(mesh.numbers[left])}) "
+                          f"are middle nodes of {one.kind} that the set does not hold to their corners; the mean is over the whole "
                           f"{one.kind} without these", PortWarning, stacklevel=6)
             return one
     kind, left = found[0].kind, lefts[0]
     raise InputError(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} belong to none of the {kind} that lie "
-                     f"within it (number {_listed(mesh, left)}), and a mean over {kind} would leave them out: take them out of "
-                     f"the set, add the nodes that complete their {kind}, or name a group of cells")
+                     f"within it (number {listed(mesh.numbers[left])}), and a mean over {kind} would leave them out: take them "
+                     f"out of the set, add the nodes that complete their {kind}, or name a group of cells")
 
 
 def _candidates(mesh: Mesh, nodes: Array, marked: Array) -> list[Patch]:
@@ -115,10 +115,6 @@ def nodes_of(mesh: Mesh, found: Patch) -> Array:
     if found.kind in ("cells", "nodes"):
         return np.unique(mesh.cells[found.cells]) if found.kind == "cells" else found.nodes
     return np.unique(mesh.cells[found.cells[:, None], sides_of(mesh.kind, found.kind)[found.sides]])
-
-
-def _listed(mesh: Mesh, rows: Array) -> str:
-    return ", ".join(str(number) for number in mesh.numbers[rows[:5]]) + (", ..." if len(rows) > 5 else "")
 
 
 def sides_of(kind: str, what: str) -> Array:
@@ -223,8 +219,7 @@ def _edges(mesh: Mesh, marked: Array) -> tuple[Array, Array, Array, Array]:
 def _rim(mesh: Mesh) -> Array:
     """The edges of the border of a plane mesh, or of the faces of a solid's surface, as pairs of nodes."""
     if mesh.dimension == 3:
-        cells, sides = boundary_faces(mesh)
-        faces = np.take_along_axis(mesh.cells[cells], np.array(reference(mesh.kind).faces)[sides], axis=1)
+        faces = corner_nodes(mesh, *boundary_faces(mesh))
         return np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = np.sort(mesh.cells[:, sides_of(mesh.kind, "edges")], axis=2).reshape(-1, 2)
     found, count = np.unique(ends, axis=0, return_counts=True)

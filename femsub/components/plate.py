@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, Matrix, finite_number, items, positive_number
+from femsub.checks import Array, Matrix, choice, finite_number, instance, items, positive_number
 from femsub.components.bending_elements import (
     CORNERS,
     HERMITE_MEAN,
@@ -25,7 +24,7 @@ from femsub.components.mesh_checks import refuse_spoilt
 from femsub.components.patches import Patch, patch, sides_of
 from femsub.components.solid_assembly import Material
 from femsub.components.solid_elements import skfem
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import InputError, InputTypeError
 from femsub.model.dof_map import DofMap
 
 if TYPE_CHECKING:
@@ -88,8 +87,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     Bogner, Fox and Schmit, Proc. Conf. Matrix Methods in Structural Mechanics, 1965 (rectangle); Morley, Aero. Quart.
     19 (1968) (triangle).
     """
-    if not isinstance(mesh, Mesh):
-        raise InputTypeError(f"mesh must be a Mesh, not {type(mesh).__name__}")
+    instance("mesh", mesh, Mesh)
     if mesh.kind not in ("triangle", "quad"):
         raise InputError(f"a plate is meshed with triangle or quad cells, but {mesh.name!r} has {mesh.kind}")
     steel, h = Material(E, nu, rho), positive_number("thickness", thickness)
@@ -110,32 +108,18 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
         {port: layout.column(where, port, held) for port, where in ports.items()}, layout.dofs(), rayleigh, name)
 
 
-@dataclass(frozen=True, eq=False)
 class _Layout:
-    """Which DOF belong to which node and edge of a mesh; edges and borders are scikit-fem's."""
-
-    mesh: Mesh
-    plane: Array  # (n, 2)
-    grid: Any
+    """Which DOF belong to which node, at `plane` (n, 2), and edge of a mesh; edges and borders are those of `grid`."""
 
     def __init__(self, mesh: Mesh) -> None:
-        plane = mesh.points[:, :2]
-        if mesh.points.shape[1] == 3 and np.ptp(mesh.points[:, 2]) > 1e-9 * np.ptp(plane, axis=0).max():
+        self.mesh, self.plane = mesh, mesh.points[:, :2]
+        if mesh.points.shape[1] == 3 and np.ptp(mesh.points[:, 2]) > 1e-9 * np.ptp(self.plane, axis=0).max():
             raise InputError(f"a plate lies in a plane of constant z, but z of {mesh.name!r} runs from "
                              f"{mesh.points[:, 2].min():.6g} to {mesh.points[:, 2].max():.6g}")
-        fem = skfem()
-        kind = fem.MeshTri if mesh.kind == "triangle" else fem.MeshQuad
-        grid = kind(np.ascontiguousarray(plane.T), np.ascontiguousarray(mesh.cells.T))
-        for key, value in (("mesh", mesh), ("plane", plane), ("grid", grid)):
-            object.__setattr__(self, key, value)
-
-    @property
-    def triangles(self) -> bool:
-        return self.mesh.kind == "triangle"
-
-    @property
-    def size(self) -> int:
-        return len(self.plane) + self.grid.facets.shape[1] if self.triangles else 4 * len(self.plane)
+        self.triangles = mesh.kind == "triangle"
+        kind = skfem().MeshTri if self.triangles else skfem().MeshQuad
+        self.grid = kind(np.ascontiguousarray(self.plane.T), np.ascontiguousarray(mesh.cells.T))
+        self.size = len(self.plane) + self.grid.facets.shape[1] if self.triangles else 4 * len(self.plane)
 
     @property
     def deflections(self) -> Array:
@@ -145,7 +129,10 @@ class _Layout:
 
     def gathered(self, nu: float) -> tuple[Matrix, Matrix]:
         """K and M for unit bending stiffness and unit mass per area."""
-        return self._morley(nu) if self.triangles else self._rectangles(nu)
+        if self.triangles:
+            return self._morley(nu)
+        dofs, sides = self._squared()
+        return gathered(dofs, self.size, lambda part: bfs_matrices(sides[part], nu))
 
     @property
     def _triangles(self) -> tuple[Array, Array]:
@@ -172,10 +159,6 @@ class _Layout:
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
         leading = np.where(np.abs(normal[:, 0]) > SKEW, normal[:, 0], normal[:, 1])
         return normal * np.sign(leading)[:, None]
-
-    def _rectangles(self, nu: float) -> tuple[Matrix, Matrix]:
-        dofs, sides = self._squared()
-        return gathered(dofs, self.size, lambda part: bfs_matrices(sides[part], nu))
 
     def _squared(self) -> tuple[Array, Array]:
         """DOF of the rectangles (m, 16), corners as in CORNERS, and their sides (m, 2)."""
@@ -205,9 +188,7 @@ class _Layout:
 
     def held(self, nodes: Array, kind: Any) -> Array:
         """The DOF that a support holds along a set."""
-        if kind not in SUPPORTS:
-            raise unknown_name("support", kind, SUPPORTS)
-        if kind == "free":
+        if choice("support", kind, SUPPORTS) == "free":
             return np.zeros(0, dtype=int)
         if kind == "clamped":
             return self.all_of(nodes)

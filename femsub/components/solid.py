@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from femsub.checks import Array, items, real_array, shown, word
+from femsub.checks import Array, instance, items, real_array, shown, word
 from femsub.components.build import component, optional_mapping
 from femsub.components.mesh import Mesh
 from femsub.components.mesh_checks import refuse_spoilt
@@ -62,8 +62,7 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     InputTypeError
         An argument of another kind.
     """
-    if not isinstance(mesh, Mesh):
-        raise InputTypeError(f"solid takes a Mesh (see read_mesh, block), not {type(mesh).__name__}")
+    instance("mesh", mesh, Mesh, "see read_mesh, block")
     if mesh.kind not in KINDS:
         raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D; a solid needs one of "
                          f"{', '.join(KINDS)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
+import secrets
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import BinaryIO, TypeAlias
@@ -14,11 +14,8 @@ Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content in
 
 def content_hash(file: BinaryIO) -> str:
     """SHA-256 of what an open file holds from its start on."""
-    digest = hashlib.sha256()
     file.seek(0)
-    while block := file.read(1 << 20):
-        digest.update(block)
-    return digest.hexdigest()
+    return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
@@ -30,32 +27,25 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
         The folder cannot be written; what stood there before still stands there.
     """
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    waiting: list[tuple[str, Path]] = []
+    waiting: list[tuple[Path, Path]] = []
     try:
         for name, writer in writers.items():
             path = folder / name
             made = [parent for parent in path.parents if not parent.exists() and parent not in made] + made
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-            waiting.append((temporary, path))
-            with os.fdopen(handle, "w+b") as file:
+            temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+            with temporary.open("x+b") as file:
+                waiting.append((temporary, path))
                 writer(file)
-            os.chmod(temporary, 0o666 & ~_umask())
         folder.mkdir(parents=True, exist_ok=True)
         for temporary, path in list(waiting):
             os.replace(temporary, path)
             waiting.remove((temporary, path))
     except BaseException:
         for temporary, _ in waiting:
-            os.unlink(temporary)
+            temporary.unlink()
         for parent in sorted(made, key=lambda path: len(path.parts), reverse=True):
             if parent.is_dir() and not any(parent.iterdir()):
                 parent.rmdir()
         raise
     return [folder / name for name in writers]
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
