@@ -81,9 +81,9 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
     corners = np.unique(mesh.cells[:, :reference(mesh.kind).corners]) if mesh.kind in KINDS else nodes
     for one, left in zip(found, lefts, strict=True):
         if not np.isin(left, corners).any():
-            warnings.warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number {listed(mesh.numbers[left])}) "
-                          f"are middle nodes of {one.kind} that the set does not hold to their corners; the mean is over the whole "
-                          f"{one.kind} without these", PortWarning, stacklevel=6)
+            warnings.warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number "
+                          f"{listed(mesh.numbers[left])}) are middle nodes of {one.kind} that the set does not hold to their "
+                          f"corners; the mean is over the whole {one.kind} without these", PortWarning, stacklevel=6)
             return one
     kind, left = found[0].kind, lefts[0]
     raise InputError(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} belong to none of the {kind} that lie "
@@ -144,46 +144,34 @@ def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
     average, normal = np.zeros(len(mesh.points)), np.zeros(3)
     if found.kind == "nodes":
         average[found.nodes] = 1.0
-    elif found.kind == "cells":
-        degree = 4 * reference(mesh.kind).degree - (3 if mesh.kind.startswith("tetra") else 1)  # that of N det J
-        X, w = quadrature(mesh.kind, degree)
+    for side in np.unique(found.sides):
+        X, tangents, w = _quadrature(mesh.kind, found.kind, side)
         N, dN = shape_functions(mesh.kind, X)
-        members = mesh.cells[found.cells]
-        np.add.at(average, members, (np.linalg.det(jacobians(mesh.points, members, dN)) * w) @ N)
-    elif found.kind == "faces":
-        normal = _over_faces(mesh, found, average)
-    else:
-        _over_edges(mesh, found, average)
+        chosen = found.sides == side
+        members = mesh.cells[found.cells[chosen]]
+        along = tangents @ jacobians(mesh.points, members, dN)
+        vector = along[:, :, 0] if found.kind == "edges" else np.cross(along[:, :, 0], along[:, :, 1])
+        size = (vector * along[:, :, 2]).sum(axis=2) if found.kind == "cells" else np.linalg.norm(vector, axis=2)
+        np.add.at(average, members, (size * w * found.share[chosen, None]) @ N)
+        if found.kind == "faces":
+            normal += (vector * w[:, None]).sum(axis=(0, 1))
     length, whole = float(np.linalg.norm(normal)), float(average.sum())
     # faces that surround a hole or a body cancel: what is left is rounding and no direction
     return average / whole, normal / length if length > 1e-6 * whole else np.zeros(3)
 
 
-def _over_faces(mesh: Mesh, found: Patch, average: Array) -> Array:
-    """Adds ∫ N dA to `average`; returns ∫ n dA."""
-    normal = np.zeros(3)
-    X, tangents, w = face_quadrature(mesh.kind, 2 * reference(mesh.kind).degree)
-    for side in np.unique(found.sides):
-        members = mesh.cells[found.cells[found.sides == side]]
-        N, dN = shape_functions(mesh.kind, X[side])
-        along = tangents[side] @ jacobians(mesh.points, members, dN)
-        area = np.cross(along[:, :, 0], along[:, :, 1]) * w[:, None]
-        np.add.at(average, members, np.linalg.norm(area, axis=2) @ N)
-        normal += area.sum(axis=(0, 1))
-    return normal
-
-
-def _over_edges(mesh: Mesh, found: Patch, average: Array) -> None:
-    """Adds ∫ N ds to `average`."""
-    element = reference(mesh.kind)
+def _quadrature(kind: str, what: str, side: int) -> tuple[Array, Array, Array]:
+    """Points (q, 3) in the reference cell, on one of its faces or edges, the tangents there (1 to 3, 3), and weights (q,)."""
+    element = reference(kind)
+    if what == "cells":
+        X, w = quadrature(kind, 4 * element.degree - (3 if kind.startswith("tetra") else 1))  # the degree of N det J
+        return X, np.eye(3), w
+    if what == "faces":
+        X, tangents, w = face_quadrature(kind, 2 * element.degree)
+        return X[side], tangents[side], w
     s, w = np.polynomial.legendre.leggauss(4)
-    for side in np.unique(found.sides):
-        start, end = element.nodes[list(element.edges[side])]
-        N, dN = shape_functions(mesh.kind, start + (s[:, None] + 1) / 2 * (end - start))
-        chosen = found.sides == side
-        members = mesh.cells[found.cells[chosen]]
-        along = np.linalg.norm((end - start) @ jacobians(mesh.points, members, dN), axis=2)
-        np.add.at(average, members, (along * (w / 2) * found.share[chosen, None]) @ N)
+    start, end = element.nodes[list(element.edges[side])]
+    return start + (s[:, None] + 1) / 2 * (end - start), (end - start)[None, :], w / 2
 
 
 def _patch(kind: str, nodes: Array, cells: Array, sides: Array | None = None) -> Patch:
