@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from femsub.checks import Array, choice, finite_number, items, shown
+from femsub.checks import Array, choice, items, real_array, shown
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import KINDS, box
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import InputError
 from femsub.linalg.memory import check_room
 
 BYTES = 1000.0  # that a cell takes while its mesh is made
@@ -138,13 +138,10 @@ def _sides(grid: Array, counts: Array) -> dict[str, Array]:
 
 
 def _lengths(what: str, values: Sequence[float], size: int) -> Array:
-    try:
-        found = [finite_number(what, value) for value in values]
-    except TypeError:
-        raise InputTypeError(f"{what} must be {size} numbers, not {values!r:.60}") from None
-    if len(found) != size or min(found) <= 0:
+    found = real_array(what, values)
+    if found.shape != (size,) or found.min() <= 0:
         raise InputError(f"{what} must be {size} positive numbers, not {values!r:.60}")
-    return np.array(found)
+    return found
 
 
 def _counts(values: Sequence[int], size: int) -> Array:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array, items, real_array, rows
-from femsub.components.solid_elements import reference
+from femsub.components.solid_elements import KINDS, reference
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model.frozen import Frozen
 
@@ -106,6 +106,11 @@ class Mesh(Frozen):
         """
         found = {name: chosen(self.points) if callable(chosen) else chosen for name, chosen in sets.items()}
         return replace(self, sets={**self.sets, **found})
+
+
+def corners_of(mesh: Mesh) -> Array:
+    """The corners of each cell, (m, c)."""
+    return mesh.cells[:, :reference(mesh.kind).corners] if mesh.kind in KINDS else mesh.cells
 
 
 def boundary_faces(mesh: Mesh) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import Array
-from femsub.components.mesh import Mesh
+from femsub.components.mesh import Mesh, corners_of
 from femsub.components.solid_elements import KINDS, jacobians, quadrature, reference, shape_functions
 from femsub.errors import InputError
 
@@ -216,9 +216,8 @@ def _notes(mesh: Mesh) -> tuple[str, ...]:
     from scipy.spatial import cKDTree
 
     notes = []
-    corners = reference(mesh.kind).corners if mesh.kind in KINDS else mesh.cells.shape[1]
-    smallest = min(np.linalg.norm(mesh.points[mesh.cells[:, i]] - mesh.points[mesh.cells[:, j]], axis=1).min()
-                   for i, j in combinations(range(corners), 2))
+    smallest = min(np.linalg.norm(mesh.points[one] - mesh.points[other], axis=1).min()
+                   for one, other in combinations(corners_of(mesh).T, 2))
     pairs = len(cKDTree(mesh.points).query_pairs(APART * smallest, output_type="ndarray"))
     if pairs:
         notes.append(f"{plural(pairs, 'pair', 'pairs')} of nodes coincide (not merged: their parts are not joined there)")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.checks import Array
-from femsub.components.mesh import Mesh, boundary_faces, corner_nodes
+from femsub.components.mesh import Mesh, boundary_faces, corner_nodes, corners_of
 from femsub.components.mesh_checks import listed
 from femsub.components.solid_elements import KINDS, face_quadrature, jacobians, quadrature, reference, shape_functions
 from femsub.errors import InputError, PortWarning, unknown_name
@@ -78,7 +78,7 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
             return one
     if not found:
         return _patch("nodes", nodes, every[:0])
-    corners = np.unique(mesh.cells[:, :reference(mesh.kind).corners]) if mesh.kind in KINDS else nodes
+    corners = np.unique(corners_of(mesh))
     for one, left in zip(found, lefts, strict=True):
         if not np.isin(left, corners).any():
             warnings.warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number "
@@ -94,13 +94,13 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
 def _candidates(mesh: Mesh, nodes: Array, marked: Array) -> list[Patch]:
     """The faces, the cells and the edges within a set, of each kind that there is, as `patch` prefers them."""
     every = np.arange(len(mesh.cells))
-    ways = [("cells", every, np.zeros_like(every), np.arange(mesh.cells.shape[1])[None, :])]
+    ways = [("cells", every, np.zeros_like(every), corners_of(mesh))]
     if mesh.dimension == 3:
-        ways.insert(0, ("faces", *boundary_faces(mesh), sides_of(mesh.kind, "faces")))
+        cells, sides = boundary_faces(mesh)
+        ways.insert(0, ("faces", cells, sides, corner_nodes(mesh, cells, sides)))
     found = []
-    for kind, cells, sides, table in ways:
-        corners = table[:, _corners(mesh, table)]
-        inside = marked[mesh.cells[cells[:, None], corners[sides]]].all(axis=1)
+    for kind, cells, sides, corners in ways:
+        inside = marked[corners].all(axis=1)
         if inside.any():
             found.append(_patch(kind, nodes, cells[inside], sides[inside]))
     cells, sides, share, border = _edges(mesh, marked)
@@ -176,13 +176,6 @@ def _quadrature(kind: str, what: str, side: int) -> tuple[Array, Array, Array]:
 
 def _patch(kind: str, nodes: Array, cells: Array, sides: Array | None = None) -> Patch:
     return Patch(kind, nodes, cells, np.zeros_like(cells) if sides is None else sides, np.ones(len(cells)))
-
-
-def _corners(mesh: Mesh, table: Array) -> Array:
-    """Which columns of a table of sides are corners; middle nodes follow."""
-    if mesh.kind not in KINDS:
-        return np.arange(table.shape[1])
-    return np.flatnonzero((table < reference(mesh.kind).corners).all(axis=0))
 
 
 def _edges(mesh: Mesh, marked: Array) -> tuple[Array, Array, Array, Array]:

@@ -33,9 +33,10 @@ def check_extent(path: Path, shape: tuple[int, int], count: int, dense: bool = F
                          "wrong; write it again")
 
 
-def check_end(path: Path) -> None:
+def check_end(path: Path, comment: bytes = b"\n") -> None:
     """A text file that does not end its last line was cut short: a number lost its last digits, and looks like a number.
 
+    What stands behind a `comment` sign may be cut.
     (SciPy's reader of Matrix Market, 1.17, even takes the interpreter down where the cut is behind the 'e' of a number.)
     """
     with open(path, "rb") as file:
@@ -44,7 +45,7 @@ def check_end(path: Path) -> None:
         tail = file.read()
     if not tail:
         raise InputError(f"{path} is empty")
-    if not tail.endswith((b"\n", b"\r")):
-        last = tail.splitlines()[-1].decode("ascii", "replace")
+    last = tail.replace(b"\r", b"\n").rpartition(b"\n")[2].partition(comment)[0].decode("ascii", "replace")
+    if last.strip():
         raise InputError(f"{path} seems to be cut short: its last line, {last[-40:]!r}, does not end; write the file again (or, "
                          "if it is whole, end the line)")

@@ -14,7 +14,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError, MissingPackageError
-from femsub.io.damage import THROWN
+from femsub.io.damage import THROWN, check_end
 from femsub.io.mesh_text import as_numbers, text_of
 
 MOST = 200_000_000  # points of a grid that a VTK file gives by its dimensions only
@@ -49,8 +49,8 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
         What is refused, or what meshio says.
     """
     suffix = path.suffix.lower()
-    raw = path.read_bytes() if suffix in (".vtk", ".su2", ".vtu", ".xdmf", ".xmf") else b""
-    points, cells = {".vtk": _vtk, ".su2": _su2, ".vtu": _xml, ".xdmf": _xml, ".xmf": _xml}.get(suffix, _nothing)(path, raw)
+    counted = {".vtk": _vtk, ".su2": _su2, ".vtu": _xml, ".xdmf": _xml, ".xmf": _xml}.get(suffix)
+    points, cells = counted(path, path.read_bytes()) if counted else (None, None)
     what = f"{path} cannot be read as a mesh"
     if suffix == ".msh" and _is_ansys(path):
         with _Ending(io.FileIO(path)) as file:
@@ -104,14 +104,10 @@ def _is_ansys(path: Path) -> bool:
         return file.read(200).lstrip()[:1] == b"("
 
 
-def _nothing(path: Path, raw: bytes) -> tuple[int | None, int | None]:
-    return None, None
-
-
 def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
     """Points and cells that the header of a legacy VTK file promises; no size in it may be beyond the file's."""
     if b"ASCII" in [line.strip().upper() for line in raw.split(b"\n", 3)[2:3]]:
-        _ended(path, raw)
+        check_end(path)
         _all_numbers(path, raw[raw.find(b"\nDATASET"):])
     counts: dict[bytes, int] = {}
     for match in _VTK_COUNTS.finditer(raw):
@@ -130,18 +126,13 @@ _NO_NUMBER = re.compile(rb"(?<!\S)(?=[+\-.]?[+\-.\d])(?![+-]?[nNiI])(?![+-]?(?:\
                         rb"|(?<!\S)(?:[+\-.?#](?!\S)|[\x80-\xff]\S*)")
 
 
-def _ended(path: Path, raw: bytes) -> None:
-    if raw and not raw.endswith(b"\n") and raw[raw.rfind(b"\n") + 1:].strip():
-        raise InputError(f"{path} ends within a line: is it cut short? If not, end that line")
-
-
 def _su2(path: Path, raw: bytes) -> tuple[int | None, int | None]:
     sizes: dict[bytes, list[int]] = {}
     for key, count in re.findall(rb"^[ \t]*(NPOIN|NELEM|MARKER_ELEMS)[ \t]*=[ \t]*(\d{1,18})", raw, flags=re.MULTILINE):
         sizes.setdefault(key, []).append(int(count))
         if int(count) > len(raw):
             raise InputError(f"{path} says {key.decode()}= {int(count)}, but has {len(raw)} bytes: is it cut short or damaged?")
-    _ended(path, raw)
+    check_end(path)
     _all_numbers(path, raw)
     if len(re.findall(rb"^[ \t]*MARKER_TAG", raw, flags=re.MULTILINE)) != sum(
             int(count) for count in re.findall(rb"^[ \t]*NMARK[ \t]*=[ \t]*(\d{1,9})", raw, flags=re.MULTILINE)):
@@ -196,10 +187,8 @@ def _tetgen(path: Path, header: int, width: int) -> Array:
     """Rows of number, `width` columns, and what the header counts besides."""
     if not path.is_file():
         raise InputError(f"there is no file {path}, which the other of TetGen's two files needs")
-    text = text_of(path)
-    if text and not text.endswith("\n") and text[text.rfind("\n") + 1:].partition("#")[0].strip():
-        raise InputError(f"{path} ends within a line: is it cut short? If not, end that line")
-    lines = [line for line in re.sub(r"#.*", "", text).split("\n") if line.strip()]
+    check_end(path, b"#")
+    lines = [line for line in re.sub(r"#.*", "", text_of(path)).split("\n") if line.strip()]
     sizes = lines[0].split() if lines else []
     if not 1 < len(sizes) <= header or not all(re.fullmatch(r"\d{1,12}", size) for size in sizes) or int(sizes[1]) != width:
         raise InputError(f"{path} begins with {' '.join(sizes)!r}; it must be the number of rows, {width}, and how many "

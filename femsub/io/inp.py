@@ -74,11 +74,13 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     once(path, "elements", np.concatenate([*cell_numbers, *found.others]))
     cells = [(kind, rows_of(path, f"a {kind} element", "node", numbers, nodes)) for kind, _, nodes in found.elements]
     point_sets, known, cell_sets = {}, found.all_elements(), {}
-    for name in (found.spelling["n" + key] for key in found.node_sets):
-        point_sets[name] = rows_of(path, f"*NSET {name}", "node", numbers, found.members("n", name, f"*NSET {name}"))
-    for name in (found.spelling["e" + key] for key in found.cell_sets):
-        members = found.members("e", name, f"*ELSET {name}")
-        rows_of(path, f"*ELSET {name}", "element", known, members)
+    for (sort, _), name in found.spelling.items():
+        what = f"*{sort}SET {name}"
+        members = found.members(sort, name, what)
+        if sort == "N":
+            point_sets[name] = rows_of(path, what, "node", numbers, members)
+            continue
+        rows_of(path, what, "element", known, members)
         rows = [np.flatnonzero(np.isin(part, members)) for part in cell_numbers]
         if not len(members) or any(map(len, rows)):  # else of skipped elements only
             cell_sets[name] = rows
@@ -113,7 +115,7 @@ def _collect(path: Path, found: Found) -> None:
                                  "nodes and elements listed")
         for part in maker(found, keyword, options, data):
             if option in options:
-                found.add(keyword[0].lower(), options[option], part)
+                found.add("EL" if keyword.startswith("EL") else "N", options[option], part)
 
 
 # ---- what has been read so far, by the file's numbers
@@ -139,20 +141,16 @@ class Found:
     nodes: list[tuple[Array, Array]] = field(default_factory=list)
     elements: list[tuple[str, Array, Array]] = field(default_factory=list)
     others: list[Array] = field(default_factory=list)  # numbers of elements of kinds that are no cells
-    node_sets: dict[str, list[Part]] = field(default_factory=dict)
-    cell_sets: dict[str, list[Part]] = field(default_factory=dict)
-    spelling: dict[str, str] = field(default_factory=dict)
+    sets: dict[tuple[str, str], list[Part]] = field(default_factory=dict)  # by sort (N or EL) and name in capitals
+    spelling: dict[tuple[str, str], str] = field(default_factory=dict)
     skipped: Counter[str] = field(default_factory=Counter)
     scopes: Counter[str] = field(default_factory=Counter)
     apart: set[str] = field(default_factory=set)
 
     def add(self, sort: str, name: str, members: Part) -> None:
         """Names are the same in capitals and small letters, and a set that comes again grows."""
-        self.spelling.setdefault(sort + name.upper(), name)
-        self.sets(sort).setdefault(name.upper(), []).append(members)
-
-    def sets(self, sort: str) -> dict[str, list[Part]]:
-        return self.node_sets if sort == "n" else self.cell_sets
+        self.spelling.setdefault((sort, name.upper()), name)
+        self.sets.setdefault((sort, name.upper()), []).append(members)
 
     def all_nodes(self) -> tuple[Array, Array]:
         """Numbers, ascending, and points; a number that comes twice is an error."""
@@ -174,7 +172,7 @@ class Found:
 
     def members(self, sort: str, name: str, what: str) -> Array:
         """Numbers in a set as it is now, ascending."""
-        parts = self.sets(sort).get(name.upper())
+        parts = self.sets.get((sort, name.upper()))
         if parts is None:
             raise InputError(f"{self.path}: {what} names the set {name!r}, which is not above it")
         found = [self._resolved(what, sort, part) for part in parts]
@@ -182,18 +180,18 @@ class Found:
 
     def _resolved(self, what: str, sort: str, part: Part) -> Array:
         if isinstance(part, NodesOf):
-            cells = self.members("e", part.elements, what)
+            cells = self.members("EL", part.elements, what)
             return np.concatenate([np.zeros(0, dtype=np.int64),
                                    *(nodes[np.isin(numbers, cells)].ravel() for _, numbers, nodes in self.elements)])
         if not isinstance(part, Range):
             return part
-        numbers = self.all_nodes()[0] if sort == "n" else self.all_elements()
+        numbers = self.all_nodes()[0] if sort == "N" else self.all_elements()
         count = (part.last - part.first) // part.step + 1
         inside = numbers[(numbers >= part.first) & (numbers <= part.last) & ((numbers - part.first) % part.step == 0)]
         if len(inside) < count:
             wrong = np.flatnonzero(inside != part.first + part.step * np.arange(len(inside)))
             missing = part.first + part.step * (int(wrong[0]) if len(wrong) else len(inside))
-            raise InputError(f"{self.path}: {what} names {'node' if sort == 'n' else 'element'} {missing}, which the file does "
+            raise InputError(f"{self.path}: {what} names {'node' if sort == 'N' else 'element'} {missing}, which the file does "
                              "not give")
         return inside
 
@@ -377,13 +375,13 @@ def _skip(found: Found, kind: str, data: str) -> Array:
 
 
 def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
-    sort = keyword[0].lower()
+    sort = keyword.removesuffix("SET")
     name = options.get(keyword, "")
     what = f"{found.path}: *{keyword} {name}"
     if not name:
         raise InputError(f"{found.path}: a *{keyword} without a name ({keyword}=...)")
     yield np.zeros(0, dtype=np.int64)
-    if sort == "n" and "ELSET" in options:
+    if sort == "N" and "ELSET" in options:
         yield NodesOf(options["ELSET"])
         return
     if "GENERATE" in options:
@@ -403,7 +401,7 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> I
             members.append(int(word))
             continue
         other = word.strip('"')
-        known = found.sets(sort).get(other.upper())
+        known = found.sets.get((sort, other.upper()))
         if known is None or (other.upper() == name.upper() and len(known) == 1):
             raise InputError(f"{what} names {word!r}, which is neither a number nor a set above it")
         yield from list(known)
@@ -459,7 +457,7 @@ def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data:
         if not given or len(given) > 2:
             raise InputError(f"{what} needs two sets, the number of intervals and a step; it has {line.strip()!r}")
         count, step = (*given, 1)[:2]
-        low, high = (found.members("n", name.strip('"'), "*NFILL") for name in (first, last))
+        low, high = (found.members("N", name.strip('"'), "*NFILL") for name in (first, last))
         if len(low) != len(high) or not len(low) or count < 1:
             raise InputError(f"{what} fills {count} intervals between sets of {len(low)} and {len(high)} nodes, which cannot be "
                              "paired")
@@ -474,7 +472,7 @@ def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data:
 
 def _copied_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     what = f"{found.path}: *NCOPY"
-    old, change = found.members("n", options.get("OLD SET", ""), "*NCOPY"), _integer(what, options, "CHANGE NUMBER")
+    old, change = found.members("N", options.get("OLD SET", ""), "*NCOPY"), _integer(what, options, "CHANGE NUMBER")
     points = found.place("*NCOPY", old)
     if ("SHIFT" in options) == ("REFLECT" in options):
         raise InputError(f"{what} needs one of SHIFT and REFLECT")
@@ -522,7 +520,7 @@ def _mapped_nodes(found: Found, keyword: str, options: Mapping[str, str], data: 
     RECTANGULAR: x from a to b, y towards c. CYLINDRICAL (r, θ in degrees, z): z from a to b, θ = 0 towards c.
     """
     what, kind = f"{found.path}: *NMAP", options.get("TYPE", "").upper()
-    members, rows = found.members("n", options.get("NSET", ""), "*NMAP"), _padded(what, data, 3, 6)
+    members, rows = found.members("N", options.get("NSET", ""), "*NMAP"), _padded(what, data, 3, 6)
     if kind not in ("RECTANGULAR", "CYLINDRICAL"):
         raise InputError(f"{what}, TYPE={kind or '(none)'} is not read; RECTANGULAR and CYLINDRICAL are")
     a, b, c = rows[0, :3], rows[0, 3:], rows[1, :3]
@@ -559,7 +557,7 @@ def _rows_of_elements(found: Found, keyword: str, options: Mapping[str, str], da
 
 def _copied_elements(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     what = f"{found.path}: *ELCOPY"  # REFLECT changes the order of nodes in a cell, which is checked and mended for every cell
-    old = found.members("e", options.get("OLD SET", ""), "*ELCOPY")
+    old = found.members("EL", options.get("OLD SET", ""), "*ELCOPY")
     shift = _integer(what, options, "ELEMENT SHIFT")
     _copy_elements(found, what, old, np.array([_integer(what, options, "SHIFT NODES")]), np.array([shift]))
     yield old + shift

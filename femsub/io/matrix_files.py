@@ -136,10 +136,9 @@ def _starts(path: Path, banner: bytes) -> bool:
 
 def _npy(path: Path) -> Any:
     with open(path, "rb") as file:
-        shape, _, kind = _array_header(path, path.name, file)
-        size, wanted = path.stat().st_size - file.tell(), int(np.prod(shape, dtype=object)) * kind.itemsize
-    if size != wanted:
-        raise InputError(f"{path} announces {wanted} bytes of numbers, but has {size}; it is cut short or damaged")
+        shape, kind, wanted = _array_header(path, path.name, file)
+    if path.stat().st_size != wanted:
+        raise InputError(f"{path} announces {wanted} bytes, but has {path.stat().st_size}; it is cut short or damaged")
     if kind.kind not in NUMBERS or not 1 <= len(shape) <= 2:
         raise InputError(f"{path} holds {_kind_name(kind)} of the shape {shape}, not a matrix of numbers")
     check_room(path, wanted)
@@ -151,18 +150,18 @@ def _kind_name(kind: np.dtype[Any]) -> str:
         kind.kind, f"numbers ({kind})")
 
 
-def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, order and type that the head of a .npy file tells."""
+def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
+    """Shape and type that the head of a .npy file tells, and how many bytes the file must have."""
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version == (3, 0):  # only for names of records in Unicode
         raise InputError(f"{path}: {name} holds records, not a matrix of numbers")
     if version not in readers:
         raise InputError(f"{path}: {name} has the unknown version {version}")
-    shape, order, kind = readers[version](file)
+    shape, _, kind = readers[version](file)
     if any(part < 0 for part in shape):
         raise InputError(f"{path}: {name} announces the shape {shape}; it is damaged")
-    return shape, order, kind
+    return shape, kind, file.tell() + int(np.prod(shape, dtype=object)) * kind.itemsize
 
 
 def _npz(path: Path) -> Any:
@@ -177,8 +176,7 @@ def _npz(path: Path) -> Any:
             if name in kinds or name == entry.filename:
                 raise InputError(f"{path} is damaged: {entry.filename!r} stands in it twice, or is no .npy file")
             with archive.open(entry) as file:
-                shape, _, kinds[name] = _array_header(path, entry.filename, file)
-                wanted = file.tell() + int(np.prod(shape, dtype=object)) * kinds[name].itemsize
+                _, kinds[name], wanted = _array_header(path, entry.filename, file)
             if kinds[name].kind != "O" and wanted != entry.file_size:
                 raise InputError(f"{path} is damaged: {entry.filename} announces {wanted} bytes, but has {entry.file_size}")
     with np.load(path, allow_pickle=False) as file:

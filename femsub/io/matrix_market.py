@@ -144,38 +144,26 @@ def _header(path: Path) -> _Header:
     return _Header(layout, field, symmetry, (rows, columns), count, start, lines)
 
 
-def _checked(path: Path, header: _Header) -> io.BytesIO | None:
+def _checked(path: Path, header: _Header, mend: bool = False) -> io.BytesIO | None:
     """Checks each word behind the header. None if SciPy can read the file, else it mended, with exponents as SciPy knows them."""
-    found, mended = 0, None
+    found, line, mended = 0, header.lines, io.BytesIO()
     with open(path, "rb") as file:
-        file.seek(header.start)
+        mended.write(file.read(header.start))
         while block := file.read(BLOCK) + file.readline():
-            text = _tidy(block)
+            text = _tidy(_without_plus(fortran_mended(block)) if mend else block)
             count = _lines_of_numbers(text, header)
-            if count is None:
-                text = _tidy(_without_plus(fortran_mended(block)))
-                count = _lines_of_numbers(text, header)
-                if count is None:
-                    place = file.tell() - len(block)
-                    file.seek(header.start)
-                    count = _line_by_line(path, text, header, header.lines + file.read(place - header.start).count(b"\n"))
-                    file.seek(place + len(block))
-                if mended is None:
-                    place = file.tell()
-                    file.seek(0)
-                    mended = io.BytesIO(file.read(place - len(block)))
-                    mended.seek(0, io.SEEK_END)
-                    file.seek(place)
-            if mended is not None:
+            if count is None and not mend:
+                return _checked(path, header, mend=True)
+            found += _line_by_line(path, text, header, line) if count is None else count
+            if mend:
+                line += block.count(b"\n")
                 mended.write(text)
-            found += count
     if found != header.entries:
         short = "is a Truncated file, cut short" if found < header.entries else "is damaged"
         raise InputError(f"{path} {short}: it announces {header.shape[0]} x {header.shape[1]} with {header.entries} entries, but "
                          f"has {found}; write it again")
-    if mended is not None:
-        mended.seek(0)
-    return mended
+    mended.seek(0)
+    return mended if mend else None
 
 
 def _tidy(block: bytes) -> bytes:

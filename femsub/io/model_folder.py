@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-import os
+import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -84,69 +85,56 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     if format in ("mat", "op4"):
         target = f"model.{format}"
         about["files"] = {key: f"{target}:{key}" for key in parts}
-        writers[target] = _matlab_writer(model, parts) if format == "mat" else _op4_writer(parts)
+        writers[target] = (partial(_write_matlab, model=model, parts=parts) if format == "mat" else
+                           partial(_write_op4, op4=op4_module(), parts=parts))
     else:
         about["files"] = {key: f"{key}.{'npy' if format == 'npz' and not sp.issparse(part) else format}"
                           for key, part in parts.items()}
-        writers |= {file: _single_writer(parts[key], file) for key, file in about["files"].items()}
+        writers |= {file: partial(_write_single, part=parts[key], name=file) for key, file in about["files"].items()}
     if dofs is not None:
-        about["dofs"], known = "dofs.csv", dofs
-        writers["dofs.csv"] = lambda file: write_dofs(file, known)
+        about["dofs"] = "dofs.csv"
+        writers["dofs.csv"] = partial(write_dofs, dofs=dofs)
     hashes: dict[str, str] = {}
 
     def write_index(file: BinaryIO) -> None:  # the last: it tells which files belong together
         text = json.dumps(about | {HASHES: hashes}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         file.write(text.encode())
 
-    return {name: _hashed(name, writer, hashes) for name, writer in writers.items()} | {INDEX: write_index}
+    hashed = {name: partial(_write_hashed, name=name, writer=writer, hashes=hashes) for name, writer in writers.items()}
+    return {**hashed, INDEX: write_index}
 
 
-def _hashed(name: str, writer: Writer, hashes: dict[str, str]) -> Writer:
-    """The writer, which also notes the hash of what it wrote."""
-    def write(file: BinaryIO) -> None:
-        writer(file)
-        hashes[name] = content_hash(file)
-
-    return write
+def _write_hashed(file: BinaryIO, name: str, writer: Writer, hashes: dict[str, str]) -> None:
+    """Writes, and notes the hash of what was written."""
+    writer(file)
+    hashes[name] = content_hash(file)
 
 
-def _single_writer(part: Matrix, file_name: str) -> Writer:
-    def write(file: BinaryIO) -> None:
-        if file_name.endswith(".npz"):
-            sp.save_npz(file, part)
-        elif file_name.endswith(".npy"):
-            np.save(file, part, allow_pickle=False)
-        else:
-            from scipy.io import mmwrite
+def _write_single(file: BinaryIO, part: Matrix, name: str) -> None:
+    if name.endswith(".npz"):
+        sp.save_npz(file, part)
+    elif name.endswith(".npy"):
+        np.save(file, part, allow_pickle=False)
+    else:
+        from scipy.io import mmwrite
 
-            mmwrite(file, part, precision=17)
-
-    return write
+        mmwrite(file, part, precision=17)
 
 
-def _matlab_writer(model: Substructure, parts: Mapping[str, Matrix]) -> Writer:
-    def write(file: BinaryIO) -> None:
-        from scipy.io import savemat
+def _write_matlab(file: BinaryIO, model: Substructure, parts: Mapping[str, Matrix]) -> None:
+    from scipy.io import savemat
 
-        names = np.array(list(model.ports), dtype=object)
-        savemat(file, {**parts, "interface": (model.interface + 1).astype(float), "port_names": names, "name": model.name},
-                do_compression=False, oned_as="column")
-
-    return write
+    names = np.array(list(model.ports), dtype=object)
+    savemat(file, {**parts, "interface": (model.interface + 1).astype(float), "port_names": names, "name": model.name},
+            do_compression=False, oned_as="column")
 
 
-def _op4_writer(parts: Mapping[str, Matrix]) -> Writer:
-    op4 = op4_module()  # before anything is written
-
-    def write(file: BinaryIO) -> None:
-        with tempfile.TemporaryDirectory() as folder:  # pyyeti wants a name, and closes what it opens
-            path = os.path.join(folder, "model.op4")
-            op4.write(path, dict(parts))
-            with open(path, "rb") as whole:
-                while block := whole.read(1 << 24):
-                    file.write(block)
-
-    return write
+def _write_op4(file: BinaryIO, op4: Any, parts: Mapping[str, Matrix]) -> None:
+    with tempfile.TemporaryDirectory() as folder:  # pyyeti wants a name, and closes what it opens
+        path = Path(folder) / "model.op4"
+        op4.write(str(path), dict(parts))
+        with path.open("rb") as whole:
+            shutil.copyfileobj(whole, file)
 
 
 def read_model(folder: Path) -> Substructure:
@@ -174,7 +162,7 @@ def read_model(folder: Path) -> Substructure:
     found = read_dofs(folder / about["dofs"], tuple(about["labels"])) if "dofs" in about else None
     columns, start, width = {}, 0, sum(max(width, 1) for width in about["ports"].values())
     if width and part["ports"].shape[1] != width:
-        raise InputError(f"{path} is damaged: its ports have {width} columns, but there are {part['ports'].shape[1]}")
+        raise _damaged(path, f"its ports have {width} columns, but there are {part['ports'].shape[1]}")
     for port, width in about["ports"].items():
         columns[port] = part["ports"][:, start] if width == 0 else part["ports"][:, start:start + width]
         start += max(width, 1)
@@ -186,13 +174,12 @@ def read_model(folder: Path) -> Substructure:
     # older folders have no count
     modes = reduced.get("modes", sum(kind in ("fixed-interface", "free") for kind in reduced["kinds"]))
     if V.shape[1] != part["M"].shape[0] or len(reduced["kinds"]) != V.shape[1] or (found and found.size != V.shape[0]):
-        raise InputError(f"{path} is damaged: V is {V.shape[0]} x {V.shape[1]}, but M has {part['M'].shape[0]} rows, "
-                         f"{len(reduced['kinds'])} kinds are listed"
-                         + (f", and the DOF map has {found.size}" if found else "") + "; write the model again")
+        raise _damaged(path, f"V is {V.shape[0]} x {V.shape[1]}, but M has {part['M'].shape[0]} rows, "
+                             f"{len(reduced['kinds'])} kinds are listed"
+                             + (f", and the DOF map has {found.size}" if found else ""))
     if interface.max(initial=-1) >= V.shape[0] or len(set(reduced["interface"])) < len(interface) \
             or not set(reduced["port_error"]) <= set(columns) or modes > V.shape[1]:
-        raise InputError(f"{path} is damaged: its interface, its modes or its errors of ports are not the model's; write the "
-                         "model again")
+        raise _damaged(path, "its interface, its modes or its errors of ports are not the model's")
     model = ReducedSubstructure(
         part["M"], part["K"], part["D"], columns, about["name"], V=V, kinds=reduced["kinds"], full_interface=interface,
         modes=modes, cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"],
@@ -201,7 +188,7 @@ def read_model(folder: Path) -> Substructure:
         factorisations=reduced["factorisations"], full_dofs=found,
         estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]))
     if model.interface.tolist() != about["interface"]:
-        raise InputError(f"{path} is damaged: its interface {about['interface']} is not that of V; write the model again")
+        raise _damaged(path, f"its interface {about['interface']} is not that of V")
     return model
 
 
@@ -209,7 +196,11 @@ def _estimate(path: Path, record: Any) -> Estimate:
     try:
         return Estimate.of_record(record)
     except InputError as error:
-        raise InputError(f"{path} is damaged: {error}; write the model again") from None
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path, why: object) -> InputError:
+    return InputError(f"{path} is damaged: {why}; write the model again")
 
 
 def _matrices(folder: Path, places: Mapping[str, str]) -> dict[str, Matrix]:
@@ -242,7 +233,7 @@ def _index(path: Path) -> dict[str, Any]:
     try:
         about = json.loads(path.read_bytes().decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is damaged ({error!s:.100}); write the model again") from None
+        raise _damaged(path, f"{error!s:.100}") from None
     _check(path, about)
     _check_files(path, about)
     return dict(about)
@@ -307,7 +298,7 @@ MAP: tuple[Check, ...] = (("dofs", _is_file, "a file in this folder"), ("labels"
 
 def _check(path: Path, about: Any) -> None:
     if not isinstance(about, dict):
-        raise InputError(f"{path} is damaged: it holds no table of names; write the model again")
+        raise _damaged(path, "it holds no table of names")
     version = about.get("femsub")
     if type(version) is not int or version != VERSION:
         raise InputError(f"{path} has the version {version!r} ('femsub'), but this femsub reads {VERSION}; write the model "
@@ -319,29 +310,29 @@ def _check(path: Path, about: Any) -> None:
     reduced = about.get("reduced")
     if reduced is not None:
         if not isinstance(reduced, dict):
-            raise InputError(f"{path} is damaged: 'reduced' must be a table, not {reduced!r:.40}; write the model again")
+            raise _damaged(path, f"'reduced' must be a table, not {reduced!r:.40}")
         _check_entries(path, "reduced: ", {"modes": 0} | reduced, REDUCED)
     if "dofs" in about:
         _check_entries(path, "", about, MAP)
     wanted = {"M", "D", "K"} | ({"V"} if reduced is not None else set()) | ({"ports"} if about["ports"] else set())
     if set(about["files"]) != wanted:
-        raise InputError(f"{path} is damaged: 'files' must name {', '.join(sorted(wanted))}, but names "
-                         f"{', '.join(sorted(about['files'])) or 'none'}; write the model again")
+        raise _damaged(path, f"'files' must name {', '.join(sorted(wanted))}, but names "
+                             f"{', '.join(sorted(about['files'])) or 'none'}")
 
 
 def _check_entries(path: Path, where: str, table: Mapping[str, Any], checks: tuple[Check, ...]) -> None:
     for key, test, what in checks:
         if key not in table:
-            raise InputError(f"{path} is damaged: {where}{key!r} is missing; write the model again")
+            raise _damaged(path, f"{where}{key!r} is missing")
         if not test(table[key]):
-            raise InputError(f"{path} is damaged: {where}{key!r} must be {what}, not {table[key]!r:.80}; write the model again")
+            raise _damaged(path, f"{where}{key!r} must be {what}, not {table[key]!r:.80}")
 
 
 def _check_files(path: Path, about: Mapping[str, Any]) -> None:
     named = {place.partition(":")[0] for place in about["files"].values()} | ({about["dofs"]} if "dofs" in about else set())
     if named != set(about[HASHES]):
-        raise InputError(f"{path} is damaged: it tells hashes of {', '.join(sorted(about[HASHES])) or 'no file'}, but names "
-                         f"{', '.join(sorted(named))}; write the model again")
+        raise _damaged(path, f"it tells hashes of {', '.join(sorted(about[HASHES])) or 'no file'}, but names "
+                             f"{', '.join(sorted(named))}")
     for name, expected in about[HASHES].items():
         file = path.parent / name
         if not file.is_file():
