@@ -152,7 +152,7 @@ def test_reduced_models_bound_from_above(method: fs.CraigBampton | fs.CraigChang
     ({"supports": {"lift": "clamped"}}, "did you mean 'left'"), ({"supports": "left"}, "supports must be a dict of places"),
     ({"supports": {0.33: "pinned"}}, r"no node at x = 0.33; the nearest is at x = 0.3"),
     ({"interface": ("left",), "supports": {"left": "clamped"}}, "interface 'left' of 'beam' is held"),
-    ({"interface": "left"}, "a sequence of places"), ({"ports": {"belt": 2.0}}, "no node at x = 2; the nearest is at x = 1"),
+    ({"interface": "left"}, "a list of places"), ({"ports": {"belt": 2.0}}, "no node at x = 2; the nearest is at x = 1"),
     ({"ports": {"belt": ("left", "v")}}, "unknown motion"), ({"rayleigh": (-1.0, 0.0)}, "alpha of rayleigh must not be negative"),
     ({"ports": {"belt": "left"}, "supports": {"left": "pinned"}}, "DOF that the supports hold"),
     ({"elements": 1, "supports": {"left": "clamped", "right": "clamped"}}, "hold every DOF"),
@@ -226,7 +226,7 @@ def test_rounding_of_a_fine_beam_is_told_with_its_figure(ends: str) -> None:
     ({"elements": None}, "elements must be a whole number"),
     ({"supports": ["left"]}, "supports must be a dict of places"),
     ({"supports": {"left": ["clamped"]}}, "unknown support \"['clamped']\""),
-    ({"interface": 1.0}, "interface must be a sequence of places"),
+    ({"interface": 1.0}, "interface must be a list of places"),
     ({"interface": [["left"]]}, "a place in interface must be a number"),
     ({"ports": {"p": ("left", ["w"])}}, "unknown motion of port 'p'"),
 ])

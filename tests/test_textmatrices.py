@@ -104,7 +104,7 @@ def test_dof_map_as_text(tmp_path: Path, text: str, name: str, label: str) -> No
     ("sti", "\n\n", "is empty"),
     ("sti", K3[:-1], "its last line, '3 3 1.0', does not end"),
     ("sti", K3.replace("3 3", "4 4"), "has entries, but none on the diagonal, for 1 of 4 DOF, first row 3"),
-    ("sti", K3 + "4 4 1.0\n", "but K is 4 x 4"),
+    ("sti", K3 + "4 4 1.0\n", "K is 4 x 4, but"),
     ("mtx", N3 + "3,1, 2,1, -1.0\n", "lists an entry twice: node 3, DOF 1 with node 2, DOF 1"),
     ("mtx", N3 + "1,1, 2,1, -1.0\n", "1 above, 1 of them without the entry across"),
     ("mtx", N3.replace("3,1", "4,1"), "M has 1 DOF that K has not, first DOF 1 of node 3"),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, choice, finite_number, positive_number, real_array, whole_number
+from femsub.checks import Array, choice, finite_number, items, positive_number, real_array, whole_number
 from femsub.components.bending_elements import hermite_matrices
 from femsub.components.build import component, free_to_lift, gathered, optional_mapping, per_part, tell_rounding
 from femsub.errors import InputError, InputTypeError
@@ -96,8 +96,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     held = [2 * _node(x, place, "supports") + dof for place, kind in supports.items()
             for dof in SUPPORTS[choice("support", kind, SUPPORTS)]]
     dofs = DofMap(np.repeat(np.arange(1, m + 2), 2), np.tile([0, 1], m + 1), LABELS, np.repeat(x, 2)[:, None])
-    if isinstance(interface, str) or not isinstance(interface, Iterable):
-        raise InputTypeError(f"interface must be a sequence of places, e.g. ({interface!r},), not {interface!r}")
+    interface = items("interface", interface, "places")
     return component(
         K, M, np.array(held, dtype=int), {repr(place): 2 * _node(x, place, "interface") + np.arange(2) for place in interface},
         {port: _column(x, place, f"port {port!r}") for port, place in ports.items()}, dofs, rayleigh, name)

@@ -9,7 +9,7 @@ import numpy as np
 
 from femsub.checks import Array, choice, items, real_array, shown
 from femsub.components.mesh import Mesh
-from femsub.components.solid_elements import KINDS, box
+from femsub.components.solid_elements import box
 from femsub.errors import InputError
 from femsub.linalg.memory import check_room
 
@@ -40,7 +40,7 @@ def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedr
         A length that is not positive, a count below 1, a kind that is none of these.
     """
     sizes, bricks = _lengths("lengths", lengths, 3), _counts(counts, 3)
-    grid, cells = _grid(bricks, kind)
+    grid, cells = box(bricks, bricks, kind)  # of edge 1: coordinates are whole and half numbers, exactly
     return Mesh(grid / bricks * sizes, cells, kind, _sides(grid, bricks), name=name)
 
 
@@ -74,7 +74,7 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
     bricks = _counts(counts, 3)
     if bricks[1] < 3:
         raise InputError(f"counts: an annulus needs at least 3 bricks around, not {bricks[1]}")
-    grid, cells = _grid(bricks, kind)
+    grid, cells = box(bricks, bricks, kind)
     half = np.rint(2 * grid).astype(np.intp)
     half[:, 1] %= 2 * bricks[1]  # where the ring closes, the last nodes are the first ones
     place = np.ravel_multi_index(tuple(half.T), tuple(2 * bricks + 1))
@@ -122,13 +122,6 @@ def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad
     sides = _sides(grid, quads)
     sides["edge"] = np.unique(np.concatenate(list(sides.values())))
     return Mesh(grid / quads * sizes, cells, kind, sides, name=name)
-
-
-def _grid(bricks: Array, kind: str) -> tuple[Array, Array]:
-    """Bricks of edge 1: coordinates are whole and half numbers, exactly."""
-    choice("kind of solid element", kind, KINDS)
-    nx, ny, nz = (int(count) for count in bricks)
-    return box((float(nx), float(ny), float(nz)), (nx, ny, nz), kind)
 
 
 def _sides(grid: Array, counts: Array) -> dict[str, Array]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from femsub.checks import Array, instance, items, real_array, shown, word
+from femsub.checks import Array, choice, instance, items, real_array, shown, word
 from femsub.components.build import component, optional_mapping
 from femsub.components.mesh import Mesh
 from femsub.components.mesh_checks import refuse_spoilt
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
 
 Direction: TypeAlias = str | Sequence[float]
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0),
-        "-x": (-1.0, 0.0, 0.0), "-y": (0.0, -1.0, 0.0), "-z": (0.0, 0.0, -1.0)}
 
 
 def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] | None = (),
@@ -75,7 +73,7 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     K, M = stiffness_and_mass(mesh, _materials(mesh, material))
     every = np.arange(3 * len(mesh.points))
     dofs = DofMap(mesh.numbers[every // 3], every % 3, TRANSLATIONS, mesh.points[every // 3])
-    names = interface if isinstance(interface, str) else ", ".join(interface if interface is not None else ())
+    names = interface if isinstance(interface, str) else ", ".join(interface)
     places = {names: joined} if len(joined) else {}
     return component(K, M, held, places, columns, dofs, rayleigh, word("name", name) or mesh.name)
 
@@ -128,9 +126,10 @@ def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
         raise InputTypeError(f"port {name!r} must be (set of nodes, direction), e.g. ('contact', 'x'), not {value!r}") from None
     average, normal = solid_average(mesh, place, f"port {name!r}")
     if isinstance(direction, str):
-        if direction not in (*AXES, "normal", "-normal"):
-            raise unknown_name(f"direction of port {name!r}:", direction, (*AXES, "normal", "-normal"))
-        vector = {"normal": normal, "-normal": -normal}[direction] if direction not in AXES else np.array(AXES[direction])
+        choice(f"direction of port {name!r}:", direction, [sign + axis for axis in (*"xyz", "normal") for sign in ("", "-")])
+        axis = direction.removeprefix("-")
+        vector = normal if axis == "normal" else np.eye(3)["xyz".index(axis)]
+        vector = -vector if direction.startswith("-") else vector
     else:
         vector = real_array(f"the direction of port {name!r}", direction, finite=False)
     length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0

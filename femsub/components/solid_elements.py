@@ -6,15 +6,15 @@ place of the node, not from a table.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
 from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import MissingPackageError, unknown_name
+from femsub.checks import Array, choice
+from femsub.errors import MissingPackageError
 
 _HEX = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float)
 _HEX_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
@@ -22,6 +22,8 @@ _HEX_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 
 _TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
 _TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 _TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))  # outward
+#: six tetrahedra that fill a brick and fit those of its neighbours: one for each way along the axes (Kuhn)
+_SIXTHS = np.array([[0, 1, 2, 6], [0, 5, 1, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 4, 5, 6], [0, 7, 4, 6]])
 
 #: kind: (scikit-fem's element, corners, groups of corners in whose middle the other nodes lie, faces, degree)
 _TABLE: dict[str, tuple[str, Array, tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...], int]] = {
@@ -81,9 +83,7 @@ def skfem() -> Any:
 @cache
 def reference(kind: str) -> Reference:
     """The reference element of a kind, one of KINDS."""
-    if kind not in _TABLE:
-        raise unknown_name("kind of solid element", kind, KINDS)
-    _, corners, middles, faces, degree = _TABLE[kind]
+    _, corners, middles, faces, degree = _TABLE[choice("kind of solid element", kind, KINDS)]
     rest = [corners[list(group)].mean(axis=0) for group in middles]
     return Reference(kind, np.vstack([corners, *rest]), middles, faces, degree)
 
@@ -129,8 +129,9 @@ def jacobians(points: Array, cells: Array, gradients: Array) -> Array:
     return (flat @ points[cells]).reshape(len(cells), q, d, d)
 
 
-def box(lengths: tuple[float, float, float], counts: tuple[int, int, int], kind: str) -> tuple[Array, Array]:
+def box(lengths: Sequence[float] | Array, counts: Sequence[int] | Array, kind: str) -> tuple[Array, Array]:
     """Points (n, 3) and cells (m, k) of a box [0, lx] x [0, ly] x [0, lz]; tetrahedra are six to a brick."""
+    choice("kind of solid element", kind, KINDS)
     nx, ny, nz = counts
     axes = [np.linspace(0.0, length, count + 1) for length, count in zip(lengths, counts, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -138,21 +139,8 @@ def box(lengths: tuple[float, float, float], counts: tuple[int, int, int], kind:
     corner = first[:, None, :] + _HEX.astype(int)[None, :, :]
     cells = (corner[..., 0] * (ny + 1) + corner[..., 1]) * (nz + 1) + corner[..., 2]
     if kind.startswith("tetra"):
-        cells = cells[:, _bricks()].reshape(-1, 4)
+        cells = cells[:, _SIXTHS].reshape(-1, 4)
     return raised(points, cells, kind)
-
-
-def _bricks() -> Array:
-    """Six tetrahedra that fill a brick and fit those of its neighbours: one for each way along the axes (Kuhn)."""
-    number = {tuple(corner): i for i, corner in enumerate(_HEX.astype(int))}
-    cells = []
-    for way in product(range(3), repeat=3):
-        if len(set(way)) == 3:
-            steps = np.vstack([np.zeros(3, dtype=int), np.cumsum(np.eye(3, dtype=int)[list(way)], axis=0)])
-            cell = [number[tuple(step)] for step in steps]
-            odd = np.linalg.det(_HEX[cell[1:]] - _HEX[cell[0]]) < 0
-            cells.append([cell[0], cell[2], cell[1], cell[3]] if odd else cell)
-    return np.array(cells)
 
 
 def raised(points: Array, cells: Array, kind: str) -> tuple[Array, Array]:

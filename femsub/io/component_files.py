@@ -95,16 +95,7 @@ def _aligned(paths: Mapping[str, Any], read: Mapping[str, TextMatrix], massless:
                          "other counts rows; write both with the same FORMAT")
     target = read["K"].labels
     if target is None:
-        matrices = {key: item.matrix for key, item in read.items()}
-        for key, matrix in matrices.items():
-            if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-                raise InputError(f"{key} must be square, but its shape is {matrix.shape} ({paths[key]})")
-        for key, matrix in matrices.items():
-            if matrix.shape != matrices["K"].shape:
-                raise InputError(f"{key} is {matrix.shape[0]} x {matrix.shape[0]} ({paths[key]}), but K is "
-                                 f"{matrices['K'].shape[0]} x {matrices['K'].shape[0]} ({paths['K']}): both must be whole, and "
-                                 "of the same model")
-        return matrices, None
+        return {key: item.matrix for key, item in read.items()}, None
     if (read["M"].matrix.diagonal() >= HELD).any():
         raise InputError(f"M holds 1e36 on its diagonal ({paths['M']}), as Abaqus writes it into a stiffness matrix for "
                          "held DOF: are M and K swapped?")

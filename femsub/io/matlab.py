@@ -69,24 +69,19 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
 
 def compressed_columns(path: Path, name: str, values: Array, rows: Array, starts: Array, shape: tuple[int, int]) -> Matrix:
     """The CSR matrix of MATLAB's sparse storage: the entries `starts[j]` to `starts[j + 1]` are column j's, rows ascending."""
-    starts, rows = starts.ravel().astype(np.int64), rows.ravel().astype(np.int64)
-    if len(starts) != shape[1] + 1 or starts[0] != 0 or (np.diff(starts) < 0).any():
-        raise InputError(f"{path}: the columns of {name!r} do not fit its size {shape[0]} x {shape[1]}; it is damaged")
-    count = int(starts[-1])
-    if count > min(len(rows), values.size):
-        raise InputError(f"{path}: {name!r} has {min(len(rows), values.size)} of {count} entries; it is damaged or cut short")
-    rows, values = rows[:count], values.ravel()[:count]
-    if count and not 0 <= rows.min() <= rows.max() < shape[0]:
-        raise InputError(f"{path}: {name!r} has entries in rows {int(rows.min()) + 1} to {int(rows.max()) + 1}, but {shape[0]} "
-                         "rows; it is damaged")
-    rising = np.diff(rows) > 0
-    inner = starts[(starts > 0) & (starts < count)]  # a new column may begin with any row
-    rising[inner - 1] = True
-    if not rising.all():
-        column = int(np.searchsorted(starts, int(np.argmin(rising)), side="right"))
-        raise InputError(f"{path}: the rows of {name!r} do not ascend in column {column}, or one is there twice; it is damaged")
+    starts, rows, values = starts.ravel().astype(np.int64), rows.ravel().astype(np.int64), values.ravel()
+    count = int(starts[-1]) if len(starts) else 0
+    if count > min(len(rows), len(values)):
+        raise InputError(f"{path}: {name!r} has {min(len(rows), len(values))} of {count} entries; it is damaged or cut short")
     check_extent(path, shape, count)
-    return sp.csr_array(sp.csc_array((values, rows, starts), shape=shape))
+    try:
+        matrix = sp.csc_array((values[:count], rows[:count], starts), shape=shape)
+        matrix.check_format(full_check=True)
+    except ValueError as error:
+        raise InputError(f"{path}: {name!r}, {shape[0]} x {shape[1]}, is damaged: {error}") from None
+    if not matrix.has_canonical_format:
+        raise InputError(f"{path}: the rows of {name!r} do not ascend in a column, or one is there twice; it is damaged")
+    return sp.csr_array(matrix)
 
 
 def _version_4(path: Path, content: bytes) -> Iterator[tuple[str, Matrix]]:

@@ -97,7 +97,7 @@ def _check(path: Path, source: _Binary | _Text) -> None:
                 break
             if words < (0 if packed else 1) or (row == 0) != packed:
                 raise _damaged(path, f"{source.here()}: row {row}, {words} words")
-            per = source.words_per_number(what, packed)
+            per = 1 if what.kind % 2 or source.wide else 2  # words per number
             while words > 0:
                 length = used = words
                 if packed and (what.rows < 0 or what.rows >= BIG):
@@ -170,9 +170,6 @@ class _Binary:
         self.place += count * self.size
         return self.words[count].unpack_from(self.content, self.place - count * self.size)
 
-    def words_per_number(self, what: _Matrix, packed: bool) -> int:
-        return 1 if what.kind % 2 or self.wide else 2
-
     def skip(self, numbers: int, per: int) -> None:
         self.place += numbers * per * self.size
 
@@ -182,6 +179,8 @@ class _Binary:
 
 class _Text:
     """A text file, line by line; its numbers are kept until their matrix ends, and then looked at all at once."""
+
+    wide = False
 
     def __init__(self, path: Path, file: Iterable[bytes]) -> None:
         self.path, self.lines, self.line = path, iter(file), 0
@@ -221,10 +220,10 @@ class _Text:
         return _Matrix(columns, rows, kind)
 
     def column(self, what: _Matrix) -> tuple[int, ...]:
-        found = self.integers(3)
-        if found[0] > what.columns:
+        column, row, words = self.integers(3)
+        if column > what.columns:
             self._next()  # a number that stands for nothing
-        return found
+        return column, row, words if row == 0 or what.kind % 2 else 2 * words  # of a dense matrix the text counts numbers
 
     def integers(self, count: int) -> tuple[int, ...]:
         line = self._next()
@@ -234,9 +233,6 @@ class _Text:
             raise InputError(f"{self.path}, line {self.line}: {line.decode('ascii', 'replace')!r:.60} should be {count} whole "
                              "numbers")
         return tuple(self._integer(line[8 * part:8 * part + 8]) for part in range(count))
-
-    def words_per_number(self, what: _Matrix, packed: bool) -> int:
-        return 1 if what.kind % 2 or not packed else 2
 
     def skip(self, numbers: int, per: int) -> None:
         for start in range(0, numbers, self.per_line):
