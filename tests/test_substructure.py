@@ -148,7 +148,7 @@ def test_pencil_residual_and_backward_error(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize(("arguments", "words"), [
     ({"n": 0}, "n must be at least 1"), ({"n": 2.5}, "n must be a whole number"),
-    ({"belt": 11}, "no mass m11; the chain has m1 to m10"), ({"belt": 0}, "masses count from 1"),
+    ({"belt": 11}, "at least 1 and at most 10, but is 11"), ({"belt": 0}, "masses count from 1"),
     ({"masses": 0.0}, "masses must be positive"), ({"masses": [1.0] * 9 + [-1.0]}, "is -1 in mass 10"),
     ({"masses": [1.0] * 3}, "one number or 10"), ({"springs": np.nan}, "springs must be positive and finite"),
     ({"damping": -0.1}, "damping must not be negative"), ({"interface": [1, 1]}, "listed 2 times"),

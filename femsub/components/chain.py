@@ -11,7 +11,6 @@ import scipy.sparse as sp
 from femsub.checks import Array, items, truth, whole_number
 from femsub.components.build import per_part
 from femsub.components.damping import not_negative
-from femsub.errors import InputError
 from femsub.linalg.memory import check_room
 from femsub.model.substructure import Substructure
 
@@ -55,7 +54,7 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     check_room(f"a chain of {n:.3g} masses", BYTES * float(n))
     mass, spring = per_part("masses", masses, n, "mass"), per_part("springs", springs, n, "spring")
     dashpot = not_negative("damping", damping)
-    place = _mass_number("belt", belt, n)
+    place = whole_number("belt (masses count from 1)", belt, 1, n)
     if not truth("fixed", fixed):
         spring = spring.copy()
         spring[0] = 0.0
@@ -65,7 +64,8 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     D = sp.csr_array(([dashpot], ([0], [0])), shape=(n, n)) if dashpot else None
     w = np.zeros(n)
     w[place - 1] = 1.0
-    held = [_mass_number("interface", number, n) - 1 for number in items("interface", interface, "mass numbers")]
+    held = [whole_number("interface (masses count from 1)", number, 1, n) - 1
+            for number in items("interface", interface, "mass numbers")]
     return Substructure(M, K, D, held, {"belt": w}, name)
 
 
@@ -76,10 +76,3 @@ def chain_frequencies(n: int, count: int | None = None) -> Array:
     check_room(f"a list of {count:.3g} frequencies", 24.0 * count)
     j = np.arange(1, count + 1)
     return 2 * np.sin((2 * j - 1) * np.pi / (4 * float(n) + 2))
-
-
-def _mass_number(name: str, value: Any, n: int) -> int:
-    number = whole_number(name, value)
-    if not 1 <= number <= n:
-        raise InputError(f"{name}: there is no mass m{number}; the chain has m1 to m{n} (masses count from 1)")
-    return number

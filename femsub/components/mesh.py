@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, items, real_array, rows
+from femsub.checks import Array, choice, items, real_array, rows
 from femsub.components.solid_elements import KINDS, reference
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import InputError, InputTypeError
 from femsub.model.frozen import Frozen
 
 #: kind: (dimension of the cell, nodes)
@@ -59,8 +59,7 @@ class Mesh(Frozen):
     def __init__(self, points: Any, cells: Any, kind: str, sets: Mapping[str, Any] | None = None,
                  groups: Mapping[str, Any] | None = None, numbers: Any = None, repairs: Iterable[str] = (),
                  name: str = "mesh") -> None:
-        if not isinstance(kind, str) or kind not in CELLS:
-            raise unknown_name("kind of cell", kind, CELLS)
+        choice("kind of cell", kind, CELLS)
         places, corners = np.array(real_array("points", points, finite=False)), rows("cells", cells)
         if places.ndim != 2 or not 1 <= places.shape[1] <= 3 or not len(places):
             raise InputError(f"points must have the shape (n, 1), (n, 2) or (n, 3), not {places.shape}")
@@ -94,9 +93,7 @@ class Mesh(Frozen):
 
     def nodes(self, name: str) -> Array:
         """The nodes of a set, ascending; an unknown or an empty one is an InputError."""
-        if not isinstance(name, str) or name not in self.sets:
-            raise unknown_name(f"set of nodes of the mesh {self.name!r}:", name, self.sets)
-        if not len(self.sets[name]):
+        if not len(self.sets[choice(f"set of nodes of the mesh {self.name!r}:", name, self.sets)]):
             raise InputError(f"the set {name!r} of the mesh {self.name!r} is empty")
         return self.sets[name]
 

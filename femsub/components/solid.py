@@ -14,7 +14,7 @@ from femsub.components.mesh_checks import refuse_spoilt
 from femsub.components.patches import solid_average
 from femsub.components.solid_assembly import Material, stiffness_and_mass
 from femsub.components.solid_elements import KINDS
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import InputError, InputTypeError
 from femsub.model.dof_map import TRANSLATIONS, DofMap
 
 if TYPE_CHECKING:
@@ -88,10 +88,9 @@ def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[
     for group, one in material.items():
         if not isinstance(one, Material):
             raise InputTypeError(f"material of the group {group!r} must be a Material(E, nu, rho), not {one!r:.60}")
-        if group not in mesh.groups:
-            raise unknown_name(f"group of cells of the mesh {mesh.name!r}:", group, mesh.groups)
-        covered[mesh.groups[group]] += 1
-        parts.append((one, mesh.groups[group]))
+        cells = mesh.groups[choice(f"group of cells of the mesh {mesh.name!r}:", group, mesh.groups)]
+        covered[cells] += 1
+        parts.append((one, cells))
     if (covered != 1).any():
         raise InputError(f"material: {np.count_nonzero(covered == 0)} cells of {mesh.name!r} have none, and "
                          f"{np.count_nonzero(covered > 1)} have several; each cell needs just one")

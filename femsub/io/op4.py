@@ -87,6 +87,8 @@ def _check(path: Path, source: _Binary | _Text) -> None:
         if what.columns < 1 or not what.rows or what.kind not in (1, 2, 3, 4):
             raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {what.columns} columns, {abs(what.rows)} rows, "
                              f"type {what.kind}")
+        per = 1 if what.kind % 2 or source.wide else 2  # words per number
+        words_per_entry, rows, big = per * (1 if what.kind < 3 else 2), abs(what.rows), what.rows < 0 or what.rows >= BIG
         last, packed, count = 0, None, 0
         while last <= what.columns:
             column, row, words = source.column(what)
@@ -97,10 +99,9 @@ def _check(path: Path, source: _Binary | _Text) -> None:
                 break
             if words < (0 if packed else 1) or (row == 0) != packed:
                 raise _damaged(path, f"{source.here()}: row {row}, {words} words")
-            per = 1 if what.kind % 2 or source.wide else 2  # words per number
             while words > 0:
                 length = used = words
-                if packed and (what.rows < 0 or what.rows >= BIG):
+                if packed and big:
                     length, row = source.integers(2)
                     length, used = length - 1, length + 1
                 elif packed:
@@ -109,16 +110,16 @@ def _check(path: Path, source: _Binary | _Text) -> None:
                     used = length + 1
                 if length < 1 or used > words:
                     raise _damaged(path, f"{source.here()}: a string of {length} words, and {words} are left")
-                entries, rest = divmod(length, per * (1 if what.kind < 3 else 2))
+                entries, rest = divmod(length, words_per_entry)
                 if rest:
                     raise _damaged(path, f"{source.here()}: {length} words are no whole count of numbers")
-                if row < 1 or row - 1 + entries > abs(what.rows):
+                if row < 1 or row - 1 + entries > rows:
                     raise InputError(f"{path} is damaged, {source.here()}: {entries} entries from row {row} in a matrix of "
-                                     f"{abs(what.rows)} rows")
+                                     f"{rows} rows")
                 source.skip(length // per, per)
                 count, words = count + entries, words - used
         source.end()
-        check_extent(path, (abs(what.rows), what.columns), count, not packed)
+        check_extent(path, (rows, what.columns), count, not packed)
 
 
 def _damaged(path: Path, place: str) -> InputError:
@@ -167,8 +168,8 @@ class _Binary:
         return column, row, words
 
     def integers(self, count: int) -> tuple[int, ...]:
-        self.place += count * self.size
-        return self.words[count].unpack_from(self.content, self.place - count * self.size)
+        start, self.place = self.place, self.place + count * self.size
+        return self.words[count].unpack_from(self.content, start)
 
     def skip(self, numbers: int, per: int) -> None:
         self.place += numbers * per * self.size
@@ -232,7 +233,7 @@ class _Text:
         if line[8 * count:].strip():
             raise InputError(f"{self.path}, line {self.line}: {line.decode('ascii', 'replace')!r:.60} should be {count} whole "
                              "numbers")
-        return tuple(self._integer(line[8 * part:8 * part + 8]) for part in range(count))
+        return tuple([self._integer(line[8 * part:8 * part + 8]) for part in range(count)])
 
     def skip(self, numbers: int, per: int) -> None:
         for start in range(0, numbers, self.per_line):
