@@ -120,12 +120,8 @@ class _Layout:
         kind = skfem().MeshTri if self.triangles else skfem().MeshQuad
         self.grid = kind(np.ascontiguousarray(self.plane.T), np.ascontiguousarray(mesh.cells.T))
         self.size = len(self.plane) + self.grid.facets.shape[1] if self.triangles else 4 * len(self.plane)
-
-    @property
-    def deflections(self) -> Array:
-        """Which DOF are w, bool (size,)."""
         every = np.arange(self.size)
-        return every < len(self.plane) if self.triangles else every % 4 == 0
+        self.deflections = every < len(self.plane) if self.triangles else every % 4 == 0  # which DOF are w
 
     def gathered(self, nu: float) -> tuple[Matrix, Matrix]:
         """K and M for unit bending stiffness and unit mass per area."""

@@ -6,6 +6,7 @@ import re
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.sax.saxutils import escape
@@ -217,7 +218,7 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
     if form == "abaqus" and mesh.kind not in _ABAQUS:
         raise InputError(f"{suffix} files have no {mesh.kind} cells; write .vtu")
     _writable(suffix.lower(), [*mesh.sets, *shapes], mesh.groups)
-    spelt = xml_escape if form == "vtu" else str  # meshio writes names into XML as they are
+    spelt = partial(escape, entities={'"': "&quot;"}) if form == "vtu" else str  # meshio writes names into XML as they are
     points = np.zeros((len(mesh.points), 3))
     points[:, :mesh.points.shape[1]] = mesh.points
     data: dict[str, Array] = {spelt(key): _shape(key, values, len(points)) for key, values in shapes.items()}
@@ -253,11 +254,6 @@ def _writable(suffix: str, names: Iterable[str], groups: Iterable[str]) -> None:
         same = [name for name in each if capitals[name.upper()] > 1]
         if suffix == ".inp" and same:
             raise InputError(f"in {suffix} files the names {same[0]!r} and {same[1]!r} are the same: rename one, or write .vtu")
-
-
-def xml_escape(name: str) -> str:
-    """A name as it stands in an attribute of XML."""
-    return escape(name, {'"': "&quot;"})
 
 
 def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = None) -> Path:

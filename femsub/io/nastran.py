@@ -220,22 +220,21 @@ def _gathered(path: Path, name: str, lines: _Lines, members: Array) -> Array:
 def _values(path: Path, name: str, table: Array, kind: type = np.int64) -> Array:
     """The fields as numbers, blank ones as 0."""
     flat, width = table.ravel(), table.dtype.itemsize
-    found = [_numbers(path, name, flat[start:start + CHUNK], width, kind) for start in range(0, len(flat), CHUNK)]
-    return np.concatenate([np.zeros(0, dtype=kind), *found]).reshape(table.shape)
-
-
-def _numbers(path: Path, name: str, flat: Array, width: int, kind: type) -> Array:
-    text = np.full((len(flat), width + 1), ord(" "), dtype=np.uint8)
-    raw = flat.view(np.uint8).reshape(len(flat), width)
-    text[:, :width] = np.where(raw == 0, ord(" "), raw)
-    text[flat == b"", 0] = ord("0")
-    data = text.tobytes().decode("latin-1")
-    if kind is float:
-        data = re.sub(r"(?<=[\d.])(?=[+-]\d)", "e", data)
-    found = as_numbers(f"{path}: the fields of {name}", data, kind)
-    if len(found) != len(flat):
-        raise InputError(f"{path}: the fields of {name} are not all numbers: one has a blank in it, or the columns cut it in two")
-    return found
+    found: list[Array] = [np.zeros(0, dtype=kind)]
+    for start in range(0, len(flat), CHUNK):
+        part = flat[start:start + CHUNK]
+        text = np.full((len(part), width + 1), ord(" "), dtype=np.uint8)
+        raw = part.view(np.uint8).reshape(len(part), width)
+        text[:, :width] = np.where(raw == 0, ord(" "), raw)
+        text[part == b"", 0] = ord("0")
+        data = text.tobytes().decode("latin-1")
+        if kind is float:
+            data = re.sub(r"(?<=[\d.])(?=[+-]\d)", "e", data)
+        found.append(as_numbers(f"{path}: the fields of {name}", data, kind))
+        if len(found[-1]) != len(part):
+            raise InputError(f"{path}: the fields of {name} are not all numbers: one has a blank in it, or the columns cut it in "
+                             "two")
+    return np.concatenate(found).reshape(table.shape)
 
 
 def _points(path: Path, tables: dict[str, Array]) -> tuple[Array, Array]:
