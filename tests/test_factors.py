@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import gc
 import pickle
+import sys
 import warnings
 import weakref
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -17,6 +20,7 @@ import femsub as fs
 from femsub.linalg import memory, shared
 from femsub.linalg.factor import release, shared_factor
 from femsub.linalg.petsc import Factor
+from femsub.modes.normal_modes import _counted
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.motion.cycles.compliance import compliance
 from femsub.motion.nonlinear_model import sliding
@@ -201,6 +205,60 @@ def test_models_travel_without_their_factors() -> None:
     assert len(pickle.dumps(sub.K)) == before
 
 
+@pytest.mark.parametrize("told", ["x", "-1", "nan"])
+def test_a_limit_that_is_no_number_of_bytes_is_refused_each_time(told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    sub = lattice(14, 11, held=True)
+    monkeypatch.setenv(shared.VARIABLE, told)
+    for _ in range(2):
+        with pytest.raises(fs.InputError, match=shared.VARIABLE):
+            shared_factor(sub.K, "definite")
+    monkeypatch.setenv(shared.VARIABLE, "")  # as if it were not set
+    assert [made(lambda: shared_factor(sub.K, "definite")) for _ in range(2)] == [1, 0]
+
+
+def test_what_gives_way_is_not_sought_among_what_takes_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    shared.drop()
+    monkeypatch.setenv(shared.VARIABLE, "10")
+    owners, looked = [np.zeros(1) for _ in range(50)], []
+    monkeypatch.setattr(shared._kept, "sizes", Watched(looked))
+    for owner in owners:
+        shared.shared((owner,), "count", lambda: 1)
+        shared.shared((owner,), "factor", lambda: 2, lambda _: 4.0)
+    assert len(shared._kept) == 50 + 2 and shared.kept_bytes() == 8
+    assert len(looked) == 48  # each time the oldest, and no other
+    shared.drop(*owners)
+    assert shared.kept_bytes() == 0 and not shared._kept
+
+
+class Watched(OrderedDict):  # type: ignore[type-arg]
+    """Notes what was looked at from its beginning."""
+
+    def __init__(self, looked: list[object]) -> None:
+        self.looked = looked
+
+    def popitem(self, last: bool = True) -> tuple[object, object]:
+        found = super().popitem(last)
+        self.looked.append(found)
+        return found
+
+
+def test_of_many_bands_a_model_keeps_one_list_of_modes() -> None:
+    sub = fs.chain(150)
+    found = [fs.normal_modes(sub, band=(0.0, hi)) for hi in (0.1, 0.3, 0.2, 0.3, 0.1)]
+    assert len(_counted(sub.K, sub.M)) == 1
+    assert [len(modes.frequencies) for modes in found] == [int((fs.chain_frequencies(150) < hi).sum())
+                                                           for hi in (0.1, 0.3, 0.2, 0.3, 0.1)]
+
+
+def test_what_was_made_of_two_matrices_leaves_no_trace_in_the_one_that_lives_on() -> None:
+    M = np.eye(3)
+    for _ in range(5):
+        K = np.eye(3)
+        shared.shared((K, M), "count", lambda: 3)
+        del K
+    assert not shared._owners[id(M)][1]
+
+
 # numbers --------------------------------------------------------------------------------------------------------------
 
 def answers(sub: fs.Substructure, band: tuple[float, float]) -> list[np.ndarray]:
@@ -259,3 +317,17 @@ def test_left_vectors_take_no_factor_of_their_own() -> None:
     true = np.linalg.eigvals(np.block([[np.zeros((300, 300)), np.eye(300)], [-pencil.K.toarray(), -pencil.D.toarray()]]))
     off = np.abs(found.eigenvalues[:, None] - true).min(axis=1)
     assert np.isfinite(found.error_bar).all() and (off <= found.error_bar + 1e-12).all()
+
+
+def test_threads_may_solve_with_a_factor_and_with_its_transpose() -> None:
+    K = unsymmetric().K
+    factor, b = Factor(K, "general"), np.random.default_rng(1).standard_normal((K.shape[0], 3))
+    right = {turned: factor.solve(b, turned) for turned in (False, True)}
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(lambda i: np.array_equal(factor.solve(b, i % 2 == 1), right[i % 2 == 1]), range(1200)))
+    finally:
+        sys.setswitchinterval(before)
+    assert all(found)

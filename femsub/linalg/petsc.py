@@ -15,6 +15,7 @@ import weakref
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import cache
+from threading import RLock
 from typing import Any, Literal
 
 import numpy as np
@@ -113,6 +114,7 @@ class Factor:
         room_for_factor(pattern)
         self._order = None if kind == "definite" else good_order(pattern)
         self._held: list[Any] = []
+        self._lock = RLock()  # threads share a factor, and while it is turned over it must not serve another
         self._finalizer = weakref.finalize(self, _destroy, self._held)
         probed = probed and kind != "definite"
         scaling = equilibrated(A.formed() if isinstance(A, Difference) else A) if probed else None
@@ -213,27 +215,29 @@ class Factor:
         PETSc, _ = _load()
         right = np.asarray(B, dtype=np.float64).reshape(self.size, -1)
         result = np.empty(right.shape, order="F")
-        if turned := transposed and self.kind == "general":
-            self._factor.setMumpsIcntl(9, 0)
-        try:
-            for start in range(0, right.shape[1], BLOCK):
-                b, x = np.require(right[:, start:start + BLOCK], requirements=["F", "W"]), result[:, start:start + BLOCK]
-                with ExitStack() as stack:
-                    source, target = (PETSc.Mat().createDense(part.shape, array=part, comm=PETSc.COMM_SELF) for part in (b, x))
-                    for mat in (source, target):
-                        stack.callback(mat.destroy)
-                        mat.assemble()
-                    self._factor.matSolve(source, target)
-        except PETSc.Error as error:
-            raise SingularMatrixError(f"a solve with a {self.size} x {self.size} matrix failed ({_last_line(error)})") from None
-        finally:
-            if turned:
-                self._factor.setMumpsIcntl(9, 1)
+        with self._lock, ExitStack() as turned:
+            if transposed and self.kind == "general":
+                self._factor.setMumpsIcntl(9, 0)
+                turned.callback(self._factor.setMumpsIcntl, 9, 1)
+            try:
+                for start in range(0, right.shape[1], BLOCK):
+                    b, x = np.require(right[:, start:start + BLOCK], requirements=["F", "W"]), result[:, start:start + BLOCK]
+                    with ExitStack() as stack:
+                        source, target = (PETSc.Mat().createDense(part.shape, array=part, comm=PETSc.COMM_SELF)
+                                          for part in (b, x))
+                        for mat in (source, target):
+                            stack.callback(mat.destroy)
+                            mat.assemble()
+                        self._factor.matSolve(source, target)
+            except PETSc.Error as error:
+                raise SingularMatrixError(f"a solve with a {self.size} x {self.size} matrix failed "
+                                          f"({_last_line(error)})") from None
         self.columns += right.shape[1]
         return result.reshape(np.shape(B))
 
     def lend(self, st: Any, stack: ExitStack) -> None:
         """Puts this factor into a spectral transformation for as long as the stack lives."""
+        stack.enter_context(self._lock)
         _lend(self._ksp, st, stack)
 
     def close(self) -> None:
@@ -263,7 +267,8 @@ class Transposed:
 
     def apply(self, _: Any, x: Any, y: Any) -> None:
         """What PETSc calls for y = A⁻ᵀx."""
-        self.transposed._factor.solveTranspose(x, y)
+        with self.transposed._lock:
+            self.transposed._factor.solveTranspose(x, y)
 
 
 def _lend(ksp: Any, st: Any, stack: ExitStack) -> None:

@@ -11,11 +11,13 @@ import os
 import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from functools import partial
 from threading import RLock
 from typing import Any, TypeVar
 
 from femsub.checks import Matrix
+from femsub.errors import InputError
 from femsub.linalg.process_memory import available
 
 T = TypeVar("T")
@@ -26,21 +28,35 @@ FREELY = 1e8  # and bytes up to which nobody asks how much that is
 FACTOR_BYTES = 8 * 1.6  # for each nonzero of a factor
 
 
-
-class Kept(OrderedDict[Key, tuple[Any, int]]):
-    """What is kept, with its bytes, used longest ago first; and the sum of all bytes."""
+class Kept(dict[Key, Any]):
+    """What is kept; of what takes memory the bytes, used longest ago first, and their sum."""
 
     total = 0
 
+    def __init__(self) -> None:
+        self.sizes: OrderedDict[Key, int] = OrderedDict()
+
+    def use(self, key: Key) -> Any:
+        if key in self.sizes:
+            self.sizes.move_to_end(key)
+        return self[key]
+
     def keep(self, key: Key, made: Any, size: int) -> None:
         self.give_up(key)
-        self[key] = made, size
-        self.total += size
+        self[key] = made
+        if size:
+            self.sizes[key] = size
+            self.total += size
 
     def give_up(self, key: Key) -> None:
         if key in self:
-            self.total -= self[key][1]
+            self.total -= self.sizes.pop(key, 0)
             del self[key]
+
+    def give_up_oldest(self) -> None:
+        key, size = self.sizes.popitem(last=False)
+        self.total -= size
+        self.pop(key, None)
 
 
 _lock = RLock()  # taken twice by one thread where the garbage collector runs in between
@@ -57,8 +73,8 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
     with _lock:
         # A number that was given to another matrix must never pass for this one, whatever has become of the callback.
         if key in _kept and all(at in _owners and _owners[at][0]() is owner for at, owner in zip(key[0], owners, strict=True)):
-            _kept.move_to_end(key)
-            return _kept[key][0]
+            return _kept.use(key)
+    limit = _limit()
     made = make()
     with _lock:
         _kept.keep(key, made, int(size(made)))
@@ -68,7 +84,7 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
                 _owners[at] = weakref.ref(owner, partial(_gone, at)), set()
             _owners[at][1].add(key)
         if size(made):
-            give_up_until(_within_limit)
+            give_up_until(partial(_within, limit))
     return made
 
 
@@ -77,10 +93,20 @@ def kept_bytes() -> int:
     return _kept.total
 
 
-def _within_limit() -> bool:
+def _limit() -> float | None:
+    if not (told := os.environ.get(VARIABLE)):
+        return None
+    with suppress(ValueError):
+        if (limit := float(told)) >= 0:
+            return limit
+    raise InputError(f"the environment variable {VARIABLE} must be a number of bytes, such as 2e9, or 0 to keep no factor; it is "
+                     f"{told!r}")
+
+
+def _within(limit: float | None) -> bool:
     kept = kept_bytes()
-    if (told := os.environ.get(VARIABLE)) is not None:
-        return kept <= float(told)
+    if limit is not None:
+        return kept <= limit
     free = available() if kept > FREELY else None
     return free is None or kept <= SHARE * (free + kept)
 
@@ -88,12 +114,8 @@ def _within_limit() -> bool:
 def give_up_until(enough: Callable[[], bool]) -> None:
     """Gives up what was used longest ago, one by one, until there is enough room; what takes none stays."""
     with _lock:
-        if enough():
-            return
-        for key in [key for key, (_, size) in _kept.items() if size]:
-            _kept.give_up(key)
-            if enough():
-                return
+        while not enough() and _kept.sizes:
+            _kept.give_up_oldest()
 
 
 def forget(owners: tuple[Matrix, ...], what: Hashable) -> None:
@@ -114,3 +136,6 @@ def _gone(at: int, _: object = None) -> None:
         if at in _owners:
             for key in _owners.pop(at)[1]:
                 _kept.give_up(key)
+                for other in key[0]:  # which may live on
+                    if other in _owners:
+                        _owners[other][1].discard(key)

@@ -310,7 +310,9 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
         highest = float(modes.frequencies.max(initial=0.0))
         if count >= 0 and highest < reach * (1 - EDGE):
             doubt = (GAP + modes.rounding) * modes.eigenvalues
-            _counted(K, M).append((reach**2, modes.eigenvalues, doubt))
+            known = _counted(K, M)
+            if not known or reach**2 > known[0][0]:
+                known[:] = [(reach**2, modes.eigenvalues, doubt)]
             return replace(modes, counted=(reach, below), confirmed=True)
         last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the last of as many that were found is "
                                 f"at {highest:.9g}: move the band a little")
@@ -330,7 +332,7 @@ def modes_under(K: Matrix, M: Matrix, value: float) -> int:
 
 
 def _counted(K: Matrix, M: Matrix) -> list[tuple[float, Array, Array]]:
-    """Limits of ω² up to which all modes of K and M were counted and found, these, and how near to them nothing is told."""
+    """The highest ω² up to which all modes of K and M were counted and found, these, and how near to them nothing is told."""
     return shared((K, M), "modes counted", list)
 
 
