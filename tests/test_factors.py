@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import gc
+import os
 import pickle
+import signal
 import sys
+import threading
 import warnings
 import weakref
 from collections import OrderedDict
@@ -257,6 +260,30 @@ def test_what_was_made_of_two_matrices_leaves_no_trace_in_the_one_that_lives_on(
         shared.shared((K, M), "count", lambda: 3)
         del K
     assert not shared._owners[id(M)][1]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="a system without fork")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_process_forked_while_another_thread_looks_something_up_does_not_hang() -> None:
+    owner, held, enough = np.zeros(1), threading.Event(), threading.Event()
+
+    def hold() -> None:
+        with shared._lock:
+            held.set()
+            enough.wait(0.3)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    held.wait()
+    child = os.fork()
+    if not child:
+        signal.alarm(3)
+        shared.shared((owner,), "a", lambda: 1)
+        os._exit(0)
+    enough.set()
+    assert os.waitpid(child, 0)[1] == 0
+    thread.join()
+    assert shared.shared((owner,), "a", lambda: 2) == 2
 
 
 # numbers --------------------------------------------------------------------------------------------------------------

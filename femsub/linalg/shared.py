@@ -60,6 +60,8 @@ class Kept(dict[Key, Any]):
 
 
 _lock = RLock()  # taken twice by one thread where the garbage collector runs in between
+if hasattr(os, "register_at_fork"):  # a child would wait for ever for a thread that it does not have
+    os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release)
 _kept = Kept()
 _owners: dict[int, tuple[weakref.ref[Any], set[Key]]] = {}
 
