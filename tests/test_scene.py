@@ -115,10 +115,10 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize(("text", "words"), [
     ("dampin = 0.2", "unknown scene key 'dampin'; did you mean 'damping'"),
-    ("belt = 11", "no mass m11; the chain has m1 to m10"),
-    ("belts = [1, 12]", "no mass m12"),
-    ("masses = 0.0", "masses must be positive and finite, but number 1 is 0"),
-    ("masses = [1.0, 1, 1, 1, -1, 1, 1, 1, 1, 1]", "number 5 is -1"),
+    ("belt = 11", "belt (masses count from 1) must be at least 1 and at most 10, but is 11"),
+    ("belts = [1, 12]", "at least 1 and at most 10, but is 12"),
+    ("masses = 0.0", "masses must be positive and finite, but is 0"),
+    ("masses = [1.0, 1, 1, 1, -1, 1, 1, 1, 1, 1]", "is -1 in mass 5"),
     ("springs = nan", "springs' must be a finite number"),
     ("interface = [1, 1]", "listed 2 times"),
     ("sizes = [12]", "more modes than there are; the chain has 10 masses"),
