@@ -195,7 +195,9 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
         counted = modes_under(handle.K, handle.M, limit)
         missed = counted - below - rigid
         if missed == 0:
-            return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted))
+            found = _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted))
+            _remember(handle.K, handle.M, limit, found)
+            return found
         if missed < 0 or attempt == 3:
             break
         if missed > 0.3 * finite:  # a cluster for LAPACK, in which Krylov-Schur would run out of vectors
@@ -222,6 +224,7 @@ def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     limit, expected = modes.counted
     counted = modes_under(handle.K, handle.M, limit**2)
     _check_count(counted, expected, limit**2)
+    _remember(handle.K, handle.M, limit**2, modes)
     return replace(modes, confirmed=True)
 
 
@@ -309,11 +312,9 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
             modes = lowest_modes(handle, count, known=modes)
         highest = float(modes.frequencies.max(initial=0.0))
         if count >= 0 and highest < reach * (1 - EDGE):
-            doubt = (GAP + modes.rounding) * modes.eigenvalues
-            known = _counted(K, M)
-            if not known or reach**2 > known[0][0]:
-                known[:] = [(reach**2, modes.eigenvalues, doubt)]
-            return replace(modes, counted=(reach, below), confirmed=True)
+            modes = replace(modes, counted=(reach, below), confirmed=True)
+            _remember(K, M, reach**2, modes)
+            return modes
         last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the last of as many that were found is "
                                 f"at {highest:.9g}: move the band a little")
     raise last
@@ -334,6 +335,14 @@ def modes_under(K: Matrix, M: Matrix, value: float) -> int:
 def _counted(K: Matrix, M: Matrix) -> list[tuple[float, Array, Array]]:
     """The highest ω² up to which all modes of K and M were counted and found, these, and how near to them nothing is told."""
     return shared((K, M), "modes counted", list)
+
+
+def _remember(K: Matrix, M: Matrix, limit: float, modes: NormalModes) -> None:
+    """Where these are all modes with ω² below the limit, as a count has told, none below it need be counted again."""
+    known = _counted(K, M)
+    if np.count_nonzero(modes.eigenvalues < limit) == len(modes.eigenvalues) == modes.counted[1] and (
+            not known or limit > known[0][0]):
+        known[:] = [(limit, modes.eigenvalues, (GAP + modes.rounding) * modes.eigenvalues)]
 
 
 def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Array:
