@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +13,7 @@ from femsub.components.build import component, free_to_lift, gathered, optional_
 from femsub.errors import InputError, InputTypeError
 from femsub.linalg.memory import check_room
 from femsub.model.dof_map import DofMap
-
-if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+from femsub.model.substructure import Substructure
 
 BYTES = 2000.0  # that an element takes while the matrices are made
 ROUNDING = 0.05  # see `tell_rounding`: 540 equal elements

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +26,7 @@ from femsub.components.solid_assembly import Material
 from femsub.components.solid_elements import skfem
 from femsub.errors import InputError, InputTypeError
 from femsub.model.dof_map import DofMap
-
-if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+from femsub.model.substructure import Substructure
 
 SUPPORTS = ("free", "simply supported", "clamped")
 ROUNDING = 0.7  # see `tell_rounding`

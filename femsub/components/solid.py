@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,9 +16,7 @@ from femsub.components.solid_assembly import Material, stiffness_and_mass
 from femsub.components.solid_elements import KINDS
 from femsub.errors import InputError, InputTypeError
 from femsub.model.dof_map import TRANSLATIONS, DofMap
-
-if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+from femsub.model.substructure import Substructure
 
 Direction: TypeAlias = str | Sequence[float]
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from femsub.checks import Array, check_band
 from femsub.errors import InputError
 from femsub.model.bands import beyond
-
-if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+from femsub.model.substructure import Substructure
 
 SHARE = 0.7  # a band ends below so much of the cut-off: the terms left out of a series in (ω/ω_cut)² then stay below a half
 

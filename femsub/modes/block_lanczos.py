@@ -6,15 +6,11 @@ block of 10 costs a quarter of that, and the basis takes 1.6 times as many: see 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
-
-if TYPE_CHECKING:
-    from femsub.linalg.factor import Handle
+from femsub.linalg.factor import Handle
 
 BLOCK = 10  # a larger block makes a column cheaper, but the basis longer, which costs solves and orthogonalisation
 RESTARTS = 60

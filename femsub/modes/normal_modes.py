@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,12 +27,10 @@ from femsub.linalg.null_space import massless_apart
 from femsub.linalg.shared import shared
 from femsub.model.bands import EDGE, in_band, widened
 from femsub.model.matrices import Difference
+from femsub.model.substructure import Substructure
 from femsub.modes.dense import dense_modes, orthonormalise
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.timing import phase
-
-if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
 
 TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted eigenvalue
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned

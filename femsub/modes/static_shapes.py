@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from femsub.checks import EPS, Array
-
-if TYPE_CHECKING:
-    from femsub.modes.shift_invert import ShiftInvert
+from femsub.modes.shift_invert import ShiftInvert
 
 DEPENDENT = 1e-13  # share of a static shape's energy below which what the modes leave of it is rounding
 NOISE = 1e-13  # of the motion in a static response, which is what rounding may leave in place of none

@@ -7,7 +7,6 @@ looks for eigenvalues nearest to 0, of which those with Im λ ≥ 0 are listed.
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,14 +16,11 @@ from femsub.linalg.factor import QUADRATIC
 from femsub.linalg.shared import shared
 from femsub.model.bands import beyond, in_band
 from femsub.quadratic import damping_split, disc_count
+from femsub.quadratic.disc_count import Count, Edge
 from femsub.quadratic.multiplicity import clear_radius
-from femsub.quadratic.sparse import KEPT
+from femsub.quadratic.region import Box, Region
+from femsub.quadratic.sparse import KEPT, Shifted
 from femsub.quadratic.winding_count import missed_around, undamped_reference
-
-if TYPE_CHECKING:
-    from femsub.quadratic.disc_count import Count, Edge
-    from femsub.quadratic.region import Box, Region
-    from femsub.quadratic.sparse import Shifted
 
 MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
 

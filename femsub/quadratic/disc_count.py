@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
@@ -19,9 +18,7 @@ from femsub.errors import SingularMatrixError
 from femsub.linalg.factor import counting, factorise, inertia
 from femsub.linalg.subspace import orthonormal
 from femsub.model.matrices import Difference
-
-if TYPE_CHECKING:
-    from femsub.quadratic.damping_split import Split
+from femsub.quadratic.damping_split import Split
 
 SAFE = 0.5  # the margin that is asked on the contour; 1 would do
 ROUNDS = 12  # of enrichment, until the margin is safe

@@ -24,7 +24,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg as la
@@ -32,11 +31,9 @@ from scipy.interpolate import CubicSpline
 
 from femsub.checks import Array
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two, samples_of
+from femsub.motion.cycles.compliance import Fractions
+from femsub.motion.nonlinear_model import Sliding
 from femsub.quadratic.matching import match
-
-if TYPE_CHECKING:
-    from femsub.motion.cycles.compliance import Fractions
-    from femsub.motion.nonlinear_model import Sliding
 
 STEPS = 1024  # of the first of two passes
 MOST = 32768
