@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import InputError, InputTypeError, MissingPackageError, unknown_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -42,6 +43,14 @@ def shown(value: Any) -> str:
         return f"an array of {value.dtype} of shape {value.shape}"
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def package(name: str, why: str) -> Any:
+    """An optional package, or an error that says what it is needed for and how to get it."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise MissingPackageError(why) from error
 
 
 def finite_number(name: str, value: Any) -> float:

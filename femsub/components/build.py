@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,8 +12,10 @@ import scipy.sparse as sp
 from femsub.checks import EPS, Array, Matrix, mapping, real_array
 from femsub.components.damping import damped
 from femsub.errors import ConditionWarning, InputError
-from femsub.model.dof_map import DofMap
 from femsub.model.substructure import Substructure
+
+if TYPE_CHECKING:
+    from femsub.model.dof_map import DofMap
 
 CHUNK = 4_000_000  # entries of element matrices held at a time
 TOLD = 1e-6  # of the lowest frequencies that rounding may take before it is warned of

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, choice
-from femsub.errors import MissingPackageError
+from femsub.checks import Array, choice, package
 
 _HEX = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float)
 _HEX_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
@@ -73,11 +72,7 @@ class Reference:
 
 def skfem() -> Any:
     """The package, or an error that says how to get it."""
-    try:
-        import skfem
-    except ImportError as error:
-        raise MissingPackageError("finite elements need scikit-fem and meshio: pip install femsub[fe]") from error
-    return skfem
+    return package("skfem", "finite elements need scikit-fem and meshio: pip install femsub[fe]")
 
 
 @cache

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import InputError, MissingPackageError
+from femsub.checks import Array, package
+from femsub.errors import InputError
 from femsub.io.damage import THROWN, check_end
 from femsub.io.mesh_text import as_numbers, text_of
 
@@ -24,11 +24,7 @@ _VTK_COUNTS = re.compile(rb"^(POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKU
 
 def meshio() -> Any:
     """The package, or an error that says how to get it."""
-    try:
-        import meshio
-    except ImportError as error:
-        raise MissingPackageError("mesh files need meshio: pip install femsub[fe]") from error
-    return meshio
+    return package("meshio", "mesh files need meshio: pip install femsub[fe]")
 
 
 def read_foreign(path: Path) -> tuple[Any, list[str]]:

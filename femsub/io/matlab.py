@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix
-from femsub.errors import InputError, MissingPackageError
+from femsub.checks import Array, Matrix, package
+from femsub.errors import InputError
 from femsub.io.damage import check_extent, check_room
 
 HDF = b"\x89HDF\r\n"
@@ -244,11 +244,7 @@ def _numbers(path: Path, item: _Item, order: str) -> Array:
 
 def _read_hdf(path: Path) -> dict[str, Matrix]:
     """MATLAB 7.3: full matrices are datasets, sparse ones groups of 'data', 'ir' and 'jc'."""
-    try:
-        import h5py
-    except ImportError as error:
-        raise MissingPackageError(f"{path} is a MATLAB 7.3 file, which needs h5py: pip install h5py, or in MATLAB "
-                                  "save(..., '-v7')") from error
+    h5py = package("h5py", f"{path} is a MATLAB 7.3 file, which needs h5py: pip install h5py, or in MATLAB save(..., '-v7')")
 
     def numbers(name: str, item: Any) -> Array:
         if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "biufV" or item.ndim > 2:

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Matrix
-from femsub.errors import InputError, MissingPackageError
+from femsub.checks import Matrix, package
+from femsub.errors import InputError
 from femsub.io.damage import check_extent
 
 _INTEGER = re.compile(rb" *-?\d+ *")
@@ -29,11 +29,7 @@ class _Matrix(NamedTuple):
 
 def op4_module() -> Any:
     """pyyeti's module for OP4 files."""
-    try:
-        from pyyeti.nastran import op4
-    except ImportError as error:
-        raise MissingPackageError("Nastran OP4 files need pyyeti: pip install femsub[nastran]") from error
-    return op4
+    return package("pyyeti.nastran.op4", "Nastran OP4 files need pyyeti: pip install femsub[nastran]")
 
 
 def read_op4(path: Path) -> dict[str, Matrix]:
