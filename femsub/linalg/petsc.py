@@ -258,8 +258,7 @@ class Transposed:
     def lend(self, st: Any, stack: ExitStack) -> None:
         """As `Factor.lend`, by a PC that solves with the transpose."""
         PETSc, _ = _load()
-        ksp = PETSc.KSP().create(PETSc.COMM_SELF)
-        stack.callback(ksp.destroy)
+        ksp = _until(stack, PETSc.KSP().create(PETSc.COMM_SELF))
         ksp.setType("preonly")
         ksp.getPC().setType("python")
         ksp.getPC().setPythonContext(self)
@@ -274,8 +273,7 @@ class Transposed:
 def _lend(ksp: Any, st: Any, stack: ExitStack) -> None:
     PETSc, _ = _load()
     st.setKSP(ksp)
-    spare = PETSc.KSP().create(PETSc.COMM_SELF)
-    stack.callback(spare.destroy)
+    spare = _until(stack, PETSc.KSP().create(PETSc.COMM_SELF))
     # EPS, PEP and ST reset the KSP when they are destroyed, which would throw the factor away: take it back before.
     stack.callback(st.setKSP, spare)
 
@@ -285,20 +283,37 @@ def _last_line(error: Exception) -> str:
     return lines[-1][:120] if lines else type(error).__name__
 
 
-def _solve(solver: Any) -> None:
+def _until(stack: ExitStack, thing: Any) -> Any:
+    """The same, to be destroyed with the stack."""
+    stack.callback(thing.destroy)
+    return thing
+
+
+def _solve(solver: Any, count: int, tol: float, wanted: str, advice: str) -> int:
+    """How many have converged, which must be `count` at least."""
     PETSc, _ = _load()
     try:
         solver.solve()
     except PETSc.Error as error:
         raise BreakdownError(f"{type(solver).__name__} failed ({_last_line(error)})") from None
+    found = int(solver.getConverged())
+    if found < count:
+        raise NotConvergedError(f"{found} of {count} {wanted} converged to {tol:g} within {solver.getIterationNumber()} restarts "
+                                f"(reason {solver.getConvergedReason()}); ask for fewer, or {advice} the matrices")
+    return found
 
 
-def _start_vector(stack: ExitStack, like: Any, seed: int) -> Any:
-    """A seeded start, so that a run can be repeated to the last digit."""
-    vector = like.createVecRight()
-    stack.callback(vector.destroy)
-    vector.setArray(np.random.default_rng(seed).standard_normal(vector.getLocalSize()))
-    return vector
+def _vectors(stack: ExitStack, like: Any, columns: Array) -> list[Any]:
+    """The columns of an array as PETSc has them."""
+    vectors = [_until(stack, like.createVecRight()) for _ in columns.T]
+    for vector, column in zip(vectors, columns.T, strict=True):
+        vector.setArray(column)
+    return vectors
+
+
+def _start(size: int, seed: int) -> Array:
+    """A seeded start (n, 1), so that a run can be repeated to the last digit."""
+    return np.random.default_rng(seed).standard_normal((size, 1))
 
 
 def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1,
@@ -309,16 +324,12 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
     """
     PETSc, SLEPc = _load()
     with ExitStack() as stack:
-        mats = [_matrix(K), _matrix(M)]
-        for mat in mats:
-            stack.callback(mat.destroy)
-        st = SLEPc.ST().create(PETSc.COMM_SELF)
-        stack.callback(st.destroy)
+        mats = [_until(stack, _matrix(part)) for part in (K, M)]
+        st = _until(stack, SLEPc.ST().create(PETSc.COMM_SELF))
         st.setType("sinvert")
         st.setMatrices(mats)
         st.setShift(sigma)
-        eps = SLEPc.EPS().create(PETSc.COMM_SELF)
-        stack.callback(eps.destroy)
+        eps = _until(stack, SLEPc.EPS().create(PETSc.COMM_SELF))
         factor.lend(st, stack)
         eps.setST(st)
         eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
@@ -328,19 +339,10 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         eps.setDimensions(count, min(room, max(2 * count, count + 15)))
         eps.setTolerances(tol, most)
         eps.setPurify(False)  # done below, in one block and between two deflations
-        eps.setInitialSpace([_start_vector(stack, mats[0], seed)])
+        eps.setInitialSpace(_vectors(stack, mats[0], _start(factor.size, seed)))
         if known is not None and known.shape[1]:
-            vectors = []
-            for column in known.T:
-                vectors.append(mats[0].createVecRight())
-                stack.callback(vectors[-1].destroy)
-                vectors[-1].setArray(column)
-            eps.setDeflationSpace(vectors)
-        _solve(eps)
-        found = eps.getConverged()
-        if found < count:
-            raise NotConvergedError(f"{found} of {count} modes converged to {tol:g} within {eps.getIterationNumber()} "
-                                    f"restarts (reason {eps.getConvergedReason()}); ask for fewer, or check the matrices")
+            eps.setDeflationSpace(_vectors(stack, mats[0], known))
+        found = _solve(eps, count, tol, "modes", "check")
         values, shapes = _collect(stack, mats[0], found, lambda i, xr, xi: eps.getEigenpair(i, xr, xi).real, real=True)
     return values, _purified(factor, M, shapes, known)
 
@@ -369,11 +371,8 @@ def quadratic_modes(factor: Factor | Transposed, matrices: Sequence[Matrix], shi
     PETSc, SLEPc = _load()
     M, D, K = matrices
     with ExitStack() as stack:
-        mats = [_matrix(part) for part in (K, scale * D, scale**2 * M)]
-        for mat in mats:
-            stack.callback(mat.destroy)
-        pep = SLEPc.PEP().create(PETSc.COMM_SELF)
-        stack.callback(pep.destroy)
+        mats = [_until(stack, _matrix(part)) for part in (K, scale * D, scale**2 * M)]
+        pep = _until(stack, SLEPc.PEP().create(PETSc.COMM_SELF))
         pep.setOperators(mats)
         pep.setType(SLEPc.PEP.Type.TOAR)
         pep.setProblemType(SLEPc.PEP.ProblemType.GENERAL)
@@ -381,26 +380,19 @@ def quadratic_modes(factor: Factor | Transposed, matrices: Sequence[Matrix], shi
         pep.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
         pep.setDimensions(count, min(2 * factor.size, max(2 * count, count + 20)))
         pep.setTolerances(tol, most)
-        pep.setInitialSpace([_start_vector(stack, mats[0], seed)])
+        pep.setInitialSpace(_vectors(stack, mats[0], _start(factor.size, seed)))
         st = pep.getST()
         st.setType("sinvert")
         factor.lend(st, stack)
         st.setTransform(True)
-        _solve(pep)
-        found = pep.getConverged()
-        if found < count:
-            raise NotConvergedError(f"{found} of {count} complex modes converged to {tol:g} within "
-                                    f"{pep.getIterationNumber()} restarts (reason {pep.getConvergedReason()}); "
-                                    "ask for fewer, or scale the matrices")
+        found = _solve(pep, count, tol, "complex modes", "scale")
         values, shapes = _collect(stack, mats[0], found, pep.getEigenpair, real=False)
         keep = values.imag >= 0
         return scale * values[keep], shapes[:, keep]
 
 
 def _collect(stack: ExitStack, mat: Any, count: int, pair: Callable[..., Any], real: bool) -> tuple[Array, Array]:
-    xr, xi = mat.createVecs()
-    for vector in (xr, xi):
-        stack.callback(vector.destroy)
+    xr, xi = (_until(stack, vector) for vector in mat.createVecs())
     shapes = np.empty((mat.getSize()[0], count), dtype=float if real else complex, order="F")
     values = np.empty(count, dtype=shapes.dtype)
     for i in range(count):
