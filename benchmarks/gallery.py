@@ -17,7 +17,7 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.lattices import lattice, membrane
 from femsub.model.bands import moving, upper
-from femsub.reduction.statics import Statics, factored, partitioned
+from femsub.reduction.statics import Partition, Statics
 
 STEEL: dict[str, Any] = {"E": 2.1e11, "rho": 7850.0}
 
@@ -188,5 +188,5 @@ def without_port(problem: Problem) -> Problem:
 
 def statics(kind: Any, sub: fs.Substructure, extra: np.ndarray) -> Statics:
     """What a method works out of a component before it looks for modes."""
-    part = partitioned(sub, kind.held)
-    return kind(0).statics(part, factored(part), extra)
+    part = Partition.of(sub, kind.held)
+    return kind(0).statics(part, part.factored(), extra)

@@ -70,6 +70,5 @@ def unknown_name(kind: str, found: object, valid: Iterable[str]) -> InputError:
     """The error for a name that does not exist, with the nearest one that does."""
     names = sorted(valid)
     near = difflib.get_close_matches(str(found), names, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return InputError(f"unknown {kind} {found!r}{hint} Valid: {', '.join(names) or 'none'}" if hint
-                      else f"unknown {kind} {found!r}; valid: {', '.join(names) or 'none'}")
+    hint = f"did you mean {near[0]!r}? Valid" if near else "valid"
+    return InputError(f"unknown {kind} {found!r}; {hint}: {', '.join(names) or 'none'}")

@@ -238,9 +238,9 @@ def test_refusals() -> None:
             fs.critical_slope(sub, **options)
     with pytest.raises(ValueError, match="3000 DOF needs band"):
         fs.critical_slope(fs.chain(3000))
-    with pytest.raises(TypeError, match="takes a Substructure"):
+    with pytest.raises(TypeError, match=r"model must be a Substructure \(with a port\)"):
         fs.critical_slope(sub.pencil)
-    with pytest.raises(TypeError, match="takes a Substructure"):
+    with pytest.raises(TypeError, match=r"model must be a Substructure \(with a port\)"):
         fs.sweep(sub.pencil, [-0.1])
     with pytest.raises(ValueError, match="unstable before the belt acts"):
         fs.critical_slope(fs.Substructure(sub.M, sub.K, -sub.D, ports=sub.ports))

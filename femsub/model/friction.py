@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Matrix, finite_number, shown
+from femsub.checks import EPS, Array, Matrix, finite_number, shown, word
 from femsub.errors import InputError, InputTypeError
 from femsub.model.pencil import contact_damping
 
@@ -212,8 +212,7 @@ class Belt:
     slope: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.port, str):
-            raise InputTypeError(f"port must be the name of a port, not {shown(self.port)}")
+        word("port", self.port)
         finite_number("force", self.force)
         if self.force < 0:
             raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")

@@ -27,24 +27,16 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     InputError
         Not square, not of the given size, or with NaN or Inf in it (the first place is named).
     """
-    if sp.issparse(value):
-        matrix = sp.csr_array(value)
-        if np.iscomplexobj(matrix.data):
-            raise InputTypeError(f"{name} is complex; femsub takes real matrices (damping belongs in D)")
-        matrix = matrix.astype(np.float64, copy=True)
+    try:
+        raw: Any = sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
+        matrix = None if np.iscomplexobj(raw) else raw.astype(np.float64, copy=True)
+    except (TypeError, ValueError):
+        raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}") from None
+    if matrix is None:
+        raise InputTypeError(f"{name} is complex; femsub takes real matrices (damping belongs in D)")
+    if sp.issparse(matrix):
         matrix.sum_duplicates()
-        data = matrix.data
-    else:
-        try:
-            raw = np.asarray(value)
-            if np.iscomplexobj(raw):
-                raise InputTypeError(f"{name} is complex; femsub takes real matrices (damping belongs in D)")
-            matrix = data = np.array(raw, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            if isinstance(error, InputTypeError):
-                raise
-            raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}")\
-                from None
+    data = matrix.data if sp.issparse(matrix) else matrix
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise InputError(f"{name} must be square, but its shape is {matrix.shape}")
     if matrix.shape[0] == 0:

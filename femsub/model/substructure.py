@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, instance, shown
+from femsub.checks import Array, Matrix, instance, items, shown
 from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name
 from femsub.model.dof_map import DofMap
 from femsub.model.friction import Belt
@@ -114,11 +114,9 @@ class Substructure(Frozen):
     def linearised(self, contacts: Belt | Sequence[Belt] | None = None) -> Pencil:
         """The pencil with D + Σ F μ' w wᵀ over the belts given."""
         pencil = self.pencil
-        if contacts is not None and not isinstance(contacts, (Belt, Sequence)):
-            raise InputTypeError(f"a contact must be a Belt, not {type(contacts).__name__}")
-        for belt in [contacts] if isinstance(contacts, Belt) else contacts or []:
-            if not isinstance(belt, Belt):
-                raise InputTypeError(f"a contact must be a Belt, not {type(belt).__name__}")
+        given = () if contacts is None else contacts
+        for belt in [given] if isinstance(given, Belt) else items("contacts", given, "Belts, or a Belt"):
+            instance("a contact", belt, Belt)
             pencil = pencil.with_contact(belt.force * float(belt.slope or 0.0), self.port(belt.port))
         return pencil
 
@@ -195,7 +193,8 @@ class ReducedSubstructure(Substructure):
         physical = len(places) == len(rows) and len(set(places)) == len(places)
         super().__init__(M, K, D, places if physical else (), ports, name)
         own = self.M, self.D, self.K
-        if estimate is None or not all(_same(*pair) for pair in zip(estimated or own, own, strict=True)):
+        if estimate is None or not all(A is B or (A.shape == B.shape and not (A != B).sum())
+                                       for A, B in zip(estimated or own, own, strict=True)):
             estimate = estimated = None
         self._set(V=V, kinds=tuple(kinds), modes=modes, cutoff=float(cutoff), method=method, dropped=dropped,
                   port_error=port_error or {}, factorisations=factorisations, full_dofs=full_dofs,
@@ -223,10 +222,6 @@ class ReducedSubstructure(Substructure):
         if q.ndim == 0 or q.shape[0] != self.size:
             raise InputError(f"q must have {self.size} rows, one per coordinate, but its shape is {q.shape}")
         return self.V @ q
-
-
-def _same(A: Matrix, B: Matrix) -> bool:
-    return A is B or (A.shape == B.shape and not (A != B).sum())
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import NOT_CHECKED, Array
-from femsub.errors import FemsubWarning, InputError, InputTypeError
+from femsub.checks import NOT_CHECKED, Array, instance
+from femsub.errors import FemsubWarning, InputError
 from femsub.model.bands import beyond
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import Substructure
@@ -182,10 +182,8 @@ def _with_contacts(model: Substructure | Pencil, contacts: Belt | Sequence[Belt]
         if contacts is not None:
             raise InputError("a bare pencil has no ports: put the contact into D, or use a Substructure")
         pencil, cutoff = model, np.inf
-    elif isinstance(model, Substructure):
-        pencil, cutoff = model.linearised(contacts), model.cutoff
     else:
-        raise InputTypeError(f"complex_modes takes a Substructure or a Pencil, not {type(model).__name__}")
+        pencil, cutoff = instance("model", model, Substructure, "or a Pencil").linearised(contacts), model.cutoff
     if pencil.norms[0] == 0 and pencil.norms[1] == 0:
         raise InputError("M and D are both zero: there are no eigenvalues")
     return pencil, cutoff

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, check_band, whole_number
+from femsub.checks import Array, check_band, interval, whole_number
 from femsub.errors import InputError
 from femsub.linalg.factor import QUADRATIC
 from femsub.model.bands import in_band
@@ -58,13 +58,7 @@ def _rectangle(band: Any, re: Any) -> Box:
     lo, hi = check_band(band)
     if re is None:
         return -hi, hi, lo, hi
-    try:
-        a, b = (float(edge) for edge in re)
-    except (TypeError, ValueError):
-        raise InputError(f"re must be a pair (a, b), not {re!r}") from None
-    if not (np.isfinite(a) and np.isfinite(b) and a < b):
-        raise InputError(f"re must satisfy a < b, both finite, but is ({a!r}, {b!r})")
-    return a, b, lo, hi
+    return *interval("re", re), lo, hi
 
 
 def _nearest(values: Array, count: int | None) -> Array:

@@ -77,8 +77,7 @@ class Method(ABC):
             found = "nothing is given" if self.modes is None else f"modes={self.modes!r} and a band or tolerance are both given"
             raise InputError(f"{name} takes modes=20, or band=(lo, hi) with tol=1e-3, but {found}")
         if self.modes is not None:
-            if whole_number("modes", self.modes) < 0:
-                raise InputError(f"modes must not be negative, but is {self.modes}")
+            whole_number("modes", self.modes, least=0)
             return
         if self.band is None or self.tol is None:
             lacking = "band=(lo, hi), in rad per unit of time," if self.band is None else "tol=1e-3, the relative error allowed,"

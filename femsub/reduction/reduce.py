@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array
+from femsub.checks import Array, instance
 from femsub.errors import InputError, InputTypeError, PortWarning
 from femsub.linalg.factor import SMALL
 from femsub.linalg.memory import check_memory
@@ -23,7 +23,7 @@ from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.craig_chang import CraigChang
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
-from femsub.reduction.statics import factored, partitioned, square
+from femsub.reduction.statics import Partition, square
 
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
@@ -96,8 +96,7 @@ class _Task:
 
 def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
              contacts: Belt | Sequence[Belt] | None) -> _Task:
-    if not isinstance(sub, Substructure):
-        raise InputTypeError(f"reduce takes a Substructure, not {type(sub).__name__}")
+    instance("sub", sub, Substructure)
     if not isinstance(method, Method):
         raise InputTypeError(f"unknown method {method!r}; valid: {', '.join(m.__name__ for m in METHODS.values())}")
     if len(sub.interface_rows.shape) == 2 and sub.interface_rows.shape[0] != len(sub.interface):
@@ -128,8 +127,8 @@ def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
 def _basis(task: _Task) -> Basis:
     """The steps of which the method may replace those that are its own."""
     method = task.method
-    part = partitioned(task.sub, method.held)
-    statics = method.statics(part, factored(part), task.extra)
+    part = Partition.of(task.sub, method.held)
+    statics = method.statics(part, part.factored(), task.extra)
     kept = method.kept(statics, task.pencil)
     responses = method.responses(statics, kept, task.ports)
     statics.handle.release()  # before the count, which takes a factor of its own

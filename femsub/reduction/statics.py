@@ -26,15 +26,13 @@ class Partition:
     sub: Substructure
     rows: Array | slice
 
+    @classmethod
+    def of(cls, sub: Substructure, held: bool) -> Partition:
+        return cls(sub, sub.interior if held and len(sub.interface) else slice(None))
 
-def partitioned(sub: Substructure, held: bool) -> Partition:
-    """The interior, or all of the component."""
-    return Partition(sub, sub.interior if held and len(sub.interface) else slice(None))
-
-
-def factored(part: Partition) -> ShiftInvert:
-    """The factor of the part, for its modes and its static solves alike; that of the same part is found again."""
-    return ShiftInvert(part.sub.K, part.sub.M, part.rows)
+    def factored(self) -> ShiftInvert:
+        """The factor of the part, for its modes and its static solves alike; that of the same part is found again."""
+        return ShiftInvert(self.sub.K, self.sub.M, self.rows)
 
 
 @dataclass(frozen=True, eq=False)

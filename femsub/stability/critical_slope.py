@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from femsub.checks import Array, choice, positive_number
-from femsub.errors import CutoffWarning, FemsubWarning, InputError, InputTypeError, SingularMatrixError
+from femsub.checks import Array, choice, instance, positive_number, real_array
+from femsub.errors import CutoffWarning, FemsubWarning, InputError, SingularMatrixError
 from femsub.linalg.factor import QUADRATIC, WIDE, factorise
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
@@ -115,12 +115,10 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     FemsubWarning
         A sparse model above 2,000 DOF may have Re λ above the end of the band, which is not looked for.
     """
-    _check_model("sweep", model, force)
-    try:
-        values = np.atleast_1d(np.asarray(slopes, dtype=float))
-    except (TypeError, ValueError):
-        raise InputTypeError(f"slopes must be numbers, not {slopes!r:.80}") from None
-    if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
+    instance("model", model, Substructure, "with a port")
+    positive_number("force", force)
+    values = np.atleast_1d(real_array("slopes", slopes))
+    if values.ndim != 1 or values.size == 0:
         raise InputError("slopes must be a flat, non-empty sequence of finite numbers")
     w = model.port(port).reshape(model.size, -1)
     limits = usable_band(model, band)
@@ -175,12 +173,6 @@ def _indefinite(model: Substructure, W: Array, a: float, b: float) -> float:
     return -1 / compliance if compliance > 0 else -np.inf
 
 
-def _check_model(name: str, model: object, force: object) -> None:
-    if not isinstance(model, Substructure):
-        raise InputTypeError(f"{name} takes a Substructure with a port, not {type(model).__name__}")
-    positive_number("force", force)
-
-
 def _leading(values: Array, band: tuple[float, float]) -> tuple[float, float]:
     values = values[in_band(values, band) & (np.abs(values) > 0)]
     if len(values) == 0:
@@ -225,7 +217,8 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
         The border of a reduced model lies above 0.7 of its cut-off, where its modes may be far off; or none was found in a
         band that reaches above that.
     """
-    _check_model("critical_slope", model, force)
+    instance("model", model, Substructure, "with a port")
+    positive_number("force", force)
     choice("method", method, ("auto", "scalar", "bracketing"))
     w = model.port(port).reshape(model.size, -1)
     if method == "scalar" and w.shape[1] > 1:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, check_band, instance, items, listener, real_array, shown, whole_number
-from femsub.errors import CutoffWarning, FemsubError, InputError, InputTypeError, PortWarning
+from femsub.checks import Array, check_band, instance, items, listener, real_array, whole_number
+from femsub.errors import CutoffWarning, FemsubError, InputError, PortWarning
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE, release
 from femsub.model.bands import in_band
 from femsub.model.friction import Belt
@@ -69,8 +69,7 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
     lo, hi = check_band(band)
     methods = items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]")
     for method in methods:
-        if not isinstance(method, Method):
-            raise InputTypeError(f"methods must hold reductions, e.g. CraigBampton(modes=4), not {shown(method)}")
+        instance("each of methods", method, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
     if not methods:
         raise InputError("methods is empty: name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, instance, items, real_array
+from femsub.checks import Array, instance, items, positive_number, real_array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.model.bands import within
 from femsub.model.friction import Belt
@@ -245,9 +245,7 @@ def _compare(full: Substructure, model: Substructure, ours: Spectrum, theirs: Sp
 def _grid(omega: Any, harmonics: float, top: float, full: Substructure) -> Array:
     if omega is None:
         many = DENSE_POINTS if full.size <= SMALL else SPARSE_POINTS
-        if finite_number("harmonics", harmonics) <= 0:
-            raise InputError(f"harmonics must be positive, not {harmonics!r}")
-        return np.linspace(0.0, harmonics * (top or 1.0), many)
+        return np.linspace(0.0, positive_number("harmonics", harmonics) * (top or 1.0), many)
     grid = np.atleast_1d(real_array("omega", omega))
     if grid.ndim != 1 or grid.size == 0 or grid.min() < 0:
         raise InputError("omega must be a flat, non-empty sequence of finite frequencies, none negative")
