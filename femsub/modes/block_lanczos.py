@@ -50,7 +50,12 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     """
     locked = np.zeros((factor.size, 0)) if known is None else known
     inert = M @ locked
-    return _polished(factor, _ritz_momenta(factor, M, count, tol, seed, locked, inert), M, sigma, locked, inert)
+    MX = _ritz_momenta(factor, M, count, tol, seed, locked, inert)
+    # z = Ax takes out what lies in the null space of M, and θ = xᵀMz is right to rounding also for the small ones
+    X = factor.solve(MX)
+    X -= locked @ (inert.T @ X)
+    theta = np.einsum("ij,ij->j", MX, X)
+    return sigma + 1 / theta, X / np.sqrt(np.einsum("ij,ij->j", X, M @ X))
 
 
 def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array, inert: Array) -> Array:
@@ -109,25 +114,12 @@ def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
                                         "fewer, or check the matrices")
             restarts += 1
             keep = min((2 * count + 3 * m) // 5, m - b)
-            for basis in (V, MV):
-                _rotate(basis, m, Y[:, :keep])
+            for basis in (V, MV):  # in its own place: a second basis would not fit beside a large factor
+                for start in range(0, n, ROWS):
+                    rows = slice(start, start + ROWS)
+                    basis[rows, :keep] = basis[rows, :m] @ Y[:, :keep]
                 basis[:, keep:keep + b] = basis[:, m:m + b]
             T[:] = 0.0
             T[np.arange(keep), np.arange(keep)] = theta[:keep]
             m = keep
     return MV[:, :m] @ Y[:, :count]
-
-
-def _rotate(basis: Array, m: int, Y: Array) -> None:
-    """The first m columns, times Y (m, k), in their own place: a second basis would not fit beside a large factor."""
-    for start in range(0, len(basis), ROWS):
-        rows = slice(start, start + ROWS)
-        basis[rows, :Y.shape[1]] = basis[rows, :m] @ Y
-
-
-def _polished(factor: Handle, MX: Array, M: Matrix, sigma: float, locked: Array, inert: Array) -> tuple[Array, Array]:
-    """z = Ax takes out what lies in the null space of M, and θ = xᵀMz is right to rounding also for the small ones."""
-    X = factor.solve(MX)
-    X -= locked @ (inert.T @ X)
-    theta = np.einsum("ij,ij->j", MX, X)
-    return sigma + 1 / theta, X / np.sqrt(np.einsum("ij,ij->j", X, M @ X))

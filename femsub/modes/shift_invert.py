@@ -112,7 +112,8 @@ class ShiftInvert:
         """Factorises K - σM at σ = -size, or somewhat further down where rounding leaves K too indefinite for that."""
         for sigma in (-size, -1e2 * size, -1e4 * size):
             try:
-                return self._factorise(_short(sigma))
+                # by the power of two next to it: where K and M are round numbers, K - σM is then exact
+                return self._factorise(-(2.0 ** float(np.round(np.log2(-sigma)))))
             except SingularMatrixError as error:
                 last = error
         raise SingularMatrixError(
@@ -198,7 +199,8 @@ class ShiftInvert:
     def _rank_of_mass(self) -> int:
         massive = np.flatnonzero(self.M.diagonal())
         M = self.M[massive][:, massive] if len(massive) < self.M.shape[0] else self.M
-        if len(massive) > COUNTED or is_diagonal(M):
+        diagonal = np.count_nonzero(M.data if sp.issparse(M) else M) == np.count_nonzero(M.diagonal())
+        if diagonal or len(massive) > COUNTED:
             return len(massive)
         above = Difference(M, sp.diags_array(M.diagonal(), format="csr") if sp.issparse(M) else np.diag(M.diagonal()), SINGULAR)
         try:
@@ -270,16 +272,6 @@ def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
         return sp.csr_array(matrix[rows][:, rows]) if sp.issparse(matrix) else matrix[np.ix_(rows, rows)]
 
     return shared((matrix,), ("block", rows.tobytes()), made, lambda it: 12.0 * it.nnz if sp.issparse(it) else it.nbytes)
-
-
-def is_diagonal(M: Matrix) -> bool:
-    """Whether a matrix holds nothing beside its diagonal."""
-    return bool(np.count_nonzero(M.data if sp.issparse(M) else M) == np.count_nonzero(M.diagonal()))
-
-
-def _short(x: float) -> float:
-    """The power of two next to x: where K and M are round numbers, K - σM is then exact."""
-    return float(np.copysign(2.0 ** np.round(np.log2(abs(x))), x))
 
 
 def annihilates_a_translation(K: Matrix) -> bool:

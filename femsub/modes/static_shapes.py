@@ -30,7 +30,8 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     """
     given, room = rest.shape[1], len(rest) - kept.shape[1]
     static, motion = _whole(handle, rest, forces, kept, values)
-    change, share = energy_directions(block_energy(rest, forces), static, max(room, 0))
+    energy = rest.T @ forces
+    change, share = energy_directions((energy + energy.T) / 2, static, max(room, 0))
     inertia, rotation = np.linalg.eigh(change.T @ (rest.T @ (handle.M @ rest)) @ change)
     order = np.argsort(-inertia)
     inertia, change = inertia[order], change @ rotation[:, order]
@@ -111,9 +112,3 @@ def _of_unit_energy(handle: ShiftInvert, x: Array, noise: float) -> Array:
         return x
     energy = x.T @ (handle.K @ x)
     return x @ np.linalg.inv(np.linalg.cholesky((energy + energy.T) / 2)).T
-
-
-def block_energy(shapes: Array, forces: Array) -> Array:
-    """ΨᵀKΨ = ΨᵀF, made symmetric."""
-    energy = shapes.T @ forces
-    return (energy + energy.T) / 2

@@ -18,16 +18,11 @@ from femsub.model.bands import beyond, in_band
 from femsub.quadratic import damping_split, disc_count
 from femsub.quadratic.disc_count import Count, Edge
 from femsub.quadratic.multiplicity import clear_radius
-from femsub.quadratic.region import Box, Region
+from femsub.quadratic.region import Box
 from femsub.quadratic.sparse import KEPT, Shifted
 from femsub.quadratic.winding_count import missed_around, undamped_reference
 
 MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
-
-
-def certificate_of(problem: Shifted, region: Region, certify: bool | None) -> Nearest | Enclosed:
-    """By default what costs little, see `complex_modes`."""
-    return Nearest(problem, region.count or 0, certify) if region.box is None else Enclosed(problem, region.box, certify)
 
 
 class _Disc:

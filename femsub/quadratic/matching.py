@@ -8,11 +8,10 @@ import numpy as np
 
 from femsub.checks import Array, Matrix
 from femsub.model.bands import upper, within
-from femsub.model.substructure import ReducedSubstructure
+from femsub.model.substructure import ReducedSubstructure, Substructure
 
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
-    from femsub.model.substructure import Substructure
     from femsub.quadratic.complex_modes import ComplexModes
 
 NEAR = 0.5  # |Δλ| / |λ| beyond which an eigenvalue has no counterpart

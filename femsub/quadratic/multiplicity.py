@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from femsub.checks import Array
 from femsub.errors import NotConvergedError
 from femsub.model.bands import DOUBLE
+from femsub.model.matrices import unit_length
 
 SAME = 1e-10  # |Δλ| / |λ| up to which one eigenvalue may have been found twice: a defective one is split by more
 PARALLEL = 1e-6  # what a unit vector leaves of another one that is the same: two of a double eigenvalue leave more
@@ -69,7 +70,7 @@ def distinct(values: Array, X: Array) -> tuple[Array, Array]:
     for group in clusters(values, SAME):
         if values[group[0]] == 0:
             continue  # of rigid-body motion, whose number is known
-        R, order = la.qr(_unit(X[:, group]), mode="r", pivoting=True, check_finite=False)
+        R, order = la.qr(unit_length(X[:, group]), mode="r", pivoting=True, check_finite=False)
         small = np.abs(R.diagonal()) <= PARALLEL
         keep[group[order[len(small) - np.count_nonzero(small):]]] = False
     return (values, X) if keep.all() else (values[keep], X[:, keep])
@@ -77,16 +78,13 @@ def distinct(values: Array, X: Array) -> tuple[Array, Array]:
 
 def _without_false_pairs(values: Array, X: Array) -> tuple[Array, Array]:
     false = np.flatnonzero((values.imag != 0) & (np.abs(values.imag) <= SAME * np.abs(values)))
-    false = np.array([j for j in false if la.svdvals(_parts(X[:, j]))[1] > PARALLEL], dtype=int)
+    parts = (np.column_stack([x.real, x.imag]) for x in unit_length(X[:, false]).T)
+    false = false[np.array([la.svdvals(part)[1] > PARALLEL for part in parts], dtype=bool)]
     if not len(false):
         return values, X
     values, X = np.append(values, values[false].real), np.hstack([X, X[:, false].imag])
     values[false], X[:, false] = values[false].real, X[:, false].real
-    return values, _unit(X)
-
-
-def _parts(x: Array) -> Array:
-    return np.column_stack([x.real, x.imag]) / np.linalg.norm(x)
+    return values, unit_length(X)
 
 
 def joined(values: Array, X: Array, more: Array, Y: Array) -> tuple[Array, Array]:
@@ -149,7 +147,3 @@ def clear_radius(size: Array, count: int) -> float:
             return float(np.sqrt(floor[at] * floor[at + 1]))
     gaps = np.flatnonzero(np.diff(size[:count]) > DOUBLE * size[1:count])
     return float(size[gaps[-1] + 1 if len(gaps) else 0] * (1 - DOUBLE / 2))
-
-
-def _unit(x: Array) -> Array:
-    return x / np.linalg.norm(x, axis=0)

@@ -224,18 +224,13 @@ class _Space:
         k = q.shape[1]
         parts = self.V @ np.hstack([q.real, q.imag])
         D = self.full.D.T if left else self.full.D
-        Mx, Dx, Kx = (_complex(part @ parts) for part in (self.full.M, D, self.full.K))
+        Mx, Dx, Kx = (x[:, :k] + 1j * x[:, k:] for x in (part @ parts for part in (self.full.M, D, self.full.K)))
         r = Mx * values**2 + Dx * values + Kx
         forces = np.hstack([r.real, r.imag])
         z = self.handle.factor.solve(forces)
         self.solves += 2 * k
         square = np.maximum(np.einsum("ij,ij->j", z, forces), 0.0)
         return np.sqrt(square[:k] + square[k:]), z[:, np.sqrt(square) > least]
-
-
-def _complex(parts: Array) -> Array:
-    k = parts.shape[1] // 2
-    return parts[:, :k] + 1j * parts[:, k:]
 
 
 def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> tuple[Array, Array]:

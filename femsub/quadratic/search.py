@@ -12,7 +12,7 @@ from femsub.linalg.factor import QUADRATIC, SMALL, WIDE
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.matrices import unit_length
 from femsub.quadratic import dense
-from femsub.quadratic.certificate import MOST, certificate_of
+from femsub.quadratic.certificate import MOST, Enclosed, Nearest
 from femsub.quadratic.multiplicity import Search
 from femsub.quadratic.sparse import Shifted
 
@@ -66,7 +66,7 @@ def _by_lapack(pencil: Pencil) -> Found:
 def _by_pep(pencil: Pencil, region: Region, certify: bool | None) -> Found:
     """More and more of the eigenvalues nearest to 0, until the certificate says that none is missing in the region."""
     problem = Shifted(pencil)
-    certificate = certificate_of(problem, region, certify)
+    certificate = Nearest(problem, region.count or 0, certify) if region.box is None else Enclosed(problem, region.box, certify)
     searched = Search(problem.nearest, pencil.size)
     while True:
         if certificate.ask > certificate.most:

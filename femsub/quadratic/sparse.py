@@ -109,13 +109,6 @@ class Shifted:
                 values, X = np.append(values, values[both]), np.hstack([X, X[:, both].conj()])
         return values, X / np.linalg.norm(X, axis=0)
 
-    def gathered(self, count: int, searches: int) -> tuple[Array, Array]:
-        """What several searches, each from another start, find together."""
-        values, X = self.nearest(count)
-        for seed in range(2, searches + 1):
-            values, X = joined(values, X, *self.nearest(count, seed))
-        return values, X
-
     def _zeros(self, values: Array, X: Array) -> tuple[Array, Array]:
         """Puts exact zeros for the eigenvalues of rigid-body motion, which come out as a broken-up multiple eigenvalue.
 
@@ -145,7 +138,9 @@ class Shifted:
             return X.conj()
         other = copy(self)
         other.pencil, other.factor = self.pencil.transposed(), self.factor.transposed
-        found, vectors = other.gathered(ask, searches)
+        found, vectors = other.nearest(ask)
+        for seed in range(2, searches + 1):  # each from another start
+            found, vectors = joined(found, vectors, *other.nearest(ask, seed))
         Y = np.zeros_like(X)
         at, to = match(values, found, far=2 * SAME)
         near = np.abs(found[to] - values[at]) <= SAME * np.maximum(np.abs(values[at]), self.shift)

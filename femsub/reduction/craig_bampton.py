@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array
 from femsub.errors import ConditionWarning, InputError
-from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio
+from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio, units
 from femsub.reduction.method import Method
 from femsub.reduction.statics import COLUMNS, Partition, Statics, square
 
@@ -69,8 +69,7 @@ def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
     condensed = (condensed + condensed.T) / 2
     if not condensed.size:
         return condensed
-    bare = sub.K.diagonal()[sub.interface]
-    unit = np.where(bare > 0, bare, 1.0) ** -0.5
+    unit = units(sub.K)[sub.interface]
     values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
     doubtful = np.flatnonzero(values <= SOFT)
     if not len(doubtful):

@@ -52,11 +52,6 @@ class Search:
     def complete(self) -> bool:
         return self.modes == self.most
 
-    @property
-    def bare(self) -> bool:
-        """Whether some motion has no mass."""
-        return self.statics.handle.finite < self.statics.handle.K.shape[0]
-
     def grow(self, count: int) -> None:
         """More modes beside those at hand; the static shapes lose their share without a further solve."""
         handle, sub = self.statics.handle, self.statics.part.sub
@@ -208,7 +203,8 @@ def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
     if search.complete or floor > best.tol or (count >= MOST and size > DENSE):
         where = "all modes" if search.complete else f"{best.modes} modes"
         rounding = f"; rounding alone takes {floor:.1e}" if floor > best.tol else ""
-        bare = ", and those with damping but no mass," if search.complete and search.pencil is not None and search.bare else ""
+        massless = search.statics.handle.finite < size
+        bare = ", and those with damping but no mass," if search.complete and search.pencil is not None and massless else ""
         raise NotConvergedError(f"{name!r} cannot be reduced to {best.tol:g} from {best.band[0]:.5g} to {best.band[1]:.5g} "
                                 f"rad/time: with {where} {best!r}{rounding}; lower the band, allow more, put the belt's "
                                 f"DOF{bare} into the interface, or call reduce(..., ports=True)")
