@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("meshio")
 
 
+@pytest.mark.slow
 def test_damaged_mesh_files(tmp_path: Path) -> None:
     from fuzz_meshes import subjects
     from fuzzing import fuzz

@@ -317,6 +317,7 @@ def test_a_chain_with_two_massless_dof(modes: int, ports: bool) -> None:
             assert max(np.abs(exact - value).min() / abs(value) for value in found) < 1e-9
 
 
+@pytest.mark.slow
 def test_random_massless_models() -> None:
     counts, wrong = sweep(range(MODELS), every=3)
     assert not wrong, "\n".join(wrong)

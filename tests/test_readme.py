@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import pytest
 import scipy.io
@@ -22,8 +23,15 @@ TEXTS = {page.stem: page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [(page, *found) for page, text in TEXTS.items() for found in re.findall(r"```(\w+)\n(.*?)```", text, flags=re.DOTALL)]
 
 
+LONG = ("motion", "scenes")  # pages whose blocks take more than 3 s
+
+
 def blocks(language: str) -> list[str]:
     return [text for _, kind, text in BLOCKS if kind == language]
+
+
+def marked(language: str) -> list[Any]:
+    return [pytest.param(text, marks=pytest.mark.slow if page in LONG else ()) for page, kind, text in BLOCKS if kind == language]
 
 
 def prose(page: str) -> list[str]:
@@ -51,7 +59,7 @@ def test_sentences_are_short(page: str) -> None:
             assert len(sentence.split()) <= 30, sentence
 
 
-@pytest.mark.parametrize("code", blocks("python"))
+@pytest.mark.parametrize("code", marked("python"))
 def test_python(code: str, tmp_path: Path) -> None:
     (tmp_path / "meshes").symlink_to(ROOT / "meshes")
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -85,7 +93,7 @@ def test_your_own_matrices_lose_their_stability_where_the_full_model_does() -> N
         fs.critical_slope(fs.reduce(sub, fs.CraigChang(modes=20)), band=band)
 
 
-@pytest.mark.parametrize("text", blocks("toml"))
+@pytest.mark.parametrize("text", marked("toml"))
 def test_scene_files(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     sub = fs.chain(10)
     for name in "MK":

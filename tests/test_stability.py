@@ -177,6 +177,7 @@ def test_sweep_changes_sign_at_the_border() -> None:
         assert found.growth[-1] == pytest.approx(exact, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_growth_faster_than_the_band_is_found_in_large_models_or_told() -> None:
     """Far beyond the border a pair has become two real λ, the larger of which leaves what a search in the band looks at."""
     sub = fs.damped(fs.chain(700, belt=501, interface=range(1, 700, 2)), rayleigh=(1e-5, 1e-3))

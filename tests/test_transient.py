@@ -356,6 +356,7 @@ def test_the_jacobian_is_that_of_the_right_hand_side(rng: np.random.Generator) -
         np.testing.assert_allclose(J, numeric, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_the_full_model_settles_to_fig_5() -> None:
     """The window of the paper is [12000, 20000] (scene chain-transient); the state is reached by 12000."""
     run = fs.transient(paper("full"), BELT, (0, 14000), record_from=12000, step=0.2)
