@@ -64,7 +64,8 @@ def test_entries_equal_those_of_scikit_fem(kind: str, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("kind, counts, order", [
     ("hexahedron", (4, 6, 8, 10, 12), 2), ("tetra", (4, 6, 8, 10, 12), 2),
-    ("hexahedron20", (2, 3, 4, 5, 6), 4), ("hexahedron27", (2, 3, 4, 5, 6), 4), pytest.param("tetra10", (4, 5, 6, 7, 8), 4, marks=pytest.mark.slow)])
+    ("hexahedron20", (2, 3, 4, 5, 6), 4), ("hexahedron27", (2, 3, 4, 5, 6), 4),
+    pytest.param("tetra10", (4, 5, 6, 7, 8), 4, marks=pytest.mark.slow)])
 def test_error_falls_with_the_order_of_the_element(kind: str, counts: tuple[int, ...], order: int) -> None:
     # Box between smooth walls: u = (sin πx/a cos πy/b /a, -cos πx/a sin πy/b /b, 0) is a shear mode, ω² = μ/ρ π²(a⁻² + b⁻²)
     a, b, c, material = 1.0, 0.8, 0.6, fs.Material(2.6, 0.3, 1.3)
