@@ -86,6 +86,16 @@ def test_bases_of_the_same_part_share_what_is_the_same() -> None:
         assert fs.reduce(sub, fs.CraigChang(5)).factorisations == 0 == fs.reduce(sub, fs.CraigBampton(5)).factorisations
 
 
+def test_a_factorisation_that_broke_down_is_told_of() -> None:
+    chain = fs.chain(300).K.tolil()
+    chain[0, 0] = 1.0  # free at both ends, with every other DOF turned round: no translation tells that it floats
+    turned = sp.diags_array(np.where(np.arange(300) % 2, 1.0, -1.0))
+    sub = fs.Substructure(sp.eye_array(300), turned @ chain.tocsr() @ turned)
+    before = Factor.made
+    handle = ShiftInvert(sub.K, sub.M)
+    assert handle.floating and handle.factorisations == Factor.made - before == 2  # of K, in vain, and of K - σM
+
+
 def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
     sub = long_chain()
     assert made(lambda: fs.complex_modes(sub, BELT, band=BAND)) == 2

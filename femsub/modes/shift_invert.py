@@ -44,7 +44,7 @@ class ShiftInvert:
         self.sigma: float
         self.rigid: Array
         self.lowest: float  # ω² of the first elastic mode, about; known where rigid-body modes had to be sought
-        self.sigma, self.rigid, self.lowest = shared(*key, self._found)
+        self.sigma, self.rigid, self.lowest = shared(*key, self._found, lambda found: found[1].nbytes)
         if not hasattr(self, "factor"):
             self._factorise(self.sigma)
 
@@ -75,8 +75,10 @@ class ShiftInvert:
             self.release()
             forget_factor(self.K, "definite", self.M, self.sigma)  # two large ones would not fit
         before = factors_made()
-        self.factor: Handle = shared_factor(self.K, "definite", self.M, sigma)
-        self.factorisations += factors_made() - before
+        try:
+            self.factor: Handle = shared_factor(self.K, "definite", self.M, sigma)
+        finally:  # one that broke down was made, too
+            self.factorisations += factors_made() - before
         self.sigma = sigma
 
     def _nearly_singular(self) -> bool:
