@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.modes.static_shapes import independent
-from femsub.reduction.statics import COLUMNS, Statics
+from femsub.reduction.statics import COLUMNS, Statics, widened
 from femsub.timing import phase
 
 if TYPE_CHECKING:
@@ -82,8 +82,8 @@ def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping
     C, forces = statics.constraint, statics.forces
     residual, stiffness, inertia, dropped = independent(statics.handle, responses.rest, forces, kept.shapes, kept.values)
     n_c, r = C.shape[1], C.shape[1] + len(kept.values)
-    V = np.zeros((len(C), r + len(stiffness)), order="F")
-    V[:, :n_c], V[statics.part.rows, n_c:r], V[statics.part.rows, r:] = C, kept.shapes, residual
+    V = widened(C, r + len(stiffness))
+    V[statics.part.rows, n_c:r], V[statics.part.rows, r:] = kept.shapes, residual
     M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
     kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (mode_kind,) * kept.elastic + (statics.kind,) * len(stiffness)
     errors = _port_errors(ports, V, statics.condensed, K.diagonal()[n_c:], responses)

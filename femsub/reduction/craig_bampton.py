@@ -13,7 +13,7 @@ from femsub.checks import Array
 from femsub.errors import ConditionWarning, InputError
 from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio, units
 from femsub.reduction.method import Method
-from femsub.reduction.statics import COLUMNS, Partition, Statics, square
+from femsub.reduction.statics import COLUMNS, Partition, Statics, square, zeros
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
@@ -54,7 +54,7 @@ class CraigBampton(Method):
             raise InputError(
                 f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
                 "modes remain, and constraint modes do not exist; add interface DOF, or use CraigChang")
-        C = np.zeros((sub.size, len(b)), order="F")
+        C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes))
         C[b, np.arange(len(b))] = 1.0
         return Statics(part, handle, C, _condensed(sub, _constraint_modes(handle, sub, C), C), extra[part.rows], "static port")
 

@@ -116,6 +116,23 @@ class Span:
                 yield block
 
 
+def zeros(rows: int, columns: int, room: int) -> Array:
+    """Zeros (rows, columns) with memory for `room` more columns behind them, which costs nothing until it is written to."""
+    return np.zeros((rows, columns + room), order="F")[:, :columns]
+
+
+def widened(C: Array, columns: int) -> Array:
+    """C and columns of zeros behind it: in its own memory where `zeros` left the room. Of a large interface, a second C would
+    cost as much memory as all that follows.
+    """
+    whole = C.base
+    if whole is None or whole.shape[1] < columns:
+        whole = np.zeros((len(C), columns), order="F")
+        whole[:, :C.shape[1]] = C
+    V: Array = whole[:, :columns]
+    return V
+
+
 def square(matrix: Matrix, places: Array) -> Array:
     """The rows and columns at some places of a matrix, dense."""
     part = matrix[places][:, places]
