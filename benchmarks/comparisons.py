@@ -156,7 +156,7 @@ def bases(method: str, component: str, sizes: Row, folder: Path | None) -> Row:
 
 def femsub_bases(sub: fs.Substructure, modes: int, laps: Laps) -> tuple[Any, ...]:
     from femsub.linalg.factor import factors_made
-    from femsub.timing import timed
+    from femsub.linalg.timing import timed
 
     before = factors_made()
     laps.begin()

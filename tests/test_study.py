@@ -7,9 +7,9 @@ import pytest
 
 import femsub as fs
 from femsub.linalg.petsc import Factor
+from femsub.linalg.timing import timed
 from femsub.quadratic.matching import match, spectrum_errors, turnover
 from femsub.studies.results import Row, Study, Timing, with_front
-from femsub.timing import timed
 
 
 def test_spectra_are_matched_as_sets(rng: np.random.Generator) -> None:

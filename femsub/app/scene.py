@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from femsub.checks import choice, finite_number, shown, whole_number
 from femsub.errors import FemsubError, InputError, unknown_name
 from femsub.io.atomic import Writer
-from femsub.timing import Interruptible
+from femsub.linalg.timing import Interruptible
 
 if TYPE_CHECKING:
     from femsub import Belt

@@ -25,12 +25,12 @@ from femsub.errors import (
 from femsub.linalg.factor import SMALL, inertia, negative_eigenvalues
 from femsub.linalg.null_space import massless_apart
 from femsub.linalg.shared import shared
+from femsub.linalg.timing import phase
 from femsub.model.bands import EDGE, in_band, widened
 from femsub.model.matrices import Difference
 from femsub.model.substructure import Substructure
 from femsub.modes.dense import dense_modes, orthonormalise
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.timing import phase
 
 TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted eigenvalue
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned

@@ -18,8 +18,8 @@ from femsub.linalg.null_space import SINGULAR, rank_of_mass
 from femsub.linalg.ordering import smooth_shape
 from femsub.linalg.shared import shared
 from femsub.linalg.subspace import orthonormal
+from femsub.linalg.timing import phase
 from femsub.model.matrices import Difference, unit_length
-from femsub.timing import phase
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units,
 ENERGY = 4e-15  # unless φᵀKφ is more than this share of |φ|ᵀ|K||φ|: forces of a soft mount add up, those of rounding do not

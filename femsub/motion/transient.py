@@ -14,9 +14,9 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, choice, finite_number, interval, items, listener, positive_number, whole_number, word
 from femsub.errors import InputError, unknown_name
+from femsub.linalg.timing import Interruptible
 from femsub.motion.first_order import METHODS, Flow, equations
 from femsub.motion.nonlinear_model import Sliding, State, sliding
-from femsub.timing import Interruptible
 
 if TYPE_CHECKING:
     from femsub.model.friction import Belt

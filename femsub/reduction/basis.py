@@ -10,9 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
+from femsub.linalg.timing import phase
 from femsub.modes.static_shapes import independent
 from femsub.reduction.statics import COLUMNS, Statics, widened
-from femsub.timing import phase
 
 if TYPE_CHECKING:
     from femsub.model.estimate import Estimate

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, check_band, instance, items, listener, real_array, whole_number
 from femsub.errors import CutoffWarning, FemsubError, InputError, PortWarning
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE, release
+from femsub.linalg.timing import timed
 from femsub.model.bands import in_band
 from femsub.model.friction import Belt
 from femsub.model.substructure import ReducedSubstructure, Substructure
@@ -22,7 +23,6 @@ from femsub.quadratic.matching import extra_eigenvalues, frequency_error, relati
 from femsub.reduction.reduce import Method, reduce
 from femsub.stability.critical_slope import critical_slope
 from femsub.studies.results import PHASES, Row, Study, Timing, with_front
-from femsub.timing import timed
 
 Progress = Callable[[str], None]
 SHORT_RUNS = 3  # so often a reduced model is solved in each turn

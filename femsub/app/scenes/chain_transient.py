@@ -15,7 +15,7 @@ from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, 
 from femsub.checks import interval
 from femsub.errors import InputError
 from femsub.linalg.factor import QUADRATIC
-from femsub.timing import Interruptible
+from femsub.linalg.timing import Interruptible
 
 
 @dataclass(frozen=True)

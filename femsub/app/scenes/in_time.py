@@ -24,12 +24,12 @@ from femsub import (
 from femsub.app.figure_style import look
 from femsub.app.figures_transient import signals_figure, spectra_figure, spectrogram_figure
 from femsub.app.scene import Result
+from femsub.linalg.timing import Interruptible
 from femsub.motion.nonlinear_model import sliding
 from femsub.motion.signals import Spectrum
 from femsub.quadratic.matching import relative_error
 from femsub.studies.self_excitation import table_rows
 from femsub.studies.tables import table
-from femsub.timing import Interruptible
 
 LISTED = 3  # frequencies in the table
 FAINT, STILL = 1e-6, 1e-3  # of the belt's speed: growth is followed from one to the other, where the model is linear

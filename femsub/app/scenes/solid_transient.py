@@ -17,10 +17,10 @@ from femsub.app.scenes.component import Work
 from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, whole
 from femsub.app.scenes.solid import SolidScene
 from femsub.errors import InputError
+from femsub.linalg.timing import Interruptible
 from femsub.motion.nonlinear_model import project
 from femsub.quadratic.matching import relative_error
 from femsub.studies.tables import table
-from femsub.timing import Interruptible
 
 POINTS = 40  # of the recorded grid, per period
 SETTLED = 1 / 4  # of the long run, at its end: where its spectrum is taken
