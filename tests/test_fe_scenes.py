@@ -243,7 +243,7 @@ FILE = 'mesh = "mesh.vtu"\nsupports = ["left"]\ncontact = "top"\nmodes = [4]\nre
     ('scene = "plate"\ncontact = [9.0, 9.0]', "there is no node at"),
     ('scene = "plate"\nthicknes = 1.0', "unknown scene key 'thicknes'; did you mean 'thickness'"),
     ('scene = "beam"\nlength = -1.0', "length must be positive"),
-    ('scene = "beam"\nleft = "clamp"', "unknown support 'clamp'; did you mean 'clamped'"),
+    ('scene = "beam"\nleft = "clamp"', "unknown left 'clamp'; did you mean 'clamped'"),
     ('scene = "beam"\ncontact = 0.3501', "there is no node at x = 0.3501"),
     ('scene = "beam"\nrayleigh = [1.0]', "rayleigh must be [alpha, beta]"),
     ('scene = "beam"\nwidth = 0.0', "width must be positive"),

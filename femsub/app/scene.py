@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from femsub.checks import choice, finite_number, shown, whole_number
+from femsub.app.keys import check_keys, key, values_of
+from femsub.checks import choice
 from femsub.errors import FemsubError, InputError, unknown_name
 from femsub.io.atomic import Writer
 from femsub.linalg.timing import Interruptible
@@ -35,45 +35,50 @@ SCENES = {
 }
 MOST_REPEATS = 1000
 SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang"}  # of the literature
+#: Keys that scenes of nonlinear models do not have.
+NO_SLOPE = {"slope": "the nonlinear model needs a friction law, i.e. law, eps and speed, not a slope"}
+
+
+def _laws(_: object) -> Iterable[str]:
+    from femsub.model.friction import LAWS
+
+    return LAWS
+
+
+def _methods(_: object) -> Iterable[str]:
+    from femsub.reduction.reduce import METHODS
+
+    return METHODS
+
+
+def _other_method_names() -> list[str]:
+    from femsub.reduction.reduce import METHODS
+
+    return [*(name.upper() for name in SHORT_NAMES), *(method.__name__ for method in METHODS.values())]
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What all scenes share.
+    """What all scenes share. `femsub keys SCENE` lists a scene's keys; each is explained where its field is declared."""
 
-    Attributes
-    ----------
-    name : str
-        For headings and file names.
-    slope : float, optional
-        μ'(v0) itself. Without it, it comes from `law` at `speed`.
-    law, eps, speed, force
-        The friction law by its key ('stribeck-arctan', 'stribeck-arctan-odd', or one of your own, see
-        `femsub.model.friction.FrictionLaw`), its width ε, the belt's speed and the normal force.
-    methods : list of str
-        Keys of reduction methods: 'craig-bampton', 'craig-chang', or one of your own, see `femsub.reduction.method.Method`.
-        HCB, CC, and Python's CraigBampton and CraigChang will do.
-    outputs : list of str
-        What is computed; nothing else is. The scene's own list is the default, without what is only done on request.
-    figures : bool
-        Whether figures are drawn (in a folder given by --out).
-    repeats : int
-        Runs per time.
-    """
-
-    name: str = ""
-    slope: float | None = None
-    law: str = "stribeck-arctan"
-    eps: float = 1e-3
-    speed: float = 0.19113
-    force: float = 1.0
-    methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang"])
-    outputs: list[str] = field(default_factory=list)
-    figures: bool = True
-    repeats: int = 5
+    name: str = key("", "for headings and file names", otherwise="the scene's name")
+    slope: float | None = key(None, "μ'(v0), the slope of the friction law over the sliding speed; it replaces law, eps, speed",
+                              unit="time/length", otherwise="the slope of law at speed", example=-0.2677)
+    law: str = key("stribeck-arctan", "the friction law: as the paper prints it, odd, or one of your own (femsub.model.friction)",
+                   choices=_laws)
+    eps: float = key(1e-3, "the friction law's width ε around speed 0", unit="length/time", above=0)
+    speed: float = key(0.19113, "the belt's speed v0", unit="length/time")
+    force: float = key(1.0, "the normal force with which the belt presses", unit="force", least=0)
+    methods: list[str] = key(["craig-bampton", "craig-chang"], "reduction methods; short names (HCB, CC) and those of the Python "
+                             "classes will do", choices=_methods, also=_other_method_names)
+    outputs: list[str] = key([], "what is computed; nothing else is", choices=lambda scene: scene.OUTPUTS + scene.ON_REQUEST,
+                             otherwise="all but what is only done on request")
+    figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
+    repeats: int = key(5, "runs per time that is measured", least=1, most=MOST_REPEATS)
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ()
     ON_REQUEST: ClassVar[tuple[str, ...]] = ()
+    WITHOUT: ClassVar[Mapping[str, str]] = {}  #: keys that a scene does not have, and why
 
     def __post_init__(self) -> None:
         from femsub.model.friction import LAWS
@@ -81,18 +86,11 @@ class Scene:
 
         if not self.outputs:
             object.__setattr__(self, "outputs", list(self.OUTPUTS))
-        object.__setattr__(self, "methods", [name if name in METHODS else _hyphenated(name) for name in self.methods])
-        object.__setattr__(self, "law", self.law if self.law in LAWS else _hyphenated(self.law))
-        known = self.OUTPUTS + self.ON_REQUEST
-        for kind, values, valid in (("method", self.methods, METHODS), ("output", self.outputs, known),
-                                    ("law", [self.law], LAWS)):
-            for value in values:
-                choice(kind, value, valid)
         if not self.methods:
             raise InputError(f"methods is empty; valid: {', '.join(METHODS)}")
-        whole_number("repeats", self.repeats, least=1, most=MOST_REPEATS)
-        if self.force < 0:
-            raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
+        object.__setattr__(self, "methods", [name if name in METHODS else _hyphenated(name) for name in self.methods])
+        object.__setattr__(self, "law", self.law if self.law in LAWS else _hyphenated(self.law))
+        check_keys(self)
 
     @property
     def labels(self) -> str:
@@ -113,8 +111,7 @@ class Scene:
         from femsub.model.friction import LAWS, Belt
 
         if self.slope is not None:
-            raise InputError("scene key 'slope': the nonlinear model needs a friction law, i.e. law, eps and speed, not a "
-                             "slope")
+            raise InputError(f"scene key 'slope': {NO_SLOPE['slope']}")
         return Belt(force=self.force, speed=self.speed, law=LAWS[self.law](eps=self.eps))
 
     @property
@@ -241,19 +238,17 @@ def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Sce
     if kind == "matrices" and not values:
         raise InputError("the scene 'matrices' needs a scene file that names them: scene = \"matrices\", M = \"M.mtx\", "
                          "K = \"K.mtx\", port = 0, band = [0.0, 1000.0]")
-    module = import_module(f"femsub.app.scenes.{SCENES[kind][0]}")
-    scene_type = module.SCENE
-    fields = {item.name: item for item in dataclasses.fields(scene_type)}
-    takes_folder = fields.pop("folder", None) is not None
-    for key, value in values.items():
-        if key not in fields:
-            raise unknown_name("scene key", key, ["scene", *fields])
-        if value == []:
-            raise InputError(f"scene key {key!r} is an empty list; leave the key out to take its default")
-        values[key] = _typed(key, value, str(fields[key].type))
-    if takes_folder:
+    scene_type, run = scene_of(kind)
+    values = values_of(scene_type, values)
+    if any(item.name == "folder" for item in fields(scene_type)):
         values["folder"] = str(folder)
-    return scene_type(**{"name": kind, **values}), module.run
+    return scene_type(**{"name": kind, **values}), run
+
+
+def scene_of(name: str) -> tuple[type[Scene], Callable[[Any, Progress], Result]]:
+    """The class of a built-in scene, and the function that runs it."""
+    module = import_module(f"femsub.app.scenes.{SCENES[choice('scene', name, SCENES)][0]}")
+    return module.SCENE, module.run
 
 
 def _hyphenated(name: str) -> str:
@@ -261,21 +256,3 @@ def _hyphenated(name: str) -> str:
     plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
     return SHORT_NAMES.get(plain, plain)
 
-
-def _fits(value: Any, kind: str) -> bool:
-    kinds: dict[str, Any] = {"bool": bool, "int": int, "float": (int, float), "str": str}
-    return isinstance(value, kinds.get(kind, ())) and (kind == "bool" or not isinstance(value, bool))
-
-
-def _typed(key: str, value: Any, declared: str) -> Any:
-    """The value if it is of the declared type; whole numbers do for floats, one value for a list of one."""
-    kinds = [part.strip() for part in re.split(r"\|(?![^\[]*\])", declared)]  # not the | inside list[...]
-    for kind in kinds:
-        if kind.startswith("list["):
-            items, inner = value if isinstance(value, list) else [value], kind[5:-1]
-            if all(any(_fits(item, one.strip()) for one in inner.split("|")) for item in items):
-                return [_typed(key, item, inner) for item in items]
-        elif _fits(value, kind):
-            return finite_number(f"scene key {key!r}", value) if kind == "float" else value
-    wanted = " or ".join(kind for kind in kinds if kind != "None")
-    raise InputError(f"scene key {key!r} must be {wanted}, not {shown(value)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,10 +12,11 @@ import numpy as np
 from femsub import ComplexModes, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
 from femsub.app.figure_style import look
 from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, error_time_figure, friction_figure, size_sweep_figure
+from femsub.app.keys import key
 from femsub.app.report import machine
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import comparable
-from femsub.checks import check_band, whole_number
+from femsub.checks import check_band
 from femsub.errors import InputError, PortWarning
 from femsub.model.friction import LAWS
 from femsub.quadratic.matching import relative_error
@@ -28,31 +29,19 @@ MOST = 10**7  # masses
 
 @dataclass(frozen=True)
 class ChainKeys(Scene):
-    """The chain of `femsub.chain` and its reduced models.
+    """The chain of `femsub.chain` and its reduced models."""
 
-    Attributes
-    ----------
-    n, masses, springs, damping : chain
-        Numbers of masses; one value or n of them; dashpot d1 at m1.
-    belt : int
-        The mass under the belt.
-    interface : list of int
-        Interface masses, as in the paper.
-    size : int
-        DOF of the reduced models; 0 stands for the paper's 5.
-    """
-
-    n: int = 10
-    masses: float | list[float] = 1.0
-    springs: float | list[float] = 1.0
-    damping: float = 0.1
-    belt: int = 2
-    interface: list[int] = field(default_factory=lambda: [1])
-    size: int = 0
+    n: int = key(10, "number of masses", least=1, most=MOST)
+    masses: float | list[float] = key(1.0, "the masses: one value, or n of them", unit="mass", above=0)
+    springs: float | list[float] = key(1.0, "the springs: one value, or n of them; the first holds mass 1", unit="force/length",
+                                       least=0)
+    damping: float = key(0.1, "the dashpot d1 at mass 1", unit="force·time/length", least=0)
+    belt: int = key(2, "the mass under the belt; masses count from 1", least=1)
+    interface: list[int] = key([1], "masses through which the chain is joined", least=1)
+    size: int = key(0, "DOF of the reduced models", least=0, otherwise="5, as in the paper, or n if that is less")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        whole_number("n", self.n, least=1, most=MOST)
         if not self.size:
             object.__setattr__(self, "size", min(5, self.n))
         self.check_size("size", self.size, len(self.interface) + (self.n > 1))
@@ -82,21 +71,14 @@ class ChainKeys(Scene):
 
 @dataclass(frozen=True)
 class ChainScene(ChainKeys):
-    """What is asked of the chain, with the interface given and next to it the one with the belt's mass.
+    """The paper's chain on a belt, with the interface given and next to it the one with the belt's mass."""
 
-    Attributes
-    ----------
-    belts : list of int
-        Places of the belt in the belt sweep and the table of critical slopes; `belt` is for the other outputs.
-    sizes : list of int
-        DOF of the reduced models in the size sweep and the error against time; `size` is for the other outputs.
-    band : list of float
-        Frequencies (rad/time) in which eigenvalues are compared.
-    """
-
-    belts: list[int] = field(default_factory=list)
-    sizes: list[int] = field(default_factory=list)
-    band: list[float] = field(default_factory=list)
+    belts: list[int] = key([], "places of the belt in the belt sweep and in the table of critical slopes; belt is for the other "
+                           "outputs", least=1, otherwise="1 to the smaller of n and 10")
+    sizes: list[int] = key([], "DOF of the reduced models in the size sweep and in the error against time; size is for the other "
+                           "outputs", least=1, otherwise="from one more than the interface to the smaller of n and 10")
+    band: list[float] = key([], "the frequencies in which eigenvalues are compared", unit="rad/time", least=0, form="[lo, hi]",
+                            otherwise="the lowest three pairs of a uniform chain")
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("friction", "critical-slope", "belt-sweep", "size-sweep", "eigenvalues", "error-time")
 

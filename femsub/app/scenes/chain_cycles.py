@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.chain import ChainScene
 from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
@@ -12,10 +13,10 @@ from femsub.app.scenes.cycle_keys import CycleKeys, run_cycles
 
 @dataclass(frozen=True)
 class ChainCycleScene(CycleKeys, ChainScene):
-    """The chain of the scene 'chain', its reduced models of `size` DOF, and the keys of `CycleKeys`.
+    """Limit cycles of the paper's chain and of its reduced models."""
 
-    `band` holds the modes whose cycles are sought: by default the four lowest of the paper's chain.
-    """
+    band: list[float] = key([], "holds the frequencies of the modes whose cycles are sought", unit="rad/time", least=0,
+                            form="[lo, hi]", otherwise="the four lowest modes of the paper's chain")
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("cycles", "branches")
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from femsub import transient
 from femsub.app.figure_style import look
+from femsub.app.keys import key
 from femsub.app.report import machine
-from femsub.app.scene import Progress, Result, run_outputs
+from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
 from femsub.app.scenes.chain import ChainKeys
 from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, whole
 from femsub.checks import interval
@@ -20,38 +21,25 @@ from femsub.linalg.timing import Interruptible
 
 @dataclass(frozen=True)
 class ChainTransientScene(ChainKeys):
-    """The chain of `femsub.chain` under the nonlinear belt.
+    """The paper's chain in time, under the nonlinear belt."""
 
-    Attributes
-    ----------
-    join_belt : bool
-        Whether the belt's mass joins the interface masses.
-    impulse : float
-        The blow on the belt's mass with which each model leaves its own sliding equilibrium.
-    time, window : list of float
-        [from, to] of the run, and of the part whose amplitude and spectrum are shown.
-    step : float
-        Of the grid that is recorded.
-    length : float
-        Of the spectrogram's window, in time.
-    tol : float
-        Error control of the integration, see `femsub.transient`.
-    """
+    join_belt: bool = key(False, "whether the belt's mass joins the interface masses")
+    impulse: float = key(1e-3, "the blow on the belt's mass with which each model leaves its own sliding equilibrium",
+                         unit="mass·length/time")
+    time: list[float] = key([0.0, 20000.0], "of the run", unit="time", form="[from, to]")
+    window: list[float] = key([12000.0, 20000.0], "of the part whose amplitude and spectrum are shown", unit="time",
+                              form="[from, to]")
+    step: float = key(0.2, "of the grid that is recorded", unit="time", above=0)
+    length: float = key(400.0, "of the spectrogram's window", unit="time", above=0)
+    tol: float = key(1e-9, "error control of the integration (femsub.transient)", above=0)
 
-    join_belt: bool = False
-    impulse: float = 1e-3
-    time: list[float] = field(default_factory=lambda: [0.0, 20000.0])
-    window: list[float] = field(default_factory=lambda: [12000.0, 20000.0])
-    step: float = 0.2
-    length: float = 400.0
-    tol: float = 1e-9
-
+    WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
     OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "quality", "signals", "spectrum", "spectrogram")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for key in ("time", "window"):
-            interval(key, getattr(self, key))
+        for name in ("time", "window"):
+            interval(name, getattr(self, name))
         if self.window[0] < self.time[0] or self.window[1] > self.time[1]:
             raise InputError(f"window {self.window} reaches beyond the time {self.time}")
         if self.n > QUADRATIC and {"growth", "quality"} & set(self.outputs):

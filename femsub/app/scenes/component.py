@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from femsub import Mesh, NormalModes, ReducedSubstructure, Substructure, displacements, normal_modes, reduce
+from femsub.app.keys import key
 from femsub.app.scene import Progress, Scene
-from femsub.checks import Array, check_band, positive_number, whole_number
+from femsub.checks import Array, check_band
 from femsub.components.fields import node_rows
 from femsub.errors import InputError, PortWarning
 from femsub.reduction.reduce import METHODS, Method
@@ -23,25 +24,14 @@ LISTED = 14  # normal modes that are listed and written
 
 @dataclass(frozen=True)
 class ComponentScene(Scene):
-    """What the scenes of a component share.
+    """What the scenes of a component share."""
 
-    Attributes
-    ----------
-    modes : list of int
-        Numbers of modes to compare, for each method.
-    ports : bool
-        Whether the static response to the contact joins each basis (see `reduce`).
-    band : list of float
-        [lo, hi], the frequencies (rad per unit of time) in which models are compared. By default from 0 to 2 % above the
-        eighth elastic mode of the component, or above the cluster of modes (not 4 % apart) that it belongs to.
-    tolerance : float
-        The error of the growth rates (relative) that the recommended model may have.
-    """
-
-    modes: list[int] = field(default_factory=lambda: [10, 20])
-    ports: bool = True
-    band: list[float] = field(default_factory=list)
-    tolerance: float = 1e-3
+    modes: list[int] = key([10, 20], "numbers of modes to compare, for each method", least=0)
+    ports: bool = key(True, "whether the static response to the contact joins each basis")
+    band: list[float] = key([], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]",
+                            otherwise=f"from 0 to {100 * MARGIN:g} % above elastic mode {UP_TO}, or above the cluster that it "
+                            "belongs to", example=[0.0, 1e4])
+    tolerance: float = key(1e-3, "relative error of the growth rates that the recommended model may have", above=0)
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("modes", "critical-slope", "eigenvalues", "error-time", "joined-interface")
 
@@ -51,19 +41,10 @@ class ComponentScene(Scene):
             check_band(self.band)
         if not self.modes:
             raise InputError("modes is empty: name the numbers of modes to compare, e.g. [10, 20]")
-        for count in self.modes:
-            whole_number("modes", count, least=0)
-        positive_number("tolerance", self.tolerance)
 
     def component(self) -> tuple[Substructure, Mesh | None]:
         """The component with the port "belt", and the mesh to show its shapes on."""
         raise NotImplementedError
-
-    def rayleigh_pair(self, values: list[float]) -> tuple[float, float]:
-        """[alpha, beta] of a scene key."""
-        if len(values) != 2:
-            raise InputError(f"rayleigh must be [alpha, beta], in 1 per unit of time and in units of time, not {values}")
-        return values[0], values[1]
 
 
 class Work:

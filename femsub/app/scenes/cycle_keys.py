@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
 from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_balance, spectrum, transient
 from femsub.app.figure_style import look
 from femsub.app.figures_cycles import bifurcation_figure
+from femsub.app.keys import key
 from femsub.app.report import machine
-from femsub.app.scene import Progress, Result, Scene, run_outputs
+from femsub.app.scene import NO_SLOPE, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
-from femsub.checks import Array, choice, interval, whole_number
+from femsub.checks import Array, interval
 from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.linalg.factor import QUADRATIC
 from femsub.motion.cycles.continuation import PARAMETERS, with_parameter
@@ -29,49 +30,27 @@ VERDICT = {True: "yes", False: "no", None: "-"}
 
 @dataclass(frozen=True)
 class CycleKeys(Scene):
-    """What the scenes of limit cycles have in common.
+    """What the scenes of limit cycles have in common."""
 
-    Attributes
-    ----------
-    parameter : str
-        What varies along the branches: 'slope', 'speed' or 'force'.
-    between : list of float
-        [lo, hi] of the parameter. By default from the Hopf point of the first mode to the scene's own value and a quarter
-        beyond.
-    families : int
-        Modes, in the order in which they become unstable, whose cycles are followed.
-    points : int
-        Cycles on a branch at most.
-    harmonics : int
-        Harmonics on a branch at most.
-    dots : int
-        Values of the parameter at which each reduced (or small) model is also integrated in time. Of a large model as many
-        cycles are sought, three at least.
-    periods : int
-        Of the slowest family, over which it is integrated. Amplitude and frequency are those of the last quarter, from a 'cycle'
-        those of the second half.
-    dots_from : str
-        'blow': from the sliding equilibrium with a blow that moves the contact at the belt's speed. 'cycle': from a stable cycle
-        of its branches next to that value, its velocities raised by 5 %, and no dot where there is none; for models whose
-        integration is slow.
-    """
+    parameter: str = key("slope", "what varies along the branches", choices=lambda _: PARAMETERS)
+    between: list[float] = key([], "the parameter's range", form="[lo, hi]", otherwise="from the Hopf point of the first mode to "
+                               "the scene's own value and a quarter beyond", example=[-0.06, -0.01])
+    families: int = key(4, "modes, in the order in which they become unstable, whose cycles are followed", least=1)
+    points: int = key(100, "cycles on a branch at most", least=1)
+    harmonics: int = key(250, "harmonics on a branch at most", least=1)
+    dots: int = key(4, "values of the parameter at which each reduced (or small) model is also integrated in time; of a large "
+                    "model as many cycles are sought, three at least", least=0)
+    periods: int = key(80, "periods of the slowest family over which it is integrated; amplitude and frequency are those of the "
+                       "last quarter, from a 'cycle' those of the second half", least=1)
+    dots_from: str = key("blow", "'blow': from the sliding equilibrium with a blow that moves the contact at the belt's speed; "
+                         "'cycle': from a stable cycle of its branches next to that value, with velocities raised by 5 %, and no "
+                         "dot where there is none (for models whose integration is slow)", choices=lambda _: ("blow", "cycle"))
 
-    parameter: str = "slope"
-    between: list[float] = field(default_factory=list)
-    families: int = 4
-    points: int = 100
-    harmonics: int = 250
-    dots: int = 4
-    periods: int = 80
-    dots_from: str = "blow"
+    WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        choice("parameter", self.parameter, PARAMETERS)
         _ = self.rubbing  # refuses a slope
-        choice("dots_from", self.dots_from, ("blow", "cycle"))
-        for key, least in (("families", 1), ("points", 1), ("harmonics", 1), ("periods", 1), ("dots", 0)):
-            whole_number(key, getattr(self, key), least=least)
         if self.between:
             interval("between", self.between)
 

@@ -2,67 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 from femsub import Substructure, read_component
+from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.outputs import run_component
-from femsub.checks import choice
-from femsub.errors import InputError
 from femsub.io.model_folder import FORMATS, matrix_files
 
 
 @dataclass(frozen=True)
 class MatricesScene(ComponentScene):
-    """A component whose matrices are in files, as `read_component` takes them.
+    """A component whose matrices M, D and K are in files, in any consistent units."""
 
-    Attributes
-    ----------
-    M, K, D : str
-        Files, relative to the scene file: Matrix Market, SciPy, MATLAB, Nastran OP4, Abaqus, CalculiX. D may be left out.
-    dofs : str
-        The file of the DOF map, where the matrices do not carry it in themselves: .dof or 'node,component' a line.
-    massless : bool
-        Whether M may leave out DOF of K.
-    interface : list of int or str
-        Interface DOF, counted from 0, or by the map as "12:uz", "12.3" (node and direction) or "12:*".
-    port : int or str, or a list of them
-        The DOF under the belt: the port is w with 1 there.
-    format : str
-        What the output "reduced-matrices" writes: mtx, npz, mat or op4.
-    """
-
-    M: str = ""
-    K: str = ""
-    D: str = ""
-    dofs: str = ""
-    massless: bool = False
-    interface: list[int | str] = field(default_factory=list)
-    port: list[int | str] = field(default_factory=list)
+    M: str = key("", "the file of the mass matrix, relative to the scene file: Matrix Market, SciPy, MATLAB, Nastran OP4, "
+                 "Abaqus, CalculiX", required=True, example="M.mtx")
+    K: str = key("", "the file of the stiffness matrix", required=True, example="K.mtx")
+    D: str = key("", "the file of the damping matrix", otherwise="no damping", example="D.mtx")
+    dofs: str = key("", "the file of the DOF map, where the matrices do not carry it in themselves: .dof, or 'node,component' a "
+                    "line", example="K.dof")
+    massless: bool = key(False, "whether M may leave out DOF of K")
+    interface: list[int | str] = key([], "interface DOF: counted from 0, or by the map as '12:uz', '12.3' (node and direction) "
+                                     "or '12:*'", least=0, otherwise="none", example=[0])
+    port: list[int | str] = key([], "the DOF under the belt, as for interface: the port is w with 1 there", least=0,
+                                required=True, example=[1])
+    band: list[float] = key([], "the frequencies in which models are compared", unit="rad/time", least=0, form="[lo, hi]",
+                            required=True, example=[0.0, 1000.0])
     ports: bool = False
-    format: str = "mtx"
+    format: str = key("mtx", "what the output reduced-matrices writes", choices=lambda _: FORMATS)
     folder: str = "."
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("critical-slope", "eigenvalues", "error-time")
     ON_REQUEST: ClassVar[tuple[str, ...]] = ("modes", "reduced-matrices")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for key in ("M", "K"):
-            if not getattr(self, key):
-                raise InputError(f"scene key {key!r} is missing: name the file of the matrix")
-        if not self.band:
-            raise InputError("scene key 'band' must be [lo, hi] in rad per unit of time: it says where models are compared")
-        if not self.port:
-            raise InputError("scene key 'port' is missing: name the DOF under the belt, counted from 0")
-        choice("format", self.format, FORMATS)
-
     def component(self) -> tuple[Substructure, None]:
         """The component, checked."""
-        paths = {key: Path(self.folder) / getattr(self, key) for key in ("M", "K", "D", "dofs") if getattr(self, key)}
+        paths = {name: Path(self.folder) / getattr(self, name) for name in ("M", "K", "D", "dofs") if getattr(self, name)}
         return read_component(paths["M"], paths["K"], paths.get("D"), dofs=paths.get("dofs"), interface=self.interface,
                               ports={"belt": self.port}, name=self.name, massless=self.massless), None
 

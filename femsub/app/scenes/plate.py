@@ -8,48 +8,36 @@ from pathlib import Path
 import numpy as np
 
 from femsub import Mesh, Substructure, plate, rectangle
+from femsub.app.keys import key
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
-from femsub.errors import InputError
 
 
 @dataclass(frozen=True)
 class PlateScene(ComponentScene):
     """A steel plate of 0.4 m x 0.3 m x 2 mm, clamped along one side, in SI units; any consistent units will do.
 
-    Attributes
-    ----------
-    mesh : str
-        A mesh file of triangles or axis-parallel rectangles in a plane z = const, relative to the scene file. Without
-        one a rectangle is made from `lengths`, `elements` and `cells`.
-    lengths, elements, cells
-        Sides (m), numbers of cells along them, 'quad' or 'triangle'. Its sets of nodes are left, right, front, back, edge
-        (all four sides) and corners.
-    E, nu, rho, thickness : float
-        Young's modulus (Pa), Poisson's ratio, density (kg/m³), thickness (m).
-    clamped, simply_supported : list of str
-        Sets of nodes that are held.
-    interface : list of str
-        Sets through which the plate is joined; what is held is left out.
-    contact : str, or list of float
-        The belt's place: a set (the mean of w over its cells, edges or nodes), or [x, y] of a node (m). It rubs along w.
-    rayleigh : list of float
-        [alpha, beta] of D = αM + βK (1/s, s).
+    The rectangle's sets of nodes are left, right, front, back, edge (all four sides) and corners.
     """
 
-    mesh: str = ""
-    lengths: list[float] = field(default_factory=lambda: [0.4, 0.3])
-    elements: list[int] = field(default_factory=lambda: [32, 24])
-    cells: str = "quad"
-    E: float = 2.1e11
-    nu: float = 0.3
-    rho: float = 7850.0
-    thickness: float = 0.002
-    clamped: list[str] = field(default_factory=list)
-    simply_supported: list[str] = field(default_factory=list)
-    interface: list[str] = field(default_factory=list)
-    contact: str | list[float] = ""
-    rayleigh: list[float] = field(default_factory=lambda: [5.0, 1e-6])
+    mesh: str = key("", "a mesh file of triangles or axis-parallel rectangles in a plane z = const, relative to the scene file",
+                    otherwise="a rectangle of lengths, elements and cells", example="plate.msh")
+    lengths: list[float] = key([0.4, 0.3], "the rectangle's sides", unit="m", above=0, form="[x, y]")
+    elements: list[int] = key([32, 24], "numbers of cells along the rectangle's sides", least=1, form="[x, y]")
+    cells: str = key("quad", "the rectangle's cells", choices=lambda _: ("quad", "triangle"))
+    E: float = key(2.1e11, "Young's modulus", unit="Pa", above=0)
+    nu: float = key(0.3, "Poisson's ratio", above=-1, below=0.5)
+    rho: float = key(7850.0, "density", unit="kg/m³", above=0)
+    thickness: float = key(0.002, "the plate's thickness", unit="m", above=0)
+    clamped: list[str] = key([], "sets of nodes that are clamped", otherwise="none of a mesh file; 'left' of the rectangle if "
+                             "simply_supported is left out", example=["left"])
+    simply_supported: list[str] = key([], "sets of nodes that are simply supported", otherwise="none", example=["edge"])
+    interface: list[str] = key([], "sets of nodes through which the plate is joined; what is held is left out",
+                               otherwise="none of a mesh file; 'corners' of the rectangle clamped at 'left'", example=["corners"])
+    contact: str | list[float] = key("", "the belt's place: a set of nodes (the mean of w over its cells, edges or nodes), or "
+                                     "[x, y] of a node; the belt rubs along w", unit="m", form="[x, y]",
+                                     required_with="mesh", otherwise="[3/4, 2/3] of the rectangle's sides", example="contact")
+    rayleigh: list[float] = key([5.0, 1e-6], "[alpha, beta] of the damping D = αM + βK", unit="1/s, s", form="[alpha, beta]")
     force: float = 30.0
     modes: list[int] = field(default_factory=lambda: [8, 10, 15, 20, 30])
     repeats: int = 3
@@ -58,8 +46,6 @@ class PlateScene(ComponentScene):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.mesh:
-            if not self.contact:
-                raise InputError("scene key 'contact' is missing: name the set of nodes of the mesh under the belt, or [x, y]")
             return
         if not self.clamped and not self.simply_supported:
             object.__setattr__(self, "clamped", ["left"])
@@ -71,7 +57,7 @@ class PlateScene(ComponentScene):
         mesh = self._mesh()
         supports = dict.fromkeys(self.simply_supported, "simply supported") | dict.fromkeys(self.clamped, "clamped")
         sub = plate(mesh, E=self.E, nu=self.nu, rho=self.rho, thickness=self.thickness, supports=supports,
-                    interface=self.interface, ports={"belt": self.contact}, rayleigh=self.rayleigh_pair(self.rayleigh),
+                    interface=self.interface, ports={"belt": self.contact}, rayleigh=(self.rayleigh[0], self.rayleigh[1]),
                     name=self.name)
         return sub, mesh
 

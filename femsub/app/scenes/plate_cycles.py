@@ -13,10 +13,10 @@ from femsub.app.scenes.plate import PlateScene
 
 @dataclass(frozen=True)
 class PlateCycleScene(CycleKeys, PlateScene):
-    """The plate of the scene 'plate' and the keys of `CycleKeys`; the branches run over the normal force.
+    """Limit cycles of a plate under a belt, over the normal force. Of several `modes` the largest serves.
 
-    Of several `modes` the largest serves. The full model's cycles are solved for the harmonics of the contact alone, each from
-    that of a reduced model, at a few values of the force; their stability is not computed.
+    The full model's cycles are solved for the harmonics of the contact alone, each from that of a reduced model, at a few values
+    of the force; their stability is not computed.
     """
 
     parameter: str = "force"

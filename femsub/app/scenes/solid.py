@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from femsub import Material, Mesh, Substructure, annulus, solid
+from femsub.app.keys import key
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
 from femsub.errors import InputError
@@ -18,44 +19,31 @@ from femsub.errors import InputError
 class SolidScene(ComponentScene):
     """A steel disc (radii 50 and 150 mm, 12 mm thick) held at the inner rim, in SI units; any consistent units will do.
 
-    Attributes
-    ----------
-    mesh : str
-        A mesh file of hexahedra or tetrahedra, relative to the scene file: whatever `read_mesh` reads.
-    kind : str
-        The kind of cells: of a mesh file of several kinds that to take; of the disc 'hexahedron20' by default.
-    radii, thickness, elements
-        Of the disc that is made without a file: radii and thickness (m), bricks along the radius, around and through the
-        thickness. Its sets of nodes are inner, outer, bottom, top, contact (cells on top, two around, next to the outer
-        rim, at angle 0) and mounts (three nodes of the lower edge of the outer rim, 120° apart).
-    E, nu, rho : float, or list of float
-        Young's modulus (Pa), Poisson's ratio, density (kg/m³): one for all, or one for each of `groups`.
-    groups : list of str
-        Groups of cells with a material of their own.
-    supports, interface : list of str
-        Sets of nodes that are held, and through which the part is joined, in all directions or as "set:xy" in some.
-    contact : str
-        The set under the belt: the average motion of its faces, cells, edges or nodes is what slides (see `femsub.solid`).
-    direction : str, or list of float
-        Along which it slides: 'x', 'y', 'z', 'normal', against one of them ('-x', ...), or a vector.
-    rayleigh : list of float
-        [alpha, beta] of D = αM + βK (1/s, s).
+    The disc's sets of nodes are inner, outer, bottom, top, contact (cells on top, two around, next to the outer rim, at angle 0)
+    and mounts (three nodes of the lower edge of the outer rim, 120° apart).
     """
 
-    mesh: str = ""
-    kind: str = ""
-    radii: list[float] = field(default_factory=lambda: [0.05, 0.15])
-    thickness: float = 0.012
-    elements: list[int] = field(default_factory=lambda: [5, 48, 2])
-    E: float | list[float] = 2.1e11
-    nu: float | list[float] = 0.3
-    rho: float | list[float] = 7850.0
-    groups: list[str] = field(default_factory=list)
-    supports: list[str] = field(default_factory=list)
-    interface: list[str] = field(default_factory=list)
-    contact: str = ""
-    direction: str | list[float] = "y"
-    rayleigh: list[float] = field(default_factory=lambda: [5.0, 1e-7])
+    mesh: str = key("", "a mesh file of hexahedra or tetrahedra, relative to the scene file: whatever femsub.read_mesh reads",
+                    otherwise="a disc of radii, thickness and elements", example="part.msh")
+    kind: str = key("", "the kind of cells: of a mesh file of several kinds that to take, or of the disc",
+                    otherwise="the file's only kind; 'hexahedron20' of the disc", example="hexahedron20")
+    radii: list[float] = key([0.05, 0.15], "the disc's radii", unit="m", above=0, form="[inner, outer]")
+    thickness: float = key(0.012, "the disc's thickness", unit="m", above=0)
+    elements: list[int] = key([5, 48, 2], "the disc's bricks along the radius, around and through the thickness", least=1,
+                              form="[radius, around, thickness]")
+    E: float | list[float] = key(2.1e11, "Young's modulus: one for all, or one for each of groups", unit="Pa", above=0)
+    nu: float | list[float] = key(0.3, "Poisson's ratio: one for all, or one for each of groups", above=-1, below=0.5)
+    rho: float | list[float] = key(7850.0, "density: one for all, or one for each of groups", unit="kg/m³", above=0)
+    groups: list[str] = key([], "groups of cells with a material of their own", otherwise="one material", example=["steel"])
+    supports: list[str] = key([], "sets of nodes that are held, in all directions or as 'set:xy' in some",
+                              otherwise="none of a mesh file; 'inner' of the disc", example=["inner"])
+    interface: list[str] = key([], "sets of nodes through which the part is joined, in all directions or as 'set:xy' in some",
+                               otherwise="none of a mesh file; 'mounts' of the disc", example=["mounts"])
+    contact: str = key("", "the set of nodes under the belt: the average motion of its faces, cells, edges or nodes slides",
+                       required_with="mesh", otherwise="'contact' of the disc", example="contact")
+    direction: str | list[float] = key("y", "along which it slides: 'x', 'y', 'z', 'normal', against one of them ('-x', ...), or "
+                                       "a vector", form="[x, y, z]")
+    rayleigh: list[float] = key([5.0, 1e-7], "[alpha, beta] of the damping D = αM + βK", unit="1/s, s", form="[alpha, beta]")
     force: float = 8000.0
     modes: list[int] = field(default_factory=lambda: [10, 20, 40, 80])
     repeats: int = 3
@@ -64,26 +52,24 @@ class SolidScene(ComponentScene):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.mesh:
-            if not self.contact:
-                raise InputError("scene key 'contact' is missing: name the set of nodes of the mesh under the belt")
             return
-        for key, value in (("supports", ["inner"]), ("interface", ["mounts"]), ("contact", "contact")):
-            if not getattr(self, key):
-                object.__setattr__(self, key, value)
+        for name, value in (("supports", ["inner"]), ("interface", ["mounts"]), ("contact", "contact")):
+            if not getattr(self, name):
+                object.__setattr__(self, name, value)
 
     def component(self) -> tuple[Substructure, Mesh]:
         mesh = self._mesh()
         sub = solid(mesh, self._material(), supports=_motions(self.supports), interface=_motions(self.interface),
-                    ports={"belt": (self.contact, self.direction)}, rayleigh=self.rayleigh_pair(self.rayleigh), name=self.name)
+                    ports={"belt": (self.contact, self.direction)}, rayleigh=(self.rayleigh[0], self.rayleigh[1]), name=self.name)
         return sub, mesh
 
     def _material(self) -> Material | Mapping[str, Material]:
-        values = {key: getattr(self, key) for key in ("E", "nu", "rho")}
+        values = {name: getattr(self, name) for name in ("E", "nu", "rho")}
         count = max(1, len(self.groups))
-        each = {key: value if isinstance(value, list) else [value] * count for key, value in values.items()}
-        for key, value in each.items():
+        each = {name: value if isinstance(value, list) else [value] * count for name, value in values.items()}
+        for name, value in each.items():
             if len(value) != count:
-                raise InputError(f"{key} must be one number, or one for each of groups ({count}), but there are {len(value)}")
+                raise InputError(f"{name} must be one number, or one for each of groups ({count}), but there are {len(value)}")
         made = [Material(*constants) for constants in zip(*each.values(), strict=True)]
         return dict(zip(self.groups, made, strict=True)) if self.groups else made[0]
 
@@ -92,8 +78,6 @@ class SolidScene(ComponentScene):
             from femsub.io.mesh_files import read_mesh
 
             return read_mesh(Path(self.folder) / self.mesh, kind=self.kind or None)
-        if len(self.radii) != 2:
-            raise InputError(f"radii must be [inner, outer], not {self.radii}")
         made = annulus(self.radii[0], self.radii[1], self.thickness, self.elements, self.kind or "hexahedron20", name=self.name)
         radius, angle = np.hypot(*made.points[:, :2].T), np.arctan2(made.points[:, 1], made.points[:, 0])
         width, sector = (self.radii[1] - self.radii[0]) / self.elements[0], 2 * np.pi / self.elements[1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -11,8 +11,9 @@ import numpy as np
 from femsub import Belt, State, complex_modes, transient
 from femsub.app.figure_style import look
 from femsub.app.figures_transient import period_figure
+from femsub.app.keys import key
 from femsub.app.report import machine
-from femsub.app.scene import Progress, Result, run_outputs
+from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
 from femsub.app.scenes.component import Work
 from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, whole
 from femsub.app.scenes.solid import SolidScene
@@ -35,37 +36,24 @@ class SolidTransientScene(SolidScene):
     from a blow on the port to its limit cycle; the state it is in then, expanded, is the physical state from which the full and
     all reduced models (projected) run on, side by side.
 
-    Attributes
-    ----------
-    modes : list of int
-        Numbers of modes to compare, for each method.
-    impulse : float
-        The blow with which the long run begins (mass · length / time).
-    periods, compared : float
-        Of the long run, and of the runs side by side; amplitudes are compared over the second half of these.
-    tol, full_tol : float
-        Error control of reduced and of full models, see `femsub.transient`.
     """
 
     elements: list[int] = field(default_factory=lambda: [3, 24, 1])
     rayleigh: list[float] = field(default_factory=lambda: [5.0, 2e-6])
     force: float = 20000.0
     modes: list[int] = field(default_factory=lambda: [10, 20, 40])
-    impulse: float = 0.1
-    periods: float = 400.0
-    compared: float = 12.0
-    tol: float = 1e-7
-    full_tol: float = 3e-5
+    impulse: float = key(0.1, "the blow with which the long run begins", unit="kg·m/s")
+    periods: float = key(400.0, "of the long run", unit="periods", least=4)
+    compared: float = key(12.0, "of the runs side by side; amplitudes are compared over the second half", unit="periods", least=4)
+    tol: float = key(1e-7, "error control of reduced models (femsub.transient)", above=0)
+    full_tol: float = key(3e-5, "error control of full models (femsub.transient)", above=0)
 
+    WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
     OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "error-time", "signals", "spectrum", "spectrogram")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         _ = self.rubbing  # refuses a slope
-        for key in ("periods", "compared"):
-            if not getattr(self, key) >= 4:
-                raise InputError(f"{key} must be at least 4, not {getattr(self, key)!r}")
-
 
 SCENE = SolidTransientScene
 

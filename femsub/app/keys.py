@@ -1,0 +1,217 @@
+"""Keys of scene files: what each means, its unit, its type and its bounds, told once, where the field is declared.
+
+    @dataclass(frozen=True)
+    class Strip:
+        length: float = key(1.0, "the strip's length", unit="m", above=0)
+        modes: list[int] = key([10, 20], "numbers of modes to compare", least=0)
+
+`femsub keys`, `femsub new`, the JSON schema and the checks of values all read it from there. A subclass may declare a key anew
+with another default only: `length: float = 2.0`. A field without `key` in its class or one before is no key. A key may hold a
+table or a list of tables: its type is then a dataclass of this kind, or a list of one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from femsub.checks import choice, finite_number, shown, whole_number
+from femsub.errors import InputError, unknown_name
+
+WORDS = {bool: ("true or false", "true or false"), int: ("a whole number", "whole numbers"), float: ("a number", "numbers"),
+         str: ("a string", "strings")}
+
+
+@dataclass(frozen=True)
+class Key:
+    """What is known of a key beside its type and default.
+
+    Attributes
+    ----------
+    meaning : str
+        For `femsub keys` and editors; it begins with a small letter.
+    unit : str
+        Of the value, or of each in a list.
+    least, most, above, below : float, optional
+        Bounds of the value, or of each in a list.
+    choices : callable
+        The valid words, from the class that has the key.
+    also : callable
+        Other words that stand for one of them, for the schema.
+    form : str
+        Of a list of fixed length: '[lo, hi]'.
+    otherwise : str
+        What holds where the key is left out and its default says nothing.
+    example : object
+        A value to show where there is no default.
+    required : bool
+        The key must be there, and not empty.
+    required_with : str
+        It must be there if this other key is.
+    """
+
+    meaning: str
+    unit: str = ""
+    least: float | None = None
+    most: float | None = None
+    above: float | None = None
+    below: float | None = None
+    choices: Callable[[Any], Iterable[str]] | None = None
+    also: Callable[[], Iterable[str]] | None = None
+    form: str = ""
+    otherwise: str = ""
+    example: Any = None
+    required: bool = False
+    required_with: str = ""
+
+    @property
+    def length(self) -> int | None:
+        """Of a list of fixed length."""
+        return self.form.count(",") + 1 if self.form else None
+
+    @property
+    def bounds(self) -> str:
+        """'at least 1 and at most 1000'."""
+        told = {"at least": self.least, "above": self.above, "at most": self.most, "below": self.below}
+        return " and ".join(f"{word} {bound:g}" for word, bound in told.items() if bound is not None)
+
+    def admits(self, value: float) -> bool:
+        """Whether a number is within the bounds."""
+        return ((self.least is None or value >= self.least) and (self.most is None or value <= self.most)
+                and (self.above is None or value > self.above) and (self.below is None or value < self.below))
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A key as a class has it: its name, its type, its default, and what is known of it."""
+
+    name: str
+    type: Any
+    default: Any
+    key: Key
+
+
+def key(default: Any, meaning: str, **known: Any) -> Any:
+    """A field of a frozen dataclass that is a key of scene files; `known` are the attributes of `Key`."""
+    told = {"key": Key(meaning, **known)}
+    if isinstance(default, list):
+        return dataclasses.field(default_factory=lambda: list(default), metadata=told)
+    return dataclasses.field(default=default, metadata=told)
+
+
+def keys_of(kind: type) -> dict[str, Declared]:
+    """The keys of a scene or of a table, by name: those that are required first, those that all scenes share last."""
+    hints = get_type_hints(kind)
+    found: dict[str, Declared] = {}
+    for item in dataclasses.fields(kind):
+        known = next((told["key"] for one in kind.__mro__ if (field := getattr(one, "__dataclass_fields__", {}).get(item.name))
+                      and "key" in (told := field.metadata)), None)
+        if known is not None and item.name not in getattr(kind, "WITHOUT", {}):
+            default = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
+            found[item.name] = Declared(item.name, hints[item.name], default, known)
+    general = keys_of(base) if (base := next(filter(dataclasses.is_dataclass, reversed(kind.__mro__)))) is not kind else {}
+    return dict(sorted(found.items(), key=lambda pair: (not pair[1].key.required, pair[0] in general)))
+
+
+def kinds(declared: Any) -> list[Any]:
+    """The alternatives of a type: [str, list[float]] of `str | list[float] | None`."""
+    parts = get_args(declared) if get_origin(declared) in (Union, UnionType) else [declared]
+    return [part for part in parts if part is not NoneType]
+
+
+def item_kind(declared: Any) -> Any:
+    """`int` of `list[int]`; None of what is no list."""
+    return get_args(declared)[0] if get_origin(declared) is list else None
+
+
+def type_words(declared: Any, many: bool = False) -> str:
+    """'a string or a list of numbers'."""
+    words = []
+    for kind in kinds(declared):
+        inner = item_kind(kind)
+        if inner is not None:
+            words.append(f"{'lists' if many else 'a list'} of {type_words(inner, True)}")
+        elif dataclasses.is_dataclass(kind):
+            words.append("tables" if many else "a table")
+        else:
+            words.append(WORDS[kind][many])
+    return " or ".join(words)
+
+
+def values_of(kind: type, table: Mapping[str, Any], where: str = "") -> dict[str, Any]:
+    """The values of a table by key, each of the type that is declared; whole numbers do for floats, one value for a list of one.
+
+    Raises
+    ------
+    InputError
+        A key that does not exist (the nearest one is named), a value of the wrong type, an empty list.
+    """
+    declared, values = keys_of(kind), {}
+    for name, value in table.items():
+        if name in getattr(kind, "WITHOUT", {}):
+            raise InputError(f"scene key {where + name!r}: {kind.WITHOUT[name]}")  # type: ignore[attr-defined]
+        if name not in declared:
+            raise unknown_name("scene key", where + name, [where + one for one in ([] if where else ["scene"]) + list(declared)])
+        if value == []:
+            raise InputError(f"scene key {where + name!r} is an empty list; leave the key out to take its default")
+        values[name] = _typed(where + name, value, declared[name].type)
+    return values
+
+
+def check_keys(scene: Any, where: str = "") -> None:
+    """Checks each value of a scene, or of a table that stands at `where`, against what is known of its key.
+
+    Raises
+    ------
+    InputError
+        A value beyond its bounds, an unknown word, a list of the wrong length, a key that is missing.
+    """
+    empty = {name for name in keys_of(type(scene)) if getattr(scene, name) in (None, "", [])}
+    for field, one in keys_of(type(scene)).items():
+        value, known, name = getattr(scene, field), one.key, where + field
+        if field in empty:
+            if known.required or (known.required_with and known.required_with not in empty):
+                raise InputError(f"scene key {name!r} is missing: {known.meaning}")
+            continue
+        if known.length and (isinstance(value, list) and len(value) != known.length):
+            raise InputError(f"{name} must be {known.form}, not {shown(value)}")
+        for place, item in enumerate(value if isinstance(value, list) else [value], 1):
+            _bounded(name, item, one, f" in place {place}" if isinstance(value, list) and len(value) > 1 else "")
+            if known.choices is not None:
+                choice(name.removesuffix("s") if isinstance(value, list) else name, item, known.choices(type(scene)))
+
+
+def _bounded(name: str, value: Any, one: Declared, place: str) -> None:
+    known = one.key
+    if one.type in (int, list[int]):
+        whole_number(name, value, least=known.least, most=known.most)  # type: ignore[arg-type]
+    elif isinstance(value, (int, float)) and not known.admits(value):
+        words = {"above 0": "be positive", "at least 0": "not be negative"}.get(known.bounds, f"be {known.bounds}")
+        raise InputError(f"{name} must {words}, but is {shown(value)}{place}")
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    if dataclasses.is_dataclass(kind):
+        return isinstance(value, Mapping)
+    return isinstance(value, (int, float) if kind is float else kind) and (kind is bool or not isinstance(value, bool))
+
+
+def _typed(name: str, value: Any, declared: Any) -> Any:
+    for kind in kinds(declared):
+        inner = item_kind(kind)
+        if inner is not None:
+            items = value if isinstance(value, list) else [value]
+            if all(any(_fits(item, one) for one in kinds(inner)) for item in items):
+                return [_typed(f"{name}[{place}]" if dataclasses.is_dataclass(inner) else name, item, inner)
+                        for place, item in enumerate(items, 1)]
+        elif dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
+            assert isinstance(kind, type)
+            made = kind(**values_of(kind, value, f"{name}."))
+            check_keys(made, f"{name}.")
+            return made
+        elif _fits(value, kind):
+            return finite_number(f"scene key {name!r}", value) if kind is float else value
+    raise InputError(f"scene key {name!r} must be {type_words(declared)}, not {shown(value)}")
