@@ -344,7 +344,7 @@ def main() -> int:
                      "again": found["again"] | {"shares": _by_name(found["again"]["shares"], names)}}
     data = {"settings": runs.asdict(settings), "starts": asked.starts, "machine": report.machine(), **plain}
     flat = [{key: value for key, value in row.items() if key not in ("shares", "holds", "verdict")} for row in found["rows"]]
-    result = Result(data, flat, text(found), {"attractors": lambda: draw(found)})
+    result = Result(data, {"attractors": flat}, text(found), {"attractors": lambda: draw(found)})
     print(result.text)
     report.write(result, asked.out, figures=True, name="attractors")
     return 0

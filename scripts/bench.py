@@ -250,7 +250,7 @@ def main() -> int:
             "details": bench.details, "failed": failed}
     flat = [{key: value for key, value in row.items() if key != "phases"} |
             {f"{key} [s]": value for key, value in row["phases"].items()} for row in bench.rows]
-    result = Result(data, flat, text(bench), {})
+    result = Result(data, {"bench": flat}, text(bench), {})
     print(result.text, "", *(check["text"] for check in bench.checks), *(f"failed: {line}" for line in failed), sep="\n")
     report.write(result, asked.out, figures=False, name="bench")
     return 1 if failed or any(check["met"] is False and not check["timed"] for check in bench.checks) else 0

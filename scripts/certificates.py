@@ -162,7 +162,8 @@ def main() -> None:
         report.progress(name)
         rows.append(measure(name, given.repeats))
         if folder:
-            report.write(Result({"machine": report.machine(), "rows": rows}, rows, "", {}), folder, False, "certificates")
+            data = {"machine": report.machine(), "rows": rows}
+            report.write(Result(data, {"certificates": rows}, "", {}), folder, False, "certificates")
     report.progress_done()
     shown = ("model", "dof", "eigenvalues", "evidence", "solution", *KINDS, "ratio", "refine", "moved")
     formats = ("s", "d", "d", "s", ".4g", ".3g", ".3g", ".3g", ".3g", ".1%", ".3g", ".1e")

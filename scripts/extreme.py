@@ -142,7 +142,7 @@ def main() -> int:
                f"{counts['refused']} refused with the reason, {counts['wrong']} wrong")
     data = {"machine": report.machine() | {"femsub": fs.__version__}, "summary": summary, "rows": rows, "other_than_known": odd}
     flat = [row | {"warnings": "; ".join(row["warnings"])} for row in rows]
-    result = Result(data, flat, text(rows), {"extreme": lambda: draw(rows)})
+    result = Result(data, {"extreme": flat}, text(rows), {"extreme": lambda: draw(rows)})
     print(result.text, "", summary, *([f"other than known: {', '.join(odd)}"] if odd else []), sep="\n")
     report.write(result, asked.out, figures=True, name="extreme")
     return 1 if odd or counts["wrong"] else 0

@@ -289,7 +289,7 @@ def main() -> int:
     checks = requirement(rows, fits)
     data = {"machine": computers, "modes": {kind: models.KINDS[kind].modes for kind in asked.components},
             "damping": models.DAMPING, "large": LARGE, "rows": rows, "exponents": fits, "requirement": checks, "failed": failed}
-    result = Result(data, rows, text(rows, fits), {"scaling": lambda: draw(rows, fits)} if rows else {})
+    result = Result(data, {"scaling": rows}, text(rows, fits), {"scaling": lambda: draw(rows, fits)} if rows else {})
     print(result.text, *checks, *(f"failed: {line}" for line in failed), sep="\n")
     report.write(result, asked.out, figures=True, name="scaling")
     return 1 if failed else 0

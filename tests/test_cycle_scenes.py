@@ -29,7 +29,8 @@ def scene_file(folder: Path, text: str) -> str:
 def test_cycles_and_branches_of_the_chain(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = 'scene = "chain-limit-cycle"\nband = [0.6, 0.9]\nfamilies = 1\ndots = 1\nperiods = 300\nharmonics = 100\npoints = 60\n'
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv", "bifurcation.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "results.json", "cycles.csv", "branches.csv", "transients.csv", "bifurcation.png"}
     data = json.loads((tmp_path / "out" / "results.json").read_text())
     found = {row["model"]: row for row in data["cycles"]}
     assert found["craig-bampton"]["omega"] == pytest.approx(0.7245, rel=1e-4) and found["craig-bampton"]["is_stable"] is True

@@ -26,6 +26,7 @@ SMALL = {
 }
 NAMES = ["beam", pytest.param("plate", marks=pytest.mark.slow), pytest.param("solid", marks=pytest.mark.slow)]  # as `runs` is
 PICTURES = {"modes", "eigenvalues", "least-stable", "error-time", "joined-interface"}
+TABLES = {"modes", "critical-slope", "eigenvalues", "error-time", "joined-interface"}
 
 
 def scene_file(folder: Path, text: str) -> str:
@@ -59,7 +60,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
 def test_files_and_figures(runs: Runs, name: str) -> None:
     folder, _ = runs[name]
     assert {path.name for path in folder.iterdir()} == {
-        "results.json", "results.csv", "modes.vtu", "least-stable.vtu", *(f"{picture}.png" for picture in PICTURES)}
+        "results.json", *(f"{table}.csv" for table in TABLES), "modes.vtu", "least-stable.vtu",
+        *(f"{picture}.png" for picture in PICTURES)}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
 
 
@@ -134,7 +136,7 @@ def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, outputs: st
     done = subprocess.run([sys.executable, "-c", code, "run", scene, "--no-figures", "--out", str(tmp_path / "out")],
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0 and done.stdout.splitlines()[-1] == "[]", done.stderr
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", *(f"{name}.csv" for name in there)}
     data = json.loads((tmp_path / "out" / "results.json").read_text())
     assert set(data) & {"modes", "critical-slope", "eigenvalues", "error-time", "least-stable"} == there
 

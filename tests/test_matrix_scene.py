@@ -48,7 +48,8 @@ def test_reduced_matrices_are_only_written_on_request(tmp_path: Path) -> None:
     calculix_chain(tmp_path)
     (tmp_path / "scene.toml").write_text(SCENE + "figures = false\nrepeats = 1\n")
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "critical-slope.csv", "eigenvalues.csv",
+                                                                 "error-time.csv"}
 
 
 @pytest.mark.parametrize(("change", "words"), [

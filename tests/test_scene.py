@@ -20,6 +20,7 @@ from femsub.app.report import to_json
 from femsub.app.scene import load
 
 QUICK = 'n = 10\nbelts = [1, 2]\nsizes = [3, 5]\nrepeats = 1\n'
+TABLES = {"critical-slope", "size-sweep", "eigenvalues", "error-time"}
 
 
 def scene_file(folder: Path, text: str) -> str:
@@ -45,7 +46,8 @@ def chain_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_chain_writes_tables_and_figures(chain_run: tuple[Path, str]) -> None:
     folder, _ = chain_run
     pictures = {"friction", "belt-sweep", "size-sweep", "eigenvalues", "error-time"}
-    assert {path.name for path in folder.iterdir()} == {"results.json", "results.csv", *(f"{name}.png" for name in pictures)}
+    assert {path.name for path in folder.iterdir()} == {"results.json", *(f"{name}.csv" for name in TABLES),
+                                                      *(f"{name}.png" for name in pictures)}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
 
 
@@ -69,11 +71,14 @@ def test_chain_results_hold_the_paper_s_figures(chain_run: tuple[Path, str]) -> 
     assert data["slope"] == pytest.approx(-0.2677, abs=1e-5)
 
 
-def test_csv_has_the_rows(chain_run: tuple[Path, str]) -> None:
-    with open(chain_run[0] / "results.csv", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert {row["output"] for row in rows} == {"critical-slope", "size-sweep", "eigenvalues", "error-time"}
-    assert {row["method"] for row in rows} == {"craig-bampton", "craig-chang", "full"}
+def test_each_table_is_a_csv_file_of_its_own(chain_run: tuple[Path, str]) -> None:
+    data = json.loads((chain_run[0] / "results.json").read_text())
+    for name in TABLES:
+        with open(chain_run[0] / f"{name}.csv", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        expected = data[name]["rows"]
+        assert len(rows) == len(expected) and [row["method"] for row in rows] == [row["method"] for row in expected]
+        assert all("" not in row.values() or "reason" in row for row in rows)  # no column of another table
 
 
 def test_only_what_is_named_is_computed_and_imported(tmp_path: Path) -> None:
@@ -81,7 +86,7 @@ def test_only_what_is_named_is_computed_and_imported(tmp_path: Path) -> None:
     code = "print([name for name in ('skfem', 'meshio', 'matplotlib', 'petsc4py', 'scipy.optimize') if name in sys.modules])"
     done = run("run", scene, "--out", str(tmp_path / "out"), code=code)
     assert done.returncode == 0 and done.stdout.splitlines()[-1] == "[]"
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "critical-slope.csv"}
     assert "eigenvalues" not in json.loads((tmp_path / "out" / "results.json").read_text())
 
 
@@ -196,7 +201,7 @@ def test_results_are_renamed_into_place(tmp_path: Path, monkeypatch: pytest.Monk
     assert main(["run", scene, "--out", str(tmp_path / "out")]) == 2
     assert "No space left" in capsys.readouterr().err
     assert (tmp_path / "out" / "results.json").read_bytes() == before
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "results.csv"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "eigenvalues.csv"}
 
 
 def test_json_keeps_every_digit_and_is_strict() -> None:

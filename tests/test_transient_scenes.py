@@ -43,7 +43,8 @@ def test_the_chain_in_time_writes_and_draws(tmp_path: Path, capsys: pytest.Captu
     for at, row in enumerate(quality, start=1):
         assert row["error_amplitude"] == pytest.approx(abs(rms[at] / rms[0] - 1))
         assert row["error_frequency"] == pytest.approx(abs(peak[at][0] / peak[0][0] - 1))
-    assert {path.name for path in out.iterdir()} == {"results.json", "results.csv", "signals.png", "spectrum.png",
+    assert {path.name for path in out.iterdir()} == {"results.json", "models.csv", "growth.csv", "quality.csv", "spectrum.csv",
+                                                     "spectrogram.csv", "signals.png", "spectrum.png",
                                                      "spectrogram.png"}
     assert "highest" not in capsys.readouterr().err
 

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -47,10 +47,9 @@ def check_folder(folder: str | None) -> Path | None:
 
 
 def write(result: Result, folder: Path, figures: bool, name: str = "results") -> list[Path]:
-    """name.json, name.csv, the figures and the scene's own files, each whole or not at all; returns what was written."""
+    """name.json, a CSV file for each table, the figures and the scene's own files, each whole or not at all; what was written."""
     writers: dict[str, Writer] = {f"{name}.json": lambda file: file.write(to_json(result.data).encode())}
-    if result.rows:
-        writers[f"{name}.csv"] = lambda file: file.write(_csv(result.rows).encode())
+    writers |= {f"{table}.csv": partial(_csv, rows) for table, rows in result.tables.items() if rows}
     if figures and result.drawings:
         from femsub.app.figure_style import render
 
@@ -80,13 +79,15 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _csv(rows: Sequence[dict[str, Any]]) -> str:
-    keys = list(dict.fromkeys(key for row in rows for key in row))
-    file = io.StringIO()
-    writer = csv.DictWriter(file, keys, lineterminator="\n")
+def _csv(rows: Sequence[dict[str, Any]], file: BinaryIO) -> None:
+    """A line for each row; several values in one cell stand with blanks between them."""
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    writer = csv.DictWriter(text, list(dict.fromkeys(key for row in rows for key in row)), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
-    return file.getvalue()
+    for row in rows:
+        writer.writerow({key: " ".join(map(str, np.ravel(value))) if isinstance(value, (list, tuple, np.ndarray)) else value
+                         for key, value in row.items()})
+    text.detach()
 
 
 def machine() -> dict[str, Any]:

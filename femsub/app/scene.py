@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from femsub.app.keys import check_keys, key, values_of
 from femsub.checks import choice
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from femsub import Belt
 
 Progress = Callable[[str], None]
+Tables: TypeAlias = dict[str, list[dict[str, Any]]]  # rows by the table's name
 
 #: name of a built-in scene: (module in femsub.app.scenes, one line)
 SCENES = {
@@ -144,8 +145,8 @@ class Result:
     ----------
     data : dict
         Everything printed or drawn, for results.json.
-    rows : list of dict
-        For results.csv.
+    tables : dict of str to list of dict
+        Rows of each table by its name, which is that of its CSV file. A table without rows is not written.
     text : str
         The tables for the terminal.
     drawings : dict of str to callable
@@ -156,25 +157,25 @@ class Result:
     """
 
     data: dict[str, Any]
-    rows: list[dict[str, Any]]
+    tables: Tables
     text: str
     drawings: dict[str, Callable[[], Any]]
     files: dict[str, Writer] = field(default_factory=dict)
 
 
 def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], text: list[str],
-                complete: bool = True, long: Sequence[str] = ()) -> Result:
+                complete: bool = True, long: Sequence[str] = (), tables: Tables | None = None) -> Result:
     """A result, output by output: one that fails, or is interrupted, takes nothing from what was computed before.
 
-    `data` and `text` are what the result begins with; `long` outputs are not begun once there was an interruption. Failures are
-    told in the text and in data["failed"], an interruption by data["complete"] = False.
+    `data`, `text` and `tables` are what the result begins with; `long` outputs are not begun once there was an interruption.
+    Failures are told in the text and in data["failed"], an interruption by data["complete"] = False.
 
     Raises
     ------
     FemsubError
         The first failure, where every output has failed.
     """
-    rows: list[dict[str, Any]] = []
+    tables = dict(tables or {})
     drawings: dict[str, Callable[[], Any]] = {}
     files: dict[str, Writer] = {}
     failed: dict[str, FemsubError] = {}
@@ -189,7 +190,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
                 text.append(f"{output}: failed; {error}")
                 continue
             data |= part.data
-            rows += [{"output": output, **row} for row in part.rows]
+            tables |= part.tables
             drawings |= part.drawings
             files |= part.files
             if part.text:
@@ -203,7 +204,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
     if not complete:
         data["complete"] = False
         text.append("Interrupted: these results are incomplete.")
-    return Result(data, rows, "\n\n".join(text), drawings, files)
+    return Result(data, tables, "\n\n".join(text), drawings, files)
 
 
 def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:

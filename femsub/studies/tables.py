@@ -8,8 +8,12 @@ from typing import Any
 import numpy as np
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[str]) -> str:
-    """Columns aligned to the right, the first to the left."""
+def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[str], hertz: Sequence[str] = ()) -> str:
+    """Columns aligned to the right, the first to the left; `hertz` names those in rad/s that have one in Hz beside them."""
+    for name in hertz:
+        at = list(head).index(name) + 1
+        head, formats = [*head[:at], "Hz", *head[at:]], [*formats[:at], formats[at - 1], *formats[at:]]
+        rows = [[*row[:at], None if row[at - 1] is None else row[at - 1] / (2 * np.pi), *row[at:]] for row in rows]
     cells = [list(head)] + [[format(value, form) if value is not None else "-" for value, form in zip(row, formats, strict=True)]
                             for row in rows]
     widths = [max(len(row[i]) for row in cells) for i in range(len(head))]

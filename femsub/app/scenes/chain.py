@@ -124,7 +124,7 @@ def _friction(scene: ChainScene, _: Progress) -> Result:
     titles = {name: getattr(law, "label", name) for name, law in LAWS.items()}
     curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)}
               for name in LAWS for eps in sorted({1e-1, 1e-2, 1e-3, scene.eps}, reverse=True)]
-    return Result({"friction": {"speed": speeds, "curves": curves}}, [], "", {
+    return Result({"friction": {"speed": speeds, "curves": curves}}, {}, "", {
         "friction": lambda: friction_figure(speeds, curves, titles, scene.speed, scene.linear_belt.slope or 0.0)})
 
 
@@ -146,7 +146,7 @@ def _critical(scene: ChainScene, _: Progress) -> Result:
                    ["s", "s", "s", "d", ".6f", ".6f", ".1e", ".1e"])]
     lines += dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"])
     head = f"Critical slopes dμ/dv in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time"
-    return Result({"critical-slope": {"rows": rows}}, rows, "\n".join([head, *lines]), {})
+    return Result({"critical-slope": {"rows": rows}}, {"critical-slope": rows}, "\n".join([head, *lines]), {})
 
 
 def _border(scene: ChainScene, model: Substructure) -> tuple[float, float, str]:
@@ -174,7 +174,7 @@ def _belt_sweep(scene: ChainScene, _: Progress) -> Result:
             panels.append({"model": kind, "interface": "{m1, belt}" if widened else _masses(scene.interface),
                            "growth": np.array(growth), "critical_slope": border})
     found = {"slopes": slopes, "belts": scene.belts, "panels": panels}
-    return Result({"belt-sweep": found}, [], "", {"belt-sweep": lambda: belt_sweep_figure(found)})
+    return Result({"belt-sweep": found}, {}, "", {"belt-sweep": lambda: belt_sweep_figure(found)})
 
 
 def _size_sweep(scene: ChainScene, _: Progress) -> Result:
@@ -196,7 +196,7 @@ def _size_sweep(scene: ChainScene, _: Progress) -> Result:
             for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
     head = (f"Relative error of the critical slope in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time, belt under "
             f"m{scene.belt} (-: the band reaches above the model's cut-off)")
-    return Result({"size-sweep": {"curves": curves, "rows": rows}}, rows, "\n".join([head, *lines]),
+    return Result({"size-sweep": {"curves": curves, "rows": rows}}, {"size-sweep": rows}, "\n".join([head, *lines]),
                   {"size-sweep": lambda: size_sweep_figure(curves, scene.belt)})
 
 
@@ -225,7 +225,8 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
     rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "up_to": m["up_to"],
              "growth": m["growth"], "full_growth": m["full_growth"], "is_stable": m["is_stable"]} for m in models]
     head = f"Complex modes, belt under m{scene.belt}, dμ/dv = {belt.slope:.5g}"
-    return Result({"eigenvalues": {"belt": scene.belt, "models": models, "rows": rows}}, rows, f"{head}\n{said}", {
+    data = {"belt": scene.belt, "models": models, "rows": rows}
+    return Result({"eigenvalues": data}, {"eigenvalues": rows}, f"{head}\n{said}", {
         "eigenvalues": lambda: eigenvalue_figure(panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}")})
 
 
@@ -239,8 +240,8 @@ def _error_time(scene: ChainScene, progress: Progress) -> Result:
                                                           repeats=scene.repeats, progress=progress)))
     rows = [{"interface": interface, **row.flat()} for interface, found in studies for row in (found.full, *found.rows)]
     said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies)
-    return Result({"error-time": {"rows": rows, "band": scene.band, "repeats": scene.repeats}}, rows, said,
-                  {"error-time": lambda: error_time_figure(studies)})
+    data = {"rows": rows, "band": scene.band, "repeats": scene.repeats}
+    return Result({"error-time": data}, {"error-time": rows}, said, {"error-time": lambda: error_time_figure(studies)})
 
 
 PARTS: dict[str, Callable[[ChainScene, Progress], Result]] = {

@@ -79,4 +79,5 @@ def run(scene: ChainTransientScene, progress: Progress) -> Result:
     text = [f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
             f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
             f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}\n{told(tracks)}"]
-    return run_outputs(scene.outputs, lambda output: parts[output](), data | {"complete": True}, text, work.complete)
+    return run_outputs(scene.outputs, lambda output: parts[output](), data | {"complete": True}, text, work.complete,
+                       tables={"models": data["models"]})

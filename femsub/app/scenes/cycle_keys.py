@@ -121,7 +121,7 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
                  ["s", "d", ".4g", ".6g", ".5g", ".5g", ".0f", "s", ".4g", "d", ".0e", ".2f", ".1e", ".1e"])
     text = [f"Limit cycles at v0 = {scene.speed:g}, F = {scene.force:g} (speed under the belt; sticking in %)\n{said}"]
     text += [f"{look(row['model']).label} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row]
-    return Result({"cycles": rows}, [{**row, "multiplier": str(row.get("multiplier", ""))} for row in rows], "\n".join(text), {})
+    return Result({"cycles": rows}, {"cycles": rows}, "\n".join(text), {})
 
 
 def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], tell: Progress) -> Result:
@@ -151,8 +151,6 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
                              [item["branch"] for item in found if item["model"] == name and "branch" in item])]
     rows = [{"model": item["model"], "family": item["family"], **row} for item in found if "branch" in item
             for row in item["branch"].rows()]
-    rows += [{"model": dot["model"], "family": "transient", scene.parameter: dot["value"], "omega": dot["omega"],
-              "rms": dot["rms"]} for dot in dots]
     lines, special = [], []
     for item in found:
         if "why" in item:
@@ -176,7 +174,7 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
     data = {"branches": [{key: value for key, value in item.items() if key != "branch"} |
                          (_plain(item["branch"]) if "branch" in item else {}) for item in found], "transients": dots}
     now = float(getattr(scene.rubbing, scene.parameter))
-    return Result(data, rows, text, {"bifurcation": lambda: bifurcation_figure(
+    return Result(data, {"branches": rows, "transients": dots}, text, {"bifurcation": lambda: bifurcation_figure(
         [item for item in found if "branch" in item], dots, scene.parameter, families, now, scene.name)})
 
 

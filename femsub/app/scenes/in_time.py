@@ -90,7 +90,7 @@ def growth(models: Sequence[tuple[str, Substructure]], belt: Belt) -> Result:
     head = f"Growth of the most unstable mode below the cut-off, from {FAINT:g} of the belt's speed"
     if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
         head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
-    return Result({"growth": rows} | ({} if work.complete else {"complete": False}), rows, f"{head}\n{said}", {})
+    return Result({"growth": rows} | ({} if work.complete else {"complete": False}), {"growth": rows}, f"{head}\n{said}", {})
 
 
 def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def highest(tracks: Sequence[Track]) -> float:
 def signals(tracks: Sequence[Track]) -> Result:
     """Velocities under the belt: all of the run, and the last ten periods."""
     seen = any(len(item.run.t) > 1 for item in tracks)
-    return Result({}, [], "", {"signals": lambda: signals_figure(tracks)} if seen else {})
+    return Result({}, {}, "", {"signals": lambda: signals_figure(tracks)} if seen else {})
 
 
 def spectra(tracks: Sequence[Track]) -> Result:
@@ -143,7 +143,8 @@ def spectra(tracks: Sequence[Track]) -> Result:
     known = [item for item in tracks if item.spectrum is not None]
     rows = [{"model": item.kind, "size": item.model.size, "omega": at, "amplitude": height} for item in known
             if item.spectrum is not None for at, height in zip(item.spectrum.peaks, item.spectrum.heights, strict=True)]
-    return Result({"spectrum": rows}, rows, "", {"spectrum": lambda: spectra_figure(known, highest(known))} if known else {})
+    drawings = {"spectrum": lambda: spectra_figure(known, highest(known))} if known else {}
+    return Result({"spectrum": rows}, {"spectrum": rows}, "", drawings)
 
 
 def spectrograms(tracks: Sequence[Track], length: float) -> Result:
@@ -153,7 +154,7 @@ def spectrograms(tracks: Sequence[Track], length: float) -> Result:
     rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,
              "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
             for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
-    return Result({"spectrogram": {"length": length, "strongest": rows}}, rows, "",
+    return Result({"spectrogram": {"length": length, "strongest": rows}}, {"spectrogram": rows}, "",
                   {"spectrogram": lambda: spectrogram_figure(made, highest(tracks))} if made else {})
 
 
@@ -164,7 +165,7 @@ def quality(tracks: Sequence[Track], belt: Belt) -> Result:
     """
     known = [item for item in tracks if item.spectrum is not None and len(item.spectrum.peaks)]
     if not known or known[0].kind != "full":
-        return Result({"quality": []}, [], "", {})
+        return Result({"quality": []}, {}, "", {})
     exact, reduced = known[0], known[1:]
     measured = [{"model": item.kind, "error_frequency": relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
                  "error_amplitude": relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
@@ -176,4 +177,4 @@ def quality(tracks: Sequence[Track], belt: Belt) -> Result:
                  ["s", "d", ".0%", ".0%", ".1%", ".1%", ".1%", ".1%", ".1%"])
     verdicts = [f"{look(row['model']).label}: {row['verdict']}" for row in rows]
     head = "Quality of the reduced models under self-excitation, from linear data, beside this run's errors"
-    return Result({"quality": rows}, rows, "\n".join([head, said, *verdicts]), {})
+    return Result({"quality": rows}, {"quality": rows}, "\n".join([head, said, *verdicts]), {})

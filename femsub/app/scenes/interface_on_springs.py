@@ -22,7 +22,7 @@ def interface_on_springs(work: Work) -> Result:
     """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
     sub = work.sub
     if not len(sub.interface):
-        return Result({"joined-interface": []}, [], "Interface on springs: the component has no interface DOF", {})
+        return Result({"joined-interface": []}, {}, "Interface on springs: the component has no interface DOF", {})
     condensed = np.diag(work.reduce(CraigBampton(0)).K)[:len(sub.interface)]
     bare = sub.K.diagonal()[sub.interface]
     own = np.where(condensed > 1e-9 * bare, condensed, bare)
@@ -43,7 +43,8 @@ def interface_on_springs(work: Work) -> Result:
     head = (f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
             "component's own at each interface DOF")
     title = f"{work.scene.name}: interface on springs, lowest {count} frequencies"
-    return Result({"joined-interface": rows}, rows, f"{head}\n{said}", {"joined-interface": lambda: joined_figure(rows, title)})
+    return Result({"joined-interface": rows}, {"joined-interface": rows}, f"{head}\n{said}",
+                  {"joined-interface": lambda: joined_figure(rows, title)})
 
 
 def _frequencies(model: Substructure, springs: Array, count: int) -> Array:

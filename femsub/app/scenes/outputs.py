@@ -62,10 +62,10 @@ def _modes(work: Work) -> Result:
     data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
     mesh, shapes = work.mesh, work.field(found.shapes)
     if mesh is None or shapes is None or not work.scene.figures:
-        return Result({"modes": data}, rows, f"{head}\n{said}", {})
+        return Result({"modes": data}, {"modes": rows}, f"{head}\n{said}", {})
     titles, title = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows], f"{work.scene.name}: normal modes"
     fields = {f"mode-{row['mode']:02d}": shapes[..., i] for i, row in enumerate(rows)}
-    return Result({"modes": data}, rows, f"{head}\n{said}",
+    return Result({"modes": data}, {"modes": rows}, f"{head}\n{said}",
                   {"modes": lambda: shapes_figure(mesh, shapes[..., :DRAWN], titles[:DRAWN], title, work.marks)},
                   {"modes.vtu": partial(_vtu, mesh, fields)})
 
@@ -94,7 +94,8 @@ def _critical(work: Work) -> Result:
     if any(row["omega"] == 0 for row in rows):
         notes.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
                      f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * band[1]:.3g}, {band[1]:.6g}]")
-    return Result({"critical-slope": rows}, rows, "\n".join(["Critical slopes dμ/dv in the band", said, *notes]), {})
+    text = "\n".join(["Critical slopes dμ/dv in the band", said, *notes])
+    return Result({"critical-slope": rows}, {"critical-slope": rows}, text, {})
 
 
 def _port_error(model: Substructure) -> float:
@@ -131,10 +132,10 @@ def _eigenvalues(work: Work) -> Result:
     title = f"{work.scene.name}: dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}"
     drawings: dict[str, Callable[[], Any]] = {"eigenvalues": lambda: eigenvalue_figure(panels, title)}
     if at is None:
-        return Result(data, rows, f"{head}\n{said}", drawings)
+        return Result(data, {"eigenvalues": rows}, f"{head}\n{said}", drawings)
     shown = _recovered(work, exact, at, models[-1])
-    return Result(data | {"least-stable": shown.data}, rows, f"{head}\n{said}\n{shown.text}", drawings | shown.drawings,
-                  shown.files)
+    return Result(data | {"least-stable": shown.data}, {"eigenvalues": rows}, f"{head}\n{said}\n{shown.text}",
+                  drawings | shown.drawings, shown.files)
 
 
 def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[str, Any]:
@@ -171,7 +172,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     name, modes, model, found = last
     assert isinstance(model, ReducedSubstructure)
     if not len(found):
-        return Result({}, [], f"{look(name).label} with {modes} modes has no eigenvalue in the band: no shape is recovered", {})
+        return Result({}, {}, f"{look(name).label} with {modes} modes has no eigenvalue in the band: no shape is recovered", {})
     value, q = _counterpart(found, exact, at)
     u = model.expand(q)
     error = float(work.sub.linearised(work.belt).backward_error(np.array([value]), u[:, None])[0])
@@ -182,7 +183,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
             "backward_error": error}
     mesh, whole = work.mesh, work.field(u)
     if mesh is None or whole is None or not work.scene.figures:
-        return Result(data, [], told, {})
+        return Result(data, {}, told, {})
     # any phase will do: the one in which the place that moves most is at its largest
     largest = whole.ravel()[np.argmax(np.abs(whole))]
     shape = whole * (np.conj(largest) / abs(largest))
@@ -191,7 +192,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     titles = ["real part", f"imaginary part, drawn {1 / small:.3g} times larger"]
     title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {look(name).label} with "
              f"{model.size} DOF")
-    return Result(data, [], told, {"least-stable": lambda: shapes_figure(mesh, parts, titles, title, work.marks)},
+    return Result(data, {}, told, {"least-stable": lambda: shapes_figure(mesh, parts, titles, title, work.marks)},
                   {"least-stable.vtu": partial(_vtu, mesh, {"real-part": shape.real, "imaginary-part": shape.imag})})
 
 
@@ -204,7 +205,8 @@ def _error_time(work: Work) -> Result:
     data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,
                                                 "model": None if best is None else best.flat()}}
     studies = [(f"of {len(work.sub.interface)} DOF", found)]
-    return Result(data, rows, f"Error against run time\n{found}\n{words}", {"error-time": lambda: error_time_figure(studies)})
+    return Result(data, {"error-time": rows}, f"Error against run time\n{found}\n{words}",
+                  {"error-time": lambda: error_time_figure(studies)})
 
 
 PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,

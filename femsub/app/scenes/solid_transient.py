@@ -96,7 +96,7 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
 
     views["error-time"] = error_time
     return run_outputs(scene.outputs, lambda output: views[output](), data | {"complete": True}, text, long.complete,
-                       ["error-time"])
+                       ["error-time"], {"models": data["models"]})
 
 
 def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State, period: float,
@@ -125,5 +125,6 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
                    row["seconds_per_period"], row["speedup"], row["steps"], row["energy_residual"]] for row in rows],
                  ["s", "d", "d", ".6g", ".1e", ".2g", ".4g", "d", ".0e"])
     head = f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)"
-    return Result({"error-time": rows} | ({} if course.complete else {"complete": False}), rows, f"{head}\n{said}",
-                  {"error-time": lambda: period_figure(rows)} if len(rows) > 1 else {})
+    data = {"error-time": rows} | ({} if course.complete else {"complete": False})
+    drawings = {"error-time": lambda: period_figure(rows)} if len(rows) > 1 else {}
+    return Result(data, {"error-time": rows}, f"{head}\n{said}", drawings)
