@@ -170,7 +170,7 @@ def test_a_reduced_model_reduces_again() -> None:
     assert second.size == 8 and second.cutoff <= first.cutoff
     lowest = np.sqrt(la.eigvalsh(second.K, second.M))[0]
     assert lowest == pytest.approx(fs.chain_frequencies(300, 1)[0], rel=1e-5)
-    with pytest.raises(ValueError, match="reduce the full component instead"):
+    with pytest.raises(ValueError, match="Reduce the full component instead"):
         fs.reduce(quiet(fs.chain(30), fs.CraigChang(4)), fs.CraigBampton(2))
 
 
@@ -198,7 +198,7 @@ def test_refusals() -> None:
         with pytest.raises((ValueError, TypeError), match="modes must"):
             fs.CraigBampton(wrong)
     for method in METHODS:
-        with pytest.raises(ValueError, match="modes=0 and no interface leave nothing to move"):
+        with pytest.raises(ValueError, match="would be empty: modes=0, and no interface"):
             fs.reduce(fs.Substructure(fs.chain(5).M, fs.chain(5).K), method(0))
     rom = quiet(fs.chain(10), fs.CraigBampton(2))
     with pytest.raises(ValueError, match="q must have 3 rows"):

@@ -272,12 +272,12 @@ def test_special_components() -> None:
             at, to = paired(exact, found)
             inside = within(exact[at], (0.0, 0.15))
             assert inside.sum() >= 5 and np.abs(found[to] / exact[at] - 1)[inside].max() <= 1e-3
-    with pytest.raises(fs.InputError, match="is itself reduced, cut off at"):
+    with pytest.raises(fs.InputError, match="is already reduced, with a cut-off of"):
         fs.reduce(reduced_already, fs.CraigBampton(band=(0.0, 1.0), tol=1e-3))
 
 
 def test_what_cannot_be_met_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(fs.NotConvergedError, match=r"cannot be reduced to 1e-17.*with \d{1,2} modes.*rounding alone takes"):
+    with pytest.raises(fs.NotConvergedError, match=r"to a relative error of 1e-17.*with \d{1,2} modes.*Rounding alone causes"):
         quietly(fs.chain(3000, belt=2), fs.CraigBampton(band=(0.0, 0.005), tol=1e-17))
     monkeypatch.setattr("femsub.reduction.mode_selection.MOST", 20)
     monkeypatch.setattr("femsub.reduction.mode_selection.DENSE", 100)
@@ -330,7 +330,7 @@ def test_refusals(kind: type) -> None:
             kind(**wrong)
     with pytest.raises(fs.InputTypeError, match="tol must be a number"):
         kind(band=(0, 1), tol="fine")
-    with pytest.raises(fs.InputError, match="contacts are for a tolerance"):
+    with pytest.raises(fs.InputError, match="contacts have no effect on a basis with a given number"):
         fs.reduce(fs.chain(10), kind(3), contacts=fs.Belt(slope=-0.1))
     with pytest.raises(fs.InputTypeError, match="list of Belts, or a Belt"):
         fs.reduce(fs.chain(10), kind(band=(0, 1), tol=1e-3), contacts=-0.1)

@@ -1,4 +1,4 @@
-"""What the steps from the modes on return, and the basis that is put together of them."""
+"""Results of the steps of a reduction, and the assembly of the basis V from them."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """The modes of a basis: all that were found, of which `elastic` are kept, with the rigid ones; those left out begin at
-    `cutoff`. The estimate is that of a band and a tolerance.
+    """The modes of a basis: `found` holds all computed modes. Kept are the rigid ones and the first `elastic` others.
+
+    `cutoff` is the frequency of the first mode that is left out. `estimate` is set for a band and a tolerance.
     """
 
     found: NormalModes
@@ -47,9 +48,10 @@ class Kept:
 
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """Static responses of the part: `rest` (n_i, s), to F, without the share of the modes; and energies (p,), to all ports.
+    """Static responses to F without the modes' contribution (`rest`, shape (n_i, s)), and energies for all port columns (p,).
 
-    `whole` is the energy of each port column's response, `missing` what the first `known` columns of [Φ Ξ] do not hold of it.
+    `whole` is the energy of the full static response to each port column. `missing` is the part of it that the first
+    `known` columns of [Φ Ξ] do not represent.
     """
 
     rest: Array
@@ -60,9 +62,9 @@ class Responses:
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """V (n, r) with its labels, and M = VᵀMV, K = VᵀKV (r, r) from the relations that the modes fulfil.
+    """V (n, r) with its labels, and M = VᵀMV, K = VᵀKV (r, r) from the orthogonality of the modes.
 
-    K is not formed as VᵀKV: for the low modes of a large model that product is all cancellation.
+    K is not computed as a product VᵀKV: for the low modes of a large model, cancellation leaves no correct digit in it.
     """
 
     V: Array
@@ -78,7 +80,7 @@ class Basis:
 
 
 def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array], mode_kind: str) -> Basis:
-    """V = [C Φ Ξ], of which the elastic columns of Φ are labelled `mode_kind`."""
+    """V = [C Φ Ξ]. The elastic columns of Φ get the label `mode_kind`."""
     C, forces = statics.constraint, statics.forces
     residual, stiffness, inertia, dropped = independent(statics.handle, responses.rest, forces, kept.shapes, kept.values)
     n_c, r = C.shape[1], C.shape[1] + len(kept.values)
@@ -91,7 +93,7 @@ def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping
 
 
 def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array, coupling: Array) -> tuple[Array, Array]:
-    """M and K (r, r) in [C Φ Ξ], of CᵀKC, ω² of Φ, stiffness and mass of Ξ, and [C Φ Ξ]ᵀMC (r, n_c).
+    """M and K (r, r) in [C Φ Ξ], from CᵀKC, the ω² of Φ, the stiffness and mass of Ξ, and [C Φ Ξ]ᵀMC (r, n_c).
 
     CᵀK[Φ Ξ] = 0 and ΦᵀKΦ = Ω²; the condensed stiffness needs no second product with K.
     """
@@ -107,7 +109,7 @@ def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array,
 
 @phase("projection")
 def projected(A: Matrix, V: Array, W: Array) -> Array:
-    """VᵀAW, shape (r, s), without AW: a block of columns at a time."""
+    """VᵀAW, shape (r, s), a block of columns at a time, so that AW is never stored as a whole."""
     result = np.zeros((V.shape[1], W.shape[1]))
     if not sp.issparse(A) or A.nnz:
         for start in range(0, W.shape[1], COLUMNS):
@@ -118,10 +120,10 @@ def projected(A: Matrix, V: Array, W: Array) -> Array:
 
 def _port_errors(ports: Mapping[str, Array], V: Array, condensed: Array, values: Array,
                  responses: Responses) -> dict[str, float]:
-    """Static error per port, sqrt(missing / whole) in energy, the largest over its columns.
+    """Static error per port: sqrt(missing / whole energy), the largest over the port's columns.
 
-    The constraint modes are exact, so all that is missing is in the part whose modes are kept. For a component that floats
-    on its interface the whole is taken for the self-equilibrated part of the load.
+    The constraint modes are exact. The error therefore comes only from the part whose modes are kept. For a component that
+    floats on its interface, `whole` is the energy of the self-equilibrated part of the load.
     """
     errors, at, n_c = {}, 0, len(condensed)
     inverse = np.linalg.pinv(condensed, rcond=1e-12, hermitian=True) if n_c else condensed

@@ -18,42 +18,56 @@ from femsub.reduction.statics import COLUMNS, Partition, Statics, square, zeros
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
 
-DIGITS = 1e-4  # of the condensed stiffness that rounding may take before `reduce` warns
-CLEAR = 4e-15  # up to here it is rounding, beyond any doubt (see `rounding_ratio`)
-SOFT = 1e-4  # condensed stiffness, relative to that of the interface with all else fixed, that may be rounding
+DIGITS = 1e-4  # relative rounding error of the condensed stiffness above which `reduce` warns
+CLEAR = 4e-15  # below this energy ratio a motion is certainly rigid (see `rounding_ratio`)
+SOFT = 1e-4  # eigenvalues of the scaled condensed stiffness below this may be rounding, and are examined
 
 
 @dataclass(frozen=True)
 class CraigBampton(Method):
-    """V = [[I, 0], [Ψ, Φ]], Ψ = -K_ii⁻¹ K_ib (n_i, n_b), (K_ii - ω²M_ii) φ = 0, Φᵀ M_ii Φ = I (n_i, m).
+    """Hurty/Craig-Bampton (HCB): constraint modes of the interface, and modes with the interface fixed.
 
-    Shown in the order (interface, interior); the rows of V follow the component's own numbering. The first n_b
-    coordinates are the interface displacements themselves. With `ports=True` the static responses K_ii⁻¹ w_i join,
-    made orthogonal to Φ.
+    V = [[I, 0], [Ψ, Φ]], Ψ = -K_ii⁻¹ K_ib (n_i, n_b), (K_ii - ω²M_ii) φ = 0, Φᵀ M_ii Φ = I (n_i, m).
+
+    The blocks are shown in the order (interface, interior); the rows of V follow the component's own numbering. The first
+    n_b coordinates are the interface displacements. ``reduce(..., ports=True)`` adds the static responses K_ii⁻¹ w_i to
+    the ports, made orthogonal to Φ.
 
     Parameters
     ----------
     modes : int
         Number m of fixed-interface modes.
     band : (lo, hi), with tol : float
-        Instead of `modes`: the fewest with which every mode from lo to hi, in radians per unit of time, is estimated to
-        be within the relative error `tol`, and hi is below 0.7 of the cut-off; see `reduce`.
+        Instead of `modes`: the smallest number for which every mode from lo to hi (radians per unit of time) is
+        estimated to be within the relative error `tol`, and hi is below 0.7 of the cut-off; see `reduce`.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Neither `modes` nor `band` with `tol`, or both; a negative or non-integer number of modes; tol outside (0, 1).
 
     References
     ----------
     R. R. Craig, M. C. C. Bampton, AIAA J. 6 (1968) 1313; W. C. Hurty, AIAA J. 3 (1965) 678; the paper, eqs. (9)-(15).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub = fs.chain(10, belt=1)
+    >>> fs.reduce(sub, fs.CraigBampton(modes=4)).kinds
+    ('constraint', 'fixed-interface', 'fixed-interface', 'fixed-interface', 'fixed-interface')
     """
 
     key, label, colour, marker = "craig-bampton", "Craig-Bampton", "#c44e00", "s"
     held = True
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
-        """Constraint modes with their stiffness; of static responses those to the ports that were asked for."""
+        """Constraint modes with their stiffness, and the port columns whose static responses join the basis."""
         sub, b = part.sub, part.sub.interface
         if handle.floating and len(b):
             raise InputError(
                 f"the interface does not hold {sub.name!r}: with its {len(b)} DOF fixed, {handle.rigid.shape[1]} rigid-body "
-                "modes remain, and constraint modes do not exist; add interface DOF, or use CraigChang")
+                "modes remain. Craig-Bampton's constraint modes need a held component. Add interface DOF, or use CraigChang")
         C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes))
         C[b, np.arange(len(b))] = 1.0
         return Statics(part, handle, C, _condensed(sub, _constraint_modes(handle, sub, C), C), extra[part.rows], "static port")
@@ -62,9 +76,9 @@ class CraigBampton(Method):
 def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
     """ΨᵀKΨ for the constraint modes, with exactly 0 for rigid motion.
 
-    Of a floating component it is what large forces leave when they cancel. On an interface that just holds it (the two
-    DOF at one end of a beam) nothing is left but rounding, of either sign, which nobody could tell from stiffness later.
-    Where much cancels, two formulas for the same stiffness, K_bb + K_bi Ψ and ΨᵀKΨ, tell what is left of its digits.
+    For a floating component this matrix is the small difference of large forces. If the interface just holds the component
+    (the two DOF at one end of a beam), the exact result is 0, and rounding of either sign would look like a stiffness.
+    Two formulas for the same matrix, K_bb + K_bi Ψ and ΨᵀKΨ, show how many digits are correct.
     """
     condensed = (condensed + condensed.T) / 2
     if not condensed.size:
@@ -74,19 +88,19 @@ def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
     doubtful = np.flatnonzero(values <= SOFT)
     if not len(doubtful):
         return condensed
-    # constraint modes carry the rounding of their solve, which rigid shapes have been cleaned of
+    # ten times the limit of rigid-body modes: constraint modes also contain the rounding of their solve
     ratio = rounding_ratio(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful]))
     rigid = doubtful[ratio < 10 * RIGID]
     if not len(rigid):
         return condensed
     if ratio[ratio < 10 * RIGID].max() > CLEAR and not annihilates_a_translation(sub.K):
-        # A long slender part that is held looks much the same: ask K itself.
+        # A long slender part that is held has similar ratios: count the rigid-body modes of K itself.
         rigid = rigid[:ShiftInvert(sub.K, sub.M).rigid.shape[1]]
     if not len(rigid):
         lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed).max() / np.abs(condensed).max()
         if lost > DIGITS:
-            warnings.warn(f"the condensed stiffness of {sub.name!r} has lost its digits: two formulas differ by {lost:.1e}, "
-                          "since the stiffness of its elements is so much larger; take fewer elements, or larger ones",
+            warnings.warn(f"the condensed stiffness of {sub.name!r} is inaccurate: two formulas for it differ by {lost:.1e} "
+                          "(relative). Its elements are much stiffer than the component as a whole. Coarsen the mesh",
                           ConditionWarning, stacklevel=5)
         return condensed
     values[rigid] = 0.0
@@ -96,7 +110,7 @@ def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
 
 
 def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array) -> Array:
-    """Puts Ψ = -K_ii⁻¹K_ib into the rows of the interior, a block of columns at a time; returns K_bb + K_bi Ψ."""
+    """Write Ψ = -K_ii⁻¹K_ib into the interior rows of V, a block of columns at a time; return K_bb + K_bi Ψ."""
     b, i = sub.interface, sub.interior
     Kib, condensed = sub.K[i][:, b], square(sub.K, b)
     for start in range(0, len(b), COLUMNS):

@@ -1,7 +1,7 @@
-"""How far a reduced model's frequencies and complex eigenvalues are from the component's, without solving the component.
+"""Error estimates of a reduced model's frequencies and complex eigenvalues, without a solution of the full component.
 
-Everything here is dense and small. `Nested` holds M, D and K in coordinates U = [C Φ Ξ] that contain the reduced model
-of every size up to that of Φ, and with Ξ = (I - ΦΦᵀM)K⁻¹[…] what the residual of the largest one asks for.
+Everything here is dense and small. `Nested` holds M, D and K in coordinates U = [C Φ Ξ]. They contain the reduced model of
+every size up to the number of modes in Φ. Ξ = (I - ΦΦᵀM)K⁻¹[…] adds the static responses to the residuals of the largest one.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from femsub.modes.static_shapes import NOISE, energy_directions
 from femsub.quadratic.dense import solve
 from femsub.quadratic.matching import match
 
-FAR = 2.0  # |Δλ| / |λ| from which on no two eigenvalues are nearer than others
-MARGIN = 1.01  # on each figure: where all modes are at hand it is the error itself, and rounding would take it below that
+FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
+MARGIN = 1.01  # safety factor on each estimate: with all modes the estimate is the error itself, and rounding could undercut it
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +30,9 @@ class Nested:
     """M, D, K (R, R) in U = [C Φ Ξ]: `constraint` columns C, `rigid` rigid-body modes, the elastic modes of `values`, Ξ.
 
     CᵀK[Φ Ξ] = 0, ΦᵀKΦ = diag(values), ΦᵀMΞ = ΦᵀKΞ = 0, ΞᵀKΞ diagonal. `loads` = UᵀF (R, s) are the forces whose static
-    response belongs to every reduced model; all K⁻¹F and, for C, all K⁻¹MC lie in the span of U. D is None without damping.
-    `rounding` (n_c, n_c) is what CᵀKC may be off by: stiff springs leave few digits of a soft interface's stiffness. Mass per
-    stiffness below `lightest` times that of the modes does not count (see `static_shapes.lightest`).
+    response belongs to every reduced model. All K⁻¹F and, for C, all K⁻¹MC lie in the span of U. D is None without damping.
+    `rounding` (n_c, n_c) bounds the rounding error of CᵀKC, which is large where stiff springs meet a soft interface. Mass
+    per stiffness below `lightest` times that of the modes counts as none (see `static_shapes.lightest`).
     """
 
     M: Array
@@ -62,11 +62,11 @@ class Nested:
 
     @cached_property
     def complete(self) -> bool:
-        """Whether the modes are all there are: Ξ is empty then, or what massless DOF add to them."""
+        """Whether all modes of the component are in Φ. Ξ is then empty, or holds the static shapes of massless DOF."""
         return not self.M.diagonal()[self.rest].any()
 
     def cutoff(self, count: int) -> float:
-        """The frequency of the first mode that `count` modes leave out, as far as it is known here."""
+        """The frequency of the first mode left out if `count` modes are kept (inf if none is known)."""
         if count < self.modes:
             return float(np.sqrt(self.values[count]))
         return np.inf if self.complete or not self.modes else float(np.sqrt(self.values[-1]))
@@ -74,8 +74,8 @@ class Nested:
     def basis(self, count: int) -> Array:
         """T (R, r): the reduced model with the `count` lowest elastic modes in the coordinates of U.
 
-        The static shapes of F less `count` modes are Ξ(ΞᵀKΞ)⁻¹ΞᵀF and the left-out φ_k (φ_kᵀF)/ω_k². Those that move mass by
-        rounding only move none.
+        The static shapes of F, without `count` modes, are Ξ(ΞᵀKΞ)⁻¹ΞᵀF plus φ_k (φ_kᵀF)/ω_k² of the modes left out. If their
+        mass is only rounding, it is set to 0.
         """
         first, kept = self._first, self._first + count
         shapes = np.zeros(self.loads.shape)
@@ -96,7 +96,7 @@ class Nested:
         return np.hstack([np.eye(len(self.M))[:, :kept], shapes])
 
     def projected(self, T: Array) -> tuple[Array, Array]:
-        """TᵀMT and TᵀKT, symmetric to the last digit."""
+        """TᵀMT and TᵀKT, exactly symmetric."""
         M, K = T.T @ self.M @ T, T.T @ self.K @ T
         return (M + M.T) / 2, (K + K.T) / 2
 
@@ -112,17 +112,17 @@ class Nested:
 
     @cached_property
     def bounds(self) -> Array:
-        """ω_j ≤ those of the component, j = 1, 2, … (elastic), of which those below the cut-off mean something.
+        """Lower bounds of the component's elastic frequencies, ascending. Only those below the cut-off are meaningful.
 
-        The component's frequencies are where S(λ) = K_r - λM_r - λ² B(Ω² - λ)⁻¹Bᵀ is singular, with r for [C Φ], Ω² ≥ θ_c
-        of the modes left out and B = CᵀMΦ_left their coupling. For λ < θ_c
+        The component's ω² are the λ at which S(λ) = K_r - λM_r - λ² B(Ω² - λ)⁻¹Bᵀ is singular. Here K_r and M_r belong to
+        [C Φ], Ω² ≥ θ_c to the modes left out, and B = CᵀMΦ_left is their coupling. For λ < θ_c
 
             B(Ω² - λ)⁻¹Bᵀ ≤ G₀ + λG₁ / (1 - λ/θ_c),   G₀ = BΩ⁻²Bᵀ = ZᵀK⁻¹Z, G₁ = BΩ⁻⁴Bᵀ = ZᵀK⁻¹MK⁻¹Z,
 
-        Z the residual MC without the modes kept and K⁻¹ that of the interior. With the right-hand side S has no fewer
-        negative eigenvalues, hence no larger roots (Sylvester's inertia, as in the bounds of Lehmann and of Kato). It
-        is what modes at θ_c with BBᵀ = θ_c²G₁ and at infinity with G₀ - θ_cG₁ leave: the roots are those of one
-        symmetric eigenproblem.
+        where Z is MC without the contribution of the kept modes, and K⁻¹ that of the interior. With the right-hand side
+        inserted, S has at least as many negative eigenvalues, hence its roots are not larger (Sylvester's law of inertia,
+        as in the bounds of Lehmann and of Kato). The right-hand side is that of substitute modes: some at θ_c with
+        BBᵀ = θ_c²G₁, others at infinity with G₀ - θ_cG₁. The bounds are the eigenvalues of one symmetric eigenproblem.
 
         References
         ----------
@@ -143,13 +143,13 @@ class Nested:
         static = coupling / np.sqrt(stiffness)[:, None]  # G₀ = staticᵀ static
         dynamic = coupling * (np.sqrt(inertia) / stiffness)[:, None]
         soft = _root(static.T @ static - top * (dynamic.T @ dynamic))
-        L = np.vstack([np.sqrt(top) * dynamic, soft])  # rows: modes at θ_c, in units of their stiffness, and at infinity
+        L = np.vstack([np.sqrt(top) * dynamic, soft])  # rows: substitute modes at θ_c, scaled by stiffness; then at infinity
         a, b = len(ritz.eigenvalues), len(L)
         weight = np.concatenate([np.zeros(r), ritz.eigenvalues[r:] ** -0.5])
         mass = np.zeros((a + b,) * 2)
         mass[:a, :a], mass[:a, a:], mass[a:, :a] = np.eye(a), L.T, L
         mass[a:, a:] = np.diag(np.concatenate([np.full(len(dynamic), 1 / top), np.zeros(len(soft))]))
-        elastic = mass[r:, r:] - mass[r:, :r] @ mass[:r, r:]  # rigid motion has no stiffness: it follows
+        elastic = mass[r:, r:] - mass[r:, :r] @ mass[:r, r:]  # rigid-body motion is condensed: it has no stiffness
         scale = np.concatenate([weight[r:], np.ones(b)])
         inverse = np.linalg.eigvalsh(scale[:, None] * elastic * scale)[::-1]
         inverse = inverse[inverse > 0]
@@ -157,7 +157,7 @@ class Nested:
 
     @cached_property
     def reference(self) -> tuple[Array, Array]:
-        """λ of the whole of U with Im λ ≥ 0, the rigid ones left out, and what rounding may have done to each."""
+        """λ of the model in all coordinates U with Im λ ≥ 0, without rigid-body ones, and the rounding error of each."""
         return self._solved(np.eye(len(self.M)))[:2]
 
     def damped(self, count: int) -> tuple[Array, Array, Array, Array, Array]:
@@ -174,7 +174,7 @@ class Nested:
         slope = np.abs(np.einsum("ij,ij->j", Y.conj(), (pencil.M @ X) * (2 * values) + pencil.D @ X))
         x, y, size = np.abs(X), np.abs(Y), np.abs(values)
         noise = EPS * np.einsum("ij,ij->j", y, (np.abs(M) @ x) * size**2 + (np.abs(D) @ x) * size)
-        noise += EPS * _product(K, X, Y)  # the energy, in which large forces of soft motion cancel: of these `rounding` tells
+        noise += EPS * _product(K, X, Y)  # energies, not entries: cancellation in soft motion is covered by `rounding`
         X, Y = T @ X, T @ Y
         noise += _product(self.rounding, X[:self.constraint], Y[:self.constraint])
         bar = np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0)
@@ -187,7 +187,7 @@ class Nested:
 
     @cached_property
     def at_zero(self) -> int:
-        """How many λ are 0: for each rigid-body mode, in C or beside it, one, and one more where D does not brake it."""
+        """Number of λ at 0: one per rigid-body mode, two where D does not damp it."""
         kept = self._first + self.modes
         found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept])
         if self.D is None or not found.rigid:
@@ -199,16 +199,16 @@ class Nested:
 
     @cached_property
     def doubt(self) -> tuple[Array, Array]:
-        """λ of the largest reduced model, and how far the reference may be off where that has its λ.
+        """λ of the largest reduced model, and a bound of the reference's error near each.
 
-        With r = P(λ)Vq and s = P(λ)ᴴVz the shift to the component is sᴴ P_l(λ)⁻¹ r / (zᴴP'q), P_l in the modes left
-        out (first order, both vectors: Craig-Bampton's and Craig-Chang's residuals have no other part). U holds K⁻¹r and
-        K⁻¹s, so that the reference has all of it but the terms from the third on of
+        With r = P(λ)Vq and s = P(λ)ᴴVz the component's λ differs by sᴴ P_l(λ)⁻¹ r / (zᴴP'q) to first order. P_l acts in
+        the modes left out; the residuals of Craig-Bampton and Craig-Chang have no other part. U holds K⁻¹r and K⁻¹s, so
+        the reference contains the first two terms of
 
-            P_l⁻¹ = K_l⁻¹ - K_l⁻¹(λ²M + λD)K_l⁻¹ + …,
+            P_l⁻¹ = K_l⁻¹ - K_l⁻¹(λ²M + λD)K_l⁻¹ + …
 
-        which with ρ = |λ|²/ω_cut² come to ρ²/(1 - ρ) sqrt(rᴴK_l⁻¹r · sᴴK_l⁻¹s) / |zᴴP'q| at most, where D turns
-        little in the modes left out.
+        and neglects those of third and higher order. With ρ = |λ|²/ω_cut² these are at most
+        ρ²/(1 - ρ) sqrt(rᴴK_l⁻¹r · sᴴK_l⁻¹s) / |zᴴP'q|, if D is small in the modes left out.
 
         References
         ----------
@@ -217,7 +217,7 @@ class Nested:
         """
         assert self.D is not None
         values, _, X, Y, slope = self.damped(self.modes)
-        if self.rest.start == self.rest.stop or not self.modes:  # nothing is left out, or nothing that has mass
+        if self.rest.start == self.rest.stop or not self.modes:  # nothing with mass is left out
             return values, np.zeros(len(values))
         pencil = Pencil(self.M, self.D, self.K)
         stiffness = self.K.diagonal()[self.rest, None]
@@ -228,7 +228,7 @@ class Nested:
         return values, ratio**2 / (1 - ratio) * np.divide(size, slope, out=np.full(len(size), np.inf), where=slope > 0)
 
     def estimate(self, count: int, band: tuple[float, float], tol: float, damped: bool = True) -> Estimate:
-        """That of the reduced model with `count` modes."""
+        """The error estimate of the reduced model with `count` modes."""
         (omega, rounding), low = self.undamped(count), self.bounds
         known = min(len(omega), len(low))
         inside = np.flatnonzero(~beyond(low[:known], band[1]) & ~beyond(band[0], omega[:known]))
@@ -253,7 +253,7 @@ class Nested:
         return max(floor, float((bar[inside] / np.abs(exact[inside])).max(initial=0.0)))
 
     def _compared(self, count: int, band: tuple[float, float]) -> tuple[Array, Array, int]:
-        """λ of the reduced model that belong to those of the reference in the band, their errors, and how many miss one."""
+        """λ of the reduced model matched with the reference in the band, their errors, and the number without a match."""
         found, bar = self.damped(count)[:2]
         exact, exact_bar = self.reference
         at, to = match(exact, found, far=FAR)

@@ -1,4 +1,4 @@
-"""What a reduction method is: its names and looks, the part whose modes it keeps, and the steps that are its own."""
+"""The base class of all reduction methods: names and plot style, which modes are kept, and the steps of the method."""
 
 from __future__ import annotations
 
@@ -24,30 +24,32 @@ METHODS: dict[str, type[Method]] = {}  #: every method by its key
 
 @dataclass(frozen=True)
 class Method(ABC):
-    """u ≈ Vq, V = [C Φ Ξ]: static shapes C, modes Φ of a part of the component, and what static responses add to them, Ξ.
+    """Base class of the reduction methods: u ≈ Vq, V = [C Φ Ξ].
+
+    C are static shapes (constraint modes), Φ are modes, and Ξ are static responses made orthogonal to Φ.
 
     Parameters
     ----------
     modes : int
         Number of elastic modes that are kept.
     band : (lo, hi), with tol : float
-        Instead of `modes`: as many as a band and a tolerance need; see `reduce`.
+        Instead of `modes`: the number follows from a band and a tolerance; see `reduce`.
 
     Notes
     -----
-    A method of your own is a subclass with a key; from then on `study`, tables, figures and scene files take it by that key:
+    To add a method, write a subclass with a key. `study`, tables, figures and scene files then accept that key.
 
-    1. It is a frozen dataclass. Scenes make it with a number of modes alone, so that fields of its own need defaults.
-    2. `key` is its name in scene files and results, `label` that in tables and figures, `colour` and `marker` are those of
-       figures (as matplotlib names them). A subclass without a key of its own is not registered.
-    3. `held` says what the modes are those of: of the interior, with the interface fixed, or of the whole part, with the
-       interface free. It says which matrix is factorised, too.
-    4. `statics` is the step that must be there. It gets the part and its factor, and returns C with CᵀKC, and the
-       forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part.
-    5. The steps after it may be replaced one by one: `kept` finds the modes, `responses` the static responses, and `basis`
-       puts V, M and K together. Each takes what those before it returned, changes nothing of it, and keeps the factor.
+    1. The subclass is a frozen dataclass. Scenes create it from a number of modes alone, so its own fields need defaults.
+    2. `key` is the name in scene files and results, `label` the name in tables and figures. `colour` and `marker` are
+       matplotlib's names for the figures. A subclass without a key of its own is not registered.
+    3. `held` is True for modes of the interior with the interface fixed, False for modes of the whole component with the
+       interface free. It also decides which matrix is factorised.
+    4. `statics` is the one step that a method must define. It gets the part and its factor. It returns C with CᵀKC, and
+       the forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part.
+    5. The later steps may be overridden one by one: `kept` finds the modes, `responses` the static responses, and `basis`
+       assembles V, M and K. Each step gets the results of the earlier ones. It must not change them or the factor.
 
-    `reduce` checks what is asked, takes the part and its factor, these four steps in their order, and projects D and the ports.
+    `reduce` checks the arguments, makes the part and its factor, runs the four steps, and projects D and the ports.
     """
 
     modes: int | None = None
@@ -93,17 +95,17 @@ class Method(ABC):
 
     @abstractmethod
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
-        """C, CᵀKC and the forces F, to which `extra` (n, s) belongs: the ports whose static responses were asked for."""
+        """C, CᵀKC and the forces F. F includes `extra` (n, s), the ports' columns whose static responses were requested."""
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """The modes of the part: so many, or as many as a band and a tolerance need, with the damping of a `pencil`."""
+        """The modes of the part: a given number, or as many as band and tolerance require with the damping of `pencil`."""
         if self.band is not None:
             return chosen(statics, self.band, self.tol, pencil)
         assert self.modes is not None
         return lowest(statics, self.modes)
 
     def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
-        """The static responses to F less the share of the modes, and the energy of the whole ones to the ports (n, p)."""
+        """Static responses to F without the modes' contribution, and energies of the responses to the ports (n, p)."""
         loads = np.hstack([np.zeros((len(statics.forces), 0)), *(w[statics.part.rows] for w in ports.values())])
         energy = np.einsum("ij,ij->j", statics.handle.elastic_solve(loads), loads)
         return Responses(statics.handle.elastic_solve(statics.forces, kept.shapes), energy, energy, 0)
@@ -114,5 +116,5 @@ class Method(ABC):
 
     @property
     def mode_kind(self) -> str:
-        """What elastic modes are called: 'fixed-interface' or 'free'."""
+        """The label of elastic modes: 'fixed-interface' or 'free'."""
         return "fixed-interface" if self.held else "free"

@@ -1,4 +1,4 @@
-"""How many modes a basis needs for a band and a tolerance: found with one factorisation, in modes that are only added to."""
+"""The number of modes that a basis needs for a band and a tolerance. One factorisation; modes are added, never recomputed."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
 
 BEGIN = 10  # modes of the first search
-MOST = 1000  # modes after which growth ends, where the model has more
+MOST = 1000  # modes at which the search gives up in a larger model
 DENSE = 3000  # DOF up to which all modes may be taken
 TINY = float(np.finfo(float).tiny)
-FAINT = 1e-16  # share of the squared residuals below which a direction of them is not worth a solve
+FAINT = 1e-16  # directions with a smaller share of the squared residuals are dropped
 
 
 class Search:
-    """The modes found so far, and the static shapes less their share; both only grow."""
+    """The modes found so far, and the static shapes without the modes' contribution."""
 
     def __init__(self, statics: Statics, pencil: Pencil | None, begin: int = BEGIN) -> None:
         self.statics, self.pencil = statics, pencil
@@ -53,10 +53,10 @@ class Search:
         return self.modes == self.most
 
     def grow(self, count: int) -> None:
-        """More modes beside those at hand; the static shapes lose their share without a further solve."""
+        """Compute modes up to `count`, and remove their contribution from the static shapes (no further solve)."""
         handle, sub = self.statics.handle, self.statics.part.sub
         count = min(count, self.most)
-        # modes twice, Krylov vectors of the new ones, loads and static shapes with those of the residuals
+        # columns needed: modes twice, Krylov vectors for the new modes, loads and static shapes (twice, for the residuals)
         check_columns(sub.name, sub.size, 5 * (count - self.modes) + 4 * count + 4 * self.loads.shape[1])
         self.replace(lowest_modes(handle, count, known=self.found, certify=False))
 
@@ -65,7 +65,7 @@ class Search:
         self.rest = self.statics.handle.deflate(self.rest, found.shapes)
 
     def needed(self, limit: float) -> int:
-        """About how many modes lie below `limit`, by the growth of their number with the frequency so far."""
+        """Estimated number of modes below `limit`, extrapolated from the modes found so far."""
         omega = self.found.frequencies[self.found.rigid:]
         half = len(omega) // 2
         power = np.log(len(omega) / half) / max(np.log(omega[-1] / omega[half - 1]), 1e-3) if half else 1.0
@@ -77,7 +77,7 @@ class Search:
         return self._space(self.loads, self.rest)
 
     def damped(self, plain: Nested, span: Span, band: tuple[float, float]) -> Nested:
-        """M, D and K with what the residuals of the complex modes in the band ask for in Ξ, too."""
+        """M, D and K, with Ξ extended by the static responses to the residuals of the complex modes in the band."""
         plain = self._with_damping(plain, span)
         loads = self._residuals(plain, span, band)
         if not loads.shape[1]:
@@ -86,7 +86,7 @@ class Search:
         return self._with_damping(*self._space(np.hstack([self.loads, loads]), np.hstack([self.rest, rest])))
 
     def nested(self, band: tuple[float, float]) -> Nested:
-        """All of it."""
+        """The complete model for the estimate: damped if there is a pencil."""
         plain, span = self.undamped()
         return plain if self.pencil is None else self.damped(plain, span, band)
 
@@ -106,7 +106,10 @@ class Search:
                       lightest=lightest(statics.handle)), span
 
     def _residuals(self, plain: Nested, span: Span, band: tuple[float, float]) -> Array:
-        """λ²MΞx + λDUx and, for an unsymmetric D, the left ones, less MΦ, F and MC, whose K⁻¹ is in U already; (n_i, k)."""
+        """Residuals λ²MΞx + λDUx (n_i, k), and the left ones if D is unsymmetric.
+
+        Their parts in MΦ, F and MC are left out: U already contains K⁻¹ times these.
+        """
         assert self.pencil is not None
         values, _, X, Y, _ = plain.damped(plain.modes)
         wanted = (values.imag <= 1.1 * band[1]) & (np.abs(values) <= 2 * band[1])
@@ -116,7 +119,7 @@ class Search:
         blocks = []
         for value, x, D in sides:
             size = np.abs(value)
-            # to equal energy, of motion and of deflection: one that moves no mass would drown all others
+            # scaled to equal kinetic plus elastic energy; scaled by mass alone, a shape without mass would dominate
             kinetic, elastic = (np.abs(np.einsum("ij,ij->j", x.conj(), part @ x)) for part in (plain.M, plain.K))
             x = x / np.sqrt(kinetic + elastic / size**2)
             for part in (np.real, np.imag):
@@ -128,14 +131,14 @@ class Search:
 
 
 def lowest(statics: Statics, count: int) -> Kept:
-    """So many modes, with one more for the cut-off, if there is one; the count of a large model is still to be confirmed."""
+    """The `count` lowest modes, and one more for the cut-off if there is one. In a large model `confirm` must still run."""
     more = count < statics.handle.elastic
     found = lowest_modes(statics.handle, count + more, defer=True)
     return Kept(found, count, float(found.frequencies[-1]) if more else np.inf)
 
 
 def chosen(statics: Statics, band: Any, tol: Any, pencil: Pencil | None) -> Kept:
-    """The modes and the estimate of the smallest basis that meets `tol` in the band, which ends below 0.7 of its cut-off.
+    """The modes and the estimate of the smallest basis that meets `tol` in the band and has hi below 0.7 of its cut-off.
 
     Parameters
     ----------
@@ -145,7 +148,7 @@ def chosen(statics: Statics, band: Any, tol: Any, pencil: Pencil | None) -> Kept
     Raises
     ------
     NotConvergedError
-        No basis meets it, all modes or 1000 of them taken.
+        No basis meets it, even with all modes or 1000 of them.
     """
     search, counted = Search(statics, pencil), False
     hi = band[1]
@@ -163,17 +166,17 @@ def chosen(statics: Statics, band: Any, tol: Any, pencil: Pencil | None) -> Kept
             continue
         if counted or search.found.confirmed:
             return Kept(search.found, best.modes, best.cutoff, best)
-        # what the count confirms is the modes kept and the one that gives the cut-off
+        # the inertia count must cover the modes kept and the one that gives the cut-off
         least = min(best.modes + 1, search.most)
         found = lowest_modes(statics.handle, least, known=search.found, defer=True)
         if np.array_equal(found.eigenvalues, search.found.eigenvalues[:len(found.eigenvalues)]):
             return Kept(found, best.modes, best.cutoff, best)
-        counted = True  # it has found one that had been missed
+        counted = True  # the inertia count has found a mode that had been missed
         search.replace(lowest_modes(statics.handle, search.modes, known=found, certify=False))
 
 
 def _smallest(nested: Nested, band: tuple[float, float], tol: float, complete: bool, least: int = 0) -> Estimate:
-    """The estimate of the smallest basis from `least` modes on that meets `tol`, by bisection, or of the largest."""
+    """The estimate of the smallest basis (at least `least` modes) that meets `tol`, by bisection; else of the largest."""
     most = nested.modes if complete else nested.modes - 1
     cutoffs = np.array([nested.cutoff(count) for count in range(most + 1)])
     low = int(np.searchsorted(SHARE * cutoffs, band[1], side="right"))  # the fewest with the band below 0.7 of the cut-off
@@ -191,23 +194,23 @@ def _smallest(nested: Nested, band: tuple[float, float], tol: float, complete: b
 
 
 def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
-    """How many modes to go on with, by the slope of the error over their number.
+    """The number of modes to try next, extrapolated from the decrease of the error.
 
     Raises
     ------
     NotConvergedError
-        There are no more, 1000 are at hand and the model is large, or rounding alone takes more than is allowed.
+        There are no more modes; a large model has used 1000 of them; or rounding alone exceeds the tolerance.
     """
     count, size = search.modes, search.statics.handle.K.shape[0]
     floor = nested.floor(best.band)
     if search.complete or floor > best.tol or (count >= MOST and size > DENSE):
         where = "all modes" if search.complete else f"{best.modes} modes"
-        rounding = f"; rounding alone takes {floor:.1e}" if floor > best.tol else ""
+        rounding = f". Rounding alone causes {floor:.1e}" if floor > best.tol else ""
         massless = search.statics.handle.finite < size
         bare = ", and those with damping but no mass," if search.complete and search.pencil is not None and massless else ""
-        raise NotConvergedError(f"{name!r} cannot be reduced to {best.tol:g} from {best.band[0]:.5g} to {best.band[1]:.5g} "
-                                f"rad/time: with {where} {best!r}{rounding}; lower the band, allow more, put the belt's "
-                                f"DOF{bare} into the interface, or call reduce(..., ports=True)")
+        raise NotConvergedError(f"{name!r} cannot be reduced to a relative error of {best.tol:g} from {best.band[0]:.5g} to "
+                                f"{best.band[1]:.5g} rad/time. With {where}: {best!r}{rounding}. Lower the band, raise tol, put "
+                                f"the belt's DOF{bare} into the interface, or call reduce(..., ports=True)")
     half = nested.estimate(best.modes // 2, best.band, best.tol, damped=False) if best.modes > 1 else best
     factor = 1.5
     if not best.unmatched and np.isfinite(best.worst):
@@ -217,7 +220,7 @@ def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
 
 
 def _compressed(columns: Array, stiffness: Array) -> Array:
-    """An orthonormal basis of the columns, in units of force free of those of each DOF; faint directions left out."""
+    """A basis of the columns, orthonormal after scaling each row by sqrt(K_ii); negligible directions are left out."""
     unit = np.where(stiffness > 0, stiffness, 1.0)[:, None] ** -0.5
     scaled = unit * columns
     share, vectors = np.linalg.eigh(scaled.T @ scaled)
@@ -226,7 +229,7 @@ def _compressed(columns: Array, stiffness: Array) -> Array:
 
 
 def unreduced(K: Matrix, M: Matrix, band: Any, tol: Any, pencil: Pencil | None) -> Estimate:
-    """That of a model which keeps all of its DOF: nothing is left out."""
+    """The estimate of a model that keeps all of its DOF: nothing is left out."""
     modes = all_modes(K, M)
     omega = modes.frequencies[modes.rigid:]
     omega = omega[in_band(omega, band)]

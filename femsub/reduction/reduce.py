@@ -1,4 +1,4 @@
-"""`reduce`: the line of steps from a component and a method to a reduced model."""
+"""`reduce`: from a component and a method to a reduced model, step by step."""
 
 from __future__ import annotations
 
@@ -29,22 +29,26 @@ if TYPE_CHECKING:
     from femsub.model.friction import Belt
     from femsub.model.pencil import Pencil
 
-FIRST = 100  # modes that a search for their number may well take
-PORT_LIMIT = 0.01  # a port's static response may be wrong by so much in the energy norm before `reduce` warns
+FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
+PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
 
 __all__ = ["METHODS", "CraigBampton", "CraigChang", "Method", "reduce"]  # importing these registers the two
 
 
 def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = False,
            contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure:
-    """VᵀMV, VᵀDV, VᵀKV, Vᵀw with V (n, r) from the method: a small substructure that stands in for `sub`.
+    """Replace a component by a small one: project it onto the basis V of a reduction method.
 
-    With a number of modes, `CraigBampton(modes=20)`, that many are kept. With a band and a tolerance,
-    `CraigBampton(band=(0, hi), tol=1e-3)`, as few as will do: every frequency ω of the undamped model in the band, and
-    every complex eigenvalue λ with Im λ and |Re λ| up to hi if the model is damped or has `contacts`, is estimated to be
-    within the relative error `tol` of the full model's, and hi is below 0.7 of the cut-off. The estimate takes no
-    solution of the full model; its figures are in ``.estimate`` (see `Nested.bounds` and `Nested.doubt`). DOF that have
-    damping but no mass relax by themselves, with a real λ of their own: that one is held only if they are interface or port.
+    The result has the matrices VᵀMV, VᵀDV, VᵀKV (r, r) and the ports Vᵀw, with V (n, r) from the method.
+
+    ``CraigBampton(modes=20)`` keeps that many modes. ``CraigBampton(band=(0, hi), tol=1e-3)`` keeps as few as possible:
+
+    - Every frequency ω of the undamped model in the band is estimated to be within the relative error `tol`.
+    - If the model is damped or has `contacts`, the same holds for every complex eigenvalue with Im λ and |Re λ| up to hi.
+    - hi is below 0.7 of the cut-off frequency.
+
+    The estimate needs no solution of the full model. Its figures are in ``.estimate`` (see `Nested.bounds` and
+    `Nested.doubt`). A DOF with damping but no mass has a real λ of its own. It is kept only if the DOF is interface or port.
 
     Parameters
     ----------
@@ -53,14 +57,19 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fals
     method : CraigBampton, CraigChang or another `Method`
         With its number of modes, or with a band and a tolerance.
     ports : bool or sequence of str
-        True (or names) adds the static response to those ports' columns to the basis.
+        True, or the names of ports: adds the static responses to these ports to the basis.
     contacts : Belt or sequence of Belt, optional
-        With a tolerance: the belts under which the complex eigenvalues are wanted; without, the model's own D counts.
+        Only with a tolerance: the belts under which the complex eigenvalues must be accurate. Default: only the model's own D.
+
+    Returns
+    -------
+    ReducedSubstructure
+        A `Substructure` again; ``.expand(q)`` gives the displacements of the full component.
 
     Warns
     -----
     PortWarning
-        The static response at a port is off by more than 1 % in the energy norm. Its figure is in ``.port_error``.
+        The static response to a port's force is wrong by more than 1 % in the energy norm; see ``.port_error``.
 
     Raises
     ------
@@ -68,23 +77,31 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fals
         An unknown method or port; more modes than there are; an interface that does not hold the component (Craig-Bampton);
         contacts without a tolerance.
     NotConvergedError
-        No basis meets the tolerance; the message holds the figures of the largest.
+        No basis meets the tolerance; the message tells how accurate the largest one is.
     NotEnoughMemoryError
-        The memory it needs is not there.
+        The reduction needs more memory than is free.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub = fs.chain(10, belt=1)
+    >>> fs.reduce(sub, fs.CraigBampton(modes=4))
+    ReducedSubstructure 'chain': 5 of 10 DOF by Craig-Bampton with 4 fixed-interface modes, cut-off 1.355 rad/time
     """
     task = _checked(sub, method, ports, contacts)
     with one_thread(_work(task) < WORK):
         basis = _basis(task) if len(sub.interior) or not method.held else _whole(task)
         if not basis.V.shape[1]:
-            raise InputError(f"no basis for {sub.name!r}: modes=0 and no interface leave nothing to move; ask for modes, or "
+            raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
                              "name interface DOF")
         return _projected(task, basis)
 
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What is asked, checked: `extra` (n, s) are the ports' columns whose static responses join, `pencil` is the damped model
-    whose complex eigenvalues must be within the tolerance.
+    """The checked arguments of `reduce`. `extra` (n, s) holds the port columns whose static responses join the basis.
+
+    `pencil` is the damped model whose complex eigenvalues must be within the tolerance.
     """
 
     sub: Substructure
@@ -100,8 +117,8 @@ def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
     if not isinstance(method, Method):
         raise InputTypeError(f"unknown method {method!r}; valid: {', '.join(m.__name__ for m in METHODS.values())}")
     if len(sub.interface_rows.shape) == 2 and sub.interface_rows.shape[0] != len(sub.interface):
-        raise InputError(f"{sub.name!r} has its interface spread over generalised coordinates (as Craig-Chang leaves it); "
-                         "reduce the full component instead")
+        raise InputError(f"{sub.name!r} is already reduced, and its interface is spread over generalised coordinates (as "
+                         "Craig-Chang does). Reduce the full component instead")
     if isinstance(ports, str) or not isinstance(ports, (bool, Sequence)):
         raise InputTypeError(f"ports must be True, False or a sequence of port names, not {ports!r}")
     columns = {name: w.reshape(len(w), -1) for name, w in sub.ports.items()}
@@ -110,14 +127,14 @@ def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
         sub.port(name)
     extra = np.hstack([np.zeros((sub.size, 0)), *(columns[name] for name in names)])
     if contacts is not None and method.band is None:
-        raise InputError(f"contacts are for a tolerance, e.g. {type(method).__name__}(band=(0, 2e3), tol=1e-3); a basis with a "
-                         "given number of modes does not depend on them")
+        raise InputError("contacts have no effect on a basis with a given number of modes. Leave them out, or give a band and a "
+                         f"tolerance, e.g. {type(method).__name__}(band=(0, 2e3), tol=1e-3)")
     pencil = None
     if method.band is not None:
         pencil = sub.linearised(contacts)
         if method.band[1] >= SHARE * sub.cutoff:
-            raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is itself reduced, cut off "
-                             f"at {sub.cutoff:.5g}: end below {SHARE:g} of that, or reduce the full component")
+            raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
+                             f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")
         pencil = pencil if pencil.norms[1] > 0 else None
     static = len(sub.interface) + 2 * sum(w.shape[1] for w in columns.values())
     check_memory(sub.name, sub.K, static, method.modes or 0, len(sub.interface))
@@ -125,22 +142,23 @@ def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
 
 
 def _basis(task: _Task) -> Basis:
-    """The steps of which the method may replace those that are its own."""
+    """The four steps; a method may override each."""
     method = task.method
     part = Partition.of(task.sub, method.held)
     statics = method.statics(part, part.factored(), task.extra)
     kept = method.kept(statics, task.pencil)
     responses = method.responses(statics, kept, task.ports)
-    statics.handle.release()  # before the count, which takes a factor of its own
+    statics.handle.release()  # frees memory before `confirm` makes a factor of its own
     confirm(statics.handle, kept.found)
     return method.basis(statics, kept, responses, task.ports)
 
 
 def _whole(task: _Task) -> Basis:
-    """That of a component whose every DOF is interface, where a method would hold them all: nothing is left out."""
+    """The basis of a component whose DOF are all interface: the identity, nothing is left out."""
     sub, method, b = task.sub, task.method, task.sub.interface
     if method.modes:
-        raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface: there are 0")
+        raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface, so there are "
+                         "none. Use modes=0, or a smaller interface")
     estimate = None if method.band is None else unreduced(sub.K, sub.M, method.band, method.tol, task.pencil)
     return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
                  task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
@@ -153,7 +171,7 @@ def _projected(task: _Task, basis: Basis) -> ReducedSubstructure:
         if error > PORT_LIMIT:
             warnings.warn(
                 f"port {name!r} of {sub.name!r}: its static response is off by {error:.2g} in the energy norm with "
-                f"{title}; put its DOF into the interface, or call reduce(..., ports=True)", PortWarning, stacklevel=3)
+                f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning, stacklevel=3)
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     return ReducedSubstructure(
@@ -164,7 +182,7 @@ def _projected(task: _Task, basis: Basis) -> ReducedSubstructure:
 
 
 def _work(task: _Task) -> float:
-    """About how many multiplications the dense part of a reduction takes, all modes at once or a basis worked on twice."""
+    """Approximate number of multiplications in the dense part of a reduction; decides about threads."""
     sub, kept = task.sub, FIRST if task.method.modes is None else task.method.modes
     if not sp.issparse(sub.K) or sub.size <= SMALL or kept > 0.3 * sub.size:
         return float(sub.size) ** 3

@@ -1,4 +1,4 @@
-"""The first steps of a reduction, before there are modes, and the wide spaces that a search for their number spans."""
+"""The first steps of a reduction: part, factor, constraint modes and loads; and the space [C Φ Ξ] of the error estimates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from femsub.modes.shift_invert import ShiftInvert
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
 
-COLUMNS = 64  # of V, worked on at a time
+COLUMNS = 64  # columns of V that are processed at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Partition:
         return cls(sub, sub.interior if held and len(sub.interface) else slice(None))
 
     def factored(self) -> ShiftInvert:
-        """The factor of the part, for its modes and its static solves alike; that of the same part is found again."""
+        """The factor of the part, for modes and static solves; a factor made earlier for the same part is reused."""
         return ShiftInvert(self.sub.K, self.sub.M, self.rows)
 
 
@@ -42,13 +42,13 @@ class Statics:
     Attributes
     ----------
     handle : ShiftInvert
-        Of K and M of the part.
+        Factor of K (or K - σM) of the part.
     constraint, condensed : ndarray, shapes (n, n_c) and (n_c, n_c)
         C and CᵀKC; without columns for Craig-Chang.
     forces : ndarray, shape (n_i, s)
         F, whose static responses join the basis.
     kind : str
-        What their columns of V are labelled.
+        The label of their columns in V.
     """
 
     part: Partition
@@ -65,9 +65,9 @@ class Statics:
 
     @cached_property
     def rounding(self) -> Array:
-        """|E| (n_c, n_c), positive semidefinite, of what CᵀKC may be off by: two formulas for it differ by E.
+        """Rounding error of CᵀKC, shape (n_c, n_c): |E|, positive semidefinite, where E is the difference of two formulas.
 
-        Rigid motion is left out, of which the condensed stiffness has been cleaned.
+        Rigid motion is left out: its condensed stiffness has been set to 0.
         """
         if not len(self.condensed):
             return self.condensed
@@ -83,14 +83,14 @@ class Statics:
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """U = [C Φ Ξ] (n, R) that is never formed: Φ and Ξ have the rows of the interior only, and are large."""
+    """U = [C Φ Ξ] (n, R) as an operator: Φ and Ξ are large and have interior rows only, so U is never stored."""
 
     statics: Statics
     modes: Array
     static: Array
 
     def dot(self, x: Array) -> Array:
-        """Uᵀx, shape (R, k), for x of all rows."""
+        """Uᵀx, shape (R, k), for x (n, k)."""
         inner = x[self.statics.part.rows]
         return np.concatenate([self.statics.constraint.T @ x, self.modes.T @ inner, self.static.T @ inner])
 
@@ -134,6 +134,6 @@ def widened(C: Array, columns: int) -> Array:
 
 
 def square(matrix: Matrix, places: Array) -> Array:
-    """The rows and columns at some places of a matrix, dense."""
+    """The submatrix of the given rows and columns, dense."""
     part = matrix[places][:, places]
     return part.toarray() if sp.issparse(part) else part
