@@ -54,7 +54,7 @@ def test_held_and_massless_dof_of_abaqus(tmp_path: Path, sub: fs.Substructure) -
     kept = np.setdiff1d(np.arange(sub.size), [2, 7])
     same(read.K, sp.csr_array(sub.K[kept][:, kept]))
     assert np.array_equal(read.M.diagonal(), M[kept]) and np.array_equal(read.dofs.nodes, sub.dofs.nodes[kept])
-    with pytest.raises(fs.InputError, match="interface: there is no ux at node 10 in the DOF map \\(it may be held\\)"):
+    with pytest.raises(fs.InputError, match="interface: there is no ux at node 10 in the DOF map"):
         fs.read_component(*paths, massless=True, interface=["10:ux"])
 
 

@@ -113,5 +113,5 @@ def test_a_slope_that_is_not_that_of_the_values_is_refused() -> None:
         def slope(self, v: Any) -> Any:
             return -super().slope(v)
 
-    with pytest.raises(fs.InputError, match="contradict each other"):
+    with pytest.raises(fs.InputError, match="the friction law contradicts itself"):
         fs.Belt(speed=0.2, law=Wrong())

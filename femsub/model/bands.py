@@ -1,4 +1,4 @@
-"""Which frequencies ω and eigenvalues λ are in a band, above a limit, of the upper half plane, or 0: decided here alone."""
+"""Which frequencies ω and eigenvalues λ count as in a band, above a limit, in the upper half plane, or 0. Decided only here."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import numpy as np
 
 from femsub.checks import EPS, Array
 
-EDGE = 1e-9  # of |λ| that an eigenvalue may lie beyond an edge, and still be in the band: room for its rounding
-DOUBLE = 1e-6  # of |λ| up to which two eigenvalues are taken for one that rounding has split: if one is in, so is the other
-LEAST = 1e-2  # of the band's upper end: the size of smaller eigenvalues in these two, since at 0 an eigenvalue is all rounding
-REAL = 1e-7  # |Im λ| / |λ| below which λ is real: rounding makes pairs of two equal ones
-REAL_ROOT = 1e-6  # |Im c| / |Re c| up to which a contact's coefficient on the border is real: else it is no border
+EDGE = 1e-9  # an eigenvalue up to EDGE |λ| beyond an edge is still in the band: room for rounding
+DOUBLE = 1e-6  # two eigenvalues closer than DOUBLE |λ| are one double eigenvalue split by rounding: both are in, or none
+LEAST = 1e-2  # in these two tolerances |λ| counts as at least LEAST hi: near 0 the rounding exceeds any share of |λ|
+REAL = 1e-7  # λ is real if |Im λ| / |λ| is smaller: rounding turns two equal real eigenvalues into a pair
+REAL_ROOT = 1e-6  # a root of the border function counts only if its coefficient c is real: |Im c| / |Re c| up to this
 Range = tuple[float, float]
 
 
 def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
-    """lo ≤ ω ≤ hi, or lo ≤ Im λ ≤ hi and, with `re` = (a, b), a ≤ Re λ ≤ b: which values are in the band, bool, shape (k,).
+    """Which values are in the band: lo ≤ ω ≤ hi, or lo ≤ Im λ ≤ hi and, with `re` = (a, b), a ≤ Re λ ≤ b; bool, shape (k,).
 
-    The edges belong to the band. What lies on an edge is off it by rounding, hence EDGE |λ| beyond an edge is in as well.
-    Rounding splits a double eigenvalue by the square root of its size, hence what is at most DOUBLE |λ| from one that is in is
-    in, too. The conjugate of a complex λ counts as such a neighbour: a double real eigenvalue may have become a pair a ± bi
-    with a small b. In both a |λ| below LEAST hi counts as LEAST hi.
+    The edges belong to the band. Values up to EDGE |λ| beyond an edge are in as well, since rounding moves them.
+    Rounding splits a double eigenvalue by about the square root of EPS. So a value within DOUBLE |λ| of one that is in the
+    band is in, too. The conjugate of a complex λ counts as such a neighbour: a double real eigenvalue may have become a
+    pair a ± bi with a small b. In both rules a |λ| below LEAST hi counts as LEAST hi.
 
     Parameters
     ----------
@@ -50,17 +50,17 @@ def beyond(omega: Array | float, limit: Array | float) -> Array:
 
 
 def upper(values: Array) -> Array:
-    """Which λ have Im λ ≥ 0; of a pair that rounding has made of two equal real ones, both."""
+    """Which λ have Im λ ≥ 0. If rounding has turned two equal real eigenvalues into a pair, both count."""
     return values.imag >= -REAL * np.abs(values)
 
 
 def moving(values: Array, bar: Array) -> Array:
-    """Which λ are not 0 within rounding, their own (`bar`) and that of the eigensolver: rigid motion has some that are."""
+    """Which λ differ from 0 by more than rounding (their error `bar`, and the eigensolver's). Rigid motion has λ = 0."""
     return np.abs(values) > bar + 10 * EPS * np.abs(values).max(initial=0.0)
 
 
 def distance_outside(values: Array, band: Range, re: Range | None = None) -> Array:
-    """How far each value lies beyond the edge that it is furthest beyond; 0 within, shape (k,)."""
+    """Distance of each value to the band, the largest over its edges; 0 inside, shape (k,)."""
     height = values.imag if np.iscomplexobj(values) else values
     beyond = np.maximum(band[0] - height, height - band[1])
     if re is not None:
@@ -69,7 +69,7 @@ def distance_outside(values: Array, band: Range, re: Range | None = None) -> Arr
 
 
 def widened(limit: float) -> float:
-    """A limit (≥ 0) beyond which nothing is in a band that ends at it: up to there is to be searched."""
+    """The limit up to which to search, so that nothing in a band that ends at `limit` (≥ 0) is missed."""
     return limit * (1 + 4 * DOUBLE)
 
 

@@ -1,4 +1,4 @@
-"""`DofMap`: which motion of which node each row of a matrix stands for."""
+"""`DofMap`: the node and the direction of motion of each row of a matrix."""
 
 from __future__ import annotations
 
@@ -13,30 +13,39 @@ from femsub.checks import Array, items, word
 from femsub.errors import InputError, unknown_name
 from femsub.model.frozen import Frozen
 
-LARGEST = 10 ** 15  # node numbers are below: together with a motion they are one integer
+LARGEST = 10 ** 15  # limit of node numbers: node and motion are packed into one integer
 TRANSLATIONS = ("ux", "uy", "uz")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DofMap(Frozen):
-    """DOF i is the motion `labels[components[i]]` of the node `nodes[i]`, which lies at `points[i]`.
+    """The node and the motion of each degree of freedom.
+
+    DOF i is the motion `labels[components[i]]` of the node `nodes[i]`, which lies at `points[i]`.
 
     Parameters
     ----------
     nodes : array_like of int, shape (n,)
-        Node numbers as their source counts them: a mesh file's own, or from 1.
+        Node numbers: those of the mesh file, else counted from 1.
     components : array_like of int, shape (n,)
         Indices into `labels`.
     labels : sequence of str
         E.g. ("ux", "uy", "uz") for a solid, ("w", "w,x") for a beam.
     points : array_like, shape (n, d), optional
-        Where the node of each DOF lies, d = 1 to 3.
+        Coordinates of the node of each DOF, d = 1 to 3.
 
     Raises
     ------
     InputError
         Lengths that do not fit, a component without a label, the same motion of the same node twice, a node number of more
-        than 15 digits, points that are no finite real numbers.
+        than 15 digits, points that are not finite real numbers.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> dofs = fs.DofMap(nodes=[1, 1, 2, 2], components=[0, 1, 0, 1], labels=("ux", "uy"))
+    >>> dofs.name(3), dofs.find(2, "ux")
+    ('uy at node 2', array([2]))
     """
 
     nodes: Array
@@ -49,9 +58,10 @@ class DofMap(Frozen):
         numbers, kinds = _integers("nodes", nodes), _integers("components", components)
         labels = tuple(word("labels of a DOF map", label) for label in items("labels of a DOF map", labels, "strings"))
         if len(numbers) != len(kinds):
-            raise InputError(f"a DOF map needs one node and one component per DOF, but has {len(numbers)} and {len(kinds)}")
+            raise InputError("a DOF map needs one node and one component per DOF, but there are "
+                             f"{len(numbers)} nodes and {len(kinds)} components")
         if len(kinds) and not 0 <= kinds.min() <= kinds.max() < len(labels):
-            raise InputError(f"components must be 0 to {len(labels) - 1}, one for each of {', '.join(labels)}, but one is "
+            raise InputError(f"components must be 0 to {len(labels) - 1}, for the labels {', '.join(labels)}, but one is "
                              f"{kinds[(kinds < 0) | (kinds >= len(labels))][0]}")
         if len(numbers) and max(-int(numbers.min()), int(numbers.max())) >= LARGEST:
             raise InputError(f"nodes of a DOF map must be below {LARGEST:.0e}, but run from {numbers.min()} to {numbers.max()}")
@@ -76,7 +86,7 @@ class DofMap(Frozen):
         return f"{self.labels[self.components[index]]} at node {self.nodes[index]}"
 
     def find(self, node: int, label: str | None = None) -> Array:
-        """The DOF (counted from 0) of a node, all or one motion of it; an unknown node or label is an InputError."""
+        """The DOF (counted from 0) of a node, or only the one of a given motion. An unknown node or label is an InputError."""
         if label is not None and label not in self.labels:
             raise unknown_name("motion", label, self.labels)
         start, stop = np.searchsorted(self._sorted[0], [node, node + 1])
@@ -85,7 +95,7 @@ class DofMap(Frozen):
             found = found[self.components[found] == self.labels.index(label)]
         if not len(found):
             what = "there is no" if label is None else f"there is no {label} at"
-            raise InputError(f"{what} node {node} in the DOF map (it may be held); nodes run from {self.nodes.min()} to "
+            raise InputError(f"{what} node {node} in the DOF map. Held DOF are not in it. Nodes run from {self.nodes.min()} to "
                              f"{self.nodes.max()}")
         return found
 

@@ -1,4 +1,4 @@
-"""What a reduction to a tolerance tells of itself, and the band in which a model's modes may be asked for a verdict."""
+"""Error estimates of a model reduced to a tolerance, and the band in which a model's modes may be used."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from femsub.errors import InputError
 from femsub.model.bands import beyond
 from femsub.model.substructure import Substructure
 
-SHARE = 0.7  # a band ends below so much of the cut-off: the terms left out of a series in (ω/ω_cut)² then stay below a half
+SHARE = 0.7  # a band ends below this share of the cut-off: the neglected terms of a series in (ω/ω_cut)² then stay below 1/2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
-    """What was asked of a reduced model, and how far each of its modes in the band is estimated to be off.
+    """The estimated error of each mode of a reduced model in a band, and the tolerance it was made for.
+
+    `reduce` makes it for a method with `band` and `tol`; it is in ``.estimate`` of the result.
 
     Attributes
     ----------
@@ -27,19 +29,27 @@ class Estimate:
     tol : float
         The largest relative error allowed.
     modes : int
-        Elastic modes kept for it.
+        Elastic modes kept.
     cutoff : float
         The band ends below 0.7 of this frequency (inf for a complete basis).
     frequencies, frequency_error : ndarray, shape (k,)
-        ω of the undamped reduced model, and the estimate of (ω - ω_exact) / ω_exact; rigid-body modes are exact. What the
-        residual of the modes themselves leaves (1e-10 at most, and squared in ω) is not in it: Craig-Chang's figures
-        here are those of rounding.
+        ω of the undamped reduced model, and the estimate of (ω - ω_exact) / ω_exact; rigid-body modes are exact. The residual
+        of the eigensolver is not included; it is 1e-10 at most, and its square enters ω. Craig-Chang's modes are exact,
+        so its figures here are rounding.
     eigenvalues, eigenvalue_error : ndarray, shape (l,)
         λ with Im λ ≥ 0 of the damped reduced model, and the estimate of |λ - λ_exact| / |λ_exact|; empty without damping.
     unmatched : int
-        Complex eigenvalues in the band that only the reduced or only the richer model has.
+        Complex eigenvalues in the band that have no counterpart: in the reduced or in the reference model only.
     searched : int
-        Elastic modes that were computed to decide.
+        Elastic modes that were computed for the estimate.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub = fs.chain(10, belt=1)
+    >>> estimate = fs.reduce(sub, fs.CraigChang(band=(0, 0.5), tol=1e-3)).estimate
+    >>> estimate.modes, estimate.met, estimate.worst < 1e-3
+    (2, True, True)
     """
 
     band: tuple[float, float]
@@ -54,7 +64,7 @@ class Estimate:
     searched: int = 0
 
     def record(self) -> dict[str, Any]:
-        """All of it in numbers and lists, for JSON: λ as pairs (Re, Im), infinity as None."""
+        """The estimate as numbers and lists, for JSON: λ as pairs (Re, Im), infinity as None."""
         return {"band": list(self.band), "tol": self.tol, "modes": self.modes,
                 "cutoff": None if np.isinf(self.cutoff) else self.cutoff,
                 "frequencies": self.frequencies.tolist(), "frequency_error": self.frequency_error.tolist(),
@@ -63,12 +73,12 @@ class Estimate:
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> Estimate:
-        """That of which `record` was written.
+        """The estimate from what `record` returned.
 
         Raises
         ------
         InputError
-            Something is missing, of another kind, or of another length.
+            A field is missing, has the wrong type, or the wrong length.
         """
         try:
             lo, hi = record["band"]
@@ -85,14 +95,14 @@ class Estimate:
 
     @property
     def worst(self) -> float:
-        """The largest of all figures; infinite where an eigenvalue has no counterpart."""
+        """The largest estimated error; infinite if an eigenvalue has no counterpart."""
         if self.unmatched:
             return np.inf
         return float(max(self.frequency_error.max(initial=0.0), self.eigenvalue_error.max(initial=0.0)))
 
     @property
     def met(self) -> bool:
-        """Whether all figures are within `tol` and the band ends below 0.7 of the cut-off."""
+        """Whether all estimated errors are within `tol` and the band ends below 0.7 of the cut-off."""
         return self.worst <= self.tol and self.band[1] < SHARE * self.cutoff
 
     def __repr__(self) -> str:
@@ -106,22 +116,21 @@ class Estimate:
 
 
 def usable_band(model: Substructure, band: Any = None) -> tuple[float, float]:
-    """(lo, hi) in which a model's modes may be asked for a verdict: hi ≤ the cut-off; by default all up to there.
+    """The band (lo, hi) for a stability verdict: hi must not exceed the cut-off; default (0, cut-off).
 
-    Above it a reduced model has shapes of the reduction, which may be hardly damped, and not those of the component. So a
-    band that reaches above is refused, here, for whoever asks: an answer for a part of it would pass for one for all of it.
-    Up to SHARE of the cut-off, errors are small by rule; between the two they need not be.
+    Above the cut-off the modes of a reduced model are artefacts of the reduction, often hardly damped. So a band that
+    reaches above it is refused. Up to SHARE of the cut-off errors are usually small; between the two they need not be.
 
     Raises
     ------
     InputError
-        No band; one that ends above the cut-off.
+        Not a band, or one that ends above the cut-off.
     """
     if band is None:
         return 0.0, float(model.cutoff)
     lo, hi = check_band(band)
     if beyond(hi, model.cutoff):
         raise InputError(f"band=({lo:.6g}, {hi:.6g}) reaches above the cut-off of {model.name!r}, {model.cutoff:.6g} rad/time: "
-                         "up there its modes are those of the reduction, not of the component; keep more modes, or end the band "
-                         f"at the cut-off ({SHARE:g} of it, {SHARE * model.cutoff:.5g}, for errors that are small by rule)")
+                         "modes above it are artefacts of the reduction. Keep more modes, or end the band at the cut-off "
+                         f"(at {SHARE:g} of it, {SHARE * model.cutoff:.5g}, errors are usually small)")
     return lo, hi

@@ -1,9 +1,9 @@
-"""Friction laws μ(v) with their slopes μ'(v), and the belt that brings one of them to a port.
+"""Friction laws μ(v) with their slopes μ'(v), and the belt that applies a law at a port.
 
-The sign, once and for all: the belt drags the mass along, so the friction force acts on the right-hand side,
-M ẍ + P ẋ + Q x = w F μ(v0 - wᵀẋ). Linearised about steady sliding this is **D = P + F μ'(v0) w wᵀ**, and a
-falling characteristic (μ' < 0) takes damping away. The paper's eq. (1) read literally has the opposite sign, with
-which its own Fig. 4 could not be unstable.
+The sign convention: the belt drags the mass along, so the friction force acts on the right-hand side,
+M ẍ + P ẋ + Q x = w F μ(v0 - wᵀẋ). Linearised about steady sliding this gives **D = P + F μ'(v0) w wᵀ**. A falling
+characteristic (μ' < 0) reduces the damping. The paper's eq. (1), read literally, has the opposite sign. With that sign
+its Fig. 4 could not be unstable.
 """
 
 from __future__ import annotations
@@ -20,29 +20,28 @@ from femsub.errors import InputError, InputTypeError
 from femsub.model.pencil import contact_damping
 
 Scalar = Callable[[float], float]
-NARROWEST = 1e-100  # ε
-STICKING = 3.0  # times ε: sliding slower counts as sticking; the arctan law has reached 80 % of its plateau there
-SLOPE_AGREES = 0.01  # relative difference of a law's slope and that of its values that is let pass
+NARROWEST = 1e-100  # smallest ε
+STICKING = 3.0  # times ε: slower sliding counts as sticking; the arctan law has reached 80 % of its plateau there
+SLOPE_AGREES = 0.01  # allowed relative difference between a law's slope and the difference quotient of its values
 
 
 class FrictionLaw(Protocol):
-    """μ(v) of the sliding speed v, and the rules for a law of your own.
+    """A friction law μ(v) of the sliding speed v. This table is the interface for a law of your own.
 
-    A law has `value` and `slope`; make it a frozen dataclass, so that it can be compared, changed by `replace` and pickled.
+    A law has `value` and `slope`. Make it a frozen dataclass, so that it can be compared, changed by `replace` and pickled.
 
     ===========================  ==========================================================================================
     value(v), slope(v)           μ and μ' = dμ/dv of a float or an array, in its shape. μ' must be that of μ: `Belt` compares
                                  them at its speed. At a jump of μ', the mean of both sides.
     eps, a number above 0        the width of the transition from sticking to sliding, as a speed: |v0 - v| ≤ 3 ε counts as
-                                 sticking. Harmonic balance begins with larger ones, ``replace(law, eps=...)``. Without it, it
-                                 begins with the law itself, and what sticks is unknown.
-    scalar()                     (μ, μ') as functions of one float, where those are quicker: for integrators
-    with_slope(slope, speed)     the law with another μ'(speed), which branches over the slope vary; refused without
-    label                        what figures call it; by default its key
+                                 sticking. Harmonic balance starts with larger values, ``replace(law, eps=...)``. A law without
+                                 eps is used as it is, and sticking cannot be detected.
+    scalar()                     (μ, μ') as fast functions of one float, for the integrators
+    with_slope(slope, speed)     the law with another μ'(speed), for branches over the slope; without it they are refused
+    label                        the name in figures; by default the key
     ===========================  ==========================================================================================
 
-    Only the first line is needed. A law that stands in `LAWS` is known to scenes by its key there, and is made with their ε as
-    ``LAWS[key](eps=...)``.
+    Only the first line is required. Scenes know a law by its key in `LAWS`, and create it as ``LAWS[key](eps=...)``.
     """
 
     def value(self, v: Any) -> Any: ...
@@ -52,10 +51,10 @@ class FrictionLaw(Protocol):
 
 @dataclass(frozen=True)
 class StribeckArctan:
-    """μ(v) = c (2/π) arctan(v/ε) + d exp(-r|v|), the law as the paper prints it (its eq. (7)).
+    """The Stribeck friction law as the paper prints it: μ(v) = c (2/π) arctan(v/ε) + d exp(-r|v|), with c = 0.3, d = 0.2, r = 2.
 
-    With c = 0.3, d = 0.2, r = 2. It is not odd: μ(0) = d, so that the friction force does not vanish with the
-    sliding speed; `StribeckArctanOdd` is the odd law next to it.
+    Source: the paper, eq. (7). The law is not odd: μ(0) = d, so the friction force does not vanish at zero sliding speed.
+    `StribeckArctanOdd` is the odd variant.
 
     Parameters
     ----------
@@ -63,6 +62,18 @@ class StribeckArctan:
         Width ε of the transition from sticking to sliding, in units of speed.
     coulomb, drop, decay : float
         c and d (dimensionless) and r (1/speed).
+
+    Raises
+    ------
+    InputError, InputTypeError
+        An eps that is not positive; a parameter that is not a finite number.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> law = fs.StribeckArctan(eps=1e-3)
+    >>> print(f"{law.value(0.2):.4f} {law.slope(0.2):.4f}")
+    0.4331 -0.2634
     """
 
     eps: float = 1e-3
@@ -76,8 +87,7 @@ class StribeckArctan:
         for name in ("eps", "coulomb", "drop", "decay"):
             finite_number(name, getattr(self, name))
         if self.eps < NARROWEST:
-            raise InputError(f"eps must be positive, and at least {NARROWEST:g}, not {self.eps!r}: it is the width of the "
-                             "stick-slip transition")
+            raise InputError(f"eps must be positive, at least {NARROWEST:g}, not {self.eps!r}: it is the width of the transition")
 
     def value(self, v: Any) -> Any:
         """μ(v)."""
@@ -89,7 +99,7 @@ class StribeckArctan:
         return rise - self.drop * self.decay * np.sign(v) * np.exp(-self.decay * np.abs(v))
 
     def scalar(self) -> tuple[Scalar, Scalar]:
-        """μ and μ' for one Python float, ten times faster than through NumPy: for integrators, which ask one at a time."""
+        """μ and μ' for one Python float: ten times faster than NumPy, for the integrators."""
         c, eps, drop, decay, atan, exp = self.coulomb * 2 / math.pi, self.eps, self.drop, self.decay, math.atan, math.exp
 
         def value(v: float) -> float:
@@ -103,26 +113,36 @@ class StribeckArctan:
         return value, slope
 
     def with_slope(self, slope: float, speed: float) -> Self:
-        """The same law with d chosen so that μ'(speed) = slope; ε, c and r stay. μ' is linear in d.
+        """The law with d chosen such that μ'(speed) = slope; ε, c and r stay. μ' is linear in d.
 
         Raises
         ------
         InputError
-            d has no say in μ' at this speed, as at 0.
+            μ' does not depend on d at this speed, e.g. at 0.
         """
         finite_number("slope", slope)
         flat, one = replace(self, drop=0.0), replace(self, drop=1.0)
         base = float(flat.slope(finite_number("speed", speed)))
         gain = float(one.slope(speed)) - base
         if abs(gain) <= 1e-9 * self.decay or speed == 0:
-            raise InputError(f"the falling part of the law has no slope at a sliding speed of {speed!r}, so that μ' cannot be "
-                             f"made {slope!r} there; choose another speed")
+            raise InputError(f"the falling part of the law has no slope at a sliding speed of {speed!r}, so μ' cannot be set to "
+                             f"{slope!r} there. Choose another speed")
         return replace(self, drop=(slope - base) / gain)
 
 
 @dataclass(frozen=True)
 class StribeckArctanOdd(StribeckArctan):
-    """μ(v) = (c + d exp(-r|v|)) (2/π) arctan(v/ε), the odd variant of the paper's eq. (7): μ(-v) = -μ(v)."""
+    """The odd variant of the paper's friction law: μ(v) = (c + d exp(-r|v|)) (2/π) arctan(v/ε), with μ(-v) = -μ(v).
+
+    Parameters and errors are those of `StribeckArctan`, the paper's eq. (7).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> law = fs.StribeckArctanOdd(eps=1e-3)
+    >>> print(f"{law.value(0.2):.4f} {law.value(-0.2):.4f}")
+    0.4327 -0.4327
+    """
 
     label: ClassVar[str] = "odd variant"
 
@@ -150,12 +170,12 @@ class StribeckArctanOdd(StribeckArctan):
         return value, slope
 
 
-#: The laws that scenes know by their keys; one of your own is added with LAWS["my-law"] = MyLaw.
+#: Friction laws by their keys in scene files. Add your own with LAWS["my-law"] = MyLaw.
 LAWS: dict[str, Callable[..., FrictionLaw]] = {"stribeck-arctan": StribeckArctan, "stribeck-arctan-odd": StribeckArctanOdd}
 
 
 def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
-    """μ and μ' of any law for one float: its own `scalar()` if it has one."""
+    """μ and μ' of a law as functions of one float: its `scalar()` if it has one."""
     if callable(own := getattr(law, "scalar", None)):
         return own()
     return lambda v: float(law.value(v)), lambda v: float(law.slope(v))
@@ -171,20 +191,20 @@ def width_of(law: Any) -> float:
 def with_slope(law: Any, slope: float, speed: float) -> Any:
     """The law with another μ'(speed); an InputError for one that has no `with_slope`."""
     if not callable(getattr(law, "with_slope", None)):
-        raise InputError(f"the slope cannot be varied: {type(law).__name__} has no with_slope(slope, speed)")
+        raise InputError(f"the slope cannot be varied: {type(law).__name__} has no method with_slope(slope, speed)")
     return law.with_slope(slope, speed)
 
 
 class SlopeOfLaw(float):
-    """μ'(v0) that a belt has taken from its law: beside a law it is taken anew, where another number must be that of the law."""
+    """μ'(v0) computed from a law. A copy of the belt computes it again; a plain float must agree with the law."""
 
 
 @dataclass(frozen=True)
 class Belt:
-    """A belt sliding at speed v0 under a normal force F on a port w: D = P + F μ'(v0) w wᵀ.
+    """A belt that slides over a port w at speed v0 under a normal force F: D = P + F μ'(v0) w wᵀ.
 
-    A changed copy, such as ``dataclasses.replace(belt, speed=0.3)``, takes the slope anew from the law. A slope that was given
-    stays, and must still be that of the law, if there is one.
+    A changed copy, such as ``dataclasses.replace(belt, speed=0.3)``, computes the slope from the law again. A slope that you
+    gave stays. If there is a law as well, the slope must agree with it.
 
     Parameters
     ----------
@@ -202,7 +222,14 @@ class Belt:
     Raises
     ------
     InputError
-        Neither `law` nor `slope`, both in contradiction, a law without a speed, a negative force, NaN.
+        Neither `law` nor `slope`, a slope that contradicts the law, a law without a speed, a negative force, NaN.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> belt = fs.Belt(port="belt", force=1.0, speed=0.1911, law=fs.StribeckArctan(eps=1e-3))
+    >>> print(f"{belt.slope:.4f}")
+    -0.2677
     """
 
     port: str = "belt"
@@ -215,11 +242,12 @@ class Belt:
         word("port", self.port)
         finite_number("force", self.force)
         if self.force < 0:
-            raise InputError(f"force must not be negative, but is {self.force!r}: the belt presses, it does not pull")
+            raise InputError(f"force, the normal force of the belt, must not be negative, but is {self.force!r}")
         if self.speed is not None:
             finite_number("speed", self.speed)
         if self.law is None and self.slope is None:
-            raise InputError("a belt needs a friction law with the belt's speed, or a slope: Belt(slope=-0.2677)")
+            raise InputError("a belt needs a friction law and a speed, e.g. Belt(speed=0.1911, law=...), or a slope, "
+                             "e.g. Belt(slope=-0.2677)")
         if self.law is not None:
             if not callable(getattr(self.law, "slope", None)) or not callable(getattr(self.law, "value", None)):
                 raise InputTypeError("law must be a friction law with value(v) and slope(v), e.g. StribeckArctan(eps=1e-3), not "
@@ -247,12 +275,12 @@ class Belt:
         """
         limit = finite_number("multiple", multiple) * width_of(self.law) if below is None else finite_number("below", below)
         if np.isnan(limit):
-            raise InputError(f"the friction law on {self.port!r} has no eps; say by `below` what counts as sticking")
+            raise InputError(f"the friction law on {self.port!r} has no eps. Give `below`, the speed that counts as sticking")
         return np.abs(self.speed - np.asarray(v)) <= limit
 
 
 def _consistent_slope(law: FrictionLaw, speed: float) -> float:
-    """μ'(v0) of a law, compared with differences of its values μ(v0 ± h) over several steps h."""
+    """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h."""
     slope = float(law.slope(speed))
     if speed == 0 or not np.isfinite(slope):
         return finite_number("the slope of the law at the belt's speed", slope)
@@ -261,6 +289,6 @@ def _consistent_slope(law: FrictionLaw, speed: float) -> float:
     found = (ahead - behind) / (2 * steps)
     rounding = 8 * EPS * (np.abs(ahead) + np.abs(behind)) / steps
     if (np.abs(found - slope) > SLOPE_AGREES * np.maximum(np.abs(found), abs(slope)) + rounding).all():
-        raise InputError(f"the law's slope at the speed {speed:g} is {slope:.6g}, but its values rise by "
-                         f"{found[len(found) // 2]:.6g} per unit of speed there: value and slope contradict each other")
+        raise InputError(f"the friction law contradicts itself at the speed {speed:g}: slope() returns {slope:.6g}, but the "
+                         f"difference quotient of value() is {found[len(found) // 2]:.6g}")
     return slope

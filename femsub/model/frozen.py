@@ -1,4 +1,4 @@
-"""What models, meshes and maps have in common: nobody writes into them, here or after a journey."""
+"""The base class of models, meshes and maps: read-only, also after pickling and copying."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import scipy.sparse as sp
 class Frozen:
     """Base of dataclasses whose arrays are read-only and whose mappings are views, also after pickle and `deepcopy`.
 
-    Both forget the one and refuse the other. What travels are the fields; what is cached is made again when it is asked for.
+    Plain pickle loses the read-only flag and refuses the views. Only the fields are pickled; cached values are computed again.
     """
 
     def _set(self, **values: Any) -> None:
@@ -31,7 +31,7 @@ class Frozen:
 
 
 def frozen(value: Any) -> Any:
-    """The same array or matrix, read-only, alone or in a tuple; a mapping as a view of a copy; anything else as it is."""
+    """A read-only version: of an array or matrix (also in a tuple) itself, of a mapping a view of a copy; else unchanged."""
     if isinstance(value, np.ndarray):
         value.flags.writeable = False
     elif sp.issparse(value):

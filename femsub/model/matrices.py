@@ -1,4 +1,4 @@
-"""Real matrices, dense or sparse: checked, told symmetric or not, scaled, measured."""
+"""Real matrices, dense or sparse: checks, symmetry, scaling, norms."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, InputTypeError
 
-ROUNDING = 1e-14  # of sqrt(|a_ii a_jj|): what two orders of adding up the same element matrices may differ by
-LARGEST = 1e100  # the largest entry of a matrix, and one over the smallest that a matrix may have for its largest
+ROUNDING = 1e-14  # of sqrt(|a_ii a_jj|): the rounding of two assemblies of the same element matrices in different order
+LARGEST = 1e100  # limit of a matrix' largest entry; its reciprocal is the lower limit
 
 
 def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
-    """A square real matrix, checked: dense as a read-only array, sparse as a canonical, read-only CSR.
+    """A checked square real matrix: dense as a read-only array, sparse as a canonical, read-only CSR.
 
-    The data are copied, so that what is checked stays as it was checked.
+    The data are copied, so that later changes by the caller have no effect.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     except (TypeError, ValueError):
         raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}") from None
     if matrix is None:
-        raise InputTypeError(f"{name} is complex; femsub takes real matrices (damping belongs in D)")
+        raise InputTypeError(f"{name} is complex, but femsub takes real matrices only. Put damping into D")
     if sp.issparse(matrix):
         matrix.sum_duplicates()
     data = matrix.data if sp.issparse(matrix) else matrix
@@ -48,8 +48,8 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
         raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
     largest = float(np.abs(data).max(initial=0.0))
     if largest > LARGEST or (name != "D" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
-        raise InputError(f"{name}'s largest entry is {largest:.3g}: products of such numbers leave the range of floating point; "
-                         "choose other units")
+        raise InputError(f"{name}'s largest entry is {largest:.3g}. Products of such numbers leave the range of floating point. "
+                         "Choose other units")
     data.flags.writeable = False
     return matrix
 
@@ -63,7 +63,7 @@ def _first(matrix: Matrix, mask: Array) -> tuple[int, int]:
 
 
 def is_symmetric(matrix: Matrix) -> bool:
-    """A = Aᵀ to the last digit."""
+    """Whether A = Aᵀ exactly."""
     if sp.issparse(matrix):
         other = matrix.T.tocsr()  # canonical, as `matrix` is
         if np.array_equal(matrix.indptr, other.indptr) and np.array_equal(matrix.indices, other.indices):
@@ -73,10 +73,10 @@ def is_symmetric(matrix: Matrix) -> bool:
 
 
 def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
-    """(A + Aᵀ)/2 where |a_ij - a_ji| ≤ ROUNDING sqrt(|a_ii a_jj|) throughout, else A itself; and whether that is symmetric.
+    """(A + Aᵀ)/2 if |a_ij - a_ji| ≤ ROUNDING sqrt(|a_ii a_jj|) for all i, j, else A itself; and whether the result is symmetric.
 
-    An assembly adds up the two triangles in different orders: the skew part is then rounding, and would cost all that
-    symmetric matrices are spared.
+    An assembly may add up the two triangles in different order. The skew part is then rounding, but it would rule out the
+    cheaper methods for symmetric matrices.
     """
     if is_symmetric(matrix):
         return matrix, True
@@ -99,8 +99,8 @@ def norm(matrix: Matrix) -> float:
 def equilibration(A: Matrix) -> tuple[Array, Array]:
     """r and c, (n,) each, powers of two, with which the rows and columns of r_i a_ij c_j have sums near 1.
 
-    Deflections, slopes and twists in one vector make entries that differ by the fourth power of the element's length;
-    a condition number means something only once that is taken out. A symmetric A gets r = c.
+    Matrices with deflections and rotations have entries that differ by up to the fourth power of the element length. A
+    condition number is meaningful only after scaling. A symmetric A gets r = c.
     (Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices, RAL-TR-2001-034.)
     """
     size = abs(A)
@@ -113,14 +113,14 @@ def equilibration(A: Matrix) -> tuple[Array, Array]:
 
 
 def equilibrated(A: Matrix) -> tuple[Array, Array, float]:
-    """Row and column scales, and the norm of the scaled matrix, which is not formed: beside a factor it would not fit."""
+    """Row and column scales, and the norm of the scaled matrix, which is not formed (beside a large factor it may not fit)."""
     rows, columns = equilibration(A)
     size = abs(A)
     return rows, columns, float(np.sqrt(np.max(rows * (size @ columns)) * np.max(columns * (size.T @ rows))))
 
 
 def scaled(A: Matrix, rows: Array, columns: Array) -> Matrix:
-    """r_i a_ij c_j; powers of two change no digit."""
+    """r_i a_ij c_j; exact if r and c are powers of two."""
     if not sp.issparse(A):
         return rows[:, None] * A * columns
     data = A.data * np.repeat(rows, np.diff(A.indptr)) * columns[A.indices]
@@ -135,7 +135,7 @@ def unit_length(x: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """K - σM of symmetric sparse K and M, (n, n), formed only where it must be: beside a large factor it would not fit."""
+    """K - σM of symmetric sparse K and M, (n, n), formed only on demand: beside a large factor it may not fit in memory."""
 
     K: Matrix
     M: Matrix
@@ -153,7 +153,7 @@ class Difference:
         return self.K - self.sigma * self.M if self.sigma else self.K
 
     def upper(self) -> Matrix:
-        """Its upper triangle, made of those of K and M."""
+        """Its upper triangle, from those of K and M."""
         return upper(self.K) - self.sigma * upper(self.M) if self.sigma else upper(self.K)
 
     def __matmul__(self, x: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The quadratic pencil λ²M + λD + K: what every stability question is asked of, full and reduced alike."""
+"""The quadratic pencil λ²M + λD + K: the input of every stability analysis, for full and reduced models alike."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from femsub.checks import Array, Matrix
 from femsub.model.frozen import Frozen
 from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, without_rounding
 
-SPREAD = 16.0  # units of the DOF may differ by so much before a sparse pencil is brought to units of its own
+SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Pencil(Frozen):
-    """P(λ) = λ²M + λD + K with real M, D, K of shape (n, n), sparse or dense, symmetric or not.
+    """A quadratic eigenvalue problem, given by its matrices: P(λ) = λ²M + λD + K.
+
+    M, D and K are real, of shape (n, n), sparse or dense, symmetric or not.
 
     Parameters
     ----------
@@ -29,14 +31,20 @@ class Pencil(Frozen):
     Attributes
     ----------
     symmetric : (bool, bool, bool)
-        Whether M, D and K are, to the last digit.
+        Whether M, D and K are exactly symmetric.
     contacts : tuple of (float, ndarray)
-        (c, W) of each cWWᵀ that `with_contact` has put into D: rounding hides their rank from its entries.
+        (c, W) of each term cWWᵀ that `with_contact` has added to D. Rounding hides their low rank in D itself.
 
     Raises
     ------
     InputError, InputTypeError
         Shapes that do not fit, NaN or Inf, complex entries.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.Pencil([[1, 0], [0, 1]], None, [[2, -1], [-1, 1]])
+    Pencil: 2 DOF, dense, all symmetric
     """
 
     M: Matrix
@@ -84,7 +92,7 @@ class Pencil(Frozen):
         return Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))._with(contacts=self.contacts)
 
     def _with(self, **changed: Any) -> Pencil:
-        """A copy with other fields, which are not checked again."""
+        """A copy with changed fields, without new checks."""
         copy = object.__new__(Pencil)
         copy.__dict__.update({name: getattr(self, name) for name in ("M", "D", "K", "symmetric", "contacts")} | changed)
         if "K" not in changed:
@@ -96,16 +104,16 @@ class Pencil(Frozen):
         return Pencil(self.M.T, self.D.T, self.K.T)
 
     def with_contact(self, coefficient: float, W: Array) -> Pencil:
-        """A copy with D + cWWᵀ, W of shape (n,) or (n, p); M and K are shared, and not checked again."""
+        """A copy with D + cWWᵀ, W of shape (n,) or (n, p). M and K are shared and not checked again."""
         found = self.with_damping(contact_damping(W, coefficient))
         return found._with(contacts=(*self.contacts, *([(coefficient, W.reshape(len(W), -1))] if coefficient else [])))
 
     def with_damping(self, extra: Matrix) -> Pencil:
-        """A copy with D + extra; M and K are shared, and not checked again."""
+        """A copy with D + extra. M and K are shared and not checked again."""
         return self.damped_by(self.D + (sp.csr_array(extra) if self.is_sparse else _dense(extra)))
 
     def damped_by(self, D: Any) -> Pencil:
-        """A copy with another D (None: no damping), sparse or dense as M and K are; these are shared, and not checked again."""
+        """A copy with another D (None: no damping), sparse or dense like M and K, which are shared and not checked again."""
         D = sp.csr_array(self.M.shape) if D is None else D
         D = (D if sp.issparse(D) else sp.csr_array(np.asarray(D))) if self.is_sparse else _dense(D)
         D, symmetric = without_rounding(as_matrix("D", D, self.size))
@@ -113,14 +121,15 @@ class Pencil(Frozen):
 
     @cached_property
     def rescaled(self) -> dict[tuple[bytes, bytes], tuple[Matrix, Matrix]]:
-        """M and K in other units, for all pencils that share M and K."""
+        """Rescaled M and K, shared by all pencils with the same M and K."""
         return {}
 
     @cached_property
     def units(self) -> tuple[Array, Array]:
-        """r and c, (n,) each, powers of two: the DOF of diag(r) P(λ) diag(c) are alike in size. r = c unless M is unsymmetric.
+        """Scales r and c, (n,) each, powers of two, such that the DOF of diag(r) P(λ) diag(c) are of similar size.
 
-        By the stiffness of each DOF, and where one has none by `equilibration` of |K| + ω|D| + ω²|M| with a typical ω.
+        They follow from the stiffness of each DOF. If a DOF has none, they come from `equilibration` of |K| + ω|D| + ω²|M|
+        with a typical ω. r = c unless M is unsymmetric.
         """
         stiffness = np.abs(self.K.diagonal())
         if self.symmetric[0] and self.symmetric[2] and stiffness.all():
@@ -135,16 +144,16 @@ class Pencil(Frozen):
         return r, c
 
     def alike(self) -> Pencil:
-        """diag(r) P(λ) diag(c) with the `units` r and c: its λ are those of P, its shapes x / c and y / r.
+        """The scaled pencil diag(r) P(λ) diag(c) with the `units` r and c: same λ, shapes x / c and y / r.
 
-        The pencil itself where its DOF are alike as they stand, within a factor of 16. Krylov vectors are orthonormal in
-        the units of the DOF: where those differ by 2ᵏ, some 4ᵏ roundings are lost.
+        This is the pencil itself if the scales of its DOF differ by less than a factor of 16. Krylov vectors are orthonormal
+        in the units of the DOF: scales that differ by 2ᵏ enlarge rounding errors by about 4ᵏ.
         """
         if all(unit.max() <= SPREAD * unit.min() for unit in self.units):
             return self
         rows, columns = self.units
         key = rows.tobytes(), columns.tobytes()
-        if key not in self.rescaled:  # kept, since factors made of them are found again by the matrix
+        if key not in self.rescaled:  # kept, since their factors are looked up by the matrix
             self.rescaled[key] = scaled(self.M, rows, columns), scaled(self.K, rows, columns)
         mass, stiffness = self.rescaled[key]
         parts = {"M": mass, "D": scaled(self.D, rows, columns), "K": stiffness}
@@ -163,16 +172,16 @@ class Pencil(Frozen):
         return (self.M @ shapes) * lam**2 + (self.D @ shapes) * lam + self.K @ shapes
 
     def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
-        """(|λ|²|M| + |λ||D| + |K|)|x| entry by entry: what rounding in P(λ)x is measured against."""
+        """(|λ|²|M| + |λ||D| + |K|)|x| entry by entry: EPS times this is the rounding in P(λ)x."""
         lam, size = np.abs(eigenvalues), np.abs(shapes)
         return (abs(self.M) @ size) * lam**2 + (abs(self.D) @ size) * lam + abs(self.K) @ size
 
     def backward_error(self, eigenvalues: Array, shapes: Array, residual: Array | None = None) -> Array:
-        """η_j = ‖P(λ_j)x_j‖ / ((|λ_j|²‖M‖ + |λ_j|‖D‖ + ‖K‖) ‖x_j‖), shape (k,).
+        """Backward errors η_j = ‖P(λ_j)x_j‖ / ((|λ_j|²‖M‖ + |λ_j|‖D‖ + ‖K‖) ‖x_j‖), shape (k,).
 
-        The matrices would have to be changed by η, relatively, for (λ, x) to be an exact pair
-        (Tisseur, Linear Algebra Appl. 309 (2000), Th. 1); η is free of units and of the scale of x. `residual` is R
-        where it is at hand already.
+        η is the smallest relative change of the matrices that makes (λ, x) an exact eigenpair
+        (Tisseur, Linear Algebra Appl. 309 (2000), Th. 1). It depends neither on units nor on the scale of x. `residual` is R
+        if it has been computed already.
         """
         lam = np.abs(eigenvalues)
         mass, damping, stiffness = self.norms

@@ -1,4 +1,4 @@
-"""`Substructure`: symmetric M, K, any D, an interface and named ports. A reduced one is one too."""
+"""`Substructure`: symmetric M and K, any D, an interface and named ports. A reduced substructure is a `Substructure` again."""
 
 from __future__ import annotations
 
@@ -21,30 +21,32 @@ from femsub.model.pencil import Pencil
 if TYPE_CHECKING:
     from femsub.model.estimate import Estimate
 
-SYMMETRY = 1e-9  # the largest |a_ij - a_ji| taken for rounding, relative to sqrt(|a_ii a_jj|): stiff DOF elsewhere say nothing
-UNUSUAL = 1e-13  # from here on that is warned of: assemblies round off less, products of matrices may round off more
+SYMMETRY = 1e-9  # largest |a_ij - a_ji| / sqrt(|a_ii a_jj|) that counts as rounding; other DOF's stiffness plays no role
+UNUSUAL = 1e-13  # from here on `Substructure` warns: an assembly rounds off less, products of matrices may round off more
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Substructure(Frozen):
-    """M ü + D u̇ + K u = Σ w_p f_p + interface forces, with M, D, K of shape (n, n).
+    """A component: mass, damping and stiffness matrices, its interface DOF and its named ports.
+
+    M ü + D u̇ + K u = Σ w_p f_p + interface forces, with M, D, K of shape (n, n).
 
     Parameters
     ----------
     M, K : array_like or sparse, shape (n, n)
         Mass and stiffness, symmetric, in consistent units. A difference of a_ij and a_ji up to 1e-9 of
-        sqrt(|a_ii a_jj|) is taken for rounding and averaged away, with a warning above 1e-13. Sparse matrices stay
-        sparse (CSR). No negative mass; massless DOF are welcome.
+        sqrt(|a_ii a_jj|) counts as rounding and is averaged out, with a warning above 1e-13. Sparse matrices stay
+        sparse (CSR). Mass must not be negative; DOF without mass are allowed.
     D : array_like or sparse, shape (n, n), optional
         Damping, symmetric or not.
     interface : sequence of int
-        Interface DOF, counted from 0, in the order in which a reduced model will list them.
+        Interface DOF, counted from 0. A reduced model lists them in this order.
     ports : mapping of str to array_like, shape (n,) or (n, p)
         Named columns w on which belts, forces and outputs act.
     name : str
         For messages and for `couple`.
     dofs : DofMap, optional
-        Which motion of which node each DOF is, and where.
+        The node, direction and coordinates of each DOF.
 
     Raises
     ------
@@ -55,7 +57,13 @@ class Substructure(Frozen):
     Warns
     -----
     FemsubWarning
-        M or K is unsymmetric by more than an assembly rounds off.
+        M or K is unsymmetric by more than the rounding of an assembly.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.Substructure(M=[[1, 0], [0, 1]], K=[[2, -1], [-1, 1]], interface=[0], ports={"belt": [0, 1]})
+    Substructure 'part': 2 DOF, dense, 1 interface DOF, ports belt
     """
 
     M: Matrix
@@ -102,7 +110,7 @@ class Substructure(Frozen):
 
     @cached_property
     def interface_rows(self) -> Matrix:
-        """B with u_b = B u, shape (n_b, n): how the physical interface is read from this model's coordinates."""
+        """B, shape (n_b, n), with u_b = B u: the physical interface displacements in this model's coordinates."""
         count = len(self.interface)
         return sp.csr_array((np.ones(count), (np.arange(count), self.interface)), shape=(count, self.size))
 
@@ -112,7 +120,7 @@ class Substructure(Frozen):
         return Pencil(self.M, self.D, self.K)
 
     def linearised(self, contacts: Belt | Sequence[Belt] | None = None) -> Pencil:
-        """The pencil with D + Σ F μ' w wᵀ over the belts given."""
+        """The pencil linearised about steady sliding: with D + Σ F μ' w wᵀ over the given belts."""
         pencil = self.pencil
         given = () if contacts is None else contacts
         for belt in [given] if isinstance(given, Belt) else items("contacts", given, "Belts, or a Belt"):
@@ -121,7 +129,7 @@ class Substructure(Frozen):
         return pencil
 
     def with_damping(self, D: Any) -> Self:
-        """The same model with another D, shape (n, n), symmetric or not; None takes all damping away."""
+        """A copy with another D, shape (n, n), symmetric or not; None removes all damping."""
         pencil = self.pencil.damped_by(D)
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__ | {"D": pencil.D, "pencil": pencil})
@@ -136,9 +144,9 @@ class Substructure(Frozen):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReducedSubstructure(Substructure):
-    """u ≈ V q: a Substructure in the coordinates q of a basis V, shape (n, r), with M, D, K of shape (r, r).
+    """A reduced component, made by `reduce`: a `Substructure` in the coordinates q of a basis, u ≈ V q.
 
-    It is used like any other substructure; what it knows beyond one is where it comes from.
+    V has the shape (n, r); M, D, K have (r, r). It is used like any other substructure. In addition it knows its origin.
 
     Attributes
     ----------
@@ -151,21 +159,31 @@ class ReducedSubstructure(Substructure):
     method : str
         One line that names the method and its size.
     cutoff : float
-        The frequency of the first mode left out (inf where none is). Above it, modes decide nothing.
+        The frequency of the first mode left out (inf if none is). Modes above it must not decide about stability.
     dropped : int
         Columns left out because they depended on the others.
     port_error : dict of str to float
         Per port, the error of the static response in the energy norm, relative to that of the full component.
     factorisations : int
-        How many factorisations of the component were made for the basis: 0 where an earlier call on the part had made them.
+        Factorisations of the component made for the basis: 0 if earlier calls had made them already.
     full_dofs : DofMap, optional
-        That of the rows of V.
+        The DOF map of the rows of V.
     full_interface : ndarray of int
         The interface as rows of V.
     estimate : Estimate, optional
-        How far its modes in the band are off, where a tolerance was asked.
+        Error estimates of its modes in the band, if `reduce` was given a tolerance.
     estimated : (M, D, K), optional
-        The matrices that `estimate` holds for, by default the model's own: of a copy with others it is gone.
+        The matrices that `estimate` is valid for, by default the model's own. A copy with other matrices loses the estimate.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub = fs.chain(10, belt=1)
+    >>> rom = fs.reduce(sub, fs.CraigChang(modes=3))
+    >>> rom
+    ReducedSubstructure 'chain': 4 of 10 DOF by Craig-Chang with 3 free modes, cut-off 1 rad/time
+    >>> rom.expand([1.0, 0.0, 0.0, 0.0]).shape
+    (10,)
     """
 
     interface: Array = field(init=False)
@@ -211,7 +229,7 @@ class ReducedSubstructure(Substructure):
         return self.V[self.full_interface]
 
     def with_damping(self, D: Any) -> Self:
-        """The same model with another D, shape (r, r); its estimate, which held for the other, is gone."""
+        """A copy with another D, shape (r, r), and without the estimate, which is not valid for it."""
         copy = super().with_damping(D)
         copy._set(estimate=None, estimated=None)
         return copy
@@ -225,7 +243,7 @@ class ReducedSubstructure(Substructure):
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:
-    """(A + Aᵀ)/2 of an A that is symmetric but for rounding, measured DOF by DOF: flutter between two soft DOF is none."""
+    """(A + Aᵀ)/2 of an A that is symmetric but for rounding. The tolerance is measured per DOF."""
     skew, unit = sp.coo_array(matrix - matrix.T), np.sqrt(np.abs(matrix.diagonal()))
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(skew.data == 0, 0.0, np.abs(skew.data) / (unit[skew.row] * unit[skew.col]))
@@ -236,17 +254,17 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
     found = (f"{name} is not symmetric: {name}[{row}, {column}] = {matrix[row, column]:.6g}, but {name}[{column}, {row}] = "
              f"{matrix[column, row]:.6g}, {size}")
     if share[where] > SYMMETRY:
-        raise InputError(f"{found}, and {SYMMETRY:g} is the most that passes for rounding; an unsymmetric matrix belongs to a "
-                         f"Pencil(M, D, K), friction to a contact; if it is rounding after all, give ({name} + {name}.T) / 2")
+        raise InputError(f"{found}. Only {SYMMETRY:g} is accepted as rounding. Give an unsymmetric matrix to Pencil(M, D, K), "
+                         f"and friction as a contact. If it is rounding after all, give ({name} + {name}.T) / 2")
     if share[where] > UNUSUAL:
-        warnings.warn(f"{found}: it is taken for rounding, and averaged away; if it is friction, give a Pencil(M, D, K), else "
+        warnings.warn(f"{found}. It is treated as rounding and averaged out. If it is friction, use Pencil(M, D, K), else give "
                       f"({name} + {name}.T) / 2", FemsubWarning, stacklevel=4)
     mean = (matrix + matrix.T) * 0.5
     return sp.csr_array(mean) if sp.issparse(mean) else mean
 
 
 def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
-    """m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too dear here."""
+    """Check m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too expensive here."""
     entries = M.tocoo() if sp.issparse(M) else sp.coo_array(M)
     bound = np.sqrt(diagonal)
     excess = np.abs(entries.data) - (1 + SYMMETRY) * bound[entries.row] * bound[entries.col]
@@ -254,7 +272,7 @@ def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
         where = int(excess.argmax())
         i, j = int(entries.row[where]), int(entries.col[where])
         raise InputError(f"M is not positive semidefinite: M[{i}, {j}] = {entries.data[where]:.6g} is larger than "
-                         f"sqrt(M[{i}, {i}] M[{j}, {j}]), so that some motion would have negative kinetic energy")
+                         f"sqrt(M[{i}, {i}] M[{j}, {j}]), so some motion would have negative kinetic energy")
 
 
 def _interface(values: Iterable[int], size: int) -> Array:
