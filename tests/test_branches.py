@@ -28,7 +28,7 @@ def test_with_slope_gives_the_slope_asked() -> None:
             made = law.with_slope(slope, speed)
             assert made.slope(speed) == pytest.approx(slope, rel=1e-12)
             assert (made.eps, made.coulomb, made.decay) == (law.eps, law.coulomb, law.decay)
-    with pytest.raises(fs.InputError, match="choose another speed"):
+    with pytest.raises(fs.InputError, match="Choose another speed"):
         LAW.with_slope(-0.1, 0.0)
 
 

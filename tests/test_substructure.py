@@ -117,7 +117,7 @@ def test_no_unit_of_a_dof_changes_what_is_symmetric() -> None:
 
 
 def test_more_than_an_assembly_rounds_off_is_told() -> None:
-    with pytest.warns(fs.FemsubWarning, match=r"K\[0, 1\] = -1, but .*a difference of 5.0e-12 of .* averaged away") as caught:
+    with pytest.warns(fs.FemsubWarning, match=r"K\[0, 1\] = -1, but .*a difference of 5.0e-12 of .* averaged out") as caught:
         fs.Substructure(M, changed(K, (0, 1), -1.0 + 1e-11))
     assert caught[0].filename == __file__
 

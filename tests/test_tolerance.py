@@ -281,7 +281,7 @@ def test_what_cannot_be_met_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
         quietly(fs.chain(3000, belt=2), fs.CraigBampton(band=(0.0, 0.005), tol=1e-17))
     monkeypatch.setattr("femsub.reduction.mode_selection.MOST", 20)
     monkeypatch.setattr("femsub.reduction.mode_selection.DENSE", 100)
-    with pytest.raises(fs.NotConvergedError, match=r"with \d\d modes Estimate: .* not met .* put the belt's DOF"):
+    with pytest.raises(fs.NotConvergedError, match=r"With \d\d modes: Estimate: .* not met .* put the belt's DOF"):
         quietly(fs.chain(400, belt=2), fs.CraigBampton(band=(0.0, 0.1), tol=1e-9))
 
 

@@ -191,7 +191,7 @@ def width_of(law: Any) -> float:
 def with_slope(law: Any, slope: float, speed: float) -> Any:
     """The law with another μ'(speed); an InputError for one that has no `with_slope`."""
     if not callable(getattr(law, "with_slope", None)):
-        raise InputError(f"the slope cannot be varied: {type(law).__name__} has no method with_slope(slope, speed)")
+        raise InputError(f"the slope cannot be varied: {type(law).__name__} has no with_slope(slope, speed)")
     return law.with_slope(slope, speed)
 
 
@@ -242,7 +242,7 @@ class Belt:
         word("port", self.port)
         finite_number("force", self.force)
         if self.force < 0:
-            raise InputError(f"force, the normal force of the belt, must not be negative, but is {self.force!r}")
+            raise InputError(f"force must not be negative, but is {self.force!r}: it is the normal force of the belt")
         if self.speed is not None:
             finite_number("speed", self.speed)
         if self.law is None and self.slope is None:

@@ -1,7 +1,7 @@
 """Block Lanczos with thick restart: many right-hand sides at once where single solves are bound by memory traffic.
 
-Krylov-Schur (SLEPc) asks for one solve at a time, and reads all of the factor for each. On bulky solids a column of a
-block of 10 costs a quarter of that, and the basis takes 1.6 times as many: see `scripts/bench.py`.
+Krylov-Schur (SLEPc) solves for one right-hand side at a time, and reads the whole factor each time. On bulky solids a
+column in a block of 10 costs a quarter of that, while 1.6 times as many columns are needed: see `scripts/bench.py`.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
 from femsub.linalg.factor import Handle
 
-BLOCK = 10  # a larger block makes a column cheaper, but the basis longer, which costs solves and orthogonalisation
+BLOCK = 10  # larger blocks make a column cheaper, but need a longer basis: more solves and more orthogonalisation
 RESTARTS = 60
 ROWS = 50_000
 
 
 def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1,
                   known: Array | None = None) -> tuple[Array, Array]:
-    """(K - λM)φ = 0 nearest above σ: A V = V T + Q R Eᵀ with A = (K - σM)⁻¹M, VᵀMV = I, V (n, m), T (m, m); λ = σ + 1/θ.
+    """The eigenvalues of (K - λM)φ = 0 next above σ: A V = V T + Q R Eᵀ, A = (K - σM)⁻¹M, VᵀMV = I, V (n, m), λ = σ + 1/θ.
 
-    K - σM, of which `factor` is the factor, is positive definite. Ritz pairs are accepted where ‖R Eᵀy‖ ≤ tol θ. Each
-    block is orthogonalised twice against all before it; a restart keeps the wanted Ritz vectors and half of the others.
+    `factor` is that of K - σM, which is positive definite. A Ritz pair is accepted if ‖R Eᵀy‖ ≤ tol θ. Each block is
+    orthogonalised twice against all earlier ones. A restart keeps the wanted Ritz vectors and half of the others.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     M : sparse, shape (n, n)
         Positive semidefinite.
     known : ndarray, shape (n, k), optional
-        M-orthonormal shapes that are kept out of the search.
+        M-orthonormal shapes to deflate.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     Raises
     ------
     NotConvergedError
-        `count` Ritz pairs have not converged within 60 restarts.
+        Fewer than `count` Ritz pairs have converged within 60 restarts.
 
     References
     ----------
@@ -51,7 +51,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     locked = np.zeros((factor.size, 0)) if known is None else known
     inert = M @ locked
     MX = _ritz_momenta(factor, M, count, tol, seed, locked, inert)
-    # z = Ax takes out what lies in the null space of M, and θ = xᵀMz is right to rounding also for the small ones
+    # z = Ax removes components in the null space of M, and θ = xᵀMz is accurate to rounding for small θ as well
     X = factor.solve(MX)
     X -= locked @ (inert.T @ X)
     theta = np.einsum("ij,ij->j", MX, X)
@@ -59,7 +59,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
 
 
 def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, locked: Array, inert: Array) -> Array:
-    """MX for the wanted Ritz vectors X, shape (n, count); all else is given back."""
+    """MX for the wanted Ritz vectors X, shape (n, count). All other memory is freed."""
     n, rng = factor.size, np.random.default_rng(seed)
     room = n - locked.shape[1]
     b = min(BLOCK, room)
@@ -68,7 +68,7 @@ def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
     T = np.zeros((most + b, most + b))
 
     def against(W: Array, size: int) -> tuple[Array, Array]:
-        """W less what lies in the basis and the locked shapes, by two passes; and the share of the basis."""
+        """W orthogonalised in two passes against the basis and the locked shapes, and its coefficients in the basis."""
         share = np.zeros((size, W.shape[1]))
         for _ in range(2):
             part = MV[:, :size].T @ W
@@ -77,7 +77,7 @@ def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
         return W, share
 
     def put(W: Array, at: int) -> Array:
-        """Appends W made M-orthonormal, W = Q R; returns R. Columns that are rounding are replaced at random, with R = 0."""
+        """Append W made M-orthonormal, W = Q R; return R. Columns that are only rounding are replaced by random ones, R = 0."""
         size, R = W.shape[1], np.eye(W.shape[1])
         while True:
             MW = M @ W
@@ -87,7 +87,7 @@ def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
             root = np.sqrt(values[good])
             change, lost = Y[:, good] / root, size - int(good.sum())
             R = np.vstack([(root[:, None] * Y[:, good].T) @ R, np.zeros((lost, size))])
-            if not lost and values[0] > 0.5 * values[-1]:  # the change is by rounding: MW need not be formed anew
+            if not lost and values[0] > 0.5 * values[-1]:  # the change is only rounding: no new product MW
                 V[:, at:at + size], MV[:, at:at + size] = W @ change, MW @ change
                 return R
             W = W @ change
@@ -102,7 +102,7 @@ def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
         T[m:m + b, :m] = share[:m].T
         m += b
         theta, Y = np.linalg.eigh((T[:m, :m] + T[:m, :m].T) / 2)
-        theta, Y = theta[::-1], np.array(Y[:, ::-1], order="F")  # a negative stride would keep BLAS out
+        theta, Y = theta[::-1], np.array(Y[:, ::-1], order="F")  # BLAS cannot use a negative stride
         R = put(W, m) if m < room else np.zeros((b, b))
         residual = np.linalg.norm(R @ Y[m - b:, :count], axis=0)
         if m >= count and (residual <= tol * np.abs(theta[:count])).all():
@@ -110,11 +110,11 @@ def _ritz_momenta(factor: Handle, M: Matrix, count: int, tol: float, seed: int, 
         if m + b > most:
             if restarts == RESTARTS:
                 good = int(np.count_nonzero(residual <= tol * np.abs(theta[:count])))
-                raise NotConvergedError(f"{good} of {count} modes converged to {tol:g} within {restarts} restarts; ask for "
-                                        "fewer, or check the matrices")
+                raise NotConvergedError(f"{good} of {count} modes converged to {tol:g} within {restarts} restarts. Ask for "
+                                        "fewer modes, or check the matrices")
             restarts += 1
             keep = min((2 * count + 3 * m) // 5, m - b)
-            for basis in (V, MV):  # in its own place: a second basis would not fit beside a large factor
+            for basis in (V, MV):  # in place: a second basis may not fit beside a large factor
                 for start in range(0, n, ROWS):
                     rows = slice(start, start + ROWS)
                     basis[rows, :keep] = basis[rows, :m] @ Y[:, :keep]

@@ -1,4 +1,4 @@
-"""All modes of small dense matrices by LAPACK, accurate at both ends of the spectrum; and what makes modes orthonormal."""
+"""All modes of small dense matrices by LAPACK, accurate at both ends of the spectrum; orthonormalisation of modes."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import scipy.linalg as la
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError, SingularMatrixError
 
-ORTHOGONAL = 1e-12  # deviation of ΦᵀMΦ from I from which modes are orthogonalised once more
-ROWS = 20_000  # of Φ, worked on at a time
+ORTHOGONAL = 1e-12  # deviation of ΦᵀMΦ from I above which modes are orthogonalised once more
+ROWS = 20_000  # rows of Φ processed at a time
 
 
 def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
     """All finite λ (k,) and φ (n, k) of dense Kφ = λMφ, K definite, ΦᵀMΦ = I.
 
-    The lower part comes from Mφ = θKφ, the upper from Kφ = λMφ, since each loses digits towards its far end. They meet in
-    a gap of the spectrum, see `_seam`.
+    The lower part of the spectrum comes from Mφ = θKφ, the upper part from Kφ = λMφ: each form loses digits at its small
+    eigenvalues. The two parts are joined in a gap of the spectrum, see `_seam`.
 
     Raises
     ------
@@ -27,8 +27,8 @@ def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
         theta, x = la.eigh(M, K, check_finite=False)
     except la.LinAlgError as error:
         raise SingularMatrixError(
-            "K is singular to working precision beside its rigid-body motion: a piece is held by so much less than the "
-            f"stiffness of the rest that rounding takes it; hold it, or leave it out ({error})") from None
+            "K is numerically singular, apart from its rigid-body modes. A piece is probably held by a stiffness far below that "
+            f"of the rest. Support this piece, or leave it out ({error})") from None
     theta, x = theta[::-1], x[:, ::-1]
     low = int(np.count_nonzero(theta > 1e-15 * theta[0]))
     try:
@@ -43,10 +43,10 @@ def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
 
 
 def _seam(values: Array, theta: Array) -> int:
-    """How many modes to take from Mφ = θKφ, where Kφ = λMφ has the rest; `values` are λ, `theta` θ = 1/λ, (n,) each.
+    """The number p of modes to take from Mφ = θKφ; Kφ = λMφ gives the rest. `values` are λ, `theta` θ = 1/λ, (n,) each.
 
-    With p of them, vectors at the seam are off by eps/gap · λ_p/λ_1 from below and eps/gap · λ_n/λ_p+1 from above: in a
-    cluster each part would come with its own choice of vectors. The p with the least is taken; 0 and n have no seam.
+    Vectors at the seam have errors of eps/gap · λ_p/λ_1 from below and eps/gap · λ_n/λ_p+1 from above. A seam inside a
+    cluster would combine two different bases of one eigenspace. The p with the smallest error is taken; 0 and n have no seam.
     """
     top, bottom, tiny = float(values[-1]), 1 / float(theta[0]), np.finfo(float).tiny
     below, above = np.maximum(values[:-1], bottom), np.maximum(values[1:], bottom)
@@ -56,8 +56,10 @@ def _seam(values: Array, theta: Array) -> int:
 
 
 def orthonormalise(shapes: Array, M: Matrix) -> None:
-    """Steps towards ΦᵀMΦ = I, in place, that change each mode by those below it only: the least bit of a high mode would
-    cost a low one much energy. A solve blows up what rounding leaves of the lowest modes in the others by ω²/ω₁².
+    """Make ΦᵀMΦ = I, in place. Each mode is corrected by lower modes only.
+
+    A small component of a high mode would dominate the energy of a low one. A solve amplifies the rounding components of
+    the lowest modes in the others by ω²/ω₁².
 
     Raises
     ------
@@ -72,7 +74,7 @@ def orthonormalise(shapes: Array, M: Matrix) -> None:
             break
         if not off < 0.5:
             i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
-            raise NotConvergedError(f"modes {i + 1} and {j + 1} are not independent, φᵀMφ = {gram[i, j]:.3g}: the eigensolver "
-                                    "lost a mode; check the scaling of K and M")
+            raise NotConvergedError(f"modes {i + 1} and {j + 1} are not independent, φᵀMφ = {gram[i, j]:.3g}. The eigensolver "
+                                    "has listed one mode twice. Check the scaling of K and M")
         for start in range(0, len(shapes), ROWS):
             shapes[start:start + ROWS] -= shapes[start:start + ROWS] @ change

@@ -1,7 +1,7 @@
 """Normal modes (K - ω²M)φ = 0 with their certificates: a residual for each, and an independent count.
 
-Elastic modes come from Krylov-Schur on a `ShiftInvert` handle, or from LAPACK where the model is small or most of its
-modes are wanted. Their number is confirmed by the inertia of K - ω²M, and what is missing is fetched.
+Elastic modes come from Krylov-Schur on a `ShiftInvert` handle, or from LAPACK if the model is small or most of its
+modes are wanted. The inertia of K - ω²M confirms their number (the inertia count). Missing modes are computed afterwards.
 """
 
 from __future__ import annotations
@@ -32,19 +32,21 @@ from femsub.model.substructure import Substructure
 from femsub.modes.dense import dense_modes, orthonormalise
 from femsub.modes.shift_invert import ShiftInvert
 
-TOLERANCE = 1e-12  # asked of Krylov-Schur, relative to the shifted and inverted eigenvalue
+TOLERANCE = 1e-12  # of Krylov-Schur, relative to the eigenvalue of the shift-inverted problem
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
-BLOCK_TOLERANCE = 1e-9  # asked of block Lanczos, which ends with a step of inverse iteration
-HEAVY = 100  # nonzeros of the factor per row from which blocks of solves pay
-LOST = 0.1  # of ω² that rounding in K may take before it is warned of
-BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # by which a limit is moved up, relatively, until no mode is at it
-GAP = 1e-6  # between neighbouring ω², relative: less makes them a cluster, within which no inertia is counted
-DENSE = 3000  # up to so many DOF LAPACK takes over where a large part of all modes is wanted
+BLOCK_TOLERANCE = 1e-9  # of block Lanczos, which ends with a step of inverse iteration
+HEAVY = 100  # nonzeros of the factor per row from which block solves are faster
+LOST = 0.1  # relative change of ω² by rounding in K above which there is a warning
+BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn until no mode lies at it
+GAP = 1e-6  # relative gap of neighbouring ω² below which they are a cluster: no inertia is counted inside it
+DENSE = 3000  # DOF up to which LAPACK is used if a large part of all modes is wanted
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NormalModes:
-    """Φ with KΦ = MΦΩ², ΦᵀMΦ = I; rigid-body modes first, then elastic ones by frequency.
+    """Undamped modes of a model, made by `normal_modes`: KΦ = MΦΩ², ΦᵀMΦ = I.
+
+    Rigid-body modes come first, then elastic modes by frequency.
 
     Attributes
     ----------
@@ -54,19 +56,26 @@ class NormalModes:
     rigid : int
         The number of rigid-body modes.
     residual : ndarray, shape (k,)
-        ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, free of units.
+        ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, dimensionless.
     counted : tuple (limit, count)
-        An independent count: so many modes, from 0 on and rigid ones included, lie below the frequency `limit`, and all of them
-        were found. The limit lies behind the modes listed, or just below the last of them where these cut a cluster.
+        The inertia count: `count` modes lie below the frequency `limit`, rigid-body modes included, and all were found. The
+        limit lies above the modes listed. If the list ends inside a cluster, it lies just below that.
     unlisted : int
-        How many of those found are not listed, since they lie outside of the band that was asked.
+        Modes that were found but not listed, since they lie outside the requested band.
     confirmed : bool
-        Whether that count was made yet, or is what was found, see `confirm`.
+        Whether the inertia count has been made already; see `confirm`.
     factorisations : int
-        Made for the modes (the one for the count comes on top): 0 where an earlier call on the model had made it.
+        Factorisations made for the modes, without that of the count: 0 if an earlier call had made it.
     rounding : ndarray, shape (k,)
-        eps |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: how far ω² moves, relatively, if each entry of K and M moves by one rounding
+        eps |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: the relative change of ω² if each entry of K and M changes by one rounding
         (0 for rigid-body modes).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> modes = fs.normal_modes(fs.chain(10), count=2)
+    >>> modes.rigid, modes.shapes.shape, modes.evidence
+    (0, (10, 2), 'certified')
     """
 
     eigenvalues: Array
@@ -81,7 +90,7 @@ class NormalModes:
 
     @property
     def evidence(self) -> str:
-        """That none is missing: 'certified', by inertia, once counted; see `femsub.checks`."""
+        """'certified' if the inertia count proves that no mode is missing; see `femsub.checks`."""
         return CERTIFIED if self.confirmed else NOT_CHECKED
 
     @property
@@ -93,18 +102,17 @@ class NormalModes:
         elastic = self.frequencies[self.rigid:]
         span = f", ω {elastic[0]:.5g} to {elastic[-1]:.5g} rad/time" if len(elastic) else ""
         worst = f"{self.residual.max():.0e}" if len(self.residual) else "none"
-        beside = f", {self.unlisted} of them outside of the band" if self.unlisted else ""
+        beside = f", {self.unlisted} of them outside the band" if self.unlisted else ""
         return (f"NormalModes: {self.rigid} rigid and {len(elastic)} elastic{span}; largest residual {worst}; "
                 f"{self.counted[1]} counted below {self.counted[0]:.5g}{beside}")
 
 
 def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: NormalModes | None = None,
                  certify: bool = True) -> NormalModes:
-    """The rigid-body modes and the `count` lowest elastic ones, certified.
+    """The rigid-body modes and the `count` lowest elastic ones, certified by an inertia count.
 
-    With `defer`, the count of a large model is left to `confirm`, since it takes a second factorisation, and the memory
-    of the first may have to be given back before. Modes that are `known` are not sought again: only what lies beside
-    them. Without `certify` nothing is counted yet.
+    With `defer`, the inertia count of a large model is left to `confirm`: it needs a second factorisation, and the first one
+    may have to be freed before. `known` modes are deflated instead of computed again. Without `certify` there is no count.
     """
     n, rigid, finite = handle.K.shape[0], handle.rigid.shape[1], handle.finite
     if not 0 <= count <= handle.elastic:
@@ -116,13 +124,14 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
 
 
 def all_modes(K: Matrix, M: Matrix) -> NormalModes:
-    """Every mode, by LAPACK, however many there are; DOF without mass have none."""
+    """All modes, by LAPACK. A DOF without mass has none."""
     return _dense(ShiftInvert(K, M), None)
 
 
 def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
-    """All by LAPACK. Massless DOF are condensed; rigid-body modes are moved to ω² = λ₁/4, by K + ω² MΦ_rΦ_rᵀM,
-    which leaves the elastic ones where they are.
+    """All modes by LAPACK. Massless DOF are condensed.
+
+    K + ω² MΦ_rΦ_rᵀM shifts the rigid-body modes to ω² = λ₁/4 and leaves the elastic modes unchanged.
     """
     import scipy.linalg as la
 
@@ -133,7 +142,7 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
         lowest = handle.lowest_elastic() if handle.elastic else float(np.trace(K) / np.trace(M))
         K = K + 0.25 * lowest * (held @ held.T)
     turn = None
-    if handle.finite < np.count_nonzero(M.diagonal()):  # massless motion that no DOF by itself shows
+    if handle.finite < np.count_nonzero(M.diagonal()):  # M is singular, but not because of single massless DOF
         turn, M = massless_apart(M, handle.finite)
         K = turn.T @ K @ turn
     massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
@@ -144,10 +153,10 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     K = (K + K.T) / 2
     values, moving = dense_modes(K, M) if len(massive) else (np.zeros(0), np.zeros((0, 0)))
     count = len(values) - rigid if count is None else count
-    if len(values) < rigid + count:  # the rank of M seen with K is less than that of M by itself
-        raise InputError(f"{count} elastic modes were asked for, but only {len(values) - rigid} can be told from infinite ones")
+    if len(values) < rigid + count:  # fewer finite eigenvalues than the rank of M
+        raise InputError(f"{count} elastic modes were asked for, but only {len(values) - rigid} have a clearly finite frequency")
     if len(values):
-        # above all of them far above: the uppermost is the first to lose digits where M is nearly singular
+        # a limit far above all modes: if M is nearly singular, the highest mode loses digits first
         limit, below = _limit(values, rigid + count) if rigid + count < len(values) else (2 * float(values[-1]), len(values))
         _check_count(negative_eigenvalues(K - limit * M), below, limit)
     keep = slice(rigid, rigid + count)
@@ -168,7 +177,7 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
     values, shapes = np.zeros(0), np.zeros((handle.K.shape[0], 0))
     if known is not None:
         values, shapes = known.eigenvalues[rigid:], known.shapes[:, rigid:]
-    # two more than asked tell where a cluster ends
+    # two more than requested show where a cluster ends
     ask = min(count + 2 if certify and known is None else count, finite - rigid) - len(values)
     heavy = handle.factor.fill > HEAVY and finite > 20 * max(count, 1)
     if ask > 0:
@@ -197,7 +206,7 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
             return found
         if missed < 0 or attempt == 3:
             break
-        if missed > 0.3 * finite:  # a cluster for LAPACK, in which Krylov-Schur would run out of vectors
+        if missed > 0.3 * finite:  # a large cluster: Krylov-Schur would need too many vectors, LAPACK does not
             if handle.K.shape[0] > DENSE:
                 break
             return _dense(handle, count)
@@ -209,12 +218,12 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
 
 @phase("certificate")
 def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
-    """Makes the count that was deferred; the handle may have been released.
+    """Make the inertia count that `lowest_modes` deferred; the handle may have been released.
 
     Raises
     ------
     MissedModesError
-        The inertia of K - ω²M counts another number of modes.
+        The inertia of K - ω²M gives another number of modes.
     """
     if modes.confirmed:
         return modes
@@ -232,7 +241,7 @@ def _check_count(counted: int, found: int, limit: float) -> None:
 
 def _missed(counted: int, found: int, limit: float) -> MissedModesError:
     return MissedModesError(f"{found} modes were found below ω = {np.sqrt(limit):.6g}, but the inertia of K - ω²M counts "
-                            f"{counted}; ask for a few modes more or fewer, to leave the cluster")
+                            f"{counted}. There may be a cluster of frequencies. Ask for a few modes more or fewer")
 
 
 def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], confirmed: bool = True) -> NormalModes:
@@ -241,27 +250,32 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     orthonormalise(shapes, handle.M)
     residual, rounding = _certificates(handle.K, handle.M, values, shapes)
     if not residual.max(initial=0.0) <= ACCEPTED:
-        raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, and "
-                                f"{ACCEPTED:g} is the most that is accepted; check the scaling of K and M")
+        raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "
+                                f"at most {ACCEPTED:g} is accepted. Check the scaling of K and M")
     if rounding.max(initial=0.0) > LOST:
-        warnings.warn(f"rounding in the entries of K may move ω² of mode {int(rounding.argmax()) + 1} by {rounding.max():.0e} "
-                      "of itself: the forces that cancel in it are so much larger than those that are left; let stiffness "
-                      "differ less within the part, take fewer or larger elements, or support it less softly",
+        warnings.warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative "
+                      f"{rounding.max():.0e}, because large elastic forces cancel in this mode. Reduce the stiffness contrast "
+                      "within the part, coarsen the mesh, or use stiffer supports",
                       ConditionWarning, stacklevel=5)
     return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed, rounding)
 
 
 def normal_modes(model: Substructure, count: int | None = None, band: tuple[float, float] | None = None) -> NormalModes:
-    """(K - ω²M)φ = 0: the lowest modes of a substructure, full or reduced, undamped and without contact.
+    """The lowest undamped modes of a full or reduced substructure, without contact: (K - ω²M)φ = 0.
 
     Parameters
     ----------
     model : Substructure
     count : int, optional
-        Elastic modes wanted; the rigid-body modes of a floating part come on top.
+        Number of elastic modes; the rigid-body modes of a floating part are added to them.
     band : (lo, hi), optional
-        All modes with lo ≤ ω ≤ hi in radians per unit of time instead, rigid-body modes included if lo = 0. Those on an
-        edge are in, and so are those beyond it by less than 1e-9 of ω (`bands.in_band`), which is room for rounding.
+        Instead of `count`: all modes with lo ≤ ω ≤ hi in radians per unit of time, rigid-body modes included if lo = 0.
+        The edges belong to the band, with a tolerance of 1e-9 ω for rounding (`bands.in_band`).
+
+    Returns
+    -------
+    NormalModes
+        ω, Φ, the residual of each mode, and the inertia count.
 
     Raises
     ------
@@ -270,12 +284,18 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     SingularMatrixError
         K is not positive semidefinite.
     NotConvergedError, MissedModesError
-        The solver gave up, or an independent count (the inertia of K - ω²M) contradicts what was found.
+        The solver has not converged, or the inertia of K - ω²M shows that modes are missing.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.normal_modes(fs.chain(10), count=2).frequencies.round(6)
+    array([0.14946 , 0.445042])
     """
     if not hasattr(model, "K") or not hasattr(model, "M"):
         raise InputTypeError(f"normal_modes takes a Substructure, not {shown(model)}")
     if (count is None) == (band is None):
-        raise InputError("give either count (elastic modes) or band=(lo, hi) in rad per unit of time")
+        raise InputError("give either count, the number of elastic modes, or band=(lo, hi) in rad per unit of time")
     if count is not None:
         return lowest_modes(ShiftInvert(model.K, model.M), whole_number("count", count))
     lo, hi = check_band(band)
@@ -287,9 +307,9 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
 
 
 def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None) -> NormalModes:
-    """All modes with ω < limit; their number is the inertia of K - limit² M, known before the search begins, and the proof.
+    """All modes with ω < limit. The inertia of K - limit² M gives their number before the search, and proves completeness.
 
-    Where a mode lies at the limit, within rounding, the limit moves a little up.
+    If a mode lies at the limit, within rounding, the limit is raised slightly.
     """
     handle = handle or ShiftInvert(K, M)
     for beyond in BEYOND:
@@ -301,27 +321,27 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
             continue
         count = below - handle.rigid.shape[1]
         if count > handle.elastic:
-            last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but there are only "
-                                    f"{handle.elastic + handle.rigid.shape[1]}: K or M is indefinite, or known to few digits")
+            last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the model has only "
+                                    f"{handle.elastic + handle.rigid.shape[1]}. K or M is indefinite, or has few correct digits")
             continue
         modes = lowest_modes(handle, max(0, count), certify=False)
-        if count > 0 and modes.frequencies[-1] > reach:  # one was missed, or lies on the edge: a count in between tells
+        if count > 0 and modes.frequencies[-1] > reach:  # one was missed, or lies on the edge: a second count decides
             modes = lowest_modes(handle, count, known=modes)
         highest = float(modes.frequencies.max(initial=0.0))
         if count >= 0 and highest < reach * (1 - EDGE):
             modes = replace(modes, counted=(reach, below), confirmed=True)
             _remember(K, M, reach**2, modes)
             return modes
-        last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the last of as many that were found is "
-                                f"at {highest:.9g}: move the band a little")
+        last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the last of those found is at "
+                                f"{highest:.9g}. Move the end of the band a little")
     raise last
 
 
 @phase("certificate")
 def modes_under(K: Matrix, M: Matrix, value: float) -> int:
-    """How many ω² lie below `value`: the inertia of K - value M, by a factorisation of its own.
+    """The number of ω² below `value`: the inertia of K - value M, by a separate factorisation.
 
-    None is needed where all modes up to a higher limit were counted and found before, and none of them lies at `value`.
+    No factorisation is needed if all modes up to a higher limit are known and counted, and none of them lies at `value`.
     """
     for reach, values, doubt in _counted(K, M):
         if value <= reach and (np.abs(values - value) > doubt).all():
@@ -330,12 +350,12 @@ def modes_under(K: Matrix, M: Matrix, value: float) -> int:
 
 
 def _counted(K: Matrix, M: Matrix) -> list[tuple[float, Array, Array]]:
-    """The highest ω² up to which all modes of K and M were counted and found, these, and how near to them nothing is told."""
+    """The highest ω² up to which all modes are counted and found; these modes; the distance that a new limit must keep."""
     return shared((K, M), "modes counted", list)
 
 
 def _remember(K: Matrix, M: Matrix, limit: float, modes: NormalModes) -> None:
-    """Where these are all modes with ω² below the limit, as a count has told, none below it need be counted again."""
+    """Remember that these are all modes with ω² below the limit, so that no lower limit needs another inertia count."""
     known = _counted(K, M)
     if np.count_nonzero(modes.eigenvalues < limit) == len(modes.eigenvalues) == modes.counted[1] and (
             not known or limit > known[0][0]):
@@ -358,10 +378,10 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[A
 
 
 def _limit(values: Array, count: int) -> tuple[float, int]:
-    """Where the inertia is counted, and how many of the values, ascending, lie below.
+    """The limit for the inertia count, and the number of the values (ascending) below it.
 
-    In the widest gap behind the `count` wanted ones. Where there is none, since they cut a cluster, just below that: no
-    mode lies lower than those found, and of equal ones any are as good.
+    The limit lies in the widest gap above the `count` wanted ones. If there is no gap, because they end inside a cluster, it
+    lies just below the cluster. Then no lower mode is missing, and any member of the cluster may be listed.
     """
     if len(values) > count:
         tail = values[count - 1:] if count else np.append(0.0, values)

@@ -1,7 +1,7 @@
-"""(K - σM)⁻¹ factorised once, for modes and static solves alike, held or floating.
+"""K - σM factorised once, for modes and static solves, of held and floating components.
 
-σ is 0 for a component that is held, and a small negative number for one that floats: there the rigid-body modes are
-found first, by subspace iteration with the same factor, so that they can be kept out of everything elastic.
+σ is 0 for a held component, and a small negative number for a floating one. For the latter the rigid-body modes are found
+first, by subspace iteration with the same factor, so that elastic solutions can be made orthogonal to them.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from femsub.linalg.subspace import orthonormal
 from femsub.linalg.timing import phase
 from femsub.model.matrices import Difference, unit_length
 
-RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖ is rounding: a rigid-body mode in any system of units,
-ENERGY = 4e-15  # unless φᵀKφ is more than this share of |φ|ᵀ|K||φ|: forces of a soft mount add up, those of rounding do not
-GAP = 1e-2  # rigid-body modes lie at least so much below the first elastic one (as ω², which is rounding for them)
-LARGE = 10_000  # DOF from which the first shift is worth a look at the graph
-COLUMNS = 64  # right-hand sides of an elastic solve held at a time, with four temporaries each
-CONVERGED = 1e-13  # of an elastic solution, which the next correction would change by less
-COUNTED = 3000  # DOF up to which the rank of M is counted
+RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
+ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
+GAP = 1e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that of the first elastic mode
+LARGE = 10_000  # DOF from which the graph of K is used for the first shift
+COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
+CONVERGED = 1e-13  # an elastic solution has converged if the next correction changes it by less
+COUNTED = 3000  # DOF up to which the rank of M is computed
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
 class ShiftInvert:
-    """(K - σM)⁻¹ factorised once, with the rigid-body modes Φ_r (n, n_r), M-orthonormal, that K turned out to have.
+    """The factor of K - σM, and the M-orthonormal rigid-body modes Φ_r (n, n_r) of K.
 
-    Both are found again by whoever asks for the same K and M, or for the same `rows` of them; `factorisations` counts those
-    made for this handle, and may be 0.
+    Both are shared by all handles on the same K and M, or on the same `rows` of them. `factorisations` counts those made
+    for this handle; it may be 0.
     """
 
     def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None)) -> None:
@@ -43,7 +43,7 @@ class ShiftInvert:
         key = (self.K, self.M), "shift and rigid-body modes"
         self.sigma: float
         self.rigid: Array
-        self.lowest: float  # ω² of the first elastic mode, about; known where rigid-body modes had to be sought
+        self.lowest: float  # approximate ω² of the first elastic mode; inf if no search for rigid-body modes was needed
         self.sigma, self.rigid, self.lowest = shared(*key, self._found, lambda found: found[1].nbytes)
         if not hasattr(self, "factor"):
             self._factorise(self.sigma)
@@ -61,29 +61,29 @@ class ShiftInvert:
         self._float()
         if not self.floating:
             try:
-                self._factorise(0.0)  # held after all, by little
+                self._factorise(0.0)  # held after all, but softly
             except SingularMatrixError as error:
                 raise SingularMatrixError(
-                    "K is singular to working precision, but no motion stands out as rigid. Elements too thin or too fine for "
-                    "so slender a part, or a soft piece that moves at hardly more cost than rounding in a stiff one: take "
-                    f"larger elements, hold each piece, or make pieces so different parts of their own ({error})") from None
+                    "K is numerically singular, but no rigid-body modes were found. Likely causes: elements too thin or too "
+                    "small for a slender part, or a soft piece beside a much stiffer one. Coarsen the mesh, support each piece, "
+                    f"or make each piece a separate part ({error})") from None
         return self.sigma, self.rigid, self.lowest
 
     @phase("factorisation")
     def _factorise(self, sigma: float) -> None:
         if hasattr(self, "factor"):
             self.release()
-            forget_factor(self.K, "definite", self.M, self.sigma)  # two large ones would not fit
+            forget_factor(self.K, "definite", self.M, self.sigma)  # two large factors may not fit in memory
         before = factors_made()
         try:
             self.factor: Handle = shared_factor(self.K, "definite", self.M, sigma)
-        finally:  # one that broke down was made, too
+        finally:  # a factorisation that broke down counts, too
             self.factorisations += factors_made() - before
         self.sigma = sigma
 
     def _nearly_singular(self) -> bool:
-        # A Cholesky factorisation may survive a singular K by rounding; its inverse then blows up one shape.
-        # DOF in units of their own stiffness: QR would leave slopes with the rounding of deflections.
+        # Rounding may let a Cholesky factorisation of a singular K succeed; its inverse then amplifies one shape.
+        # DOF are scaled by their stiffness: otherwise QR gives rotations the rounding errors of deflections.
         unit = units(self.K)[:, None]
         x = np.random.default_rng(2).standard_normal((self.K.shape[0], 2))
         for _ in range(3):
@@ -94,13 +94,13 @@ class ShiftInvert:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
         loaded = (mass > 0) & (stiffness > 0)
         if not loaded.any():
-            raise SingularMatrixError("K has no stiffness on any DOF with mass: there is nothing to vibrate")
+            raise SingularMatrixError("no DOF has both stiffness and mass, so nothing can vibrate. Check K and M")
         ratio = stiffness[loaded] / mass[loaded]
-        # Rayleigh: no lower than the lowest frequencies, and no higher than the highest, whose rounding is the floor.
+        # Rayleigh quotients of single DOF: not below the lowest ω², not above the highest, whose rounding is the floor.
         floor = 16 * EPS * float(ratio.max())
         guess = 1e-7 * float(ratio.min())
         if self.K.shape[0] > LARGE and sp.issparse(self.K) and self.K.nnz > 10 * self.K.shape[0]:
-            # Of a fine mesh each DOF alone is far stiffer than the whole, and a second factorisation costs minutes.
+            # In a fine mesh each DOF alone is far stiffer than the component, and a second factorisation takes minutes.
             wave = smooth_shape(self.K)
             guess = min(guess, 1e-6 * float(wave @ (self.K @ wave)) / float(wave @ (self.M @ wave)))
         self._shift(max(guess, floor))
@@ -111,23 +111,23 @@ class ShiftInvert:
             self._find_rigid()
 
     def _shift(self, size: float) -> None:
-        """Factorises K - σM at σ = -size, or somewhat further down where rounding leaves K too indefinite for that."""
+        """Factorise K - σM at σ = -size, or at a larger shift if rounding makes that indefinite."""
         for sigma in (-size, -1e2 * size, -1e4 * size):
             try:
-                # by the power of two next to it: where K and M are round numbers, K - σM is then exact
+                # rounded to a power of two: for entries that are round numbers, K - σM is then exact
                 return self._factorise(-(2.0 ** float(np.round(np.log2(-sigma)))))
             except SingularMatrixError as error:
                 last = error
         raise SingularMatrixError(
-            f"K - σM is not positive definite for σ = {sigma:.3g}: K has a negative eigenvalue, or M is not "
+            f"K - σM is not positive definite for σ = {sigma:.3g}. Likely causes: K has a negative eigenvalue, M is not "
             f"positive semidefinite, or a DOF has neither mass nor stiffness ({last})")
 
     def _find_rigid(self) -> float:
-        """Subspace iteration contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value.
+        """Subspace iteration, which contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value.
 
-        It goes on until the lower half of the Ritz values stands still. Rigid are those that cost no more energy than
-        rounding and lie well below the next: the first bending mode of a long beam may be within rounding, too, but
-        the second is at most 40 times higher.
+        It stops when the lower half of the Ritz values has converged. A mode is rigid if its energy is only rounding and its
+        ω² lies well below the next. The gap is needed: the first bending mode of a long beam may be within rounding,
+        too, but the second is at most 40 times higher.
         """
         n, block = self.K.shape[0], SEEDS
         while True:
@@ -143,7 +143,7 @@ class ShiftInvert:
                 if still[half].all():
                     break
                 before = values
-            # Ritz vectors of rigid motion still hold rounding of the stiff ones: one more solve cleans each.
+            # Ritz vectors of rigid motion still contain rounding of stiff modes: one more solve removes it.
             cleaned = unit_length(self.factor.solve(self.M @ x))
             order = np.argsort(np.abs(values), kind="stable")
             values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
@@ -158,32 +158,33 @@ class ShiftInvert:
         self.rigid = orthonormal(cleaned[:, :count], self.M.__matmul__)[0]
         rest = values[count:]
         if (rest < -noise[count:]).any():
-            raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding: "
-                                      "is it the stiffness of a stable component, written with all its digits?")
+            raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding. Check that "
+                                      "K belongs to a stable component, and that its file holds all digits")
         if not len(rest) and count < self.finite:
             return self.lowest_elastic()
         self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
 
     def _without_dust(self, x: Array) -> Array:
-        """Entries below rounding set to 0, where K leaves some DOF free of all forces (as reduced models do): there rigid
-        motion has no forces that cancel, against which dust in the other DOF could be measured.
+        """x with entries below rounding set to 0, if K has DOF without any stiffness (as in reduced models).
+
+        Rigid motion of such DOF causes no forces, so the rounding in the other DOF cannot be compared with cancelling forces.
         """
         if self.K.diagonal().all():
             return x
         mass = self.M.diagonal()
         weighted = np.sqrt(mass)[:, None] * np.abs(x)
         x = np.where((weighted > 0) & (weighted < 8 * EPS * np.linalg.norm(weighted, axis=0)), 0.0, x)
-        # DOF without mass follow the others: where no force of these reaches any of them, they are at rest
+        # massless DOF follow the others statically: without a force from these they are at rest
         moved = np.where(mass[:, None] > 0, x, 0.0)
         at_rest = ~(self.K @ moved)[mass == 0].any(axis=0)
         return np.where(at_rest, moved, x)
 
     def lowest_elastic(self) -> float:
-        """ω² of the first elastic mode by subspace iteration beside the rigid ones.
+        """ω² of the first elastic mode by subspace iteration with the rigid-body modes deflated.
 
-        The search for rigid motion gives it only roughly: with σ far below the elastic modes of a small component, one solve
-        leaves less of these than rounding.
+        The search for rigid motion gives only a rough value: if σ is far below the elastic modes of a small component, one
+        solve reduces these below rounding.
         """
         x = np.random.default_rng(5).standard_normal((self.K.shape[0], 2))
         for _ in range(10):
@@ -193,8 +194,10 @@ class ShiftInvert:
 
     @cached_property
     def finite(self) -> int:
-        """How many finite ω² there are: the rank of M. Each DOF with mass has one, unless some move one mass together (then
-        M, scaled to a unit diagonal, has eigenvalues at 0, counted up to COUNTED DOF).
+        """The number of finite ω²: the rank of M.
+
+        It is the number of DOF with mass, unless several DOF share one mass. Then M, scaled to a unit diagonal, has
+        eigenvalues at 0; these are computed up to COUNTED DOF.
         """
         return shared((self.M,), "rank", self._rank_of_mass)
 
@@ -213,7 +216,7 @@ class ShiftInvert:
 
     @property
     def elastic(self) -> int:
-        """How many elastic modes there are."""
+        """The number of elastic modes."""
         return self.finite - self.rigid.shape[1]
 
     @property
@@ -221,24 +224,24 @@ class ShiftInvert:
         return self.rigid.shape[1] > 0
 
     def release(self) -> None:
-        """Lets go of the factor, which others may share; what needs no solve goes on working."""
+        """Drop the factor, which others may share. Everything that needs no solve still works."""
         del self.factor
 
     def deflate(self, x: Array, shapes: Array | None = None) -> Array:
-        """(I - ΦΦᵀM)x, by default with the rigid-body modes: what is left is M-orthogonal to them."""
+        """(I - ΦΦᵀM)x, M-orthogonal to the modes Φ; by default the rigid-body modes."""
         basis = self.rigid if shapes is None else shapes
         return x - basis @ (basis.T @ (self.M @ x))
 
     def elastic_solve(self, B: Array, kept: Array | None = None) -> Array:
-        """X = (I - ΦΦᵀM) K⁺ (I - MΦΦᵀ) B, shape (n, k): the response to B without the share of the modes Φ.
+        """X = (I - ΦΦᵀM) K⁺ (I - MΦΦᵀ) B, shape (n, k): the static response to B without the contribution of the modes Φ.
 
-        Φ is the rigid-body modes, or `kept` (n, m) which must include them: then X is the residual flexibility
-        (Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, ch. 17). With σ = 0 one solve does it; with
-        σ < 0 the correction x ← x + (K - σM)⁻¹(b - Kx) contracts by |σ|/(λ + |σ|) with the lowest λ not in Φ. That tells
-        beforehand how many corrections are worth a solve: one or two.
+        Φ are the rigid-body modes, or `kept` (n, m), which must include them. X is then the residual flexibility
+        (Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, ch. 17). With σ = 0 one solve is enough. With
+        σ < 0 the correction x ← x + (K - σM)⁻¹(b - Kx) contracts by |σ|/(λ + |σ|) with the lowest λ not in Φ. This rate
+        gives the number of corrections beforehand: one or two.
         """
         basis = self.rigid if kept is None else kept
-        lowest = self.lowest  # no mode beside Φ, which is in ascending order, is lower
+        lowest = self.lowest  # no mode outside Φ (ascending) is lower
         if basis.shape[1] > self.rigid.shape[1]:
             lowest = float(basis[:, -1] @ (self.K @ basis[:, -1]))
         rate = -self.sigma / (lowest - self.sigma)
@@ -259,14 +262,14 @@ class ShiftInvert:
             change = self.deflate(self.factor.solve(b - self.K @ x), basis)
             x = x + change
             before, step = step, np.linalg.norm(change, axis=0) / np.where(size > 0, size, 1.0)
-            going &= step < before / 2  # what does not contract is rounding
+            going &= step < before / 2  # a correction that does not contract is rounding
             rate = max(rate, float((step[going] / before[going]).max(initial=0.0)))
             going &= rate * step > CONVERGED
         return self.deflate(x, basis)
 
 
 def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
-    """The matrix, or its rows and columns of the interior, say, which are found again for as long as it is there itself."""
+    """The matrix, or a submatrix, which is made once and kept as long as the matrix itself."""
     if isinstance(rows, slice):
         return matrix
 
@@ -277,20 +280,20 @@ def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
 
 
 def annihilates_a_translation(K: Matrix) -> bool:
-    """Whether a uniform motion of every s-th DOF costs no energy: a cheap sign of a floating component."""
+    """Whether a uniform motion of every s-th DOF has no elastic energy: a cheap test for a floating component."""
     n = K.shape[0]
     probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 4, 6) if n % stride == 0]
     return bool(costs_nothing(K, np.stack(probes, axis=1)).any())
 
 
 def units(K: Matrix) -> Array:
-    """1/sqrt(k_ii), shape (n,): forces, moments and whatever else, times these, are alike in size and in units."""
+    """1/sqrt(k_ii), shape (n,): scales that make forces and moments comparable."""
     diagonal = K.diagonal()
     return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
 
 
 def costs_nothing(K: Matrix, x: Array) -> Array:
-    """Which columns K annihilates but for rounding, shape (k,): rigid-body motion, and no mode of a soft mount."""
+    """Which columns have Kx = 0 within rounding, bool, shape (k,): rigid-body motion, but not a mode on a soft mount."""
     size = np.abs(x)
     energy, scale = np.einsum("ij,ij->j", x, K @ x), np.einsum("ij,ij->j", size, abs(K) @ size)
     return (rounding_ratio(K, x) < RIGID) & (energy <= ENERGY * scale)

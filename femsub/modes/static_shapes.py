@@ -7,8 +7,8 @@ import numpy as np
 from femsub.checks import EPS, Array
 from femsub.modes.shift_invert import ShiftInvert
 
-DEPENDENT = 1e-13  # share of a static shape's energy below which what the modes leave of it is rounding
-NOISE = 1e-13  # of the motion in a static response, which is what rounding may leave in place of none
+DEPENDENT = 1e-13  # share of a static shape's energy below which its remainder beside the modes is rounding
+NOISE = 1e-13  # share of a static response's motion that may be rounding
 
 
 def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
@@ -18,15 +18,15 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     Parameters
     ----------
     handle : K and M
-    rest : Ψ, the response to `forces` without the share of the modes
-    forces : F with E = ΨᵀKΨ = ΨᵀF, which holds no cancellation
+    rest : Ψ, the response to `forces` without the modes' contribution
+    forces : F with E = ΨᵀKΨ = ΨᵀF, which is free of cancellation
     kept, values : the modes Φ (n, m) and ω² (m,), 0 for rigid ones
 
     Returns
     -------
     shapes, k, m, dropped
-        Where a column moves no mass, k = 1 and m = 0. That is so of what massless DOF add to the modes: with all modes
-        kept their mass is rounding, and one that was scaled to m = 1 would be nothing else.
+        A column that moves no mass has k = 1 and m = 0. Such columns come from massless DOF: with all modes kept their mass
+        is only rounding, and scaling it to m = 1 would make the whole column rounding.
     """
     given, room = rest.shape[1], len(rest) - kept.shape[1]
     static, motion = _whole(handle, rest, forces, kept, values)
@@ -36,10 +36,10 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     order = np.argsort(-inertia)
     inertia, change = inertia[order], change @ rotation[:, order]
     shapes = rest @ change
-    top = np.append(inertia, 1 / values[-1:][values[-1:] > 0]).max(initial=0.0)  # that of the highest mode, too
+    top = np.append(inertia, 1 / values[-1:][values[-1:] > 0]).max(initial=0.0)  # including the highest mode
     least = np.maximum(lightest(handle) * top,
                        (NOISE * (abs(change).T @ motion)) ** 2)
-    # no more columns can have mass than there are finite modes beside those kept
+    # at most as many columns have mass as there are finite modes not kept
     count = int(np.count_nonzero((inertia > least)[:max(handle.finite - kept.shape[1], 0)]))
     unit = np.where(np.arange(len(inertia)) < count, inertia, 1.0)
     shapes, stiffness = shapes / np.sqrt(unit), 1 / unit
@@ -52,9 +52,9 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
 
 
 def energy_directions(energy: Array, whole: Array, most: int | None = None) -> tuple[Array, Array]:
-    """C (s, k) with CᵀEC = I of shapes with the energy E (s, s), and the share that each has of that of the `whole` shapes (s,).
+    """C (s, k) with CᵀEC = I for shapes with the energy E (s, s), and each direction's share of the energy of `whole` (s,).
 
-    Shares of at most DEPENDENT are rounding of what the modes have taken, and left out; `most` are kept, the largest first.
+    Directions with a share of at most DEPENDENT are rounding and left out. At most `most` are kept, the largest first.
     """
     scale = np.where(whole > 0, whole, 1.0) ** -0.5
     share, vectors = np.linalg.eigh(energy * np.outer(scale, scale))
@@ -63,9 +63,9 @@ def energy_directions(energy: Array, whole: Array, most: int | None = None) -> t
 
 
 def _whole(handle: ShiftInvert, rest: Array, forces: Array, kept: Array, values: Array) -> tuple[Array, Array]:
-    """Of the whole static responses, of which Ψ is what the modes do not hold: the energy, and the size of the motion.
+    """Energy and size of the full static responses (Ψ plus the modes' contribution).
 
-    The size, sqrt(Σ m_ii x_i²), is what the rounding of each entry is measured against: without cancellation in M.
+    The size sqrt(Σ m_ii x_i²), free of cancellation in M, is the reference for rounding in the entries.
     """
     kept, values = kept[:, values.searchsorted(0.0, "right"):], values[values > 0]
     share = (kept.T @ forces) / values[:, None]
@@ -77,24 +77,23 @@ def _whole(handle: ShiftInvert, rest: Array, forces: Array, kept: Array, values:
 
 
 def lightest(handle: ShiftInvert) -> float:
-    """The mass that counts, per stiffness, beside that of the modes kept.
+    """The smallest mass per stiffness, relative to the kept modes, that does not count as 0.
 
-    A shape of a component without massless DOF is no faster than its highest mode. With them it may be a static
-    deflection that a mode hardly takes part in: made one of unit mass it would be stiffer than all else without bound, and
-    up to the highest mode kept its inertia changes nothing.
+    Without massless DOF no shape is faster than the highest mode. With them, a shape may be a static deflection with hardly
+    any mass. Scaled to unit mass, its stiffness would be unbounded. Its inertia has no effect up to the highest kept mode.
     """
     return 1e-14 if handle.finite == handle.K.shape[0] else 1e-8
 
 
 def _lost(handle: ShiftInvert, x: Array, stiffness: Array) -> float:
-    """The share of the energies that rounding in the product with K may take."""
+    """The relative error of the energies by rounding in the product with K."""
     return float((EPS * np.einsum("ij,ij->j", abs(x), abs(handle.K) @ abs(x)) / stiffness).max())
 
 
 def _again(handle: ShiftInvert, x: Array, stiffness: Array, noise: float, kept: Array) -> tuple[Array, Array]:
-    """A second pass: what was left of nearly dependent columns has lost digits, and picked up some of the modes.
+    """A second pass: the remainders of nearly dependent columns have lost digits, and contain parts of the modes again.
 
-    Their energy is taken from K itself where its product loses fewer digits than the first pass did (`noise`).
+    Their energy is computed from K itself if that loses fewer digits than the first pass did (`noise`).
     """
     x = x - kept @ (kept.T @ (handle.M @ x))
     gram, energy = x.T @ (handle.M @ x), x.T @ (handle.K @ x)
@@ -107,7 +106,7 @@ def _again(handle: ShiftInvert, x: Array, stiffness: Array, noise: float, kept: 
 
 
 def _of_unit_energy(handle: ShiftInvert, x: Array, noise: float) -> Array:
-    """The same of shapes without mass, XᵀKX = I."""
+    """The second pass for shapes without mass: XᵀKX = I."""
     if _lost(handle, x, np.ones(x.shape[1])) > noise:
         return x
     energy = x.T @ (handle.K @ x)
