@@ -44,7 +44,7 @@ class Runs(dict[str, tuple[Path, str]]):
 
     def __missing__(self, name: str) -> tuple[Path, str]:
         folder = self.folders.mktemp(name)
-        command = [sys.executable, "-m", "femsub.app.cli", "run", scene_file(folder, SMALL[name]), "--out", str(folder / "out")]
+        command = [sys.executable, "-m", "femsub", "run", scene_file(folder, SMALL[name]), "--out", str(folder / "out")]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0 and done.stderr == "", done.stderr
         self[name] = folder / "out", done.stdout

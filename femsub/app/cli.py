@@ -1,32 +1,60 @@
-"""The command line: `femsub scenes`, `femsub run SCENE [--out DIR]`, `femsub doctor`."""
+"""The command line: `femsub scenes`, `femsub new SCENE`, `femsub run SCENE [--out DIR]`, `femsub doctor`, and more: `--help`."""
 
 from __future__ import annotations
 
 import argparse
+import json
+import logging
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
+from femsub import __version__
 from femsub.app.scene import SCENES, load
+from femsub.checks import package
 from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError
 
 READER_GONE = 141  # the exit status of a command whose output nobody reads any more
 INTERRUPTED = 130  # the exit status of what Ctrl-C ends
+SCENE_NAME = "a name from `femsub scenes`"
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="femsub", description="Reduced substructures for friction-induced vibration: does the stability result survive?")
+    parser.add_argument("--version", action="version", version=f"femsub {__version__}",
+                        help="print the version (`femsub doctor` names those of PETSc and the other packages)")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     commands.add_parser("scenes", help="list what can be run")
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
-    run.add_argument("scene", help="a name from `femsub scenes`, or the path of a TOML file")
-    run.add_argument("--out", metavar="DIR", help="write results.json, results.csv and figures there; else nothing is written")
+    _scene_argument(run, "a name from `femsub scenes`, or the path of a TOML file", files=True)
+    out = run.add_argument("--out", metavar="DIR",
+                           help="write results.json, results.csv and figures there; else nothing is written")
+    out.complete = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}  # type: ignore[attr-defined]
     run.add_argument("--no-figures", action="store_true", help="draw nothing")
+    loud = run.add_mutually_exclusive_group()
+    loud.add_argument("-q", "--quiet", action="store_true", help="print warnings and errors only")
+    loud.add_argument("-v", "--verbose", action="count", default=0,
+                      help="tell on stderr what is factorised, solved and counted; -vv: each factorisation and count")
+    _scene_argument(commands.add_parser("keys", help="list every key of a scene: type, unit, default, meaning"), SCENE_NAME)
+    _scene_argument(commands.add_parser("new", help="print a scene file with every key: femsub new beam > my.toml"), SCENE_NAME)
+    _scene_argument(commands.add_parser("schema", help="print the JSON schema of scene files, for editors"),
+                    "one scene's schema instead of that of all", optional=True)
+    completion = commands.add_parser("completion", help="print the completion script of a shell: "
+                                     "femsub completion bash > ~/.local/share/bash-completion/completions/femsub")
+    completion.add_argument("shell", choices=("bash", "zsh", "tcsh"))
     commands.add_parser("doctor", help="what is installed, what it runs on, and what is wrong with it")
     return parser
+
+
+def _scene_argument(command: argparse.ArgumentParser, told: str, files: bool = False, optional: bool = False) -> None:
+    scene = command.add_argument("scene", help=told, nargs="?" if optional else None)
+    shells = {"bash": "_femsub_scene", "zsh": "_femsub_scene", "tcsh": "f"}
+    scene.complete = {shell: f"{name}_or_file" if files and shell != "tcsh" else name  # type: ignore[attr-defined]
+                      for shell, name in shells.items()}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,12 +64,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
+        if options.command == "run":
+            return _run(options)
         if options.command == "doctor":
             return _doctor()
-        if options.command == "scenes":
-            _say("\n".join(f"{name:<16} {line}" for name, (_, line) in SCENES.items()))
-            return 0
-        return _run(options)
+        _say(PRINTED[options.command](options))
+        return 0
     except FemsubError as error:
         return _fail(error, 2 if isinstance(error, (InputError, InputTypeError)) else 1)
     except MemoryError as error:
@@ -71,6 +99,60 @@ def _say(text: str) -> None:
         raise FemsubError(f"the results could not be printed: {error.strerror}") from None
 
 
+def _scenes(_: argparse.Namespace) -> str:
+    wide = max(map(len, SCENES))
+    return "\n".join(f"{name:<{wide}}  {line}" for name, (_, line) in SCENES.items())
+
+
+def _keys(options: argparse.Namespace) -> str:
+    from femsub.app.explain import keys_text
+
+    return keys_text(options.scene)
+
+
+def _new(options: argparse.Namespace) -> str:
+    from femsub.app.explain import new_text
+
+    return new_text(options.scene)
+
+
+def _schema(options: argparse.Namespace) -> str:
+    from femsub.app.schema import scene_schema, schema
+
+    return json.dumps(scene_schema(options.scene) if options.scene else schema(), indent=1, ensure_ascii=False)
+
+
+def _completion(options: argparse.Namespace) -> str:
+    shtab = package("shtab", 'completion scripts are written by shtab: pip install "femsub[completion]"')
+    names = " ".join(SCENES)
+    preamble = {
+        "bash": f"""_femsub_scene() {{ compgen -W "{names}" -- "$1"; }}
+_femsub_scene_or_file() {{ _femsub_scene "$1"; compgen -f -X '!*.toml' -- "$1"; compgen -d -S / -- "$1"; }}""",
+        "zsh": f"""_femsub_scene() {{ compadd {names} }}
+_femsub_scene_or_file() {{ _femsub_scene; _files -g '*.toml' }}"""}
+    return shtab.complete(_parser(), options.shell, preamble=preamble)
+
+
+PRINTED: dict[str, Callable[[argparse.Namespace], str]] = {
+    "scenes": _scenes, "keys": _keys, "new": _new, "schema": _schema, "completion": _completion}
+
+
+@contextmanager
+def _told(verbose: int) -> Iterator[None]:
+    """The library's log on stderr while a scene runs: nothing, what is done, or every step."""
+    log, handler = logging.getLogger("femsub"), logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("femsub: %(message)s"))
+    before = log.level
+    if verbose:
+        log.addHandler(handler)
+        log.setLevel(logging.INFO if verbose == 1 else logging.DEBUG)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(before)
+
+
 def _run(options: argparse.Namespace) -> int:
     scene, run = load(options.scene)
     # Imported late: a scene that is misspelt should not wait for numpy.
@@ -79,20 +161,22 @@ def _run(options: argparse.Namespace) -> int:
     folder = check_folder(options.out)
     if options.no_figures:
         scene = replace(scene, figures=False)
-    with warnings.catch_warnings(record=True) as caught:
+    tell = logging.getLogger("femsub.app").info if options.verbose else progress
+    with warnings.catch_warnings(record=True) as caught, _told(options.verbose):
         warnings.simplefilter("always", FemsubWarning)
         try:
-            result = run(scene, progress)
+            result = run(scene, (lambda _: None) if options.quiet else tell)
             written = []
             if folder is not None:
-                progress("writing")
+                tell("writing")
                 written = write(result, folder, scene.figures)
         finally:
             progress_done()
     for text in dict.fromkeys(str(item.message) for item in caught):
         print(f"femsub: warning: {text}", file=sys.stderr)
-    _say(result.text)
-    if folder is not None:
+    if not options.quiet:
+        _say(result.text)
+    if folder is not None and not options.quiet:
         _say(f"\nwritten to {folder}: {', '.join(str(path.relative_to(folder)) for path in written)}")
     for output, reason in result.data.get("failed", {}).items():
         _fail(f"{output} failed: {reason}", 1)
@@ -105,6 +189,3 @@ def _fail(reason: object, status: int) -> int:
     print(f"femsub: {' '.join(str(reason).split())}", file=sys.stderr)
     return status
 
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -76,7 +76,7 @@ class Key:
     def bounds(self) -> str:
         """'at least 1 and at most 1000'."""
         told = {"at least": self.least, "above": self.above, "at most": self.most, "below": self.below}
-        return " and ".join(f"{word} {bound:g}" for word, bound in told.items() if bound is not None)
+        return " and ".join(f"{word} {bound:,}" for word, bound in told.items() if bound is not None)
 
     def admits(self, value: float) -> bool:
         """Whether a number is within the bounds."""
@@ -114,6 +114,15 @@ def keys_of(kind: type) -> dict[str, Declared]:
             found[item.name] = Declared(item.name, hints[item.name], default, known)
     general = keys_of(base) if (base := next(filter(dataclasses.is_dataclass, reversed(kind.__mro__)))) is not kind else {}
     return dict(sorted(found.items(), key=lambda pair: (not pair[1].key.required, pair[0] in general)))
+
+
+def defaults_of(kind: type, *name: str) -> dict[str, Any]:
+    """The default of each key: of a scene as it stands after its own rules, of a table as it is declared."""
+    keys = keys_of(kind)
+    if not name:
+        return {key: one.default for key, one in keys.items()}
+    made = kind(*name, **{key: one.key.example for key, one in keys.items() if one.key.required})
+    return {key: one.default if one.key.required else getattr(made, key) for key, one in keys.items()}
 
 
 def kinds(declared: Any) -> list[Any]:

@@ -72,8 +72,7 @@ class Scene:
     force: float = key(1.0, "the normal force with which the belt presses", unit="force", least=0)
     methods: list[str] = key(["craig-bampton", "craig-chang"], "reduction methods; short names (HCB, CC) and those of the Python "
                              "classes will do", choices=_methods, also=_other_method_names)
-    outputs: list[str] = key([], "what is computed; nothing else is", choices=lambda scene: scene.OUTPUTS + scene.ON_REQUEST,
-                             otherwise="all but what is only done on request")
+    outputs: list[str] = key([], "what is computed; nothing else is", choices=lambda scene: scene.OUTPUTS + scene.ON_REQUEST)
     figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
     repeats: int = key(5, "runs per time that is measured", least=1, most=MOST_REPEATS)
 

@@ -1,0 +1,106 @@
+"""`femsub keys SCENE` and `femsub new SCENE`: the keys of a scene as a list, and as a scene file to begin with."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from femsub.app.keys import Declared, defaults_of, item_kind, keys_of, kinds, type_words
+from femsub.app.scene import scene_of
+from femsub.app.schema import FILE
+
+WIDTH = 100
+
+
+def keys_text(name: str) -> str:
+    """Every key of a scene: its type, unit, default and meaning."""
+    scene = scene_of(name)[0]
+    return "\n".join([*_docstring(scene), "", *_listed(scene, defaults_of(scene, name), "")])
+
+
+def new_text(name: str) -> str:
+    """A scene file with every key. Those that have a default are commented out, so that the file runs as it is.
+
+    A scene that needs files of its own has their names as examples.
+    """
+    scene = scene_of(name)[0]
+    lines = [f"#:schema {FILE}", *_docstring(scene, "# "), "#", *_paragraph(
+        "A key behind a # stands at its default. Delete the # to change it.", "# "), "", f'scene = "{name}"']
+    return "\n".join([*lines, *_template(scene, defaults_of(scene, name), "")])
+
+
+def _listed(kind: type, defaults: Mapping[str, Any], indent: str) -> Iterator[str]:
+    declared = keys_of(kind)
+    wide = max(map(len, declared))
+    for name, one in declared.items():
+        margin = f"{indent}{'':<{wide}}  "
+        first, *more = _paragraph(_about(one, kind, defaults[name]), margin)
+        yield from (f"{indent}{name:<{wide}}  {first[len(margin):]}", *more, *_paragraph(one.key.meaning, margin))
+        if (table := table_of(one)) is not None:
+            yield from _listed(table, defaults_of(table), margin)
+
+
+def _template(kind: type, defaults: Mapping[str, Any], header: str) -> Iterator[str]:
+    """The keys of a table whose header is written already; tables within it come last, as TOML has it."""
+    for name, one in sorted(keys_of(kind).items(), key=lambda pair: table_of(pair[1]) is not None):
+        value = one.key.example if (example := defaults[name] in (None, "", [])) else defaults[name]
+        yield ""
+        yield from _paragraph(f"{one.key.meaning} ({_about(one, kind)}{'; an example' if example else ''})", "# ")
+        table, mark = table_of(one), "" if one.key.required else "#"
+        if table is None:
+            yield f"{mark}{name} = {toml(value)}"
+            continue
+        brackets = "[[{}]]" if item_kind(kinds(one.type)[0]) else "[{}]"
+        for item in value if isinstance(value, list) else [value]:
+            yield mark + brackets.format(header + name)
+            values = vars(item) if dataclasses.is_dataclass(item) else item or {}
+            lines = _template(table, defaults_of(table) | values, f"{header}{name}.")
+            yield from (mark + line if line and not line.startswith("#") else line for line in lines)
+
+
+def _about(one: Declared, owner: type, default: Any = None) -> str:
+    """'a number above 0 [m]; default 1.0'."""
+    key = one.key
+    words = type_words(one.type).replace("a list of", f"{key.form}," if key.form else "a list of")
+    words += f"{', numbers' if 'string' in words else ''} {key.bounds}" if key.bounds else ""
+    words += f" [{key.unit}]" if key.unit else ""
+    words += f": {', '.join(key.choices(owner))}" if key.choices is not None else ""
+    standard = key.otherwise or ("" if default in (None, "", []) else toml(default))
+    return words + ("; required" if key.required else f"; default: {standard}" if standard else "")
+
+
+def table_of(one: Declared) -> type | None:
+    """The class of a key that holds a table, or a list of tables."""
+    return next((item for kind in kinds(one.type) for item in (item_kind(kind) or kind,) if dataclasses.is_dataclass(item)),
+                None)  # type: ignore[return-value]
+
+
+def toml(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        if value and not 1e-3 <= abs(value) < 1e6:
+            mantissa, exponent = f"{value:.14e}".split("e")
+            return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+        digits = f"{value:.15g}"  # 0.3, not 0.30000000000000004
+        return digits if "." in digits else f"{digits}.0"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(toml, value))}]"
+    return str(value)
+
+
+def _docstring(kind: type, indent: str = "") -> list[str]:
+    """A class's docstring, wrapped anew."""
+    parts = inspect.cleandoc(kind.__doc__ or "").split("\n\n")
+    return [line for part in parts for line in _paragraph(part, indent)]
+
+
+def _paragraph(text: str, indent: str = "") -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)

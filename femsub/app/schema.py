@@ -1,0 +1,109 @@
+"""The JSON schema of scene files: editors complete, explain and check keys with it.
+
+`scene.schema.json` beside this module is what `femsub schema` prints, kept for editors to point to. What a schema cannot say is
+checked when a scene is read: bounds that depend on other keys (the belt's mass is one of n), the order within [lo, hi], NaN.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from femsub.app.keys import Declared, defaults_of, item_kind, keys_of, kinds
+from femsub.app.scene import SCENES, scene_of
+
+DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that TOML editors know
+FILE = Path(__file__).with_name("scene.schema.json")
+SIMPLE = {bool: "boolean", int: "integer", float: "number", str: "string"}
+
+
+def scene_schema(name: str) -> dict[str, Any]:
+    """The schema of the files of one scene."""
+    scene = scene_of(name)[0]
+    told = SCENES[name][1]
+    made = _table(scene, defaults_of(scene, name))
+    made["properties"] = {"scene": {"const": name, "description": told}, **made["properties"]}
+    made["required"] = [*(["scene"] if name != "chain" else []), *made["required"]]
+    return {"$schema": DIALECT, "title": f"femsub scene {name}", "description": told, **made}
+
+
+def schema() -> dict[str, Any]:
+    """The schema of all scene files, by the scene that each names; 'chain' where it names none.
+
+    Keys that mean the same in all scenes are told once. The first part lists all keys, since editors do not look for
+    completions behind an `if`.
+    """
+    scenes = {name: scene_schema(name) for name in SCENES}
+    every: dict[str, Any] = {"scene": {"enum": list(SCENES), "default": "chain", "description": "what is run"}}
+    meanings: dict[str, list[Any]] = {}
+    for made in scenes.values():
+        for key, told in made["properties"].items():
+            bare = {word: value for word, value in told.items() if word != "default"}
+            meanings.setdefault(key, []).extend([bare] if bare not in meanings.get(key, []) else [])
+    shared = {key for key, found in meanings.items() if len(found) == 1}
+    every |= {key: found[0] if key in shared else {"description": found[0].get("description", "")}
+              for key, found in meanings.items() if key != "scene"}
+    cases = []
+    for name, made in scenes.items():
+        own = {key: {word: told[word] for word in told if word == "default" or key not in shared}
+               for key, told in made["properties"].items() if key != "scene"}
+        rules = {word: value for word, value in made.items() if word in ("dependencies", "additionalProperties", "required")}
+        asked: dict[str, Any] = {"properties": {"scene": {"const": name}}, "required": made["required"][:1]}
+        if name == "chain":
+            del asked["required"]
+        cases.append({"if": asked, "then": {"properties": {"scene": {}, **own}, **rules}})
+    return {"$schema": DIALECT, "title": "femsub scene file",
+            "description": "What `femsub run` computes. `femsub keys SCENE` explains the keys.", "type": "object",
+            "allOf": [{"properties": every}, *cases]}
+
+
+def _table(kind: type, defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """The schema of a table of keys."""
+    declared = keys_of(kind)
+    made: dict[str, Any] = {
+        "type": "object", "properties": {name: _key(one, kind, defaults[name]) for name, one in declared.items()},
+        "additionalProperties": False, "required": [name for name, one in declared.items() if one.key.required]}
+    together: dict[str, list[str]] = {}
+    for name, one in declared.items():
+        if one.key.required_with:
+            together.setdefault(one.key.required_with, []).append(name)
+    return made | ({"dependencies": together} if together else {})
+
+
+def _key(one: Declared, owner: type, default: Any) -> dict[str, Any]:
+    ways = []
+    for kind in kinds(one.type):
+        inner = item_kind(kind)
+        if inner is None:
+            ways.append(_value(kind, one, owner))
+            continue
+        single = [_value(item, one, owner) for item in kinds(inner)]
+        length = one.key.length
+        ways.append({"type": "array", "items": _any(single), "minItems": length or 1} | ({"maxItems": length} if length else {}))
+        if length is None and not dataclasses.is_dataclass(inner):
+            ways += [way for way in single if way not in ways]  # one value does for a list of one
+    about = ", ".join(part for part in (one.key.unit, one.key.otherwise and f"default: {one.key.otherwise}") if part)
+    made = {"description": one.key.meaning + (f" ({about})" if about else ""), **_any(ways)}
+    return made if default in (None, "", []) or one.key.otherwise else made | {"default": default}
+
+
+def _value(kind: Any, one: Declared, owner: type) -> dict[str, Any]:
+    if dataclasses.is_dataclass(kind):
+        assert isinstance(kind, type)
+        return _table(kind, defaults_of(kind))
+    made: dict[str, Any] = {"type": SIMPLE[kind]}
+    if kind in (int, float):
+        bounds = {"minimum": one.key.least, "maximum": one.key.most, "exclusiveMinimum": one.key.above,
+                  "exclusiveMaximum": one.key.below}
+        made |= {word: bound for word, bound in bounds.items() if bound is not None}
+    if kind is str and one.key.choices is not None:
+        made["enum"] = [*one.key.choices(owner), *(one.key.also() if one.key.also else ())]
+    elif kind is str and (one.key.required or one.key.required_with):
+        made["minLength"] = 1
+    return made
+
+
+def _any(ways: list[dict[str, Any]]) -> dict[str, Any]:
+    return ways[0] if len(ways) == 1 else {"anyOf": ways}
