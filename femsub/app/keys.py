@@ -43,6 +43,8 @@ class Key:
         Other words that stand for one of them, for the schema.
     form : str
         Of a list of fixed length: '[lo, hi]'.
+    distinct : bool
+        No value of a list may stand there twice.
     otherwise : str
         What holds where the key is left out and its default says nothing.
     example : object
@@ -62,6 +64,7 @@ class Key:
     choices: Callable[[Any], Iterable[str]] | None = None
     also: Callable[[], Iterable[str]] | None = None
     form: str = ""
+    distinct: bool = False
     otherwise: str = ""
     example: Any = None
     required: bool = False
@@ -187,6 +190,8 @@ def check_keys(scene: Any, where: str = "") -> None:
             continue
         if known.length and (isinstance(value, list) and len(value) != known.length):
             raise InputError(f"{name} must be {known.form}, not {shown(value)}")
+        if known.distinct and (twice := [item for item in value if value.count(item) > 1]):
+            raise InputError(f"{name}: {twice[0]!r} is listed {value.count(twice[0])} times")
         for place, item in enumerate(value if isinstance(value, list) else [value], 1):
             _bounded(name, item, one, f" in place {place}" if isinstance(value, list) and len(value) > 1 else "")
             if known.choices is not None:

@@ -81,7 +81,8 @@ def _key(one: Declared, owner: type, default: Any) -> dict[str, Any]:
             continue
         single = [_value(item, one, owner) for item in kinds(inner)]
         length = one.key.length
-        ways.append({"type": "array", "items": _any(single), "minItems": length or 1} | ({"maxItems": length} if length else {}))
+        ways.append({"type": "array", "items": _any(single), "minItems": length or 1} | ({"maxItems": length} if length else {})
+                    | ({"uniqueItems": True} if one.key.distinct else {}))
         if length is None and not dataclasses.is_dataclass(inner):
             ways += [way for way in single if way not in ways]  # one value does for a list of one
     about = ", ".join(part for part in (one.key.unit, one.key.otherwise and f"default: {one.key.otherwise}") if part)

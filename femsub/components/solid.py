@@ -19,6 +19,8 @@ from femsub.model.dof_map import TRANSLATIONS, DofMap
 from femsub.model.substructure import Substructure
 
 Direction: TypeAlias = str | Sequence[float]
+#: the words for a direction: an axis, the normal of a set's surface, or against one of them
+DIRECTIONS = tuple(sign + axis for axis in (*"xyz", "normal") for sign in ("", "-"))
 
 
 def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] | None = (),
@@ -123,7 +125,7 @@ def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
         raise InputTypeError(f"port {name!r} must be (set of nodes, direction), e.g. ('contact', 'x'), not {value!r}") from None
     average, normal = solid_average(mesh, place, f"port {name!r}")
     if isinstance(direction, str):
-        choice(f"direction of port {name!r}:", direction, [sign + axis for axis in (*"xyz", "normal") for sign in ("", "-")])
+        choice(f"direction of port {name!r}:", direction, DIRECTIONS)
         axis = direction.removeprefix("-")
         vector = normal if axis == "normal" else np.eye(3)["xyz".index(axis)]
         vector = -vector if direction.startswith("-") else vector

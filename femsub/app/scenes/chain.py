@@ -37,7 +37,7 @@ class ChainKeys(Scene):
                                        least=0)
     damping: float = key(0.1, "the dashpot d1 at mass 1", unit="force·time/length", least=0)
     belt: int = key(2, "the mass under the belt; masses count from 1", least=1)
-    interface: list[int] = key([1], "masses through which the chain is joined", least=1)
+    interface: list[int] = key([1], "masses through which the chain is joined", least=1, distinct=True)
     size: int = key(0, "DOF of the reduced models", least=0, otherwise="5, as in the paper, or n if that is less")
 
     def __post_init__(self) -> None:

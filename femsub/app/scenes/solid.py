@@ -12,6 +12,7 @@ from femsub import Material, Mesh, Substructure, annulus, solid
 from femsub.app.keys import key
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
+from femsub.components.solid import DIRECTIONS
 from femsub.errors import InputError
 
 
@@ -41,8 +42,8 @@ class SolidScene(ComponentScene):
                                otherwise="none of a mesh file; 'mounts' of the disc", example=["mounts"])
     contact: str = key("", "the set of nodes under the belt: the average motion of its faces, cells, edges or nodes slides",
                        required_with="mesh", otherwise="'contact' of the disc", example="contact")
-    direction: str | list[float] = key("y", "along which it slides: 'x', 'y', 'z', 'normal', against one of them ('-x', ...), or "
-                                       "a vector", form="[x, y, z]")
+    direction: str | list[float] = key("y", "along which it slides: an axis, the surface's normal, against one of them, or a "
+                                       "vector", form="[x, y, z]", choices=lambda _: DIRECTIONS)
     rayleigh: list[float] = key([5.0, 1e-7], "[alpha, beta] of the damping D = αM + βK", unit="1/s, s", form="[alpha, beta]")
     force: float = 8000.0
     modes: list[int] = field(default_factory=lambda: [10, 20, 40, 80])
