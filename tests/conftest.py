@@ -1,4 +1,4 @@
-"""A component that many tests share; and that slow tests run where they are asked for."""
+"""A component that many tests share; that slow tests run where they are asked for, and CHOLMOD's own where PETSc has it."""
 
 from __future__ import annotations
 
@@ -8,12 +8,24 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.linalg import petsc
 
 pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values as those in tests do
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="run the tests marked slow as well, which a run of all tests leaves out")
+    parser.addoption("--mumps", action="store_true", help="factorise by MUMPS alone, as a PETSc without CHOLMOD does")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.option.mumps:
+        petsc.CHOLMOD = False
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.get_closest_marker("cholmod") and not petsc.has_cholmod():
+        pytest.skip("about CHOLMOD, which this PETSc was built without")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

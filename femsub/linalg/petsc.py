@@ -2,9 +2,10 @@
 
 Arrays and scipy matrices go in, arrays come out; no PETSc object leaves this file, and each is destroyed here.
 
-Which factorisation is chosen by what the matrix is: CHOLMOD where it is positive definite (fast, and on long chains a
-million times more accurate), MUMPS LDLᵀ where it is symmetric, MUMPS LU else. MUMPS calls singular matrices solved;
-each of its factors is therefore probed with a random right-hand side.
+Which factorisation is chosen by what the matrix is: CHOLMOD where it is positive definite (or MUMPS' Cholesky, in a PETSc without
+CHOLMOD), MUMPS LDLᵀ where it is symmetric, MUMPS LU else. Without CHOLMOD, the Cholesky factor of a tree (a chain, a branched
+shaft) is PETSc's own, from the leaves on: of a chain of 10⁵ masses it gives ω to 1e-9 at least, MUMPS to 4e-8. MUMPS calls
+singular matrices solved; each of its factors is therefore probed with a random right-hand side.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ import weakref
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from threading import RLock
 from typing import Any, Literal
 
@@ -24,15 +28,26 @@ import scipy.sparse as sp
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import BreakdownError, InputError, MissingPackageError, NotConvergedError, SingularMatrixError
 from femsub.linalg.memory import room_for_factor
-from femsub.linalg.ordering import good_order
+from femsub.linalg.ordering import good_order, leaves_first
 from femsub.linalg.process_memory import give_back_freed_memory
 from femsub.linalg.shared import FACTOR_BYTES, drop
 from femsub.model.matrices import Difference, equilibrated, upper
 
 Kind = Literal["definite", "symmetric", "general"]
+CHOLMOD = True  # is taken if PETSc has it; tests set False to see what MUMPS makes of their models
 MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules a setMumpsIcntl(7)
 ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
+WHEEL = "dolfinx_solver"  # the module to import before the petsc4py that lies beside it
+INSTALL = ('"pip install femsub[solvers]" brings both where Python is 3.12 or later; scripts/setup takes Debian\'s packages, and '
+           "scripts/setup-from-source compiles them")
 BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
+
+
+def _load_wheel() -> None:
+    """The wheels `dolfinx-solver-…` bring a petsc4py that finds its libraries only once they have loaded their MPI."""
+    ours, wheel = (find_spec(name) for name in ("petsc4py", WHEEL))
+    if ours and wheel and Path(str(ours.origin)).parent.parent == Path(str(wheel.origin)).parent.parent:
+        import_module(WHEEL)
 
 
 @cache
@@ -42,11 +57,10 @@ def _load() -> tuple[Any, Any]:
     # All such processes share one folder in /tmp, and the first to end takes it from those that start: MPI_Init aborts.
     os.environ.setdefault("OMPI_MCA_orte_create_session_dirs", "0")
     try:
+        _load_wheel()
         import slepc4py
     except ImportError as error:
-        raise MissingPackageError(
-            "slepc4py (with petsc4py) is not installed for this Python. scripts/setup installs it from Debian's "
-            "packages, scripts/setup-from-source builds it from PyPI's sources") from error
+        raise MissingPackageError(f"slepc4py (with petsc4py) cannot be imported by this Python ({error}). {INSTALL}") from error
     # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT, and list at exit what went unused.
     slepc4py.init(["femsub", "-no_signal_handler", "-options_left", "no"])
     from petsc4py import PETSc
@@ -72,6 +86,29 @@ def versions() -> dict[str, str]:
     return {name: ".".join(map(str, module.Sys.getVersion())) for name, module in (("PETSc", PETSc), ("SLEPc", SLEPc))}
 
 
+def has_cholmod() -> bool:
+    """Whether CHOLMOD factorises positive definite matrices."""
+    return CHOLMOD and bool(_load()[0].Sys.hasExternalPackage("suitesparse"))
+
+
+def package(kind: Kind, A: Matrix) -> str:
+    """What factorises a sparse A of that kind: 'cholmod', 'mumps', or 'petsc' by itself.
+
+    Raises
+    ------
+    MissingPackageError
+        PETSc was built without MUMPS, and A needs it.
+    """
+    if kind == "definite":
+        if has_cholmod():
+            return "cholmod"
+        if A.nnz < 3 * A.shape[0] and leaves_first(A) is not None:
+            return "petsc"
+    if not _load()[0].Sys.hasExternalPackage("mumps"):
+        raise MissingPackageError(f"this PETSc was built without MUMPS, which {kind} matrices need. {INSTALL}")
+    return "mumps"
+
+
 def _destroy(objects: list[Any]) -> None:
     while objects:
         objects.pop().destroy()
@@ -80,7 +117,10 @@ def _destroy(objects: list[Any]) -> None:
 def _matrix(A: Matrix, kind: Kind = "general") -> Any:
     """A as PETSc has it; for a symmetric factor the upper triangle alone."""
     (PETSc, _), half = _load(), kind != "general"
-    A = sp.csr_array(A) if not half else A.upper() if isinstance(A, Difference) else upper(A)
+    if isinstance(A, Difference):
+        A = A.upper() if half else A.formed()
+    else:
+        A = upper(A) if half else sp.csr_array(A)
     index = PETSc.IntType
     if A.nnz > np.iinfo(index).max:
         raise InputError(f"{A.nnz} nonzeros are more than this PETSc's {np.dtype(index).name} can count")
@@ -111,33 +151,37 @@ class Factor:
         PETSc, _ = _load()
         self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
         pattern = A.K if isinstance(A, Difference) else A
+        self.package = package(kind, pattern)
         room_for_factor(pattern)
-        self._order = None if kind == "definite" else good_order(pattern)
+        self._order = good_order(pattern) if self.package == "mumps" else None
         self._held: list[Any] = []
         self._lock = RLock()  # threads share a factor, and while it is turned over it must not serve another
         self._finalizer = weakref.finalize(self, _destroy, self._held)
-        probed = probed and kind != "definite"
+        probed = probed and self.package == "mumps"
         scaling = equilibrated(A.formed() if isinstance(A, Difference) else A) if probed else None
         Factor.made += 1
-        mat = _matrix(A, kind)
+        mat = _matrix(A, "general" if self.package == "petsc" else kind)
         try:
             pc = self._set_up(mat, ROOM[0])
-            if kind != "definite" and self._factor.getMumpsInfog(1) in (-8, -9):  # delayed pivots took more than that
+            if self._told(1) in (-8, -9):  # delayed pivots took more than that
                 _destroy(self._held)
                 pc = self._set_up(mat, ROOM[1])
         except PETSc.Error as error:
-            self.close()
-            raise SingularMatrixError(f"the {kind} factorisation of a {self.size} x {self.size} matrix broke down; it is "
-                                      f"singular, or not what it was taken for ({_last_line(error)})") from None
+            raise self._refused(_last_line(error)) from None
         finally:
             mat.destroy()  # the KSP has a reference of its own
         # Whoever else gets this KSP (EPS, PEP) must not factorise again.
         pc.setReusePreconditioner(True)
+        if kind == "definite" and self.package != "cholmod":
+            error, negative, null = self._told(1), self._told(12), self._told(28)
+            if self.package == "petsc":
+                negative, null = self._factor.getInertia()[:2]
+            if error < 0 or negative or null:
+                raise self._refused(f"error {error}, {negative} negative and {null} null pivots")
         if scaling is not None:
             self._probe(A, *scaling)
-        elif kind != "definite" and (null := self._factor.getMumpsInfog(28)):
-            self.close()
-            raise SingularMatrixError(f"a {self.size} x {self.size} matrix is singular ({null} null pivots)")
+        elif null := self._told(28):
+            raise self._refused(f"{null} null pivots")
 
     def _set_up(self, mat: Any, room: int) -> Any:
         """Makes the KSP with its factor; returns its PC."""
@@ -146,13 +190,15 @@ class Factor:
         self._ksp.setOperators(mat)
         pc = self._hold(self._ksp.getPC())
         pc.setType("lu" if self.kind == "general" else "cholesky")
-        pc.setFactorSolverType("cholmod" if self.kind == "definite" else "mumps")
-        if self.kind == "definite":
-            self._ksp.setUp()
-            self._factor = self._hold(pc.getFactorMatrix())
-            return pc
+        pc.setFactorSolverType(self.package)
+        if self.package == "petsc":
+            self._ksp.setErrorIfNotConverged(True)  # a pivot that is zero is an error
+            pc.setFactorOrdering("rcm")  # Cuthill and McKee's walk through a tree, reversed: leaves first, no fill
         pc.setFactorSetUpSolverType()
         self._factor = self._hold(pc.getFactorMatrix())
+        if self.package != "mumps":
+            self._ksp.setUp()
+            return pc
         if self._order:
             self._factor.setOptionsPrefix(f"femsub_{self._order}_")
         self._factor.setMumpsIcntl(14, room)
@@ -160,6 +206,18 @@ class Factor:
         self._factor.setMumpsIcntl(31, 0 if self.keep else 1)  # 1: the factor is thrown away while it is made
         self._ksp.setUp()
         return pc
+
+    def _told(self, number: int) -> int:
+        """MUMPS' INFOG(number): 1 is an error, 12 counts negative pivots, 28 null ones. CHOLMOD raises instead."""
+        return int(self._factor.getMumpsInfog(number)) if self.package == "mumps" else 0
+
+    def _refused(self, why: str) -> SingularMatrixError:
+        self.close()
+        return SingularMatrixError(f"the {self.kind} factorisation of a {self.size} x {self.size} matrix by {self.package.upper()} "
+                                   f"broke down; it is singular, or not what it was taken for ({why})")
+
+    def __repr__(self) -> str:
+        return f"Factor({self.kind}, by {self.package.upper()}, {self.size} x {self.size})"
 
     def _hold(self, thing: Any) -> Any:
         self._held.append(thing)
@@ -175,7 +233,7 @@ class Factor:
         self.columns = 0
         length, given = float(np.linalg.norm(x)), float(np.linalg.norm(b))
         growth = size * length / given
-        null = self._factor.getMumpsInfog(28)
+        null = self._told(28)
         wrong = float(np.linalg.norm(rows * (A @ (columns * x)) - b)) > 1e-6 * (size * length + given)
         if null or wrong or not growth < 0.1 / EPS:
             self.close()
@@ -187,12 +245,12 @@ class Factor:
         """The number of negative eigenvalues of a symmetric A (Sylvester's law of inertia)."""
         if self.kind != "symmetric":
             raise InputError("the inertia is counted by a symmetric factorisation")
-        return int(self._factor.getMumpsInfog(12))
+        return self._told(12)
 
     @property
     def fill(self) -> float:
-        """Nonzeros of L per row, where CHOLMOD made it: what a solve has to read."""
-        return self._nonzeros / self.size if self.kind == "definite" else np.nan
+        """Nonzeros of L per row: what a solve has to read."""
+        return self._nonzeros / self.size
 
     @property
     def bytes(self) -> float:
