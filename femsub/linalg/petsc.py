@@ -114,13 +114,15 @@ def _destroy(objects: list[Any]) -> None:
         objects.pop().destroy()
 
 
-def _matrix(A: Matrix, kind: Kind = "general") -> Any:
+def _matrix(A: Matrix | Difference, kind: Kind = "general") -> Any:
     """A as PETSc has it; for a symmetric factor the upper triangle alone."""
     (PETSc, _), half = _load(), kind != "general"
-    if isinstance(A, Difference):
-        A = A.upper() if half else A.formed()
+    if not half:
+        A = sp.csr_array(A.formed() if isinstance(A, Difference) else A)
+    elif isinstance(A, Difference):
+        A = A.upper()
     else:
-        A = upper(A) if half else sp.csr_array(A)
+        A = upper(A)
     index = PETSc.IntType
     if A.nnz > np.iinfo(index).max:
         raise InputError(f"{A.nnz} nonzeros are more than this PETSc's {np.dtype(index).name} can count")
@@ -173,11 +175,11 @@ class Factor:
         # Whoever else gets this KSP (EPS, PEP) must not factorise again.
         pc.setReusePreconditioner(True)
         if kind == "definite" and self.package != "cholmod":
-            error, negative, null = self._told(1), self._told(12), self._told(28)
+            code, negative, null = self._told(1), self._told(12), self._told(28)
             if self.package == "petsc":
                 negative, null = self._factor.getInertia()[:2]
-            if error < 0 or negative or null:
-                raise self._refused(f"error {error}, {negative} negative and {null} null pivots")
+            if code < 0 or negative or null:
+                raise self._refused(f"error {code}, {negative} negative and {null} null pivots")
         if scaling is not None:
             self._probe(A, *scaling)
         elif null := self._told(28):
@@ -213,8 +215,8 @@ class Factor:
 
     def _refused(self, why: str) -> SingularMatrixError:
         self.close()
-        return SingularMatrixError(f"the {self.kind} factorisation of a {self.size} x {self.size} matrix by {self.package.upper()} "
-                                   f"broke down; it is singular, or not what it was taken for ({why})")
+        return SingularMatrixError(f"the {self.kind} factorisation of a {self.size} x {self.size} matrix by "
+                                   f"{self.package.upper()} broke down; it is singular, or not what it was taken for ({why})")
 
     def __repr__(self) -> str:
         return f"Factor({self.kind}, by {self.package.upper()}, {self.size} x {self.size})"
