@@ -30,9 +30,11 @@ lock() {
 }
 
 # Prints the major version of NumPy that the two packages import with; fails if they do not import.
-# -I: neither the caller's PYTHONPATH nor packages in the home folder count.
+# -I: neither the caller's PYTHONPATH nor packages in the home folder count. A wheel's packages need its own one first.
 solvers_numpy() {
-    "$python" -I -c 'import numpy; from petsc4py import PETSc; from slepc4py import SLEPc
+    "$python" -I -c 'import contextlib, numpy
+with contextlib.suppress(ModuleNotFoundError): import dolfinx_solver
+from petsc4py import PETSc; from slepc4py import SLEPc
 print(numpy.__version__.split(".")[0])'
 }
 
@@ -57,14 +59,19 @@ keep_or_clear() {
     return 1
 }
 
+# Prints those of the named Debian packages that are not installed.
+lacking() {
+    local package
+    for package; do
+        [ "$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || echo "$package"
+    done
+}
+
 # need_packages TIME PACKAGE...: installs those of Debian's packages that are missing.
 # Status 2 if they are not to be had here.
 need_packages() {
-    local time=$1 missing=() package apt sudo=()
-    shift
-    for package; do
-        [ "$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || missing+=("$package")
-    done
+    local time=$1 missing package apt sudo=()
+    mapfile -t missing < <(lacking "${@:2}")
     [ ${#missing[@]} -gt 0 ] || return 0
     command -v apt-get >/dev/null || { say "this machine has no apt-get"; return 2; }
 
@@ -118,7 +125,7 @@ install_femsub() {
     # the commands in scripts/ import benchmarks/ as well, which is not installed
     echo "$root" >"$(echo "$venv"/lib/python3*/site-packages)/femsub-root.pth"
     run "petsc4py and slepc4py do not import in $venv" \
-        "$python" -c 'from petsc4py import PETSc; from slepc4py import SLEPc'
+        "$python" -c 'from femsub.linalg.petsc import versions; print(versions())'
     echo "$root" >"$state/root"
     cp pyproject.toml "$state/$extra.new" && mv "$state/$extra.new" "$state/$extra"
     rm "$unfinished"
