@@ -4,6 +4,9 @@
                  │  reduce(sub, CraigBampton(modes=4))
                  ▼
              ReducedSubstructure (the same kind of object, dense)
+                 │  couple({"disc": ..., "pad": ...}, joints)
+                 ▼
+             System (the same kind of object again)
                  ▼
              complex_modes │ sweep │ critical_slope        the same call for full and reduced
                  ▼
@@ -52,9 +55,11 @@ if TYPE_CHECKING:
     from femsub.io.matrix_files import read_matrix
     from femsub.io.mesh_files import read_mesh, write_mesh
     from femsub.io.model_folder import write_matrices
+    from femsub.model.assembly import System, couple
     from femsub.model.dof_map import DofMap
     from femsub.model.estimate import Estimate
     from femsub.model.friction import Belt, StribeckArctan, StribeckArctanOdd
+    from femsub.model.joints import Rigid, Spring
     from femsub.model.pencil import Pencil
     from femsub.model.substructure import ReducedSubstructure, Substructure
     from femsub.modes.normal_modes import NormalModes, normal_modes

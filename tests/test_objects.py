@@ -39,14 +39,18 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Pencil": lambda: full().linearised(BELT),
     "ReducedSubstructure": lambda: quietly(lambda: fs.reduce(full(), fs.CraigBampton(band=(0.0, 0.5), tol=1e-2))),
     "Refined": lambda: fs.refine(full(), fs.complex_modes(made("ReducedSubstructure"), BELT), made("ReducedSubstructure"), BELT),
+    "Rigid": lambda: fs.Rigid(("a", [5]), ("b", [0]), tolerance=1e-3),
     "SelfExcitation": lambda: fs.self_excitation(full(), made("ReducedSubstructure"), BELT),
     "ShotCycle": lambda: fs.shoot(full(), BELT, cycle(), rtol=1e-8),
+    "Spring": lambda: fs.Spring(("a", "belt"), stiffness=[[2.0]], damping=0.1),
     "StabilitySweep": lambda: fs.sweep(full(), [-0.1, -0.01]),
     "State": lambda: made("Transient").final,
     "StribeckArctan": lambda: fs.StribeckArctan(eps=0.1),
     "StribeckArctanOdd": lambda: fs.StribeckArctanOdd(eps=0.1),
     "Study": lambda: quietly(lambda: fs.study(full(), [fs.CraigBampton(3)], (0.0, 0.5), repeats=1)),
     "Substructure": lambda: full(),
+    "System": lambda: fs.couple({"a": fs.chain(6, interface=[1, 6]), "b": made("ReducedSubstructure")},
+                                [made("Rigid")], interface=[("a", [0])]),
     "Transient": lambda: fs.transient(full(), BELT, (0.0, 20.0)),
 }
 CLASSES = [name for name in fs.__all__ if inspect.isclass(getattr(fs, name)) and not issubclass(getattr(fs, name), BaseException)]

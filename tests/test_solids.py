@@ -184,7 +184,7 @@ def test_normals_of_a_bent_patch_and_ports() -> None:
 @pytest.mark.parametrize("change, words", [
     ({"supports": ["lid"]}, "unknown set of nodes of the mesh 'block': 'lid'; valid"),
     ({"supports": {"left": "w"}}, "'w' for the set 'left' must be 'clamped' or some of the letters x, y, z"),
-    ({"interface": ["left"], "supports": ["left"]}, "interface left of 'block' is held by the supports"),
+    ({"interface": ["left"], "supports": ["left"]}, "interface 'left' of 'block' is held by the supports"),
     ({"rayleigh": (-1.0, 0.0)}, "alpha of rayleigh must not be negative"),
     ({"ports": {"belt": ("left", "x")}, "supports": ["left"]}, "sits on DOF that the supports hold"),
     ({"ports": {"belt": ("top", "up")}}, "unknown direction of port 'belt'"),

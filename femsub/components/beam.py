@@ -47,7 +47,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     supports : mapping of place to str
         'clamped', 'pinned', 'guided' (w,x held, w free) or 'free', at 'left', 'right' or the x of a node. Free without.
     interface : sequence of places
-        The DOF of these nodes, as far as they are not held.
+        The DOF of these nodes, as far as they are not held; each place names an interface set, 'left' or '0.3'.
     ports : mapping of str to place, or to (place, label)
         The deflection w there, or with the label 'w,x' the slope.
     rayleigh : (alpha, beta), optional
@@ -96,7 +96,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     dofs = DofMap(np.repeat(np.arange(1, m + 2), 2), np.tile([0, 1], m + 1), LABELS, np.repeat(x, 2)[:, None])
     interface = items("interface", interface, "places")
     return component(
-        K, M, np.array(held, dtype=int), {repr(place): 2 * _node(x, place, "interface") + np.arange(2) for place in interface},
+        K, M, np.array(held, dtype=int), {str(place): 2 * _node(x, place, "interface") + np.arange(2) for place in interface},
         {port: _column(x, place, f"port {port!r}") for port, place in ports.items()}, dofs, rayleigh, name)
 
 

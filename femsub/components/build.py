@@ -106,23 +106,31 @@ def tell_rounding(K: Matrix, lift: Array, whole: float, share: float, name: str,
 
 
 def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array], ports: Mapping[str, Array], dofs: DofMap,
-              rayleigh: tuple[float, float] | None, name: str) -> Substructure:
-    """The substructure of the DOF that are not held; the interface by place, the ports as columns, both for all DOF."""
+              rayleigh: tuple[float, float] | None, name: str, by_node: bool = False) -> Substructure:
+    """The substructure of the DOF that are not held; the interface by place, the ports as columns, both for all DOF.
+
+    The places are the interface sets' names, whose DOF are listed place by place; `by_node` all of them in their own order.
+    """
     loose = np.ones(dofs.size, dtype=bool)
     loose[held] = False
     free = np.flatnonzero(loose)
     if not len(free):
         raise InputError(f"supports hold every DOF of {name!r}: nothing is left to move")
     number = np.cumsum(loose) - 1
-    for place, rows in interface.items():
-        if not loose[rows].any():
-            raise InputError(f"interface {place} of {name!r} is held by the supports: leave out one or the other")
+    sets = {place: rows[loose[rows]] for place, rows in interface.items()}
+    lost = [place for place, rows in sets.items() if not len(rows)]
+    if lost and (not by_node or len(lost) == len(sets)):
+        raise InputError(f"interface {', '.join(map(repr, lost))} of {name!r} is held by the supports: leave out one or the "
+                         "other")
     for port, w in ports.items():
         if not np.any(w[free]):
             raise InputError(f"port {port!r} of {name!r} sits on DOF that the supports hold")
-    joined = np.concatenate([*interface.values(), np.zeros(0, dtype=np.intp)]).astype(np.intp)
-    kept = list(dict.fromkeys(joined[loose[joined]].tolist()))
+    joined = np.concatenate([*sets.values(), np.zeros(0, dtype=np.intp)]).astype(np.intp)
+    joined, first = np.unique(joined, return_index=True)
+    order = np.arange(len(joined)) if by_node else np.argsort(first)
+    place_of = np.argsort(order)
     whole = len(free) == dofs.size
-    sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=number[kept] if kept else (),
-                       ports={port: w[free] for port, w in ports.items()}, name=name, dofs=dofs.kept(free))
+    sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=number[joined[order]],
+                       ports={port: w[free] for port, w in ports.items()}, name=name, dofs=dofs.kept(free),
+                       sets={place: place_of[np.searchsorted(joined, rows)] for place, rows in sets.items() if len(rows)})
     return sub if rayleigh is None else damped(sub, rayleigh=rayleigh)

@@ -60,7 +60,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
         'simply supported' (w = 0 along the set), 'clamped' (the slopes too) or 'free'. The edges of a set are those
         with both nodes in it, as far as they lie on the border or lead inside.
     interface : sequence of set names
-        All DOF of these nodes (and edges) that are not held.
+        All DOF of these nodes (and edges) that are not held; each set names an interface set.
     ports : mapping of str to set name, or to the place (x, y) of a node
         The mean of w over what the set is made of, or w at the node. Of a set of nodes that is the cells within it, if
         they have all its nodes; else its edges (of two nodes of the border only those of the border); else single nodes,
@@ -102,7 +102,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in supports.items()),
                            np.zeros(0, dtype=int)])
     return component(
-        K, steel.rho * h * M, held, {repr(where): layout.all_of(mesh.nodes(where)) for where in interface},
+        K, steel.rho * h * M, held, {str(where): layout.all_of(mesh.nodes(where)) for where in interface},
         {port: layout.column(where, port, held) for port, where in ports.items()}, layout.dofs(), rayleigh, name)
 
 

@@ -41,7 +41,8 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
         One for all cells, or one for each group of cells, which together must cover all.
     supports, interface : sequence of str, or mapping of str to str
         Sets of nodes that are held, and those through which the component is joined: all three motions, or those
-        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, as far as they are not held.
+        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, as far as they are not held;
+        the sets keep their names as interface sets.
     ports : mapping of str to (set, direction)
         Where a belt or a force acts: w with wᵀu the average motion of a set along 'x', 'y', 'z', 'normal', against one of
         them ('-x', '-normal', ...), or along a vector, which is brought to unit length. The average is over what the set is
@@ -66,16 +67,14 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
                          f"{', '.join(KINDS)}")
     refuse_spoilt(mesh)
     interface = () if interface is None else interface
-    held = _motions(mesh, "supports", supports)
+    held = np.concatenate([np.zeros(0, dtype=int), *_motions(mesh, "supports", supports).values()])
     joined = _motions(mesh, "interface", interface)
     ports = optional_mapping("ports", ports, "names and (set, direction)")
     columns = {key: _port(mesh, key, value) for key, value in ports.items()}
     K, M = stiffness_and_mass(mesh, _materials(mesh, material))
     every = np.arange(3 * len(mesh.points))
     dofs = DofMap(mesh.numbers[every // 3], every % 3, TRANSLATIONS, mesh.points[every // 3])
-    names = interface if isinstance(interface, str) else ", ".join(interface)
-    places = {names: joined} if len(joined) else {}
-    return component(K, M, held, places, columns, dofs, rayleigh, word("name", name) or mesh.name)
+    return component(K, M, held, joined, columns, dofs, rayleigh, word("name", name) or mesh.name, by_node=True)
 
 
 def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[tuple[Material, Array]]:
@@ -97,14 +96,14 @@ def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[
     return parts
 
 
-def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | None) -> Array:
-    """DOF of all nodes, node by node, of the sets named."""
+def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | None) -> dict[str, Array]:
+    """DOF of all nodes, node by node, of each set named."""
     if isinstance(named, str):
         named = [named]
     if not isinstance(named, Mapping):
         listed = [] if named is None else items(what, named, "names of sets, or a dict such as {'left': 'xyz'}")
         named = {name if isinstance(name, str) else shown(name): "xyz" for name in listed}
-    chosen = np.zeros((len(mesh.points), 3), dtype=bool)
+    found = {}
     for name, axes in named.items():
         if not isinstance(axes, str):
             raise InputTypeError(f"{what}: the motions of the set {name!r} must be letters, such as 'xyz', not {axes!r:.60}")
@@ -112,10 +111,11 @@ def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | N
             axes = "xyz"
         if not axes or set(axes) - set("xyz"):
             raise InputError(f"{what}: {axes!r} for the set {name!r} must be 'clamped' or some of the letters x, y, z")
-        nodes = mesh.nodes(name)
+        chosen = np.zeros((len(mesh.points), 3), dtype=bool)
         for axis in axes:
-            chosen[nodes, "xyz".index(axis)] = True
-    return np.flatnonzero(chosen)
+            chosen[mesh.nodes(name), "xyz".index(axis)] = True
+        found[name] = np.flatnonzero(chosen)
+    return found
 
 
 def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, instance, items, shown
+from femsub.checks import Array, Matrix, instance, items, mapping, shown, word
 from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name
 from femsub.model.dof_map import DofMap
 from femsub.model.friction import Belt
@@ -39,14 +39,17 @@ class Substructure(Frozen):
         sparse (CSR). Mass must not be negative; DOF without mass are allowed.
     D : array_like or sparse, shape (n, n), optional
         Damping, symmetric or not.
-    interface : sequence of int
-        Interface DOF, counted from 0. A reduced model lists them in this order.
+    interface : sequence of int, or mapping of str to sequence of int
+        Interface DOF, counted from 0. A reduced model lists them in this order. A mapping gives sets of DOF a name, as
+        {"left": [0, 1], "right": [8, 9]}. Joints take a set by its name. Two sets may share a DOF.
     ports : mapping of str to array_like, shape (n,) or (n, p)
         Named columns w on which belts, forces and outputs act.
     name : str
         For messages and for `couple`.
     dofs : DofMap, optional
         The node, direction and coordinates of each DOF.
+    sets : mapping of str to array_like of int, optional
+        The named sets as positions in `interface`, counted from 0. A mapping given as `interface` sets them.
 
     Raises
     ------
@@ -74,9 +77,11 @@ class Substructure(Frozen):
     name: str
     dofs: DofMap | None = None
     cutoff: float = field(default=np.inf, init=False)  #: rad per unit of time; above it, modes are those of the reduction
+    sets: Mapping[str, Array] = field(default_factory=dict)
 
-    def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] = (),
-                 ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None) -> None:
+    def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] | Mapping[str, Iterable[int]] = (),
+                 ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None,
+                 sets: Mapping[str, Any] | None = None) -> None:
         pencil = Pencil(M, D, K)
         mass, stiffness = (part if flag else _symmetric(name, part) for name, part, flag in
                            zip("MK", (pencil.M, pencil.K), pencil.symmetric[::2], strict=True))
@@ -89,7 +94,10 @@ class Substructure(Frozen):
         _semidefinite_pairs(mass, diagonal)
         if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:
             raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
-        self._set(M=mass, K=stiffness, D=pencil.D, interface=_interface(interface, pencil.size),
+        if isinstance(interface, Mapping):
+            interface, sets = _named(interface, pencil.size)
+        joined = _interface(interface, pencil.size)
+        self._set(M=mass, K=stiffness, D=pencil.D, interface=joined, sets=checked_sets(sets, len(joined)),
                   ports=_ports({} if ports is None else ports, pencil.size), name=str(name), dofs=dofs)
         if mass is pencil.M and stiffness is pencil.K:
             self.__dict__["pencil"] = pencil  # checked already
@@ -113,6 +121,16 @@ class Substructure(Frozen):
         """B, shape (n_b, n), with u_b = B u: the physical interface displacements in this model's coordinates."""
         count = len(self.interface)
         return sp.csr_array((np.ones(count), (np.arange(count), self.interface)), shape=(count, self.size))
+
+    @cached_property
+    def interface_dofs(self) -> DofMap | None:
+        """Which motion of which node each interface DOF is, and where; None where that is not known."""
+        return None if self.dofs is None else self.dofs.kept(self.interface)
+
+    @property
+    def interface_numbers(self) -> Array:
+        """The interface DOF in the component's own numbering, shape (n_b,): of a reduced model, as rows of V."""
+        return self.interface
 
     @cached_property
     def pencil(self) -> Pencil:
@@ -170,6 +188,8 @@ class ReducedSubstructure(Substructure):
         The DOF map of the rows of V.
     full_interface : ndarray of int
         The interface as rows of V.
+    interface_dofs : DofMap, optional
+        That of the interface; by default the part of `full_dofs`.
     estimate : Estimate, optional
         Error estimates of its modes in the band, if `reduce` was given a tolerance.
     estimated : (M, D, K), optional
@@ -198,12 +218,14 @@ class ReducedSubstructure(Substructure):
     factorisations: int = 0
     full_dofs: DofMap | None = None
     full_interface: Array = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    interface_dofs: DofMap | None = None
     estimate: Estimate | None = None
     estimated: tuple[Matrix, Matrix, Matrix] | None = None
 
     def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
                  kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, modes: int = 0, dropped: int = 0,
                  port_error: Mapping[str, float] | None = None, factorisations: int = 0, full_dofs: DofMap | None = None,
+                 interface_dofs: DofMap | None = None, sets: Mapping[str, Any] | None = None,
                  estimate: Estimate | None = None, estimated: tuple[Matrix, Matrix, Matrix] | None = None) -> None:
         # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
         rows = V[full_interface]
@@ -214,7 +236,10 @@ class ReducedSubstructure(Substructure):
         if estimate is None or not all(A is B or (A.shape == B.shape and not (A != B).sum())
                                        for A, B in zip(estimated or own, own, strict=True)):
             estimate = estimated = None
-        self._set(V=V, kinds=tuple(kinds), modes=modes, cutoff=float(cutoff), method=method, dropped=dropped,
+        if interface_dofs is None and full_dofs is not None:
+            interface_dofs = full_dofs.kept(full_interface)
+        self._set(V=V, interface_dofs=interface_dofs, sets=checked_sets(sets, len(full_interface)),
+                  kinds=tuple(kinds), modes=modes, cutoff=float(cutoff), method=method, dropped=dropped,
                   port_error=port_error or {}, factorisations=factorisations, full_dofs=full_dofs,
                   full_interface=np.array(full_interface, dtype=np.intp), estimate=estimate,
                   estimated=None if estimate is None else estimated or own)
@@ -227,6 +252,11 @@ class ReducedSubstructure(Substructure):
     def interface_rows(self) -> Matrix:
         """B with u_b = B q, shape (n_b, r)."""
         return self.V[self.full_interface]
+
+    @property
+    def interface_numbers(self) -> Array:
+        """`full_interface`."""
+        return self.full_interface
 
     def with_damping(self, D: Any) -> Self:
         """A copy with another D, shape (r, r), and without the estimate, which is not valid for it."""
@@ -293,6 +323,25 @@ def _interface(values: Iterable[int], size: int) -> Array:
     if (counts > 1).any():
         raise InputError(f"interface DOF {unique[counts > 1][0]} is listed {counts.max()} times; list each once")
     return raw.astype(np.intp)
+
+
+def _named(sets: Mapping[str, Iterable[int]], size: int) -> tuple[list[int], dict[str, Array]]:
+    """The interface of named sets of DOF, each DOF once, and where in it each set is."""
+    found = {name: _interface(rows, size) for name, rows in sets.items()}
+    flat = list(dict.fromkeys(int(row) for rows in found.values() for row in rows))
+    place = {row: at for at, row in enumerate(flat)}
+    return flat, {name: np.array([place[int(row)] for row in rows], dtype=np.intp) for name, rows in found.items()}
+
+
+def checked_sets(sets: Mapping[str, Any] | None, count: int) -> dict[str, Array]:
+    """Named sets of an interface of `count` DOF, each DOF by its place in the interface."""
+    found = {}
+    for name, places in ({} if sets is None else mapping("sets", sets, "names and places in the interface")).items():
+        found[word("the name of an interface set", name)] = _interface(places, max(count, 1))
+        if len(found[name]) > count or found[name].max(initial=-1) >= count:
+            raise InputError(f"the interface set {name!r} names places up to {found[name].max()}, but the interface has {count} "
+                             "DOF, counted from 0: give the interface as a mapping, {'left': [0, 1]}")
+    return found
 
 
 def _ports(ports: Mapping[str, Any], size: int) -> Mapping[str, Array]:

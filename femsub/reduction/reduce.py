@@ -178,7 +178,7 @@ def _projected(task: _Task, basis: Basis) -> ReducedSubstructure:
         basis.M, basis.K, projected(sub.D, V, V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
-        estimate=estimate)
+        interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate)
 
 
 def _work(task: _Task) -> float:

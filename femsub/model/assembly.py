@@ -1,0 +1,366 @@
+"""`couple`: substructures joined to a system, which is a `Substructure` again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from femsub.checks import Array, Matrix, instance, items, mapping, word
+from femsub.errors import InputError, InputTypeError
+from femsub.model.dof_map import DofMap
+from femsub.model.elimination import Equations, eliminate, recovered
+from femsub.model.joints import End, Joint, Link, site, spatial
+from femsub.model.substructure import ReducedSubstructure, Substructure, checked_sets
+
+FULL = 0.3  # of all entries that are not 0: from here on a system of full and reduced parts is kept dense
+SAME = 1e-9  # of a row of the interface that two rows may differ by which are the motion of one DOF
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class System(Substructure):
+    """M ẍ + D ẋ + K x = f of joined parts in the coordinates x that the joints leave, shape (n,); made by `couple`.
+
+    It is used like any other substructure. Its ports are those of the parts, 'disc.belt', and so are its interface sets.
+
+    Attributes
+    ----------
+    parts : mapping of str to Substructure
+    joints : tuple of Joint
+    L : sparse, or dense if all parts are, shape (N, n)
+        q = L x, where q holds the coordinates of all parts below each other.
+    open : mapping of str to ndarray of int
+        For each part, the places in its interface that are the system's: in this order, part by part.
+    redundant : int
+        Equations of the joints that said what the others do.
+    """
+
+    dofs: DofMap | None = field(default=None, init=False)
+    parts: Mapping[str, Substructure] = field(default_factory=dict)
+    joints: tuple[Joint, ...] = ()
+    L: Matrix = None
+    open: Mapping[str, Array] = field(default_factory=dict)
+    redundant: int = 0
+
+    def __init__(self, M: Any, K: Any, D: Any, interface: Any, ports: Mapping[str, Any], name: str, *,
+                 parts: Mapping[str, Substructure], joints: Iterable[Joint], L: Matrix, open: Mapping[str, Array],
+                 sets: Mapping[str, Array] | None = None, redundant: int = 0) -> None:
+        super().__init__(M, K, D, interface, ports, name)
+        self._set(parts=dict(parts), joints=tuple(joints), L=L, open=dict(open), redundant=redundant,
+                  sets=checked_sets(sets, sum(map(len, open.values()))), cutoff=min(part.cutoff for part in parts.values()))
+
+    def __repr__(self) -> str:
+        kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
+        beside = f", {self.redundant} equations redundant" if self.redundant else ""
+        return (f"System {self.name!r}: {self.size} DOF of {len(self.parts)} parts ({', '.join(self.parts)}) and "
+                f"{len(self.joints)} joints, {kind}, {self.interface_rows.shape[0]} interface DOF{beside}")
+
+    @cached_property
+    def interface_rows(self) -> Matrix:
+        """B with u_b = B x, shape (n_b, n)."""
+        return super().interface_rows if len(self.interface) else _rows(self.parts, self.L, self.open)
+
+    @cached_property
+    def interface_dofs(self) -> DofMap | None:
+        """The parts' maps below each other, nodes numbered anew from 1; None where one of the parts has none."""
+        maps = [self.parts[name].interface_dofs for name, places in self.open.items() if len(places)]
+        if not maps or any(one is None or one.points is None for one in maps):
+            return None
+        found = [one.kept(places) for one, places in zip(maps, (p for p in self.open.values() if len(p)), strict=True) if one]
+        labels = tuple(dict.fromkeys(label for one in found for label in one.labels))
+        nodes, components, start = [], [], 1
+        for one in found:
+            _, number = np.unique(one.nodes, return_inverse=True)
+            nodes.append(start + number)
+            start = int(nodes[-1].max(initial=start - 1)) + 1
+            components.append(np.array([labels.index(label) for label in one.labels])[one.components])
+        points = np.concatenate([spatial(one.points) for one in found if one.points is not None])
+        return DofMap(np.concatenate(nodes), np.concatenate(components), labels, points)
+
+    def expand(self, x: Array) -> dict[str, Array]:
+        """The physical DOF of each part, {name: u}, from x of shape (n,) or (n, k); u of shape (n_p,) or (n_p, k).
+
+        Of a reduced part u = V q. The parts of a part that is a system itself are listed one by one, as 'front.disc'.
+        """
+        x = np.asarray(x)
+        if x.ndim == 0 or x.shape[0] != self.size:
+            raise InputError(f"x must have {self.size} rows, one per coordinate, but its shape is {x.shape}")
+        found: dict[str, Array] = {}
+        for (name, part), rows in zip(self.parts.items(), _blocks(self.parts), strict=True):
+            q = self.L[rows] @ x
+            if isinstance(part, System):
+                found |= {f"{name}.{inner}": u for inner, u in part.expand(q).items()}
+            else:
+                found[name] = part.expand(q) if isinstance(part, ReducedSubstructure) else q
+        return found
+
+
+def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str = "system", *,
+           interface: Sequence[End] | None = None) -> System:
+    """M, D, K = Lᵀ diag(M_p, D_p, K_p) L + Σ Rᵀ(0, c, k)R, q = L x, where L spans all motions that the joints leave.
+
+    The parts may be full, reduced by any method, and systems themselves, in any mix. Equal DOF become one coordinate
+    (L is Boolean there); a full part's DOF that meets a reduced part's generalised coordinates is given by these; what then
+    couples generalised coordinates alone goes through a basis of the null space of the equations (`eliminate`).
+
+    Parameters
+    ----------
+    parts : mapping of str to Substructure
+        Names to parts; names without a dot.
+    joints : sequence of Joint
+        `Rigid`, `Spring`, or a `Joint` of your own.
+    name : str
+    interface : sequence of ends, optional
+        Where the system can be joined further: (part, set) or (part, list of DOF), joined DOF as well. By default every
+        interface DOF of the parts that no joint has taken, and of a named set that was joined in part all of it.
+
+    Returns
+    -------
+    System
+        A Substructure, with ``.expand(x)`` to the parts.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Parts that are joined to nothing, unknown parts and sets, interfaces that do not meet, an end that is no interface
+        DOF, joints that leave no motion. The message names the part and the joint.
+
+    References
+    ----------
+    D. de Klerk, D. J. Rixen, S. N. Voormeeren, AIAA J. 46 (2008) 1169, eqs. (10) to (13) (primal assembly).
+
+    Examples
+    --------
+    >>> left, right = fs.chain(5, interface=[5]), fs.chain(6, interface=[1], fixed=False)
+    >>> fs.couple({"left": left, "right": right}, [fs.Rigid(("left", [4]), ("right", [0]))]).size
+    10
+    """
+    parts = _checked_parts(parts)
+    joints = [instance("each of joints", joint, Joint, "as Rigid(('disc', 'left'), ('pad', 'right'))")  # type: ignore[type-abstract]
+              for joint in items("joints", joints, "joints")]
+    links = [_linked(joint, parts) for joint in joints]
+    _connected(parts, links)
+    unit, physical = _units(parts), _physical(parts)
+    found = eliminate(_equations(parts, links, unit, physical), lambda owner: _told(joints, owner))
+    if not found.L.shape[1]:
+        raise InputError(f"the joints of {name!r} leave nothing to move")
+    chosen = _unjoined(parts, links) if interface is None else _listed(parts, interface)
+    open_, place = _distinct(parts, chosen, found.L, found.unit)
+    T, columns = recovered(_rows(parts, found.L, open_), found.unit)
+    L, M, D, K = _matrices(parts, links, sp.csr_array(found.L @ T))
+    ports = {f"{part}.{port}": L[rows].T @ w for (part, sub), rows in zip(parts.items(), _blocks(parts), strict=True)
+             for port, w in sub.ports.items()}
+    return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=_sets(parts, place),
+                  redundant=found.redundant)
+
+
+def _checked_parts(parts: Any) -> dict[str, Substructure]:
+    found = dict(mapping("parts", parts, "names and substructures, as {'disc': rom, 'pad': full}"))
+    if not found:
+        raise InputError("parts is empty: name at least one")
+    for name, part in found.items():
+        if not word("the name of a part", name) or "." in name:
+            raise InputError(f"a part's name must be a word without a dot, since ports are named 'part.port', not {name!r}")
+        instance(f"the part {name!r}", part, Substructure)
+    return found
+
+
+def _linked(joint: Joint, parts: Mapping[str, Substructure]) -> Link:
+    """What a joint says, with its name in the message where it cannot say it, and its sizes checked."""
+    try:
+        link = instance("what a joint's link returns", joint.link(parts), Link)
+    except (InputError, InputTypeError) as error:
+        raise type(error)(f"{joint!r}: {error}") from None
+    for what, table, widths in (("equations", link.equations, {name: len(sub.interface_numbers) for name, sub in parts.items()}),
+                                ("motions", link.motions, {name: sub.size for name, sub in parts.items()})):
+        sizes = {matrix.shape[0] for matrix in table.values()}
+        for part, matrix in table.items():
+            if matrix.shape[1] != widths[part] or len(sizes) > 1:
+                raise InputError(f"{joint!r}: its {what} of {part!r} must have {widths[part]} columns and as many rows as those "
+                                 f"of the other parts, but are {matrix.shape}")
+    return link
+
+
+def _connected(parts: Mapping[str, Substructure], links: Sequence[Link]) -> None:
+    """All parts hang together, by joints or by the ground."""
+    if len(parts) == 1:
+        return
+    names = list(parts)
+    pairs = [(names[0], names[0])]
+    for link in links:
+        members = [*link.equations, *link.motions, *(["."] if link.grounded else [])]
+        pairs += [(members[0], other) for other in members]
+    number = {name: at for at, name in enumerate((*names, "."))}  # the ground is one more, whose name no part can have
+    table = np.array([[number[one], number[other]] for one, other in pairs])
+    graph = sp.csr_array((np.ones(len(table)), (table[:, 0], table[:, 1])), shape=(len(number), len(number)))
+    group = connected_components(graph, directed=False)[1]
+    alone = [name for name, own in zip(names, group, strict=False) if np.count_nonzero(group == own) == 1]
+    if alone:
+        raise InputError(f"the part {alone[0]!r} is joined to nothing: give a joint that names it, or leave it out")
+    apart = [name for name, own in zip(names, group, strict=False) if own != group[0]]
+    if apart:
+        raise InputError(f"no joints lead from {names[0]!r} to {', '.join(map(repr, apart))}: these are systems of their own")
+
+
+def _told(joints: Sequence[Joint], owner: Array) -> str:
+    return ", ".join(repr(joints[i]) for i in dict.fromkeys(owner.tolist()))
+
+
+def _blocks(parts: Mapping[str, Substructure]) -> list[slice]:
+    """The rows of each part's coordinates in q."""
+    ends = np.cumsum([0, *(part.size for part in parts.values())])
+    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
+
+
+def _units(parts: Mapping[str, Substructure]) -> Array:
+    """How far each coordinate moves at unit energy: (k_jj + ω² m_jj)^(-1/2) with a typical ω of all parts."""
+    K = np.concatenate([np.abs(part.K.diagonal()) for part in parts.values()])
+    M = np.concatenate([np.abs(part.M.diagonal()) for part in parts.values()])
+    both = (K > 0) & (M > 0)
+    typical = float(np.median(K[both] / M[both])) if both.any() else 1.0
+    energy = K + typical * M
+    return np.where(energy > 0, energy, 1.0) ** -0.5
+
+
+def _physical(parts: Mapping[str, Substructure]) -> Array:
+    """Which coordinates are displacements of interface DOF."""
+    found = np.zeros(sum(part.size for part in parts.values()), dtype=bool)
+    for part, rows in zip(parts.values(), _blocks(parts), strict=True):
+        found[rows.start + part.interface] = True
+    return found
+
+
+def _equations(parts: Mapping[str, Substructure], links: Sequence[Link], unit: Array, physical: Array) -> Equations:
+    """Σ_p C_p B_p q_p = 0 of all joints below each other."""
+    rows = dict(zip(parts, _blocks(parts), strict=True))
+    blocks, owner = [], []
+    interfaces = {name: sp.csr_array(part.interface_rows) for name, part in parts.items()}
+    for number, link in enumerate(links):
+        if link.equations:
+            block = sum(sp.csr_array(_spread(sp.csr_array(C) @ interfaces[part], rows[part].start, len(unit)))
+                        for part, C in link.equations.items())
+            blocks.append(block)
+            owner.append(np.full(block.shape[0], number))
+    A = sp.csr_array(sp.vstack(blocks)) if blocks else sp.csr_array((0, len(unit)))
+    return Equations(A, unit, physical, np.concatenate([np.zeros(0, dtype=int), *owner]))
+
+
+def _spread(C: Matrix, start: int, size: int) -> Matrix:
+    """The columns of a sparse C from a place on among `size`."""
+    return sp.csr_array((C.data, C.indices + start, C.indptr), shape=(C.shape[0], size))
+
+
+def _rows(parts: Mapping[str, Substructure], L: Matrix, open_: Mapping[str, Array]) -> Matrix:
+    """B_p L_p of the open places of all parts below each other, sparse, shape (n_b, n)."""
+    found = [sp.csr_array((0, L.shape[1]))]
+    for (name, part), rows in zip(parts.items(), _blocks(parts), strict=True):
+        places = open_.get(name, ())
+        if len(places):
+            found.append(sp.csr_array(sp.csr_array(part.interface_rows)[places] @ sp.csr_array(L[rows])))
+    B = sp.csr_array(sp.vstack(found))
+    B.eliminate_zeros()
+    B.sort_indices()
+    return B
+
+
+def _unjoined(parts: Mapping[str, Substructure], links: Sequence[Link]) -> dict[str, Array]:
+    """The places of each part's interface that no equation touches; of a set that has some of these all."""
+    chosen = {}
+    for name, part in parts.items():
+        left = np.ones(len(part.interface_numbers), dtype=bool)
+        for link in links:
+            if name in link.equations:
+                left[sp.csr_array(link.equations[name]).indices] = False
+        for places in part.sets.values():  # a corner that two edges share stays open with the edge that is not joined
+            if left[places].any():
+                left[places] = True
+        chosen[name] = np.flatnonzero(left)
+    return chosen
+
+
+def _listed(parts: Mapping[str, Substructure], ends: Sequence[End]) -> dict[str, Array]:
+    chosen: dict[str, list[int]] = {name: [] for name in parts}
+    for end in items("interface", ends, "ends, as [('disc', 'left')]"):
+        found = site(parts, end)
+        chosen[found.part] += found.places.tolist()
+    return {name: np.array(list(dict.fromkeys(places)), dtype=np.intp) for name, places in chosen.items()}
+
+
+def _distinct(parts: Mapping[str, Substructure], chosen: Mapping[str, Array], L: Matrix,
+              unit: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+    """The places chosen without those that are held or the motion of an earlier one; and, for every place of a part's
+    interface, which of the system's it is (-1: none).
+    """
+    B = sp.csr_array(_rows(parts, L, chosen) @ sp.diags_array(unit))
+    size = np.sqrt(B.multiply(B).sum(axis=1))
+    moving = size > 0
+    B = sp.csr_array(sp.diags_array(1 / np.where(moving, size, 1.0)) @ B)
+    # equal rows have equal values in any direction
+    value = B @ np.random.default_rng(3).standard_normal(B.shape[1])
+    order = np.argsort(np.where(moving, value, np.inf), kind="stable")[:int(moving.sum())]
+    one, other = order[:-1], order[1:]
+    close = np.abs(value[other] - value[one]) <= SAME
+    one, other = one[close], other[close]
+    same = abs(B[one] - B[other]).max(axis=1).toarray().ravel() <= SAME if len(one) else np.zeros(0, dtype=bool)
+    graph = sp.csr_array((np.ones(int(same.sum())), (one[same], other[same])), shape=(B.shape[0],) * 2)
+    first = np.zeros(0, dtype=np.intp)
+    if B.shape[0]:
+        _, leader, group = np.unique(connected_components(graph, directed=False)[1], return_index=True, return_inverse=True)
+        first = leader[group]
+    keep = moving & (first == np.arange(B.shape[0]))
+    number = np.where(moving, (np.cumsum(keep) - 1)[first], -1)
+    open_, place, start = {}, {}, 0
+    for name, part in parts.items():
+        places = chosen[name]
+        rows = slice(start, start + len(places))
+        start += len(places)
+        open_[name] = places[keep[rows]]
+        place[name] = np.full(len(part.interface_numbers), -1)
+        place[name][places] = number[rows]
+    return open_, place
+
+
+def _sets(parts: Mapping[str, Substructure], place: Mapping[str, Array]) -> dict[str, Array]:
+    """The parts' sets as far as they are the system's interface as a whole, 'disc.left'; held DOF are left out."""
+    found = {}
+    for name, part in parts.items():
+        for key, places in part.sets.items():
+            at = place[name][places]
+            if len(at) and (at >= 0).all():
+                found[f"{name}.{key}"] = at
+    return found
+
+
+def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], L: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """L, and M, D, K in its coordinates: sparse if a part is and fill allows it."""
+    blocks = dict(zip(parts, _blocks(parts), strict=True))
+    dense = not any(sp.issparse(part.K) for part in parts.values())
+    if dense:
+        L = L.toarray()
+    springs = [(sum(R @ (L[blocks[part]]) for part, R in link.motions.items()), link) for link in links if link.motions]
+    found = []
+    for key in "MDK":
+        matrices = [getattr(part, key) for part in parts.values()]
+        if dense:
+            A = sum(L[rows].T @ (matrix @ L[rows]) for matrix, rows in zip(matrices, blocks.values(), strict=True))
+        else:
+            A = sp.csr_array(L.T @ (sp.block_diag([sp.csr_array(one) for one in matrices], format="csr") @ L))
+        for R, link in springs:
+            middle = {"K": link.stiffness, "D": link.damping}.get(key)
+            if middle is not None and np.any(middle):
+                A = A + (R.T @ (middle if dense else sp.csr_array(middle)) @ R)
+        if key != "D" or (all(part.pencil.symmetric[1] for part in parts.values())
+                          and all(np.array_equal(link.damping, link.damping.T) for link in links)):
+            A = (A + A.T) / 2  # but for rounding it is so
+        found.append(A)
+    M, D, K = found
+    mixed = not dense and not all(sp.issparse(part.K) for part in parts.values())
+    if mixed and K.nnz > FULL * K.shape[0] ** 2:
+        L, M, D, K = (A.toarray() for A in (L, M, D, K))
+    return L, M, D, K

@@ -1,0 +1,275 @@
+"""Linear equations A x = 0 taken out of a model: x = L y, with L as sparse as they allow, and which of them are redundant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from femsub.checks import Array, Matrix
+from femsub.errors import InputError
+
+ROUNDING = 1e-13  # of the largest entry of an equation: less is what is left where two entries cancel
+DEPENDENT = 1e-10  # of the largest pivot: an equation with less beside the others says nothing new
+PIVOT = 1e-3  # of the largest entry of an equation that the entry of a DOF of its own must have, at least
+SPREAD_PIVOT = 0.1  # the same for a generalised coordinate, in units of energy
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """A x = 0, shape (m, n), on coordinates of which some are physical DOF.
+
+    Attributes
+    ----------
+    A : sparse, shape (m, n)
+    unit : ndarray, shape (n,)
+        How far each coordinate moves at unit energy: entries are compared in these units.
+    physical : ndarray of bool, shape (n,)
+        Which coordinates are displacements of a DOF, and no amplitudes of shapes.
+    owner : ndarray of int, shape (m,)
+        Which joint each equation belongs to, for messages.
+    """
+
+    A: Matrix
+    unit: Array
+    physical: Array
+    owner: Array
+
+    def through(self, T: Matrix, unit: Array, physical: Array, rows: Array) -> Equations:
+        """Some of the equations in new coordinates y, x = T y."""
+        A = sp.csr_array(self.A[rows] @ T)
+        return Equations(A, unit, physical, self.owner[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Eliminated:
+    """x = L y, L (n, k), for every x that fulfils the equations; `redundant` of which say what the others do."""
+
+    L: Matrix
+    unit: Array
+    physical: Array
+    redundant: int
+
+
+def eliminate(equations: Equations, tell: Callable[[Array], str]) -> Eliminated:
+    """The motions that A x = 0 leaves: Boolean where two DOF are equal, then by dependent DOF, then by an orthonormal basis.
+
+    1. x_i = x_j and x_i = 0: DOF that are equal become one coordinate, by connected components, so that no order and no
+       redundant loop changes L, whose entries are exactly 1.
+    2. An equation with a DOF that is in no other one gives that DOF by the rest of it. L stays sparse.
+    3. What is left couples generalised coordinates: per group of equations that share some, x = S Q₂ y with S the units of
+       energy and Q₂ the null space of A S, by a QR decomposition with pivots. Pivots below 1e-10 of the first are redundant.
+
+    Raises
+    ------
+    InputError
+        Equations that leave none of their coordinates any motion; `tell` names the joints of their owners.
+    """
+    given, size = equations.A.shape
+    L = sp.eye_array(size, format="csr")
+    scale = _largest(abs(equations.A) @ sp.diags_array(equations.unit)) if given else np.zeros(0)
+    while True:
+        equations, scale = _pruned(equations, scale)
+        step = _equal(equations)
+        if step is None:
+            break
+        L, (equations, scale) = L @ step[0], _changed(equations, scale, *step, np.arange(len(scale)))
+    for take in (_dependent, _null_space):
+        equations, scale = _pruned(equations, scale)
+        if len(scale):
+            step, rest = take(equations, tell)
+            L, (equations, scale) = L @ step[0], _changed(equations, scale, *step, rest)
+    return Eliminated(sp.csr_array(L), equations.unit, equations.physical, given - (size - L.shape[1]))
+
+
+Step = tuple[Matrix, Array, Array]  # T (n, k) with x = T y; the units of y, and which of it are physical
+
+
+def _changed(equations: Equations, scale: Array, T: Matrix, unit: Array, physical: Array,
+             rows: Array) -> tuple[Equations, Array]:
+    return equations.through(T, unit, physical, rows), scale[rows]
+
+
+def _largest(A: Matrix) -> Array:
+    """The largest entry of each row of a sparse A ≥ 0."""
+    return np.asarray(sp.csr_array(A).max(axis=1).todense()).ravel()
+
+
+def _pruned(equations: Equations, scale: Array) -> tuple[Equations, Array]:
+    """Without entries that are rounding, and without equations of which nothing is left."""
+    A = equations.A
+    rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+    keep = np.abs(A.data) * equations.unit[A.indices] > ROUNDING * scale[rows]
+    left = np.flatnonzero(np.bincount(rows[keep], minlength=A.shape[0]))
+    A = sp.csr_array((A.data[keep], (rows[keep], A.indices[keep])), shape=A.shape)[left]
+    return Equations(A, equations.unit, equations.physical, equations.owner[left]), scale[left]
+
+
+def _equal(equations: Equations) -> Step | None:
+    """One coordinate for all that are equal, none for those that are held; None if no equation is of these two kinds."""
+    A, n = equations.A, equations.A.shape[1]
+    count, start = np.diff(A.indptr), A.indptr[:-1]
+    held, pair = A.indices[start[count == 1]], start[count == 2]
+    pair = pair[A.data[pair] == -A.data[pair + 1]]
+    if not len(held) and not len(pair):
+        return None
+    graph = sp.csr_array((np.ones(len(pair)), (A.indices[pair], A.indices[pair + 1])), shape=(n, n))
+    groups, group = connected_components(graph, directed=False)
+    moves = np.ones(groups, dtype=bool)
+    moves[group[held]] = False
+    number = np.cumsum(moves) - 1
+    rows = np.flatnonzero(moves[group])
+    T = sp.csr_array((np.ones(len(rows)), (rows, number[group[rows]])), shape=(n, int(moves.sum())))
+    unit = (T.T @ equations.unit[:, None] ** -2.0).ravel() ** -0.5
+    return T, unit, (T.T @ equations.physical.astype(float)) > 0
+
+
+def _dependent(equations: Equations, tell: Callable[[Array], str]) -> tuple[Step, Array]:
+    """Coordinates that are in one equation alone, given by the rest of it; and the equations that have none."""
+    A, (m, n) = equations.A, equations.A.shape
+    rows, columns, size = np.repeat(np.arange(m), np.diff(A.indptr)), A.indices, np.abs(A.data)
+    alone = np.bincount(columns, minlength=n)[columns] == 1
+    physical = equations.physical[columns]
+    energy, plain = size * equations.unit[columns], np.where(physical, size, 0.0)
+    first = A.indptr[:-1]
+    largest = np.maximum.reduceat(plain, first)[rows]
+    share = energy / np.maximum.reduceat(energy, first)[rows]
+    # a displacement before an amplitude: it keeps its meaning where it is given by others
+    rank = np.where(physical & (plain > PIVOT * largest), 1 + size / np.where(largest > 0, largest, 1.0),
+                    np.where(share > SPREAD_PIVOT, share, 0.0)) * alone
+    best = np.lexsort((rank, rows))[A.indptr[1:] - 1]
+    chosen = best[rank[best] > 0]
+    taken, given = rows[chosen], columns[chosen]
+    pivot = np.ones(m)
+    pivot[taken] = A.data[chosen]
+    kept = np.ones(n, dtype=bool)
+    kept[given] = False
+    number, owner = np.cumsum(kept) - 1, np.zeros(m, dtype=np.intp)
+    owner[taken] = given
+    used = np.zeros(m, dtype=bool)
+    used[taken] = True
+    others = used[rows] & kept[columns]
+    T = sp.csr_array((np.append(np.ones(kept.sum()), -A.data[others] / pivot[rows[others]]),
+                      (np.append(np.flatnonzero(kept), owner[rows[others]]), number[np.append(np.flatnonzero(kept),
+                                                                                             columns[others])])),
+                     shape=(n, int(kept.sum())))
+    return (T, equations.unit[kept], equations.physical[kept]), np.flatnonzero(~used)
+
+
+def _null_space(equations: Equations, tell: Callable[[Array], str]) -> tuple[Step, Array]:
+    """An orthonormal basis, in units of energy, of what each group of equations leaves of its coordinates."""
+    n, unit = equations.A.shape[1], equations.unit
+    free = np.ones(n, dtype=bool)
+    blocks = []
+    for rows, columns in groups(equations.A):
+        Q, rank = _decomposed(equations, rows, columns)
+        if rank == len(columns):
+            raise InputError(f"{tell(equations.owner[rows])}: the {len(rows)} equations leave no motion to the {len(columns)} "
+                             "coordinates they couple: keep more modes in these parts, or join fewer DOF")
+        free[columns] = False
+        blocks.append((columns, unit[columns, None] * Q[:, rank:]))
+    kept = np.flatnonzero(free)
+    start = len(kept) + np.cumsum([0, *(block.shape[1] for _, block in blocks)])
+    entries = [(np.ones(len(kept)), kept, np.arange(len(kept)))]
+    for (columns, block), first in zip(blocks, start[:-1], strict=True):
+        entries.append((block.ravel(), np.repeat(columns, block.shape[1]),
+                        np.tile(first + np.arange(block.shape[1]), len(columns))))
+    data, at, to = (np.concatenate(part) for part in zip(*entries, strict=True))
+    T = sp.csr_array((data, (at, to)), shape=(n, int(start[-1])))
+    new = int(start[-1]) - len(kept)
+    return ((T, np.append(unit[kept], np.ones(new)), np.append(equations.physical[kept], np.zeros(new, dtype=bool))),
+            np.zeros(0, dtype=np.intp))
+
+
+def groups(A: Matrix) -> Iterator[tuple[Array, Array]]:
+    """Rows and columns of each connected group of equations."""
+    m = A.shape[0]
+    graph = sp.block_array([[None, A], [A.T, None]], format="csr")
+    label = connected_components(graph, directed=False)[1]
+    order = np.argsort(label, kind="stable")
+    for members in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        if members[0] < m and members[-1] >= m:
+            at = int(np.searchsorted(members, m))
+            yield members[:at], members[at:] - m
+
+
+def _decomposed(equations: Equations, rows: Array, columns: Array) -> tuple[Array, int]:
+    """Q (k, k) of Aᵀ in units of energy, equations of one size, and their rank: the rest of Q is the null space."""
+    import scipy.linalg as la
+
+    A = equations.A[rows][:, columns].toarray() * equations.unit[columns]
+    Q, R, _ = la.qr((A / np.linalg.norm(A, axis=1)[:, None]).T, pivoting=True, check_finite=False)
+    return Q, _rank(R)
+
+
+def _rank(R: Array) -> int:
+    pivots = np.abs(R.diagonal())
+    return int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
+
+
+def independent(equations: Equations) -> Array:
+    """The equations, ascending, that say all that all of them say, and nothing twice."""
+    import scipy.linalg as la
+
+    found = [np.zeros(0, dtype=np.intp)]
+    for rows, columns in groups(equations.A):
+        if len(rows) == 1:
+            found.append(rows)
+            continue
+        A = equations.A[rows][:, columns].toarray() * equations.unit[columns]
+        R, order = la.qr((A / np.linalg.norm(A, axis=1)[:, None]).T, mode="r", pivoting=True, check_finite=False)
+        found.append(rows[order[:_rank(R)]])
+    return np.sort(np.concatenate(found))
+
+
+def recovered(B: Matrix, unit: Array) -> tuple[Matrix, Array]:
+    """x = T (u_b, y) with B T = [I 0]: coordinates of which the first are the motions u_b = B x themselves.
+
+    Columns that no row of B but a unit one touches stay as they are. A B without full rank has no such T: x stays. (R. R.
+    Craig and C.-J. Chang 1977 solve for the residual coordinates to the same end.)
+
+    Parameters
+    ----------
+    B : sparse, shape (b, n)
+    unit : ndarray, shape (n,)
+
+    Returns
+    -------
+    T : sparse, shape (n, n)
+        Its columns are those of x that stay, then the others.
+    places : ndarray, shape (b,), or (0,) where B has not full rank
+        The columns of T that are u_b.
+    """
+    import scipy.linalg as la
+
+    b, n = B.shape
+    same = sp.eye_array(n, format="csr"), np.zeros(0, dtype=np.intp)
+    plain = (np.diff(B.indptr) == 1) & (B.sum(axis=1) == 1.0)
+    columns = np.unique(B[np.flatnonzero(~plain)].indices)
+    mixed = ~plain
+    mixed[plain] = np.isin(B.indices[B.indptr[:-1][plain]], columns)  # a DOF of which another row takes its share
+    rows = np.flatnonzero(mixed)
+    if len(rows) > len(columns):
+        return same
+    kept = np.setdiff1d(np.arange(n), columns)
+    places = np.zeros(b, dtype=np.intp)
+    places[~mixed] = np.searchsorted(kept, B.indices[B.indptr[:-1][~mixed]])
+    if not len(rows):
+        return same[0], places
+    E = B[rows][:, columns].toarray() * unit[columns]
+    size = np.linalg.norm(E, axis=1)
+    Q, R, order = la.qr((E / size[:, None]).T, pivoting=True, check_finite=False)
+    if _rank(R) < len(rows):
+        return same
+    lift = np.zeros((len(columns), len(rows)))
+    lift[:, order] = Q[:, :len(rows)] @ la.solve_triangular(R[:len(rows)], np.eye(len(rows)), trans="T")
+    block = unit[columns, None] * np.hstack([lift / size, Q[:, len(rows):]])
+    places[rows] = len(kept) + np.arange(len(rows))
+    T = sp.csr_array((np.append(np.ones(len(kept)), block.ravel()),
+                      (np.append(kept, np.repeat(columns, len(columns))),
+                       np.append(np.arange(len(kept)), np.tile(len(kept) + np.arange(len(columns)), len(columns))))),
+                     shape=(n, n))
+    return T, places

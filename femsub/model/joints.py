@@ -1,0 +1,329 @@
+"""Joints: which motions of which parts are equal, and which springs act between them. A joint of your own is one class."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix, finite_number, items, positive_number, real_array, shown, word
+from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.model.dof_map import DofMap
+from femsub.model.substructure import Substructure
+
+GROUND = "ground"
+End: TypeAlias = Any  # ("disc", "left"), ("disc", [0, 1, 2]), or "ground"
+NEAR = 1e-6  # of the largest coordinate of the two ends, that DOF which meet may lie apart
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """What a joint says of the parts it joins.
+
+    Attributes
+    ----------
+    equations : mapping of str to matrix, shape (m, n_b)
+        C_p per part, with Σ_p C_p u_b,p = 0 for the motions u_b,p of the parts' interfaces.
+    motions : mapping of str to matrix, shape (s, n_p)
+        R_p per part: the motion Σ_p R_p q_p is what springs and dampers act on, in the parts' own coordinates.
+    stiffness, damping : ndarray, shape (s, s)
+        Of these springs and dampers.
+    grounded : bool
+        Whether the joint leads to the ground, so that a part it alone joins hangs on something.
+    """
+
+    equations: Mapping[str, Matrix] = field(default_factory=dict)
+    motions: Mapping[str, Matrix] = field(default_factory=dict)
+    stiffness: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    damping: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    grounded: bool = False
+
+
+class Joint(ABC):
+    """A joint of your own is a subclass with `link`; it may do with the parts whatever can be said as a `Link`."""
+
+    @abstractmethod
+    def link(self, parts: Mapping[str, Substructure]) -> Link:
+        """What the joint says of these parts; an InputError names the joint and the part."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """An end that was found: so many DOF of a part's interface, and where they are.
+
+    Attributes
+    ----------
+    part, title : str
+        The part's name, and that of the end in messages: 'disc.left'.
+    places : ndarray, shape (k,)
+        In the part's interface.
+    dofs : DofMap or None
+        Of a named set whose places are known.
+    """
+
+    part: str
+    title: str
+    sub: Substructure
+    places: Array
+    dofs: DofMap | None
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def chosen(self, factor: float = 1.0) -> Matrix:
+        """The matrix (k, n_b) that picks these DOF from the interface, times a factor."""
+        shape = len(self), len(self.sub.interface_numbers)
+        return sp.csr_array((np.full(len(self), factor), (np.arange(len(self)), self.places)), shape=shape)
+
+    @property
+    def physical(self) -> bool:
+        """Whether its motions are coordinates of the part, and no sums of many."""
+        return len(self.sub.interface) == len(self.sub.interface_numbers)
+
+    def name(self, at: int) -> str:
+        """'uz at node 12 of disc', one of its DOF."""
+        where = f"DOF {self.sub.interface_numbers[self.places[at]]}" if self.dofs is None else self.dofs.name(at)
+        return f"{where} of {self.part!r}"
+
+
+def site(parts: Mapping[str, Substructure], end: End) -> Site:
+    """The DOF of an end: a named set of a part's interface, or a list of its DOF, which must be interface."""
+    part, what = _split(parts, end)
+    sub = parts[part]
+    numbers = sub.interface_numbers
+    if isinstance(what, str):
+        if what not in sub.sets:
+            raise unknown_name(f"interface set of {part!r}", what, sub.sets)
+        places = sub.sets[what]
+        known = sub.interface_dofs
+        return Site(part, f"{part}.{what}", sub, places, None if known is None else known.kept(places))
+    rows = np.array(items(f"the DOF of the end {shown(end)}", what, "DOF numbers, or the name of a set"))
+    if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer) or not len(rows):
+        raise InputTypeError(f"the end {shown(end)} must list whole numbers, the DOF of {part!r} counted from 0")
+    at = {int(number): place for place, number in enumerate(numbers)}
+    strange = [int(row) for row in rows if int(row) not in at]
+    if strange:
+        raise InputError(f"DOF {strange[0]} of {part!r} is no interface DOF, and only these can be joined: name it in its "
+                         f"interface= (which has {len(numbers)} DOF" + (f", {shown(numbers.tolist())})" if len(numbers) else ")"))
+    if len(set(rows.tolist())) < len(rows):
+        raise InputError(f"the end {shown(end)} lists a DOF of {part!r} twice")
+    return Site(part, f"{part}{shown(rows.tolist())}", sub, np.array([at[int(row)] for row in rows], dtype=np.intp), None)
+
+
+def _split(parts: Mapping[str, Substructure], end: End) -> tuple[str, Any]:
+    if isinstance(end, str) or not isinstance(end, Sequence) or len(end) != 2 or not isinstance(end[0], str):
+        raise InputTypeError("an end must be (part, set), as ('disc', 'left'), (part, list of DOF), or 'ground', not "
+                             f"{shown(end)}")
+    if end[0] not in parts:
+        raise unknown_name("part", end[0], parts)
+    return end[0], end[1]
+
+
+def title(end: End) -> str:
+    """'disc.left' of an end, for messages."""
+    if isinstance(end, Sequence) and not isinstance(end, str) and len(end) == 2:
+        return f"{end[0]}.{end[1]}" if isinstance(end[1], str) else f"{end[0]}{shown(end[1])}"
+    return str(end)
+
+
+def matched(one: Site, other: Site, tolerance: float | None) -> Site:
+    """The DOF of `other` in the order of `one`: by motion and place where both are known, else as they are listed.
+
+    Raises
+    ------
+    InputError
+        Another number of DOF, or one that has no counterpart within the tolerance: how far, and which.
+    """
+    if len(one) != len(other):
+        raise InputError(f"{one.title} has {len(one)} DOF, but {other.title} {len(other)}: name sets of the same DOF, or join "
+                         "meshes that do not match by Tied")
+    if one.dofs is None or other.dofs is None or tolerance == np.inf or one.dofs.points is None or other.dofs.points is None:
+        return other
+    ours, theirs = spatial(one.dofs.points), spatial(other.dofs.points)
+    size = max(float(np.abs(where).max(initial=0.0)) for where in (ours, theirs))
+    limit = NEAR * size if tolerance is None else tolerance
+    order, apart = nearest(ours, theirs, [one.dofs.labels[k] for k in one.dofs.components],
+                           [other.dofs.labels[k] for k in other.dofs.components])
+    worst = int(np.argmax(apart))
+    if not apart[worst] <= limit:
+        far = (f"no DOF of {other.title} moves in this way" if apart[worst] == np.inf else
+               f"the nearest such DOF of {other.title} is {apart[worst]:.4g} away")
+        raise InputError(f"{one.title} and {other.title} do not meet at {one.name(worst)}: {far}, and tolerance={limit:.3g} is "
+                         "allowed; move the part, give a larger tolerance, or tolerance=inf to join DOF in their order")
+    if len(np.unique(order)) < len(order):
+        twice = int(np.flatnonzero(np.bincount(order) > 1)[0])
+        raise InputError(f"{other.name(twice)} meets two DOF of {one.title}: tolerance={limit:.3g} is larger than the distance "
+                         "of nodes")
+    return Site(other.part, other.title, other.sub, other.places[order], other.dofs.kept(order))
+
+
+def spatial(points: Array) -> Array:
+    """Points (k, 1 to 3) in space, (k, 3)."""
+    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+
+
+def nearest(points: Array, others: Array, labels: Sequence[str], kinds: Sequence[str]) -> tuple[Array, Array]:
+    """For each point the nearest of the others with the same label, and how far it is (inf: there is none)."""
+    from scipy.spatial import cKDTree
+
+    order, apart = np.zeros(len(points), dtype=np.intp), np.full(len(points), np.inf)
+    mine, theirs = np.asarray(labels), np.asarray(kinds)
+    for label in dict.fromkeys(labels):
+        at, to = np.flatnonzero(mine == label), np.flatnonzero(theirs == label)
+        if len(to):
+            distance, index = cKDTree(others[to]).query(points[at])
+            order[at], apart[at] = to[index], distance
+    return order, apart
+
+
+class Rigid(Joint):
+    """u_a = u_b = ... on two or more ends, or u_a = 0 with 'ground' among them.
+
+    Two named sets whose DOF have known places are matched by motion and place, whatever their order. Lists of DOF, and sets
+    without places, are matched in their order.
+
+    Parameters
+    ----------
+    *ends : (part, set), (part, list of DOF) or 'ground'
+        Two or more.
+    tolerance : float, optional
+        How far DOF that meet may lie apart, in units of length; by default 1e-6 of the largest coordinate. inf: places are not
+        looked at, and DOF are matched in their order.
+    name : str
+        For messages and multipliers.
+    """
+
+    ends: tuple[End, ...]
+    tolerance: float | None
+    name: str
+
+    def __init__(self, *ends: End, tolerance: float | None = None, name: str = "") -> None:
+        self.ends, self.name = ends, word("name", name)
+        if len(ends) < 2:
+            raise InputError(f"Rigid joins two or more ends, as Rigid(('disc', 'left'), ('pad', 'right')), not {len(ends)}")
+        if all(_is_ground(end) for end in ends):
+            raise InputError("Rigid joins the ground to itself: name an end, ('disc', 'left')")
+        self.tolerance = tolerance if tolerance in (None, np.inf) else positive_number("tolerance", tolerance)
+
+    def __repr__(self) -> str:
+        return self.name or f"Rigid({', '.join(title(end) for end in self.ends)})"
+
+    def link(self, parts: Mapping[str, Substructure]) -> Link:
+        """One equation per DOF and end beyond the first."""
+        grounded = any(_is_ground(end) for end in self.ends)
+        sites = [site(parts, end) for end in self.ends if not _is_ground(end)]
+        # a full part's DOF then stands in one equation, which gives it by the coordinates of the one that has none
+        sites.sort(key=lambda one: one.physical)
+        centre, others = sites[0], sites[1:]
+        seen = {(centre.part, *centre.places.tolist())}
+        for other in others:
+            if (other.part, *other.places.tolist()) in seen:
+                raise InputError(f"{other.title} is joined to itself")
+            seen.add((other.part, *other.places.tolist()))
+        pairs = [((centre.part, centre.chosen()), (other.part, matched(centre, other, self.tolerance).chosen(-1.0)))
+                 for other in others]
+        return Link(equations=stacked(*pairs, *([((centre.part, centre.chosen()),)] if grounded else [])), grounded=grounded)
+
+
+def _is_ground(end: End) -> bool:
+    return isinstance(end, str) and end == GROUND
+
+
+def stacked(*blocks: Sequence[tuple[str, Matrix]]) -> dict[str, Matrix]:
+    """One matrix per part, (m, n_b), of blocks of equations below each other, each a list of (part, C); a part may come twice."""
+    widths = {part: C.shape[1] for block in blocks for part, C in block}
+    rows: dict[str, list[Matrix]] = {part: [] for part in widths}
+    for block in blocks:
+        count = block[0][1].shape[0]
+        for part, width in widths.items():
+            rows[part].append(sum((C for name, C in block if name == part), sp.csr_array((count, width))))
+    return {part: sp.csr_array(sp.vstack(several)) for part, several in rows.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Spring(Joint):
+    """f = k d + c ḋ on the motion d of one end relative to another, or to the ground.
+
+    Parameters
+    ----------
+    first, second : (part, port), (part, set), (part, list of DOF); the second also 'ground'
+        Ports are the columns w, d = w_aᵀu_a - w_bᵀu_b; sets are matched as by `Rigid`.
+    stiffness, damping : float or array_like, shape (p, p)
+        For each of the p motions the same, or a matrix: the stiffness symmetric and not negative, the damping any real one.
+    tolerance : float, optional
+        As for `Rigid`.
+    name : str
+        For messages.
+    """
+
+    first: End
+    second: End = GROUND
+    stiffness: Any = 0.0
+    damping: Any = 0.0
+    tolerance: float | None = None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        for key in ("stiffness", "damping"):
+            value = real_array(key, getattr(self, key))
+            if value.ndim not in (0, 2) or (value.ndim == 2 and value.shape[0] != value.shape[1]):
+                raise InputError(f"{key} of a Spring must be a number or a square matrix, but its shape is {value.shape}")
+        if _is_ground(self.first):
+            raise InputError("the first end of a Spring must be a part's, ('disc', 'left'); the ground is the second")
+        stiffness = real_array("stiffness", self.stiffness)
+        if stiffness.ndim == 0:
+            negative = finite_number("stiffness", float(stiffness)) < 0
+        else:
+            if np.abs(stiffness - stiffness.T).max(initial=0.0) > 1e-9 * np.abs(stiffness).max(initial=0.0):
+                raise InputError("the stiffness of a Spring must be symmetric; friction belongs to a contact")
+            values = np.linalg.eigvalsh((stiffness + stiffness.T) / 2)
+            negative = bool(len(values)) and values[0] < -1e-12 * values[-1]
+        if negative:
+            raise InputError("the stiffness of a Spring must not be negative")
+        if not np.any(stiffness) and not np.any(real_array("damping", self.damping)):
+            raise InputError("a Spring needs a stiffness or a damping")
+
+    def __repr__(self) -> str:
+        return self.name or f"Spring({title(self.first)}, {title(self.second)})"
+
+    def link(self, parts: Mapping[str, Substructure]) -> Link:
+        """The relative motion, with stiffness and damping."""
+        rows = {}
+        part, R, one = _motion(parts, self.first)
+        rows[part] = R
+        if not _is_ground(self.second):
+            name, S, other = _motion(parts, self.second)
+            if S.shape[0] != R.shape[0]:
+                raise InputError(f"{title(self.first)} has {R.shape[0]} motions, but {title(self.second)} {S.shape[0]}")
+            if one is not None and other is not None:
+                S = sp.csr_array(matched(one, other, self.tolerance).chosen() @ sp.csr_array(parts[name].interface_rows))
+            rows[name] = rows[name] - S if name in rows else -S
+        count = R.shape[0]
+        return Link(motions=rows, stiffness=self._matrix("stiffness", count), damping=self._matrix("damping", count),
+                    grounded=_is_ground(self.second))
+
+    def _matrix(self, key: str, count: int) -> Array:
+        value = real_array(key, getattr(self, key))
+        if value.ndim == 0:
+            return float(value) * np.eye(count)
+        if value.shape != (count, count):
+            raise InputError(f"the {key} is {value.shape[0]} x {value.shape[1]}, but {title(self.first)} has {count} motions")
+        return np.array(value)
+
+
+def _motion(parts: Mapping[str, Substructure], end: End) -> tuple[str, Matrix, Site | None]:
+    """R (p, n) of an end, a port or a set of interface DOF, in the part's coordinates."""
+    part, what = _split(parts, end)
+    sub = parts[part]
+    if isinstance(what, str) and what in sub.ports:
+        if what in sub.sets:
+            raise InputError(f"{part}.{what} is both a port and an interface set: give one of them another name")
+        return part, sp.csr_array(sub.ports[what].reshape(sub.size, -1).T), None
+    if isinstance(what, str) and what not in sub.sets:
+        raise unknown_name(f"port or interface set of {part!r}", what, (*sub.ports, *sub.sets))
+    one = site(parts, end)
+    return part, sp.csr_array(one.chosen() @ sp.csr_array(sub.interface_rows)), one

@@ -1,0 +1,206 @@
+"""Parts joined: the coupled system is the unreduced one when all modes are kept, whatever the parts are and their order."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+
+import femsub as fs
+
+STEEL = {"E": 2.1e11, "I": 1e-8, "rho": 7850.0, "A": 1e-4}
+Make = Callable[[fs.Substructure], fs.Substructure]
+
+
+def complete(method: type) -> Make:
+    """A reduction that keeps every mode there is."""
+
+    def make(part: fs.Substructure) -> fs.Substructure:
+        rigid = fs.normal_modes(part, count=0).rigid
+        return fs.reduce(part, method(len(part.interior) if method is fs.CraigBampton else part.size - rigid))
+
+    return make
+
+
+HOW: dict[str, Make] = {"full": lambda part: part, "craig-bampton": complete(fs.CraigBampton),
+                        "craig-chang": complete(fs.CraigChang)}
+
+
+def elastic(model: fs.Substructure) -> np.ndarray:
+    """All ω² of a small model, by LAPACK."""
+    K, M = (A.toarray() if sp.issparse(A) else A for A in (model.K, model.M))
+    return la.eigh(K, M, eigvals_only=True)
+
+
+def agree(model: fs.Substructure, reference: np.ndarray, tol: float = 1e-9, rigid: int = 0) -> None:
+    found = elastic(model)
+    assert len(found) == len(reference)
+    assert np.abs(found[:rigid]).max(initial=0.0) < 1e-7 * reference[rigid]
+    np.testing.assert_allclose(np.sqrt(found[rigid:]), np.sqrt(reference[rigid:]), rtol=tol)
+
+
+def cut(n: int, pieces: int, fixed: bool = True) -> tuple[dict[str, fs.Substructure], list[fs.Rigid], fs.Substructure]:
+    """A chain of n masses cut into pieces, each with half of the mass it shares with the next; joints; and the chain."""
+    masses, springs = np.linspace(1.0, 2.0, n), np.linspace(3.0, 1.0, n)
+    ends = np.linspace(0, n - 1, pieces + 1).astype(int)
+    parts, joints = {}, []
+    for i, (a, b) in enumerate(itertools.pairwise(ends)):
+        m = masses[a:b + 1].copy()
+        m[0] *= 1.0 if i == 0 else 0.5
+        m[-1] *= 1.0 if i == pieces - 1 else 0.5
+        count = b - a + 1
+        parts[f"p{i}"] = fs.chain(count, belt=2, damping=0.1 if i == 0 else 0.0, masses=m, springs=springs[a:b + 1],
+                                  interface=[1, count], fixed=fixed and i == 0, name=f"p{i}")
+        if i:
+            last = parts[f"p{i - 1}"].size - 1
+            joints.append(fs.Rigid((f"p{i - 1}", [last]), (f"p{i}", [0])))
+    return parts, joints, fs.chain(n, belt=2, damping=0.1, masses=masses, springs=springs, fixed=fixed)
+
+
+@pytest.mark.parametrize("how", [("full",), ("craig-bampton",), ("craig-chang",), ("full", "craig-chang", "craig-bampton")])
+@pytest.mark.parametrize("fixed", [True, False])
+@pytest.mark.parametrize("pieces", [2, 3, 5, 8])
+def test_a_cut_chain_is_the_chain(pieces: int, fixed: bool, how: tuple[str, ...]) -> None:
+    parts, joints, whole = cut(33, pieces, fixed)
+    made = {name: HOW[how[i % len(how)]](part) for i, (name, part) in enumerate(parts.items())}
+    system = fs.couple(made, joints)
+    agree(system, elastic(whole), rigid=0 if fixed else 1)
+    assert system.redundant == 0
+    assert sp.issparse(system.K) if how == ("full",) else "full" in how or not sp.issparse(system.K)
+    u = system.expand(np.eye(system.size))
+    for joint in joints:
+        (a, i), (b, j) = joint.ends
+        np.testing.assert_allclose(u[a][i], u[b][j], atol=1e-12)
+    # the interface that is left, and the ports, are those of the parts
+    assert len(system.interface) == system.interface_rows.shape[0] == 2
+    np.testing.assert_allclose((system.interface_rows @ np.eye(system.size)), np.vstack([u["p0"][:1], u[f"p{pieces - 1}"][-1:]]),
+                               atol=1e-12)
+    np.testing.assert_allclose(system.ports["p0.belt"], u["p0"][1], atol=1e-12)
+
+
+def crosses(how: tuple[str, ...], arms: int) -> tuple[dict[str, fs.Substructure], np.ndarray]:
+    """Chains that meet in one mass, and ω² of the whole."""
+    n = 5
+    parts = {}
+    size = arms * (n - 1) + 1
+    M, K = np.zeros((size, size)), np.zeros((size, size))
+    for arm in range(arms):
+        part = fs.chain(n, masses=np.linspace(1, 2, n) + 0.1 * arm, springs=1.0 + arm, interface=[n], fixed=arm % 2 == 0)
+        rows = np.append(np.arange(n - 1) + 1 + arm * (n - 1), 0)
+        M[np.ix_(rows, rows)] += part.M.toarray()
+        K[np.ix_(rows, rows)] += part.K.toarray()
+        parts[f"arm{arm}"] = HOW[how[arm % len(how)]](part)
+    return parts, la.eigh(K, M, eigvals_only=True)
+
+
+@pytest.mark.parametrize("how", [("full",), ("craig-bampton",), ("craig-chang",), ("craig-chang", "full"),
+                                 ("full", "craig-chang", "craig-bampton")])
+@pytest.mark.parametrize("arms", [3, 4])
+@pytest.mark.parametrize("way", ["one", "star", "line", "loop"])
+def test_a_cross_point_is_one_however_it_is_said(how: tuple[str, ...], arms: int, way: str) -> None:
+    parts, reference = crosses(how, arms)
+    ends = [(name, [4]) for name in parts]
+    joints = {"one": [fs.Rigid(*ends)], "star": [fs.Rigid(ends[0], end) for end in ends[1:]],
+              "line": [fs.Rigid(a, b) for a, b in itertools.pairwise(ends)],
+              "loop": [fs.Rigid(a, b) for a, b in itertools.combinations(ends, 2)]}[way]
+    system = fs.couple(parts, joints)
+    agree(system, reference)
+    assert system.redundant == (len(joints) - arms + 1 if way == "loop" else 0)
+
+
+@pytest.mark.parametrize("how", list(HOW))
+def test_parts_in_any_order_are_one_system(how: str) -> None:
+    parts, joints, whole = cut(17, 4)
+    parts = {name: HOW[how](part) for name, part in parts.items()}
+    spectra = []
+    for order in itertools.permutations(parts):
+        spectra.append(elastic(fs.couple({name: parts[name] for name in order}, joints[::-1])))
+    for values in spectra:
+        np.testing.assert_allclose(np.sqrt(values), np.sqrt(elastic(whole)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("how", list(HOW))
+def test_a_system_of_systems_is_one_system(how: str) -> None:
+    parts, _, whole = cut(25, 4)
+    parts = {name: HOW[how](part) for name, part in parts.items()}
+    front = fs.couple({"a": parts["p0"], "b": parts["p1"]}, [fs.Rigid(("a", [parts_end(parts["p0"])]), ("b", [0]))])
+    rear = fs.couple({"c": parts["p2"], "d": parts["p3"]}, [fs.Rigid(("c", [parts_end(parts["p2"])]), ("d", [0]))])
+    assert len(front.interface) == len(rear.interface) == 2
+    joint = fs.Rigid(("front", [front.interface[1]]), ("rear", [rear.interface[0]]))
+    whole_again = fs.couple({"front": front, "rear": rear}, [joint])
+    agree(whole_again, elastic(whole))
+    u = whole_again.expand(np.arange(25.0))
+    assert list(u) == ["front.a", "front.b", "rear.c", "rear.d"] and next(iter(whole_again.ports)) == "front.a.belt"
+    np.testing.assert_allclose(u["front.b"][-1], u["rear.c"][0])
+    for reduced in (fs.reduce(whole_again, fs.CraigBampton(23)), fs.reduce(whole_again, fs.CraigChang(25))):
+        agree(reduced, elastic(whole))
+
+
+def parts_end(part: fs.Substructure) -> int:
+    return int(part.interface_numbers[-1])
+
+
+def quarter(x: float, y: float) -> fs.Substructure:
+    """One of four membranes (springs between the nodes of a 4 x 4 grid), with its edges named, in its place."""
+    n = 4
+    nodes = np.arange(n * n).reshape(n, n)
+    K = np.zeros((n * n, n * n))
+    for i, j in (*zip(nodes[:, :-1].ravel(), nodes[:, 1:].ravel(), strict=True),
+                 *zip(nodes[:-1].ravel(), nodes[1:].ravel(), strict=True)):
+        K[np.ix_([i, j], [i, j])] += (1 + 0.1 * x + 0.3 * y) * np.array([[1, -1], [-1, 1]])
+    points = np.stack([np.repeat(np.arange(n), n) + (n - 1) * x, np.tile(np.arange(n), n) + (n - 1) * y], axis=1)
+    edges = {"west": nodes[0], "east": nodes[-1][::-1], "south": nodes[:, 0], "north": nodes[:, -1]}
+    return fs.Substructure(sp.diags_array(np.linspace(1, 2, n * n)), sp.csr_array(K), interface=edges,
+                           dofs=fs.DofMap(np.arange(n * n) + 1, np.zeros(n * n, dtype=int), ("w",), points))
+
+
+@pytest.mark.parametrize("how", list(HOW))
+def test_four_quarters_meet_in_one_node_all_at_once_or_two_by_two(how: str) -> None:
+    whole = fs.couple({f"{i}{j}": quarter(i, j) for i in (0, 1) for j in (0, 1)}, [
+        fs.Rigid(("00", "east"), ("10", "west")), fs.Rigid(("01", "east"), ("11", "west")),
+        fs.Rigid(("00", "north"), ("01", "south")), fs.Rigid(("10", "north"), ("11", "south"))])
+    assert whole.size == 49 and whole.redundant == 1
+    reference = elastic(whole)
+    quarters = {f"{i}{j}": HOW[how](quarter(i, j)) for i in (0, 1) for j in (0, 1)}
+    halves = [fs.couple({"l": quarters[f"0{j}"], "r": quarters[f"1{j}"]}, [fs.Rigid(("l", "east"), ("r", "west"))])
+              for j in (0, 1)]
+    for half in halves:  # the node that both edges share stays in both sets
+        assert set(half.sets) == {f"{side}.{edge}" for side, lost in (("l", "east"), ("r", "west"))
+                                  for edge in ("west", "east", "south", "north") if edge != lost}
+        assert half.sets["l.north"][-1] == half.sets["r.north"][0]
+    for made in (halves, [fs.reduce(half, fs.CraigBampton(len(half.interior))) for half in halves]):
+        both = fs.couple({"low": made[0], "high": made[1]}, [
+            fs.Rigid(("low", "l.north"), ("high", "l.south")), fs.Rigid(("low", "r.north"), ("high", "r.south"))])
+        agree(both, reference, rigid=1)
+        assert both.redundant == 1
+
+
+def test_the_interface_that_stays_open_can_be_named() -> None:
+    half = fs.couple({"l": quarter(0, 0), "r": quarter(1, 0)}, [fs.Rigid(("l", "east"), ("r", "west"))],
+                     interface=[("l", "north"), ("r", "north"), ("l", [0])])
+    assert len(half.interface) == 8 and set(half.sets) == {"l.north", "r.north"}
+    np.testing.assert_array_equal(half.interface_dofs.points[half.sets["r.north"]], [[x, 3, 0] for x in range(3, 7)])
+
+
+def beams(count: int, elements: int, how: Mapping[int, str]) -> tuple[dict[str, fs.Substructure], list[fs.Rigid]]:
+    parts = {f"b{i}": fs.beam(1.0 / count, elements, **STEEL, interface=["left", "right"][i == 0:], ports={"tip": "right"},
+                              supports={"left": "clamped"} if i == 0 else None) for i in range(count)}
+    parts = {name: HOW[how.get(i, "full")](part) for i, (name, part) in enumerate(parts.items())}
+    return parts, [fs.Rigid((f"b{i}", "right"), (f"b{i + 1}", "left"), tolerance=np.inf) for i in range(count - 1)]
+
+
+@pytest.mark.parametrize("how", [{}, {0: "craig-bampton", 1: "craig-chang"}, {0: "craig-chang", 2: "craig-chang"},
+                                 {0: "craig-chang", 1: "craig-chang", 2: "craig-chang", 3: "craig-chang"}])
+def test_a_beam_of_beams_is_a_beam(how: dict[int, str]) -> None:
+    parts, joints = beams(4, 3, how)
+    agree(fs.couple(parts, joints), elastic(fs.beam(1.0, 12, **STEEL, supports={"left": "clamped"})))
+
+
+def test_the_cutoff_is_the_least() -> None:
+    parts, joints, _ = cut(20, 2)
+    made = {name: fs.reduce(part, fs.CraigBampton(3 + i), ports=True) for i, (name, part) in enumerate(parts.items())}
+    assert fs.couple(made, joints).cutoff == min(part.cutoff for part in made.values()) < np.inf
