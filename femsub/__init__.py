@@ -20,11 +20,15 @@ before (tests/test_house.py).
 from __future__ import annotations
 
 import ast
+import logging
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+# what is factorised, solved and counted, for whoever listens: logging.getLogger("femsub"), levels INFO and DEBUG
+logging.getLogger("femsub").addHandler(logging.NullHandler())
 
 if TYPE_CHECKING:
     from femsub.components.beam import beam

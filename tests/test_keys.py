@@ -282,3 +282,20 @@ def test_without_shtab_it_is_told_what_to_install(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert main(["completion", "bash"]) == 1
     assert 'pip install "femsub[completion]"' in capsys.readouterr().err
+
+
+def test_whoever_listens_is_told_what_was_factorised_solved_and_counted(caplog: pytest.LogCaptureFixture) -> None:
+    import logging
+
+    import femsub as fs
+
+    assert any(isinstance(handler, logging.NullHandler) for handler in logging.getLogger("femsub").handlers)
+    beam = fs.beam(1.0, 80, E=2.1e11, I=1e-9, rho=7850.0, A=1e-4, supports={"left": "clamped"}, interface=["right"])
+    with caplog.at_level(logging.DEBUG, "femsub"):
+        rom = fs.reduce(beam, fs.CraigBampton(modes=4))
+        modes = fs.complex_modes(rom)
+    told = [(record.name, record.levelname, record.getMessage()) for record in caplog.records]
+    assert ("femsub.reduction.reduce", "INFO", repr(rom)) in told
+    assert ("femsub.quadratic.complex_modes", "INFO", repr(modes)) in told
+    assert any(name == "femsub.linalg.factor" and level == "INFO" and "definite" in text for name, level, text in told)
+    assert any("negative" in text for _, level, text in told if level == "DEBUG")

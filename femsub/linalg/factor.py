@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from contextlib import suppress
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
     from femsub.model.substructure import Substructure
 
+log = logging.getLogger(__name__)
+
 COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
 # on the real form of twice the size
 QUADRATIC = 2000  # up to so many DOF all 2n eigenvalues of a quadratic problem are for LAPACK
@@ -28,10 +31,14 @@ WIDE = 300  # up to so many DOF all eigenvalues of a dense quadratic problem are
 SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
 
 
+AnyHandle = TypeVar("AnyHandle", bound="Handle")
+
+
 class Handle(Protocol):
     """What a factorisation offers, whoever made it."""
 
     kind: Kind
+    package: str
     size: int
     columns: int
 
@@ -48,6 +55,8 @@ class Handle(Protocol):
 
 class DenseFactor:
     """A⁻¹B for a dense A by Cholesky (definite) or LU, with the inertia from LDLᵀ (symmetric)."""
+
+    package = "lapack"
 
     def __init__(self, A: Array, kind: Kind) -> None:
         import scipy.linalg as la
@@ -97,10 +106,17 @@ def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
         A is singular, or not definite although it was called so.
     """
     if (small := _small(A)) is not None:
-        return DenseFactor(small, kind)
+        return _told(DenseFactor(small, kind))
     if kind == "definite" and A.diagonal().min() <= 0:
         raise SingularMatrixError("a matrix with a diagonal entry that is not positive is not positive definite")
-    return Factor(A, kind)
+    return _told(Factor(A, kind))
+
+
+def _told(handle: AnyHandle) -> AnyHandle:
+    """The same factor, once the log knows of it: sparse ones are worth a line each, small ones are for the curious."""
+    log.log(logging.DEBUG if isinstance(handle, DenseFactor) else logging.INFO, "%s factor of %d DOF by %s", handle.kind,
+            handle.size, handle.package.upper())
+    return handle
 
 
 def shared_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float = 0.0) -> Handle:
@@ -151,6 +167,7 @@ class TreeFactor:
     """
 
     kind: Kind = "symmetric"
+    package = "superlu"
 
     def __init__(self, A: Matrix, order: Array) -> None:
         from scipy.sparse.linalg import splu
@@ -194,13 +211,13 @@ def counting(A: Matrix | Difference, keep: bool = True) -> Handle:
         A has a null pivot.
     """
     if (small := _small(A)) is not None:
-        return DenseFactor(small, "symmetric")
+        return _told(DenseFactor(small, "symmetric"))
     if (sparse := A.K if isinstance(A, Difference) else A).nnz < 3 * A.shape[0]:
         sparse = A.formed() if isinstance(A, Difference) else A
         if (order := leaves_first(sparse)) is not None:
             with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS will tell
-                return TreeFactor(sparse, order)
-    return Factor(A, "symmetric", keep, probed=False)
+                return _told(TreeFactor(sparse, order))
+    return _told(Factor(A, "symmetric", keep, probed=False))
 
 
 def inertia(A: Matrix | Difference) -> int:
@@ -208,6 +225,7 @@ def inertia(A: Matrix | Difference) -> int:
     handle = counting(A, keep=False)
     count = handle.negative_pivots
     handle.close()
+    log.debug("inertia: %d of %d eigenvalues are negative", count, handle.size)
     return count
 
 

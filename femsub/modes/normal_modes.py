@@ -6,6 +6,7 @@ modes are wanted. The inertia of K - ω²M confirms their number (the inertia co
 
 from __future__ import annotations
 
+import logging
 import warnings
 from dataclasses import dataclass, field, replace
 
@@ -31,6 +32,8 @@ from femsub.model.matrices import Difference
 from femsub.model.substructure import Substructure
 from femsub.modes.dense import dense_modes, orthonormalise
 from femsub.modes.shift_invert import ShiftInvert
+
+log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-12  # of Krylov-Schur, relative to the eigenvalue of the shift-inverted problem
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
@@ -297,13 +300,17 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     if (count is None) == (band is None):
         raise InputError("give either count, the number of elastic modes, or band=(lo, hi) in rad per unit of time")
     if count is not None:
-        return lowest_modes(ShiftInvert(model.K, model.M), whole_number("count", count))
+        modes = lowest_modes(ShiftInvert(model.K, model.M), whole_number("count", count))
+        log.info("%r", modes)
+        return modes
     lo, hi = check_band(band)
     modes = modes_below(model.K, model.M, widened(hi))
     inside = in_band(modes.frequencies, (lo, hi))
-    return replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
-                   rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],
-                   unlisted=int(np.count_nonzero(~inside)))
+    modes = replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
+                    rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],
+                    unlisted=int(np.count_nonzero(~inside)))
+    log.info("%r", modes)
+    return modes
 
 
 def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None) -> NormalModes:

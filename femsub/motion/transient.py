@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from femsub.model.friction import Belt
     from femsub.model.substructure import Substructure
     from femsub.motion.generalised_alpha import AlphaFlow
+
+log = logging.getLogger(__name__)
 
 DENSE = 300  # up to so many DOF a sparse model is integrated as a dense one
 LARGEST = 2000  # DOF for the integrators of dense models
@@ -218,11 +221,13 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     change = now - before
     largest = max(abs(work), abs(loss), abs(change), FAINT * max(before, now))
     balance = EnergyBalance(work, loss, change, abs(work - loss - change) / largest if largest else 0.0)
-    return Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
-                     {name: v[:, at] for name, at in slices.items()}, (states[0], states[1]) if states else None, first,
-                     flow.state, flow.t, course.complete, balance,
-                     Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began),
-                     flow.error)
+    run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
+                    {name: v[:, at] for name, at in slices.items()}, (states[0], states[1]) if states else None, first,
+                    flow.state, flow.t, course.complete, balance,
+                    Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began),
+                    flow.error)
+    log.info("%r", run)
+    return run
 
 
 def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple[Any, Any, Any],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -20,6 +21,8 @@ from femsub.quadratic.search import search
 
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
+
+log = logging.getLogger(__name__)
 
 LOUD = 1e-9  # a backward error above this is warned of
 
@@ -171,9 +174,11 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
         warnings.warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
                       f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",
                       FemsubWarning, stacklevel=2)
-    return replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
-                   certified=found.evidence != NOT_CHECKED, evidence=found.evidence,
-                   counted=None if found.counted is None else (found.counted.radius, found.counted.number))
+    result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
+                     certified=found.evidence != NOT_CHECKED, evidence=found.evidence,
+                     counted=None if found.counted is None else (found.counted.radius, found.counted.number))
+    log.info("%r", result)
+    return result
 
 
 def _with_contacts(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] | None) -> tuple[Pencil, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
     from femsub.quadratic.disc_count import Count
     from femsub.quadratic.region import Region
+
+log = logging.getLogger(__name__)
 
 
 class Found(NamedTuple):
@@ -53,6 +56,7 @@ def search(pencil: Pencil, region: Region, certify: bool | None) -> Found:
 def _by_lapack(pencil: Pencil) -> Found:
     """All of them: 2n, and fewer only if M is singular, so that some are infinite."""
     n = pencil.size
+    log.debug("quadratic problem of %d DOF: all eigenvalues by LAPACK", n)
     pencil = pencil.dense()
     with one_thread(n <= FEW):
         values, X, Y = dense.solve(pencil)
@@ -75,6 +79,7 @@ def _by_pep(pencil: Pencil, region: Region, certify: bool | None) -> Found:
             raise InputError(
                 f"the disc around 0 that holds the band has about {certificate.ask} eigenvalues, and with a real shift all of "
                 f"them would have to be found ({MOST} at most); lower the band, narrow re=(a, b), or reduce the model")
+        log.debug("quadratic problem of %d DOF: %d eigenvalues by PEP", pencil.size, certificate.ask)
         try:
             values, X = searched.found(certificate.ask)
             if certificate.is_short(values):

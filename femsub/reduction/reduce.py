@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +29,8 @@ from femsub.reduction.statics import Partition, square
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
     from femsub.model.pencil import Pencil
+
+log = logging.getLogger(__name__)
 
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
 PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
@@ -94,7 +97,9 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fals
         if not basis.V.shape[1]:
             raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
                              "name interface DOF")
-        return _projected(task, basis)
+        rom = _projected(task, basis)
+    log.info("%r", rom)
+    return rom
 
 
 @dataclass(frozen=True, eq=False)

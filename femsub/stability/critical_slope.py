@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ from femsub.model.substructure import Substructure
 from femsub.quadratic.complex_modes import complex_modes
 from femsub.quadratic.dense import eigenvalues, modal_form
 from femsub.stability.border import dense_border, sparse_border
+
+log = logging.getLogger(__name__)
 
 SMALL = 150  # up to so many DOF a sparse model is treated as dense
 FAR = 1e8  # times the end of a band: no Re λ is so large
@@ -238,4 +241,6 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
             f"no border was found, but the band, which ends at {limits[1]:.5g}, reaches"
         warnings.warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
                       "reduced model may be far from the component's: keep more modes to be sure", CutoffWarning, stacklevel=2)
-    return CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)
+    result = CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)
+    log.info("%r", result)
+    return result

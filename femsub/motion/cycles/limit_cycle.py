@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ from femsub.motion.nonlinear_model import Sliding, State, sliding
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
     from femsub.model.substructure import Substructure
+
+log = logging.getLogger(__name__)
 
 MOST_ASKED = 100_000  # harmonics, each some 16 samples of every column
 MOST = 1500  # harmonics beyond which none are added unasked
@@ -184,7 +187,9 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
         raise InputError("the normal force is zero: nothing excites the model, and it has no limit cycle; give the belt a force")
     flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
-    return refined(contact, flexibility, orbit, harmonics, tolerance, steps)
+    cycle = refined(contact, flexibility, orbit, harmonics, tolerance, steps)
+    log.info("limit cycle at ω = %.6g with %d harmonics after %d Newton steps", cycle.omega, cycle.orbit.harmonics, cycle.newton)
+    return cycle
 
 
 def flexibility_of(contact: Sliding, start: Any) -> Compliance:
