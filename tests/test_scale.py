@@ -121,7 +121,7 @@ def test_a_reduction_that_does_not_fit_is_refused_before_it_begins(monkeypatch: 
     monkeypatch.setattr(memory, "LARGE", 1000)
     monkeypatch.setattr(memory, "available", lambda: 1e6)
     before = Factor.made
-    with pytest.raises(NotEnoughMemoryError, match=r"reducing 'lattice' needs about .* GB .* and 0 GB are available; .*, or a"):
+    with pytest.raises(NotEnoughMemoryError, match=r"'lattice' needs about .* but only 0 GB are available. Use .*, or a"):
         fs.reduce(sub, fs.CraigBampton(5))
     assert Factor.made == before
     monkeypatch.setattr(memory, "available", lambda: None)

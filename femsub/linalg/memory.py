@@ -1,4 +1,4 @@
-"""What a sparse factorisation, and a reduction, will take of memory: foretold from the graph of K, before any work."""
+"""The memory that a sparse factorisation or a reduction will need, estimated from the graph of K before any work."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from femsub.linalg.ordering import neighbours, quotient
 from femsub.linalg.process_memory import available
 from femsub.linalg.shared import FACTOR_BYTES, give_up_until, kept_bytes
 
-MODEL = 1.5  # the separators found here cost so much more than METIS'; with it, fourteen models agree to a factor of 1.7
-LARGE = 50_000  # DOF from which memory is looked at
+MODEL = 1.5  # empirical correction, since METIS finds better separators; within a factor of 1.7 on 14 models
+LARGE = 50_000  # DOF from which memory is checked
 
 
 def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int) -> None:
-    """Compares what a reduction needs with what is available.
+    """Compare the memory that a reduction needs with what is available.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int)
     Raises
     ------
     NotEnoughMemoryError
-        It needs more than there is: with both figures, and what would help.
+        It needs more than is available; the message tells both figures and a remedy.
     """
     if not sp.issparse(K) or K.shape[0] < LARGE:
         return
@@ -41,69 +41,69 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int)
     if free is not None and need > free:
         largest = max(parts, key=lambda part: parts[part])
         advice = {
-            "factorisation": "a slimmer or coarser mesh, or linear elements",
+            "factorisation": "a coarser mesh, or linear elements",
             "matrices": "a coarser mesh",
             "columns": "fewer interface DOF (a rigid or averaged interface)" if interface > modes else "fewer modes"}[largest]
         told = ", ".join(f"{value / 1e9:.1f} for the {part}" for part, value in parts.items())
-        raise NotEnoughMemoryError(f"reducing {name!r} needs about {need / 1e9:.0f} GB ({told}), and {free / 1e9:.0f} GB are "
-                                   f"available; {advice}, or a larger machine")
+        raise NotEnoughMemoryError(f"reducing {name!r} needs about {need / 1e9:.0f} GB ({told}), but only {free / 1e9:.0f} GB "
+                                   f"are available. Use {advice}, or a larger machine")
 
 
 def check_columns(name: str, size: int, columns: int) -> None:
-    """Compares what more columns of `size` DOF take with what is available, the factor being there already.
+    """Compare the memory for more columns of `size` DOF with what is available; the factor exists already.
 
     Raises
     ------
     NotEnoughMemoryError
-        They take more: with both figures.
+        They need more than is available; the message tells both figures.
     """
     need = 8.0 * size * columns
     free = at_hand(need) if size >= LARGE else None
     if free is not None and need > free:
-        raise NotEnoughMemoryError(f"more modes of {name!r} need about {need / 1e9:.0f} GB, and {free / 1e9:.0f} GB are "
-                                   "available; lower the band or allow a larger error, or take a larger machine")
+        raise NotEnoughMemoryError(f"more modes of {name!r} need about {need / 1e9:.0f} GB, but only {free / 1e9:.0f} GB are "
+                                   "available. Lower the band, raise the tolerance, or use a larger machine")
 
 
 def check_room(what: str, need: float) -> None:
-    """Compares the bytes that something takes with what is available, before any array of it is made.
+    """Compare the bytes that something needs with what is available, before any array is made.
 
     Raises
     ------
     NotEnoughMemoryError
-        It takes more: with both figures.
+        It needs more than is available; the message tells both figures.
     """
     free = at_hand(need) if need > 1e8 else None
     if free is not None and need > free:
-        raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB, and {free / 1e9:.0f} GB are available; "
-                                   "make it smaller")
+        raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB, but only {free / 1e9:.0f} GB are available. "
+                                   "Make it smaller")
 
 
 def at_hand(need: float) -> float | None:
-    """Bytes available, after what is shared has given way to `need` as far as it can."""
+    """Bytes available, after shared factors have been freed as far as `need` requires."""
     give_up_until(lambda: (free := available()) is None or free >= need)
     return available()
 
 
 def room_for_factor(A: Matrix) -> None:
-    """Lets what is shared give way to a large factor of a sparse A that is about to be made, and to work with it."""
+    """Free shared factors if the factor of a sparse A, about to be made, needs their memory."""
     if A.shape[0] >= LARGE and kept_bytes():
         at_hand(2 * FACTOR_BYTES * factor_nonzeros(A))
 
 
 def reduction_bytes(K: Matrix, columns: int, modes: int) -> dict[str, float]:
-    """Bytes on top of the component itself: for its factor or the one of the count, copies of the matrices, and columns."""
+    """Bytes beside the component itself: for its factor (or that of the inertia count), copies of the matrices, and columns."""
     n = K.shape[0]
-    krylov = 2 * (2.5 * modes + 20)  # V and MV of block Lanczos, given back before V is put together
+    krylov = 2 * (2.5 * modes + 20)  # V and MV of block Lanczos, freed before V is assembled
     return {"factorisation": FACTOR_BYTES * factor_nonzeros(K), "matrices": 6.0 * 12 * K.nnz,
             "columns": 8.0 * n * max(krylov + columns + modes, 4 * columns + 3 * modes)}
 
 
 def factor_nonzeros(A: Matrix) -> float:
-    """About how many nonzeros the Cholesky factor of a sparse symmetric A (n, n) has after nested dissection.
+    """Estimated number of nonzeros of the Cholesky factor of a sparse symmetric A (n, n) after nested dissection.
 
-    A breadth-first search from one end to the other cuts the graph into layers; the smallest near the middle is the
-    separator. That is repeated in the larger half only, as if the other were its like: with separators of s_l DOF that
-    touch b_l DOF of earlier ones, in parts of n_l DOF, nnz(L) ≈ Σ_l (n/n_l)(s_l²/2 + s_l b_l)/1.5.
+    A breadth-first search from one end to the other divides the graph into layers; the smallest near the middle is the
+    separator. This is repeated in the larger half only; the other half is assumed to be similar. With separators of s_l DOF
+    that touch b_l DOF of earlier ones, in parts of n_l DOF, nnz(L) ≈ Σ_l (n/n_l)(s_l²/2 + s_l b_l)/1.5.
 
     References
     ----------
@@ -123,16 +123,16 @@ def factor_nonzeros(A: Matrix) -> float:
         inside = np.zeros(count, dtype=bool)
         inside[part] = True
         layers = distance_layers(graph, inside, part[:1])
-        for _ in range(2):  # from the far end, and back
+        for _ in range(2):  # from the far end and back again
             layers = distance_layers(graph, inside, layers[-1])
         sizes = np.cumsum([weight[layer].sum() for layer in layers])
-        if sizes[-1] < 0.9 * size:  # in pieces: go on with the larger share
+        if sizes[-1] < 0.9 * size:  # disconnected: continue with the larger piece
             reached = np.concatenate(layers)
             part = reached if sizes[-1] > size / 2 else np.setdiff1d(part, reached)
             continue
         first = int(np.searchsorted(sizes, 0.4 * size))
         last = min(max(first + 1, int(np.searchsorted(sizes, 0.6 * size))), len(layers) - 1)
-        if first >= last:  # no layers worth the name: all but a clique
+        if first >= last:  # too few layers: nearly a clique
             return (total + whole / size * (size**2 / 2 + size * touched)) / MODEL
         walls = [_wall(graph, layers[k], layers[k + 1], count) for k in range(first, last)]
         best = int(np.argmin([weight[wall].sum() for wall in walls]))
@@ -145,7 +145,7 @@ def factor_nonzeros(A: Matrix) -> float:
 
 
 def _wall(graph: Matrix, layer: Array, following: Array, count: int) -> Array:
-    """Those of a layer that touch the next one."""
+    """The nodes of a layer that touch the next layer."""
     marked = np.zeros(count, dtype=bool)
     marked[neighbours(graph, following)] = True
     return layer[marked[layer]]

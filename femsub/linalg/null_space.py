@@ -1,4 +1,4 @@
-"""Motions that move no mass where M does not show them by zero rows: some DOF then share their mass with others."""
+"""The null space of M if it has no zero rows, because several DOF share one mass."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import Array, Matrix
 
-SINGULAR = 1e-14  # eigenvalues of M, scaled to a unit diagonal, that are rounding
+SINGULAR = 1e-14  # eigenvalues of M, scaled to a unit diagonal, that count as 0
 
 
 def rank_of_mass(M: Matrix) -> int:
-    """The rank of a positive semidefinite M (n, n), of each connected piece by the eigenvalues of SMS, s_i = m_ii^(-1/2)."""
+    """The rank of a positive semidefinite M (n, n): by the eigenvalues of SMS, s_i = m_ii^(-1/2), of each connected piece."""
     pieces, piece = connected_components(sp.csr_array(M), directed=False)
     rows = np.argsort(piece, kind="stable")
     sizes = np.bincount(piece, minlength=pieces)
@@ -28,9 +28,9 @@ def rank_of_mass(M: Matrix) -> int:
 
 
 def massless_apart(M: Array, rank: int) -> tuple[Array, Array]:
-    """T (n, n) and TᵀMT = [[M₁₁, 0], [0, 0]], with M₁₁ of `rank` DOF and, in the last columns, motions that move no mass.
+    """T (n, n) with TᵀMT = [[M₁₁, 0], [0, 0]], M₁₁ of `rank` DOF. The last columns are motions that move no mass.
 
-    The first columns are DOF as they are (Cholesky of SMS with pivots): a rotation would mix stiff ones into soft ones.
+    The first columns are single DOF (pivoted Cholesky of SMS); a rotation would mix stiff DOF into soft ones.
     """
     import scipy.linalg as la
 

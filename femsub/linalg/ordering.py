@@ -7,9 +7,9 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 
-FLAT = 300_000  # DOF of a surface up to which minimum fill is the quicker
-SURFACE = 13  # nodes around one, itself counted: 9 on a surface, 15 and more in a body
-TREES = 50  # a matrix may fall into, each of which is walked through by itself
+FLAT = 300_000  # DOF up to which minimum fill is faster for surfaces
+SURFACE = 13  # mean number of neighbours of a node, itself included: 9 on a surface, 15 and more in a solid
+TREES = 50  # largest number of trees in a forest: each is traversed separately
 
 
 def quotient(A: Matrix) -> tuple[Matrix, Array]:
@@ -43,35 +43,36 @@ def layers(graph: Matrix, inside: Array, start: Array) -> list[Array]:
 
 
 def good_order(A: Matrix) -> str | None:
-    """'amd' for trees and 'amf' for surfaces, None where nested dissection (PORD) makes up for its own time.
+    """The fill-reducing ordering: 'amd' for trees, 'amf' for surfaces, None where nested dissection (PORD) is faster.
 
-    Minimum degree leaves a tree (a chain, a branched shaft) without any fill, where PORD fills a chain by half and takes three
-    times as long at 10⁶ DOF. On plates minimum fill comes near to it and is quicker by a quarter; in solids it is twice as slow.
+    Minimum degree gives no fill in a tree (a chain, a branched shaft). PORD fills a chain by half and takes three times as
+    long at 10⁶ DOF. On plates minimum fill has nearly as little fill as PORD and is faster by a quarter. In solids it is
+    twice as slow.
     """
     A, n = sp.csr_array(A), A.shape[0]
     if A.nnz <= 3 * n:
         return "amd"
     filled = np.diff(A.indptr) > 0
     ends = A.indices[A.indptr[:-1][filled]], A.indices[A.indptr[1:][filled] - 1]
-    nodes = 1 + int(np.count_nonzero(np.diff(ends[0]) | np.diff(ends[1])))  # the DOF of a node begin and end alike
+    nodes = 1 + int(np.count_nonzero(np.diff(ends[0]) | np.diff(ends[1])))  # DOF of a node: same first, last column
     return "amf" if n <= FLAT and A.nnz / n * nodes / n < SURFACE else None
 
 
 def leaves_first(A: Matrix) -> Array | None:
-    """An order (n,) in which each DOF comes before all but one of its neighbours, if the graph of A is a forest of few trees."""
+    """An elimination order (n,) without fill, leaves first, if the graph of A is a forest of few trees; else None."""
     n = A.shape[0]
     edges = (A.nnz - int(np.count_nonzero(A.diagonal()))) // 2
     if not 0 < n - edges <= TREES:
         return None
     pieces, label = sp.csgraph.connected_components(A, directed=False)
-    if pieces != n - edges:  # a cycle somewhere
+    if pieces != n - edges:  # there is a cycle
         return None
     roots = np.unique(label, return_index=True)[1]
     return np.concatenate([sp.csgraph.breadth_first_order(A, root, return_predecessors=False) for root in roots])[::-1]
 
 
 def smooth_shape(A: Matrix) -> Array:
-    """cos(πl/L) on one DOF of each node, l its layer of the L + 1 from end to end: about as soft as a wave along A."""
+    """cos(πl/L) on one DOF of each node in layer l of L + 1 from end to end: a smooth shape with low energy."""
     graph, weight = quotient(sp.csr_array(A))
     inside = np.ones(len(weight), dtype=bool)
     found = layers(graph, inside, np.array([0]))

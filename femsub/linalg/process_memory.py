@@ -1,4 +1,4 @@
-"""The memory of this process: what it may still take, and what becomes of what it frees."""
+"""The memory of this process: how much is available, and how freed memory is returned to the system."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from pathlib import Path
 
 
 def give_back_freed_memory() -> None:
-    """Large blocks go back to the system when they are freed, as they would without OpenMPI: loading it takes mmap from
-    malloc, and a factor of 8 GB, once given up, would stay in the heap beside the next one.
+    """Make malloc return large freed blocks to the system.
+
+    Loading OpenMPI disables mmap in malloc, so freed memory is not returned. This restores the default.
     """
     libc = ctypes.CDLL(None)
     if hasattr(libc, "mallopt"):
@@ -18,7 +19,7 @@ def give_back_freed_memory() -> None:
 
 
 def available() -> float | None:
-    """Bytes that this process may still take, by the system and by its limit; None where nobody tells."""
+    """Bytes that this process may still allocate, by the system's and its own limit; None if unknown."""
     found = []
     try:
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())

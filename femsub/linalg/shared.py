@@ -1,8 +1,8 @@
-"""What is made of a model's matrices once and found again by every call on the model: factors above all.
+"""A cache for results that belong to a model's matrices, above all their factors.
 
-It is kept beside the matrices, which a model never changes, and goes when they do: no model holds a factor, and none is
-copied or written with it. What was used longest ago gives way where memory is short. A factor that is in use lives on
-until its users have let go of it: nobody closes what is shared.
+A cached object lives as long as the matrices, which never change. It is not stored in the model, so copies and pickles do not
+contain it. If memory is short, the least recently used objects are dropped. A factor in use stays alive until its users
+release it; nobody closes a shared factor.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from femsub.linalg.process_memory import available
 
 T = TypeVar("T")
 Key = tuple[tuple[int, ...], Hashable]
-VARIABLE = "FEMSUB_FACTOR_BYTES"  # of the environment: how much is kept at the most
-SHARE = 0.25  # of the memory at hand, where the variable says nothing,
-FREELY = 1e8  # and bytes up to which nobody asks how much that is
-FACTOR_BYTES = 8 * 1.6  # for each nonzero of a factor
+VARIABLE = "FEMSUB_FACTOR_BYTES"  # environment variable: upper limit of the cache in bytes
+SHARE = 0.25  # of the available memory: the limit if the variable is not set
+FREELY = 1e8  # bytes that are cached without a look at the available memory
+FACTOR_BYTES = 8 * 1.6  # bytes per nonzero of a factor
 
 
 class Kept(dict[Key, Any]):
-    """What is kept; of what takes memory the bytes, used longest ago first, and their sum."""
+    """The cached objects; the bytes of the large ones, least recently used first; and their sum."""
 
     total = 0
 
@@ -59,21 +59,21 @@ class Kept(dict[Key, Any]):
         self.pop(key, None)
 
 
-_lock = RLock()  # taken twice by one thread where the garbage collector runs in between
-if hasattr(os, "register_at_fork"):  # a child would wait for ever for a thread that it does not have
+_lock = RLock()  # reentrant: the garbage collector may run inside and take it again
+if hasattr(os, "register_at_fork"):  # a forked child would wait forever for a thread of its parent
     os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release)
 _kept = Kept()
 _owners: dict[int, tuple[weakref.ref[Any], set[Key]]] = {}
 
 
 def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], size: Callable[[T], float] = lambda _: 0.0) -> T:
-    """What `make` made of these very matrices before, or makes now; `size` tells its bytes.
+    """The cached object of these matrices, made by `make` at the first call; `size` returns its bytes.
 
-    It must hold none of the owners, or they would never go.
+    It must not refer to the owners, or they would never be freed.
     """
     key = tuple(map(id, owners)), what
     with _lock:
-        # A number that was given to another matrix must never pass for this one, whatever has become of the callback.
+        # an id may be reused by another matrix: compare the weak references as well
         if key in _kept and all(at in _owners and _owners[at][0]() is owner for at, owner in zip(key[0], owners, strict=True)):
             return _kept.use(key)
     limit = _limit()
@@ -91,7 +91,7 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
 
 
 def kept_bytes() -> int:
-    """Bytes of all that is kept."""
+    """Bytes of all cached objects."""
     return _kept.total
 
 
@@ -101,8 +101,8 @@ def _limit() -> float | None:
     with suppress(ValueError):
         if (limit := float(told)) >= 0:
             return limit
-    raise InputError(f"the environment variable {VARIABLE} must be a number of bytes, such as 2e9, or 0 to keep no factor; it is "
-                     f"{told!r}")
+    raise InputError(f"the environment variable {VARIABLE} must be a number of bytes, such as 2e9, or 0 to keep no factor, but "
+                     f"is {told!r}")
 
 
 def _within(limit: float | None) -> bool:
@@ -114,20 +114,20 @@ def _within(limit: float | None) -> bool:
 
 
 def give_up_until(enough: Callable[[], bool]) -> None:
-    """Gives up what was used longest ago, one by one, until there is enough room; what takes none stays."""
+    """Drop cached objects, least recently used first, until there is enough room; objects without size stay."""
     with _lock:
         while not enough() and _kept.sizes:
             _kept.give_up_oldest()
 
 
 def forget(owners: tuple[Matrix, ...], what: Hashable) -> None:
-    """Gives up one thing."""
+    """Drop one object."""
     with _lock:
         _kept.give_up((tuple(map(id, owners)), what))
 
 
 def drop(*owners: Matrix) -> None:
-    """Gives up what is kept of these matrices; without any, all."""
+    """Drop the cached objects of these matrices; without arguments, all."""
     with _lock:
         for at in list(map(id, owners) if owners else _owners):
             _gone(at)
@@ -138,6 +138,6 @@ def _gone(at: int, _: object = None) -> None:
         if at in _owners:
             for key in _owners.pop(at)[1]:
                 _kept.give_up(key)
-                for other in key[0]:  # which may live on
+                for other in key[0]:  # other owners may live on
                     if other in _owners:
                         _owners[other][1].discard(key)

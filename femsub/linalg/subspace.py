@@ -1,4 +1,4 @@
-"""Columns made orthonormal, among themselves and to a basis that grows by them."""
+"""Block Gram-Schmidt: orthonormalise columns against a basis and among themselves."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 
 from femsub.checks import Array
 
-INSIDE = 1e-9  # share of a column's length up to which what V leaves of it is rounding
-DEPENDENT = 1e-14  # of the largest eigenvalue of the Gram matrix: the square of the share that a direction has in the columns
+INSIDE = 1e-9  # relative length below which a column's remainder outside V is rounding
+DEPENDENT = 1e-14  # eigenvalues of the Gram matrix below this share of the largest one are dropped
 
 
 def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | None = None) -> tuple[Array, Array]:
-    """Q (n, k) with [V Q]ᵀA[V Q] = I that spans what `columns` have beside V, and AQ.
+    """Q (n, k) with [V Q]ᵀA[V Q] = I and span [V Q] = span [V columns], and AQ.
 
-    Block Gram-Schmidt in two passes. Columns are brought to unit length before each, so that their units do not matter. Among
-    each other they are told apart by their Gram matrix, which holds half of the digits: the second pass gives the rest back.
-    What lies in V, or depends on other columns, within rounding is left out; k may be 0.
+    Block Gram-Schmidt in two passes. Columns are scaled to unit length before each pass, so that their units do not matter.
+    Their Gram matrix keeps only half of the digits; the second pass recovers the rest. Columns that lie in V or depend on
+    others, within rounding, are left out; k may be 0.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
         good = values > DEPENDENT * values[-1]
         change = vectors[:, good] / np.sqrt(values[good]) / length[:, None]
         x = x @ change
-        image = image @ change if last else product(x)  # the last change is by rounding
+        image = image @ change if last else product(x)  # the last change is only rounding
     return x, image
 
 
 def _longer(x: Array, image: Array, least: float) -> tuple[Array, Array, Array]:
-    """The columns longer than `least` (in A), their products, and their lengths."""
+    """The columns whose A-norm exceeds `least`, their products with A, and their norms."""
     length = np.sqrt(np.maximum(np.einsum("ij,ij->j", x, image), 0.0))
     keep = length > least
     return (x, image, length) if keep.all() else (x[:, keep], image[:, keep], length[keep])

@@ -1,7 +1,7 @@
 """The OpenBLAS libraries of this process, and one thread for small dense work.
 
-NumPy, SciPy and PETSc bring an OpenBLAS each, with threads of their own that stay awake for a while and stand in the way of the
-next library's. On two cores LAPACK's eigensolver takes 100 ms for 100 DOF then, and 1 ms with one thread.
+NumPy, SciPy and PETSc each bring an OpenBLAS with its own threads. These keep spinning for a while and slow down the next
+library. On two cores LAPACK's eigensolver then takes 100 ms for 100 DOF, and 1 ms with one thread.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import product
 
-FEW = 500  # up to so many DOF a dense quadratic eigenproblem gains next to nothing from a second thread
-WORK = 1e8  # multiplications below which one thread is quicker, or loses less than a tenth of a second
-BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  # modules that come with a BLAS
-NAMES = tuple(product(("", "scipy_"), ("64_", "", "_64")))  # before and behind OpenBLAS' functions, by how it was built
+FEW = 500  # DOF up to which a dense quadratic eigenproblem gains almost nothing from a second thread
+WORK = 1e8  # multiplications below which one thread is faster, or loses less than 0.1 s
+BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  # modules that load a BLAS
+NAMES = tuple(product(("", "scipy_"), ("64_", "", "_64")))  # prefixes and suffixes of OpenBLAS' function names
 
 
 @dataclass(frozen=True)
 class Library:
-    """An OpenBLAS: its file, how it was built and for which processor, and how its threads are told and set."""
+    """A loaded OpenBLAS: its file, build and processor, and functions to read and set its number of threads."""
 
     path: str
     config: str
@@ -33,7 +33,7 @@ class Library:
 
 @contextmanager
 def one_thread(small: bool) -> Iterator[None]:
-    """Inside, if the work is small, every OpenBLAS that is loaded computes with one thread; afterwards with as many as before."""
+    """Context manager: if the work is small, every loaded OpenBLAS uses one thread inside, and as many as before afterwards."""
     before = [(library, library.get()) for library in libraries()] if small else []
     changed = [(library, count) for library, count in before if count > 1]
     try:
@@ -46,13 +46,13 @@ def one_thread(small: bool) -> Iterator[None]:
 
 
 def libraries() -> list[Library]:
-    """Every OpenBLAS in this process; none where the system does not list what is loaded."""
+    """Every OpenBLAS in this process; none if the system does not list loaded libraries."""
     return _libraries(sum(name in sys.modules for name in BRINGING))
 
 
 @cache
 def _libraries(_imported: int) -> list[Library]:
-    """Looked for again once more modules are there that bring one."""
+    """Search again when more of the modules that load a BLAS are imported."""
     found: dict[int, Library] = {}
     for path in _loaded():
         try:
