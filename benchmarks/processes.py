@@ -47,7 +47,7 @@ def machine() -> Row:
         for name in ("openblas_get_num_threads", "openblas_get_num_threads64_", "scipy_openblas_get_num_threads"):
             if hasattr(handle := ctypes.CDLL(str(library)), name):
                 threads[library.name] = getattr(handle, name)()
-    return report.machine() | {"femsub": fs.__version__, "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS"),
+    return report.machine() | report.versions() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS"),
                                "blas_threads": threads}
 
 

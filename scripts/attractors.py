@@ -342,7 +342,7 @@ def main() -> int:
     plain = found | {"rows": [row | {"shares": _by_name(row["shares"], names), "holds": [names[at] for at in row["holds"]],
                                      "impulse": names[row["impulse"]], "rest": names[row["rest"]]} for row in found["rows"]],
                      "again": found["again"] | {"shares": _by_name(found["again"]["shares"], names)}}
-    data = {"settings": runs.asdict(settings), "starts": asked.starts, "machine": report.machine(), **plain}
+    data = {"settings": runs.asdict(settings), "starts": asked.starts, "machine": report.machine() | report.versions(), **plain}
     flat = [{key: value for key, value in row.items() if key not in ("shares", "holds", "verdict")} for row in found["rows"]]
     result = Result(data, {"attractors": flat}, text(found), {"attractors": lambda: draw(found)})
     print(result.text)

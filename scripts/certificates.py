@@ -162,7 +162,7 @@ def main() -> None:
         report.progress(name)
         rows.append(measure(name, given.repeats))
         if folder:
-            data = {"machine": report.machine(), "rows": rows}
+            data = {"machine": report.machine() | report.versions(), "rows": rows}
             report.write(Result(data, {"certificates": rows}, "", {}), folder, False, "certificates")
     report.progress_done()
     shown = ("model", "dof", "eigenvalues", "evidence", "solution", *KINDS, "ratio", "refine", "moved")

@@ -17,7 +17,7 @@ import time
 import warnings
 
 import femsub as fs
-from femsub.app.report import machine, to_json
+from femsub.app.report import machine, to_json, versions
 from femsub.app.scene import load
 from femsub.io.atomic import write_whole
 from femsub.linalg.factor import release
@@ -80,7 +80,7 @@ def main() -> None:
         from pathlib import Path
 
         path = Path(options.out)
-        text = to_json({"machine": machine(), "harmonics_of_step": options.harmonics, "rows": rows})
+        text = to_json({"machine": machine() | versions(), "harmonics_of_step": options.harmonics, "rows": rows})
         assert json.loads(text)
         write_whole(path.parent, {path.name: lambda file: file.write(text.encode())})
 

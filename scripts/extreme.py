@@ -140,7 +140,7 @@ def main() -> int:
     odd = [row["case"] for row in rows if not row["as_known"]]
     summary = (f"{len(rows)} cases in {time.perf_counter() - start:.0f} s: {counts['right']} right within their bounds, "
                f"{counts['refused']} refused with the reason, {counts['wrong']} wrong")
-    data = {"machine": report.machine() | {"femsub": fs.__version__}, "summary": summary, "rows": rows, "other_than_known": odd}
+    data = {"machine": report.machine() | report.versions(), "summary": summary, "rows": rows, "other_than_known": odd}
     flat = [row | {"warnings": "; ".join(row["warnings"])} for row in rows]
     result = Result(data, {"extreme": flat}, text(rows), {"extreme": lambda: draw(rows)})
     print(result.text, "", summary, *([f"other than known: {', '.join(odd)}"] if odd else []), sep="\n")

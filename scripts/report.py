@@ -118,7 +118,7 @@ def run(step: Step, folder: Path, quick: bool) -> None:
     shown = shlex.join([part.replace(sys.executable, "python").replace(str(folder), "out").replace(f"{ROOT}/", "")
                         for part in command])
     done = {"command": shown, "commit": commit(), "seconds": time.perf_counter() - start, "date": time.strftime("%Y-%m-%d"),
-            "machine": report.machine() | versions(), "warnings": errors.strip().splitlines()}
+            "machine": report.machine() | report.versions() | versions(), "warnings": errors.strip().splitlines()}
     write_whole(folder, {"done.json": partial(_put, content=json.dumps(done, indent=1))})
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,6 +62,7 @@ def test_files_and_figures(runs: Runs, name: str) -> None:
     folder, _ = runs[name]
     assert {path.name for path in folder.iterdir()} == {
         "results.json", *(f"{table}.csv" for table in TABLES), "modes.vtu", "least-stable.vtu",
+        "least-stable.pvd", "least-stable",
         *(f"{picture}.png" for picture in PICTURES)}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
 
@@ -97,15 +99,32 @@ def test_vtu_files_hold_the_shapes(runs: Runs, name: str) -> None:
     for i in range(3):
         shape = displacements(work.mesh, work.sub.dofs, normal.shapes[:, i])
         shape /= np.linalg.norm(shape, axis=1).max()
-        stored = found.point_data[f"mode-{i + 1:02d}"]
+        stored = found.point_data[f"mode-{i + 1:02d} {normal.frequencies[i]:.4g} rad/time"]
         assert np.linalg.norm(stored, axis=1).max() == pytest.approx(1.0)
         if name != "solid":  # whose first modes are a pair, of which any combination will do
             assert min(abs(stored - shape).max(), abs(stored + shape).max()) < 1e-6
     held = np.setdiff1d(work.mesh.numbers, work.sub.dofs.nodes) - 1
-    assert len(held) and not np.any(found.point_data["mode-01"][held])
-    recovered = meshio.read(folder / "least-stable.vtu").point_data
-    assert np.linalg.norm(recovered["real-part"], axis=1).max() == pytest.approx(1.0, rel=1e-6)
-    assert np.any(recovered["imaginary-part"])
+    assert len(held) and not np.any(found.point_data[next(key for key in found.point_data if key.startswith("mode-01"))][held])
+    real, imaginary = (value for key, value in meshio.read(folder / "least-stable.vtu").point_data.items() if "-part " in key)
+    assert np.linalg.norm(real, axis=1).max() == pytest.approx(1.0, rel=1e-6)
+    assert np.any(imaginary)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_complex_mode_s_period_is_a_series_of_phases(runs: Runs, name: str) -> None:
+    meshio = pytest.importorskip("meshio")
+    folder, _ = runs[name]
+    row = json.loads((folder / "results.json").read_text())["least-stable"]
+    data = meshio.read(folder / "least-stable.vtu").point_data
+    named = f"{row['omega']:.4g} rad/time growth {row['eigenvalue'][0]:.4g} 1/time"
+    shape = data[f"real-part {named}"] + 1j * data[f"imaginary-part {named}"]
+    listed = list(ElementTree.parse(folder / "least-stable.pvd").iter("DataSet"))
+    assert len(listed) == len(list((folder / "least-stable").iterdir())) == 12
+    for item in listed:
+        phase = meshio.read(folder / item.attrib["file"])
+        turned = (shape * np.exp(1j * row["omega"] * float(item.attrib["timestep"]))).real
+        assert np.abs(phase.point_data[f"displacement {named}"] - turned).max() < 1e-9
+    assert 12 * float(listed[1].attrib["timestep"]) == pytest.approx(2 * np.pi / row["omega"])
 
 
 @pytest.mark.parametrize("name", SMALL)

@@ -8,6 +8,7 @@ import logging
 import os
 import sys
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -30,9 +31,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     commands.add_parser("scenes", help="list what can be run")
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
-    _scene_argument(run, "a name from `femsub scenes`, or the path of a TOML file", files=True)
+    _scene_argument(run, "a name from `femsub scenes`, the path of a TOML file, or a results.json: that run again", files=True)
     out = run.add_argument("--out", metavar="DIR",
-                           help="write results.json, results.csv and figures there; else nothing is written")
+                           help="write results.json, tables (CSV) and figures there; else nothing is written")
     out.complete = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}  # type: ignore[attr-defined]
     run.add_argument("--no-figures", action="store_true", help="draw nothing")
     loud = run.add_mutually_exclusive_group()
@@ -154,22 +155,24 @@ def _told(verbose: int) -> Iterator[None]:
 
 
 def _run(options: argparse.Namespace) -> int:
-    scene, run = load(options.scene)
-    # Imported late: a scene that is misspelt should not wait for numpy.
-    from femsub.app.report import check_folder, progress, progress_done, write
-
-    folder = check_folder(options.out)
-    if options.no_figures:
-        scene = replace(scene, figures=False)
-    tell = logging.getLogger("femsub.app").info if options.verbose else progress
     with warnings.catch_warnings(record=True) as caught, _told(options.verbose):
         warnings.simplefilter("always", FemsubWarning)
+        scene, run = load(options.scene)
+        # Imported late: a scene that is misspelt should not wait for numpy.
+        from femsub.app.record import Record
+        from femsub.app.report import check_folder, in_units, progress, progress_done
+
+        folder = check_folder(options.out)
+        if options.no_figures:
+            scene = replace(scene, figures=False)
         try:
-            result = run(scene, (lambda _: None) if options.quiet else tell)
+            tell = (lambda _: None) if options.quiet else logging.getLogger("femsub.app").info if options.verbose else progress
+            record = None if folder is None else Record(scene, folder)
+            result = in_units(record.run(run, tell) if record else run(scene, tell), scene.system)
             written = []
-            if folder is not None:
+            if record is not None:
                 tell("writing")
-                written = write(result, folder, scene.figures)
+                written = record.write(result)
         finally:
             progress_done()
     for text in dict.fromkeys(str(item.message) for item in caught):
@@ -177,7 +180,9 @@ def _run(options: argparse.Namespace) -> int:
     if not options.quiet:
         _say(result.text)
     if folder is not None and not options.quiet:
-        _say(f"\nwritten to {folder}: {', '.join(str(path.relative_to(folder)) for path in written)}")
+        below = Counter(path.parent.name for path in written if path.parent != folder)
+        names = [path.name for path in written if path.parent == folder] + [f"{name}/ ({n} files)" for name, n in below.items()]
+        _say(f"\nwritten to {folder}: {', '.join(names)}")
     for output, reason in result.data.get("failed", {}).items():
         _fail(f"{output} failed: {reason}", 1)
     if not result.data.get("complete", True):

@@ -38,7 +38,7 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
             if home == family:
                 for axis, key in ((top, "rms"), (bottom, "omega")):
                     axis.plot(dot["value"], dot[key], "o", ms=6, mfc="none", mec=look(dot["model"]).colour, mew=1.1)
-        top.set_title(f"cycles from the mode at ω = {family:.4g}")
+        top.set_title(f"cycles from the mode at ω = {family:.4g} rad/time", fontsize=8)
         bottom.set_xlabel(UNITS[parameter])
         bottom.ticklabel_format(axis="y", useOffset=False)
         for axis in (top, bottom):

@@ -53,6 +53,8 @@ class Key:
         The key must be there, and not empty.
     required_with : str
         It must be there if this other key is.
+    file : bool
+        It names a file, relative to the scene file; its hash stands in results.json.
     """
 
     meaning: str
@@ -69,6 +71,7 @@ class Key:
     example: Any = None
     required: bool = False
     required_with: str = ""
+    file: bool = False
 
     @property
     def length(self) -> int | None:

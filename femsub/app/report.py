@@ -7,16 +7,20 @@ import io
 import json
 import os
 import platform
+import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
+import femsub
 from femsub.app.scene import Result
+from femsub.app.units import UNKNOWN, Units
 from femsub.errors import InputError
 from femsub.io.atomic import Writer, write_whole
 
@@ -46,18 +50,31 @@ def check_folder(folder: str | None) -> Path | None:
     return path
 
 
-def write(result: Result, folder: Path, figures: bool, name: str = "results") -> list[Path]:
-    """name.json, a CSV file for each table, the figures and the scene's own files, each whole or not at all; what was written."""
-    writers: dict[str, Writer] = {f"{name}.json": lambda file: file.write(to_json(result.data).encode())}
+def write(result: Result, folder: Path, figures: bool, name: str = "results", units: Units = UNKNOWN,
+          notes: Mapping[str, str] | None = None) -> list[Path]:
+    """name.json, a CSV file for each table, the figures and the scene's own files, each whole or not at all; what was written.
+
+    `units` are those that figures are drawn in, `notes` what stands at the foot of some, by name.
+    """
+    writers: dict[str, Writer] = {f"{name}.json": lambda file: file.write(to_json(data).encode())}
     writers |= {f"{table}.csv": partial(_csv, rows) for table, rows in result.tables.items() if rows}
     if figures and result.drawings:
         from femsub.app.figure_style import render
 
-        writers |= {f"{title}.png": partial(render, draw) for title, draw in result.drawings.items()}
+        writers |= {f"{title}.png": partial(render, draw, units=units, note=(notes or {}).get(title, ""))
+                    for title, draw in result.drawings.items()}
+    writers |= result.files
+    data = result.data | {"written": list(writers)}
     try:
-        return write_whole(folder, writers | result.files)
+        return write_whole(folder, writers)
     except OSError as error:
         raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
+
+
+def in_units(result: Result, units: Units) -> Result:
+    """A result with Hz beside rad per unit of time where the units are known."""
+    tables = {name: units.with_hertz(rows) for name, rows in result.tables.items()}
+    return replace(result, data=units.with_hertz(result.data), tables=tables, text=units.said(result.text))
 
 
 def to_json(data: Any) -> str:
@@ -92,19 +109,38 @@ def _csv(rows: Sequence[dict[str, Any]], file: BinaryIO) -> None:
 
 def machine() -> dict[str, Any]:
     """What the seconds were measured on."""
-    import scipy
-
     model = platform.processor() or platform.machine()
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:
             model = next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), model)
     except OSError:
         pass
-    found = {"cpu": model, "cores": os.cpu_count(), "python": platform.python_version(), "numpy": np.__version__,
-             "scipy": scipy.__version__}
+    return {"cpu": model, "cores": os.cpu_count(), "system": platform.platform()}
+
+
+def versions() -> dict[str, Any]:
+    """Of femsub, Python and the packages at work so far; which of them factorised sparse matrices, and femsub's commit."""
+    import scipy
+
+    found = {"femsub": femsub.__version__, "commit": commit(Path(__file__).parent), "python": platform.python_version(),
+             "numpy": np.__version__, "scipy": scipy.__version__}
     if "femsub.linalg.petsc" in sys.modules and "petsc4py.PETSc" in sys.modules:
         found |= sys.modules["femsub.linalg.petsc"].versions()
+        found["factors"] = sorted(sys.modules["femsub.linalg.petsc"].Factor.packages)
     return found
+
+
+def commit(folder: Path) -> str | None:
+    """The commit of the clone that a folder is part of, with '-dirty' where files were changed; None outside of one."""
+    def git(*words: str) -> str:
+        return subprocess.run(["git", "--no-optional-locks", "-C", str(folder), *words], capture_output=True, text=True,
+                              check=True).stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", "__init__.py")  # it may lie in a clone of something else
+        return git("describe", "--always", "--dirty", "--abbrev=40", "--exclude", "*")
+    except (OSError, subprocess.CalledProcessError):
+        return None
 
 
 def progress(text: str) -> None:

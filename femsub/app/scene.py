@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from femsub.app.keys import check_keys, key, values_of
+from femsub.app.units import SYSTEMS, UNKNOWN, Units
 from femsub.checks import choice
 from femsub.errors import FemsubError, InputError, unknown_name
 from femsub.io.atomic import Writer
@@ -75,10 +76,14 @@ class Scene:
     outputs: list[str] = key([], "what is computed; nothing else is", choices=lambda scene: scene.OUTPUTS + scene.ON_REQUEST)
     figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
     repeats: int = key(5, "runs per time that is measured", least=1, most=MOST_REPEATS)
+    units: str = key("", "the units of all numbers: 'SI' (m, kg, s, N) or 'mm-t-s' (mm, t, s, N); with them Hz stands beside "
+                     "rad/s in what is told, written and drawn; nothing is converted", choices=lambda _: SYSTEMS,
+                     otherwise="no unit is claimed", example="SI")
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ()
     ON_REQUEST: ClassVar[tuple[str, ...]] = ()
     WITHOUT: ClassVar[Mapping[str, str]] = {}  #: keys that a scene does not have, and why
+    PAPER: ClassVar[Mapping[str, str]] = {}  #: figures of the paper, by ours that correspond to them
 
     def __post_init__(self) -> None:
         from femsub.model.friction import LAWS
@@ -91,6 +96,11 @@ class Scene:
         object.__setattr__(self, "methods", [name if name in METHODS else _hyphenated(name) for name in self.methods])
         object.__setattr__(self, "law", self.law if self.law in LAWS else _hyphenated(self.law))
         check_keys(self)
+
+    @property
+    def system(self) -> Units:
+        """The units that `units` names."""
+        return SYSTEMS.get(self.units, UNKNOWN)
 
     @property
     def labels(self) -> str:
@@ -207,7 +217,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
 
 
 def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
-    """A scene by the name of a built-in one or from a TOML file, with the function that runs it.
+    """A scene by the name of a built-in one, from a TOML file or from a results.json, with the function that runs it.
 
     Raises
     ------
@@ -221,6 +231,10 @@ def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
         if path.suffix == ".toml" or "/" in source:
             raise InputError(f"there is no scene file {source}")
         raise unknown_name("scene", source, SCENES)
+    if path.suffix == ".json":
+        from femsub.app.inputs import inputs_of
+
+        return _build(*inputs_of(path))
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

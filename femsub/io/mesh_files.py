@@ -288,6 +288,13 @@ def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = 
     return place
 
 
+def series_bytes(times: Mapping[str, float]) -> bytes:
+    """A ParaView data file (.pvd), which shows VTU files, named relative to it, one after the other at their times."""
+    entries = "\n".join(f'  <DataSet timestep="{time!r}" part="0" file="{escape(name)}"/>' for name, time in times.items())
+    return ('<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n <Collection>\n'
+            f"{entries}\n </Collection>\n</VTKFile>\n").encode()
+
+
 def _shape(key: str, values: Any, count: int) -> Array:
     if key.startswith((_SET, _GROUP)) or key == _NUMBER:
         raise InputError(f"a shape cannot be called {key!r}: that name is taken for sets, groups and node numbers")

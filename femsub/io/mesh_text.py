@@ -5,7 +5,9 @@ from __future__ import annotations
 import codecs
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +16,25 @@ from femsub.checks import Array
 from femsub.errors import InputError
 
 DEEPEST = 9  # files included by files
+_asked: ContextVar[list[Path] | None] = ContextVar("femsub_texts", default=None)
+
+
+@contextmanager
+def texts_read() -> Iterator[list[Path]]:
+    """The text files that are read inside: those of meshes, and what they include."""
+    paths: list[Path] = []
+    token = _asked.set(paths)
+    try:
+        yield paths
+    finally:
+        _asked.reset(token)
 
 
 def text_of(path: Path) -> str:
     """The file's text with newlines only: UTF-8 or UTF-16 with or without a byte-order mark, else Latin-1."""
     raw = path.read_bytes()
+    if (asked := _asked.get()) is not None:
+        asked.append(path)
     try:
         text = raw.decode("utf-16" if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig")
     except UnicodeDecodeError:

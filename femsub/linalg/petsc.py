@@ -20,7 +20,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from threading import RLock
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -148,6 +148,7 @@ class Factor:
     """
 
     made = 0  #: how many have been made in this process; tests count with it
+    packages: ClassVar[set[str]] = set()  #: by which packages
 
     def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True) -> None:
         PETSc, _ = _load()
@@ -174,6 +175,7 @@ class Factor:
             mat.destroy()  # the KSP has a reference of its own
         # Whoever else gets this KSP (EPS, PEP) must not factorise again.
         pc.setReusePreconditioner(True)
+        Factor.packages.add(self.package)
         if kind == "definite" and self.package != "cholmod":
             code, negative, null = self._told(1), self._told(12), self._told(28)
             if self.package == "petsc":

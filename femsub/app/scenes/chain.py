@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -13,7 +13,6 @@ from femsub import ComplexModes, ReducedSubstructure, Substructure, chain, compl
 from femsub.app.figure_style import look
 from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, error_time_figure, friction_figure, size_sweep_figure
 from femsub.app.keys import key
-from femsub.app.report import machine
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import comparable
 from femsub.checks import check_band
@@ -81,6 +80,8 @@ class ChainScene(ChainKeys):
                             otherwise="the lowest three pairs of a uniform chain")
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("friction", "critical-slope", "belt-sweep", "size-sweep", "eigenvalues", "error-time")
+    PAPER: ClassVar[Mapping[str, str]] = {"friction": "Fig. 2", "belt-sweep": "Fig. 3a", "size-sweep": "Fig. 3b",
+                                          "eigenvalues": "Fig. 4"}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -105,7 +106,7 @@ def run(scene: ChainScene, progress: Progress) -> Result:
     for belt in scene.belts:
         scene.model(belt, False)
     data: dict[str, Any] = {
-        "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
+        "n": scene.n, "masses": scene.masses, "springs": scene.springs,
         "damping": scene.damping, "interface": scene.interface, **scene.friction, "methods": scene.methods,
         "size": scene.size, "band": scene.band}
     text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, interface {_masses(scene.interface)}, "
@@ -220,7 +221,7 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
                  [[m["interface"], look(m["model"]).label, m["size"], m["up_to"], m["counted"], m["full_counted"],
                    known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
                    float(m["backward_error"].max(initial=0.0))] for m in models],
-                 ["s", "s", "d", ".4g", "d", "d", ".4f", ".4f", "s", ".0e"])
+                 ["s", "s", "d", ".4g", "d", "d", ".4f", ".4f", "s", ".0e"], scene.system.beside("up to ω"))
     panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
     rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "up_to": m["up_to"],
              "growth": m["growth"], "full_growth": m["full_growth"], "is_stable": m["is_stable"]} for m in models]

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 from femsub import transient
 from femsub.app.figure_style import look
 from femsub.app.keys import key
-from femsub.app.report import machine
 from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
 from femsub.app.scenes.chain import ChainKeys
 from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, whole
@@ -35,6 +34,7 @@ class ChainTransientScene(ChainKeys):
 
     WITHOUT: ClassVar[Mapping[str, str]] = NO_SLOPE
     OUTPUTS: ClassVar[tuple[str, ...]] = ("growth", "quality", "signals", "spectrum", "spectrogram")
+    PAPER: ClassVar[Mapping[str, str]] = {"spectrogram": "Fig. 5"}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -67,17 +67,17 @@ def run(scene: ChainTransientScene, progress: Progress) -> Result:
             tracks.append(track(kind, model, found, window))
             whole(found)
     parts: dict[str, Callable[[], Result]] = {
-        "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt),
+        "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt, scene.system),
         "quality": lambda: quality(tracks, belt), "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
         "spectrogram": lambda: spectrograms(tracks, scene.length)}
     data: dict[str, Any] = {
-        "scene": scene.name, "machine": machine(), "n": scene.n, "masses": scene.masses, "springs": scene.springs,
+        "n": scene.n, "masses": scene.masses, "springs": scene.springs,
         "damping": scene.damping, "belt": scene.belt, "interface": [int(dof) + 1 for dof in full.interface], "size": scene.size,
         **scene.friction,
         "impulse": scene.impulse, "time": scene.time, "window": scene.window, "step": scene.step, "tol": scene.tol,
         "models": [item.row for item in tracks]}
     text = [f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
             f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
-            f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}\n{told(tracks)}"]
+            f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}\n{told(tracks, scene.system)}"]
     return run_outputs(scene.outputs, lambda output: parts[output](), data | {"complete": True}, text, work.complete,
                        tables={"models": data["models"]})

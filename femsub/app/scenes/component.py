@@ -20,6 +20,7 @@ from femsub.reduction.reduce import METHODS, Method
 
 UP_TO, MARGIN = 8, 0.02  # the band's default: so much above that mode
 LISTED = 14  # normal modes that are listed and written
+SI_DEFAULTS = ("E", "rho")  # of a scene that makes its component; other units need other numbers
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,10 @@ class ComponentScene(Scene):
             check_band(self.band)
         if not self.modes:
             raise InputError("modes is empty: name the numbers of modes to compare, e.g. [10, 20]")
+        for name in SI_DEFAULTS:
+            if self.units == "mm-t-s" and getattr(self, name, None) == getattr(type(self), name, np.nan):
+                raise InputError(f"scene key {name!r} has its default {getattr(self, name):g}, which is in SI units, but units "
+                                 "is 'mm-t-s': give all lengths in mm, E in MPa and rho in t/mm³ (steel: 2.1e5 and 7.85e-9)")
 
     def component(self) -> tuple[Substructure, Mesh | None]:
         """The component with the port "belt", and the mesh to show its shapes on."""
@@ -57,6 +62,7 @@ class Work:
         self.sub, self.mesh = scene.component()
         self.assembly = time.perf_counter() - start
         self.belt = scene.linear_belt
+        self.units = scene.system
         self.slopes: list[float] | None = None  # critical ones, once an output has found them
         self.methods = [METHODS[name](modes) for name in scene.methods for modes in scene.modes]
         for count in scene.modes:

@@ -13,7 +13,6 @@ from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_bal
 from femsub.app.figure_style import look
 from femsub.app.figures_cycles import bifurcation_figure
 from femsub.app.keys import key
-from femsub.app.report import machine
 from femsub.app.scene import NO_SLOPE, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
 from femsub.checks import Array, interval
@@ -60,7 +59,7 @@ def run_cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple
     """The outputs 'cycles' and 'branches' of a set of models, the reference among them first if it is small."""
     tell = lambda text: progress(f"{scene.name}: {text}")  # noqa: E731 - a word for each step
     parts = {"cycles": _cycles, "branches": _branches}
-    common = {"scene": scene.name, "machine": machine(), **scene.friction, "band": band, "parameter": scene.parameter}
+    common = {**scene.friction, "band": band, "parameter": scene.parameter}
     return run_outputs(scene.outputs, lambda output: parts[output](scene, models, band, tell), common | data, [head])
 
 
@@ -118,7 +117,8 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
                    known(100 * row["sticking"]), VERDICT[row["is_stable"]],
                    None if row["multiplier"] is None else abs(row["multiplier"]), row["harmonics"], row["truncation"],
                    row["seconds"], row.get("omega_error"), row.get("rms_error")] for row in kept],
-                 ["s", "d", ".4g", ".6g", ".5g", ".5g", ".0f", "s", ".4g", "d", ".0e", ".2f", ".1e", ".1e"])
+                 ["s", "d", ".4g", ".6g", ".5g", ".5g", ".0f", "s", ".4g", "d", ".0e", ".2f", ".1e", ".1e"],
+                 scene.system.beside("ω"))
     text = [f"Limit cycles at v0 = {scene.speed:g}, F = {scene.force:g} (speed under the belt; sticking in %)\n{said}"]
     text += [f"{look(row['model']).label} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row]
     return Result({"cycles": rows}, {"cycles": rows}, "\n".join(text), {})
@@ -164,7 +164,7 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
         special += [f"  {look(item['model']).label}, ω {item['family']:.4g}: {point.kind} at {scene.parameter} = "
                     f"{point.value:.6g} (ω = {point.omega:.5g}, rms = {point.rms:.4g})" for point in traced.special]
     said = table(["model", "from ω", "Hopf point at", "rel. error", "critical", "cycles", "stable", "s", "ended"], lines,
-                 ["s", ".4g", ".6g", ".0e", "s", "d", "d", ".1f", "s"])
+                 ["s", ".4g", ".6g", ".0e", "s", "d", "d", ".1f", "s"], scene.system.beside("from ω"))
     text = "\n".join([f"Branches over the {scene.parameter}\n{said}", *(
         f"{look(item['model']).label} near ω = {item['family']:.4g}: no cycle at {scene.parameter} = "
         f"{gap[scene.parameter]:.5g}: {gap['why']}"

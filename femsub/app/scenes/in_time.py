@@ -24,6 +24,7 @@ from femsub import (
 from femsub.app.figure_style import look
 from femsub.app.figures_transient import signals_figure, spectra_figure, spectrogram_figure
 from femsub.app.scene import Result
+from femsub.app.units import Units
 from femsub.linalg.timing import Interruptible
 from femsub.motion.nonlinear_model import sliding
 from femsub.motion.signals import Spectrum
@@ -77,7 +78,7 @@ def most_unstable(found: ComplexModes) -> int | None:
     return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None
 
 
-def growth(models: Sequence[tuple[str, Substructure]], belt: Belt) -> Result:
+def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, units: Units) -> Result:
     """From the most unstable complex mode, a millionth of the belt's speed: the growth measured in time beside Re λ."""
     rows: list[dict[str, Any]] = []
     with Interruptible() as work:
@@ -86,7 +87,7 @@ def growth(models: Sequence[tuple[str, Substructure]], belt: Belt) -> Result:
     said = table(["model", "DOF", "growth in time", "Re λ", "error", "ω in time", "Im λ", "Re λ above"],
                  [[look(str(row["model"])).label, row["size"], row["growth"], row["growth_of_cea"], row["error"],
                    row["omega"], row["omega_of_cea"], row["above"]] for row in rows],
-                 ["s", "d", ".5g", ".5g", ".0e", ".5g", ".5g", ".5g"])
+                 ["s", "d", ".5g", ".5g", ".0e", ".5g", ".5g", ".5g"], units.beside("ω in time", "Im λ"))
     head = f"Growth of the most unstable mode below the cut-off, from {FAINT:g} of the belt's speed"
     if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
         head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
@@ -112,17 +113,22 @@ def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
                   "error": abs(found.rate / value.real - 1)} | above
 
 
-def told(tracks: Sequence[Track]) -> str:
+def told(tracks: Sequence[Track], units: Units) -> str:
     """The table of what was seen."""
+    def listed(omega: Sequence[float]) -> str | None:
+        return ", ".join(f"{at:.5g}" for at in omega) or None
+
     rows = []
     for item in tracks:
         row = item.row
         peaks = [float(at) for at in (row["peaks"] if row["peaks"] is not None else [])][:LISTED]
-        rows.append([look(item.kind).label, row["size"], row["rms"], ", ".join(f"{at:.5g}" for at in peaks) or None,
+        rows.append([look(item.kind).label, row["size"], row["rms"], listed(peaks),
+                     *([listed([at / (2 * np.pi) for at in peaks])] if units.known else []),
                      row["sticking"], row["energy_residual"], row["seconds"],
                      "yes" if row["complete"] else f"to t = {row['end']:.5g}"])
-    head = ["model", "DOF", "rms of v", "peaks (rad/time)", "sticking", "energy balance", "s", "complete"]
-    return table(head, rows, ["s", "d", ".5g", "s", ".1%", ".0e", ".2g", "s"])
+    head = ["model", "DOF", "rms of v", "peaks (rad/time)", *units.beside("peaks (Hz)"), "sticking", "energy balance", "s",
+            "complete"]
+    return table(head, rows, ["s", "d", ".5g", "s", *units.beside("s"), ".1%", ".0e", ".2g", "s"])
 
 
 def highest(tracks: Sequence[Track]) -> float:

@@ -19,11 +19,11 @@ class MatricesScene(ComponentScene):
     """A component whose matrices M, D and K are in files, in any consistent units."""
 
     M: str = key("", "the file of the mass matrix, relative to the scene file: Matrix Market, SciPy, MATLAB, Nastran OP4, "
-                 "Abaqus, CalculiX", required=True, example="M.mtx")
-    K: str = key("", "the file of the stiffness matrix", required=True, example="K.mtx")
-    D: str = key("", "the file of the damping matrix", otherwise="no damping", example="D.mtx")
+                 "Abaqus, CalculiX", required=True, example="M.mtx", file=True)
+    K: str = key("", "the file of the stiffness matrix", required=True, example="K.mtx", file=True)
+    D: str = key("", "the file of the damping matrix", otherwise="no damping", example="D.mtx", file=True)
     dofs: str = key("", "the file of the DOF map, where the matrices do not carry it in themselves: .dof, or 'node,component' a "
-                    "line", example="K.dof")
+                    "line", example="K.dof", file=True)
     massless: bool = key(False, "whether M may leave out DOF of K")
     interface: list[int | str] = key([], "interface DOF: counted from 0, or by the map as '12:uz', '12.3' (node and direction) "
                                      "or '12:*'", least=0, otherwise="none", example=[0])

@@ -12,8 +12,7 @@ from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, comple
 from femsub.app.figure_style import look
 from femsub.app.figures import eigenvalue_figure, error_time_figure
 from femsub.app.figures_modes import shapes_figure
-from femsub.app.report import machine
-from femsub.app.scene import Progress, Result, run_outputs
+from femsub.app.scene import Progress, Result, Writer, run_outputs
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
@@ -23,6 +22,7 @@ from femsub.studies.error_vs_time import border_or_reason
 from femsub.studies.tables import known, table
 
 DRAWN = 6  # of the normal modes
+PHASES = 12  # of a period, in which a complex mode is written
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 
 Part = Callable[[Work], Result]
@@ -34,7 +34,7 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
     parts = PARTS | dict(more or {})
     sub = work.sub
     data: dict[str, Any] = {
-        "scene": scene.name, "machine": machine(), "model": repr(sub), "size": sub.size, "interface": len(sub.interface),
+        "model": repr(sub), "size": sub.size, "interface": len(sub.interface),
         **scene.friction, "methods": scene.methods, "modes_kept": scene.modes, "ports": scene.ports}
     text = [f"{scene.name}: {sub!r}\n{scene.friction_words}"]
     if work.mesh is not None and work.mesh.repairs:
@@ -53,7 +53,8 @@ def _modes(work: Work) -> Result:
     found = work.normal
     rows = [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
             for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
-    said = table(["mode", "ω", "residual"], [[row["mode"], row["omega"], row["residual"]] for row in rows], ["d", ".6g", ".0e"])
+    said = table(["mode", "ω", "residual"], [[row["mode"], row["omega"], row["residual"]] for row in rows], ["d", ".6g", ".0e"],
+                 work.units.beside("ω"))
     limit, count = found.counted
     proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
     if found.unlisted:
@@ -64,7 +65,7 @@ def _modes(work: Work) -> Result:
     if mesh is None or shapes is None or not work.scene.figures:
         return Result({"modes": data}, {"modes": rows}, f"{head}\n{said}", {})
     titles, title = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows], f"{work.scene.name}: normal modes"
-    fields = {f"mode-{row['mode']:02d}": shapes[..., i] for i, row in enumerate(rows)}
+    fields = {f"mode-{row['mode']:02d} {work.units.frequency(row['omega'])}": shapes[..., i] for i, row in enumerate(rows)}
     return Result({"modes": data}, {"modes": rows}, f"{head}\n{said}",
                   {"modes": lambda: shapes_figure(mesh, shapes[..., :DRAWN], titles[:DRAWN], title, work.marks)},
                   {"modes.vtu": partial(_vtu, mesh, fields)})
@@ -89,7 +90,7 @@ def _critical(work: Work) -> Result:
     said = table(["model", "modes", "DOF", "critical slope", "at ω", "rel. error", "static port error"],
                  [[look(row["model"]).label, row["modes"] if row["model"] != "full" else None, row["size"],
                    known(row["slope"]), known(row["omega"]), known(row["error"]), row["port_error"]] for row in rows],
-                 ["s", "d", "d", ".6g", ".5g", ".1e", ".1e"])
+                 ["s", "d", "d", ".6g", ".5g", ".1e", ".1e"], work.units.beside("at ω"))
     notes = [f"{look(row['model']).label} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
     if any(row["omega"] == 0 for row in rows):
         notes.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
@@ -121,7 +122,8 @@ def _eigenvalues(work: Work) -> Result:
                  [[look(m["model"]).label, m["modes"] if m["model"] != "full" else None, m["size"], m["up_to"],
                    m["counted"], m["full_counted"], known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
                    int(np.sum(m["above_cutoff"])), m.get("shape_error")]
-                  for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", "d", ".1e"])
+                  for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", "d", ".1e"],
+                 work.units.beside("up to ω"))
     head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: completeness {exact.evidence})"
     columns = ("model", "modes", "size", "up_to", "growth", "full_growth", "is_stable", "shape_error")
     rows = [{key: m.get(key) for key in columns} for m in spectra]
@@ -179,8 +181,9 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     told = (f"least stable mode, recovered from {look(name).label} with {modes} modes ({model.size} DOF): λ = {value.real:.6g} "
             f"{value.imag:+.6g}i, full model {exact.eigenvalues[at].real:.6g} {exact.eigenvalues[at].imag:+.6g}i; backward error "
             f"in the full pencil {error:.1e}")
-    data = {"model": name, "modes": modes, "size": model.size, "eigenvalue": value, "full": complex(exact.eigenvalues[at]),
-            "backward_error": error}
+    told += f"; it oscillates at {value.imag:.6g} rad/time"
+    data = {"model": name, "modes": modes, "size": model.size, "eigenvalue": value, "omega": value.imag,
+            "full": complex(exact.eigenvalues[at]), "backward_error": error}
     mesh, whole = work.mesh, work.field(u)
     if mesh is None or whole is None or not work.scene.figures:
         return Result(data, {}, told, {})
@@ -192,8 +195,27 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     titles = ["real part", f"imaginary part, drawn {1 / small:.3g} times larger"]
     title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {look(name).label} with "
              f"{model.size} DOF")
+    named = f"{work.units.frequency(value.imag)} growth {value.real:.4g} 1/{work.units.time}"
+    files = {"least-stable.vtu": partial(_vtu, mesh, {f"real-part {named}": shape.real, f"imaginary-part {named}": shape.imag})}
     return Result(data, {}, told, {"least-stable": lambda: shapes_figure(mesh, parts, titles, title, work.marks)},
-                  {"least-stable.vtu": partial(_vtu, mesh, {"real-part": shape.real, "imaginary-part": shape.imag})})
+                  files | (_motion(mesh, shape, value.imag, named) if value.imag > 0 else {}))
+
+
+def _motion(mesh: Mesh, shape: Array, omega: float, named: str) -> dict[str, Writer]:
+    """Re(u e^(iωt)) over one period: least-stable.pvd, which ParaView animates, and the file of each phase that it lists."""
+    bare = Mesh(mesh.points, mesh.cells, mesh.kind)
+    times = {f"least-stable/phase-{k:02d}.vtu": 2 * np.pi * k / PHASES / omega for k in range(PHASES)}
+
+    def phase(time: float, file: BinaryIO) -> None:
+        _vtu(bare, {f"displacement {named}": (shape * np.exp(1j * omega * time)).real}, file)
+
+    def series(file: BinaryIO) -> None:
+        from femsub.io.mesh_files import series_bytes
+
+        file.write(series_bytes(times))
+
+    files: dict[str, Writer] = {"least-stable.pvd": series}
+    return files | {name: partial(phase, time) for name, time in times.items()}
 
 
 def _error_time(work: Work) -> Result:

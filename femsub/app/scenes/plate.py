@@ -21,7 +21,7 @@ class PlateScene(ComponentScene):
     """
 
     mesh: str = key("", "a mesh file of triangles or axis-parallel rectangles in a plane z = const, relative to the scene file",
-                    otherwise="a rectangle of lengths, elements and cells", example="plate.msh")
+                    otherwise="a rectangle of lengths, elements and cells", example="plate.msh", file=True)
     lengths: list[float] = key([0.4, 0.3], "the rectangle's sides", unit="m", above=0, form="[x, y]")
     elements: list[int] = key([32, 24], "numbers of cells along the rectangle's sides", least=1, form="[x, y]")
     cells: str = key("quad", "the rectangle's cells", choices=lambda _: ("quad", "triangle"))

@@ -25,7 +25,7 @@ class SolidScene(ComponentScene):
     """
 
     mesh: str = key("", "a mesh file of hexahedra or tetrahedra, relative to the scene file: whatever femsub.read_mesh reads",
-                    otherwise="a disc of radii, thickness and elements", example="part.msh")
+                    otherwise="a disc of radii, thickness and elements", example="part.msh", file=True)
     kind: str = key("", "the kind of cells: of a mesh file of several kinds that to take, or of the disc",
                     otherwise="the file's only kind; 'hexahedron20' of the disc", example="hexahedron20")
     radii: list[float] = key([0.05, 0.15], "the disc's radii", unit="m", above=0, form="[inner, outer]")

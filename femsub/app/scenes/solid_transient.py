@@ -12,7 +12,6 @@ from femsub import Belt, State, complex_modes, transient
 from femsub.app.figure_style import look
 from femsub.app.figures_transient import period_figure
 from femsub.app.keys import key
-from femsub.app.report import machine
 from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
 from femsub.app.scenes.component import Work
 from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, whole
@@ -80,15 +79,16 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
     window = ((1 - SETTLED) * long.t[-1], float(long.t[-1])) if long.complete else (0.0, 0.0)
     tracks = [track(kind, reference, long, window)]
     data: dict[str, Any] = {
-        "scene": scene.name, "machine": machine(), "model": repr(work.sub), "size": work.sub.size, **scene.friction,
+        "model": repr(work.sub), "size": work.sub.size, **scene.friction,
         "rayleigh": scene.rayleigh,
         "growth": rate, "omega": omega, "period": period, "periods": scene.periods, "compared": scene.compared,
         "impulse": scene.impulse, "tol": scene.tol, "full_tol": scene.full_tol, "models": [item.row for item in tracks]}
-    text = [f"{scene.name}: {work.sub!r}\n{scene.friction_words}; λ = {rate:.5g} + {omega:.6g}i grows, period {period:.4g}",
-            f"From a blow of {scene.impulse:g} over {scene.periods:g} periods\n{told(tracks)}"]
-    views: dict[str, Callable[[], Result]] = {"growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt),
-                                              "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
-                                              "spectrogram": lambda: spectrograms(tracks, 20 * period)}
+    text = [f"{scene.name}: {work.sub!r}\n{scene.friction_words}; a mode at {omega:.6g} rad/time grows (Re λ = {rate:.5g})",
+            f"From a blow of {scene.impulse:g} over {scene.periods:g} periods\n{told(tracks, scene.system)}"]
+    views: dict[str, Callable[[], Result]] = {
+        "growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt, scene.system),
+        "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
+        "spectrogram": lambda: spectrograms(tracks, 20 * period)}
 
     def error_time() -> Result:
         state = State(reference.expand(long.final.displacement), reference.expand(long.final.velocity))

@@ -1,0 +1,79 @@
+"""The inputs of a run, read from its results.json, so that the run can be repeated."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+from femsub import __version__
+from femsub.errors import FemsubWarning, InputError
+from femsub.io.atomic import content_hash
+
+
+def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
+    """The keys of the scene that a results.json holds, as in a scene file, and the folder in which its files are.
+
+    A file that is not where it was is looked for beside results.json.
+
+    Raises
+    ------
+    InputError
+        Not a results.json of a run; a file of the scene is missing, or no longer what it was.
+    """
+    told = results_of(path) or {}
+    inputs, files, versions = (told.get(key) for key in ("inputs", "files", "versions"))
+    if not (isinstance(inputs, dict) and isinstance(versions, dict) and isinstance(files, list)
+            and all(isinstance(item, dict) and {"path", "sha256"} <= item.keys() for item in files)):
+        raise InputError(f"{path} does not hold the inputs of a run; name a scene, a scene file, or the results.json of a run "
+                         "with --out")
+    keys = _without_empty(inputs)
+    for item in files:
+        place = path.parent / item["path"]
+        if not place.is_file():
+            place = path.parent / place.name
+            keys = _moved(keys, item["path"], place.name)
+        if not place.is_file():
+            raise InputError(f"{path} needs the file {item['path']}, which is neither there nor beside it")
+        now = hash_of(place)
+        if now != item["sha256"]:
+            raise InputError(f"{place} has changed since the run of {path}: its SHA-256 was {item['sha256'][:12]}… and is "
+                             f"{now[:12]}…. Put the old file back, or run the scene file")
+    if (then := versions.get("femsub")) != __version__:
+        warnings.warn(f"{path} was written by femsub {then}, and this is {__version__}: figures may differ", FemsubWarning,
+                      stacklevel=2)
+    return keys, path.parent
+
+
+def results_of(path: Path) -> dict[str, Any] | None:
+    """What a results.json holds; None if it is no such file."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return told if isinstance(told, dict) and "scene" in told else None
+
+
+def hash_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return content_hash(file)
+
+
+def _without_empty(value: Any) -> Any:
+    """Tables without the keys that were left out, which take their defaults."""
+    if isinstance(value, list):
+        return [_without_empty(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    return {key: _without_empty(item) for key, item in value.items() if item not in (None, "", [])}
+
+
+def _moved(value: Any, old: str, new: str) -> Any:
+    """Tables in which a file has another name; 'model.mat:K' names the matrix K in it."""
+    if isinstance(value, list):
+        return [_moved(item, old, new) for item in value]
+    if isinstance(value, dict):
+        return {key: _moved(item, old, new) for key, item in value.items()}
+    return new + value[len(old):] if isinstance(value, str) and (value == old or value.startswith(f"{old}:")) else value

@@ -1,0 +1,144 @@
+"""What a run rests on, written into its results.json: all inputs, hashes of files, versions, machine, date and commit."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, is_dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from femsub.app.inputs import hash_of, results_of
+from femsub.app.keys import item_kind, keys_of, kinds
+from femsub.app.report import machine, versions, write
+from femsub.app.scene import SCENES, Progress, Result, Scene
+from femsub.errors import FemsubWarning, InputError
+from femsub.io.mesh_text import texts_read
+
+#: the paper whose study the scenes of the chain repeat
+PAPER = ("the conference paper that compares Hurty/Craig-Bampton and Craig-Chang on a chain of masses on a belt "
+         "(section Vehicle Noise and Vibration)")
+RESULTS = "results.json"
+OURS = (".json", ".csv", ".png", ".vtu", ".pvd")  # endings of what scenes write
+NAMED = 5  # files that a message lists
+
+
+class Record:
+    """A run whose results go into a folder: it is made before the run begins.
+
+    Raises
+    ------
+    InputError
+        The folder holds the results of another scene.
+    """
+
+    def __init__(self, scene: Scene, folder: Path) -> None:
+        self.scene, self.folder = scene, folder
+        self.last = _last(scene, folder)
+        keys = asdict(scene)
+        self.inputs: dict[str, Any] = {"scene": _kind(scene)} | {name: keys[name] for name in keys_of(type(scene))}
+        self.files: list[dict[str, Any]] = []
+        for table, name in _file_keys(type(scene), self.inputs):
+            path, matrix = _named_file(Path(keys.get("folder", ".")) / table[name])
+            self.files += self._told([path])
+            table[name] = self._place(path) + matrix
+
+    def run(self, run: Callable[[Scene, Progress], Result], progress: Progress) -> Result:
+        """Runs the scene; text files that its files include are noted."""
+        with texts_read() as texts:
+            result = run(self.scene, progress)
+        known = {item["path"] for item in self.files}
+        self.files += self._told(path for path in dict.fromkeys(texts) if self._place(path) not in known)
+        return result
+
+    def write(self, result: Result) -> list[Path]:
+        """Writes the results, takes away what only the last run of this scene wrote, and warns of other files of results."""
+        drawn = {name: number for name, number in self.scene.PAPER.items() if name in result.drawings and self.scene.figures}
+        told: dict[str, Any] = {
+            "scene": self.scene.name, "date": datetime.now(UTC).isoformat(timespec="seconds"), "versions": versions(),
+            "machine": machine(), "inputs": self.inputs, "files": self.files}
+        if drawn:
+            told["paper"] = {"paper": PAPER, "figures": {f"{name}.png": number for name, number in drawn.items()}}
+        notes = {name: f"corresponds to {number} of {PAPER}" for name, number in drawn.items()}
+        written = write(replace(result, data=told | result.data), self.folder, self.scene.figures, units=self.scene.system,
+                        notes=notes)
+        names = {path.relative_to(self.folder).as_posix() for path in written}
+        inputs = {item["path"] for item in self.files}
+        _remove(self.folder, [name for name in self.last if name not in names | inputs])
+        strange = sorted({path.name for path in self.folder.iterdir() if path.suffix in OURS} - names - inputs)
+        if strange:
+            warnings.warn(f"{self.folder} also holds files that are not of this run: {_listed(strange)}", FemsubWarning,
+                          stacklevel=2)
+        return written
+
+    def _place(self, path: Path) -> str:
+        """A file as seen from the folder of the results, with which it may be moved."""
+        whole = Path(os.path.realpath(path.parent)) / path.name
+        return Path(os.path.relpath(whole, os.path.realpath(self.folder))).as_posix()
+
+    def _told(self, paths: Iterable[Path]) -> list[dict[str, Any]]:
+        """Place, hash and size of each; what is wrong with one that cannot be read, the scene says."""
+        return [{"path": self._place(path), "sha256": hash_of(path), "bytes": path.stat().st_size} for path in paths
+                if path.is_file() and os.access(path, os.R_OK)]
+
+
+def _file_keys(kind: type, table: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
+    """The keys of a scene, and of the tables in it, that name a file: the table and the key."""
+    for name, one in keys_of(kind).items():
+        value = table.get(name)
+        if one.key.file and value:
+            yield table, name
+        for part in kinds(one.type):
+            inner = item_kind(part) or part
+            if is_dataclass(inner) and value:
+                for item in value if isinstance(value, list) else [value]:
+                    yield from _file_keys(inner, item)  # type: ignore[arg-type]
+
+
+def _named_file(path: Path) -> tuple[Path, str]:
+    """The file and ':K' of 'model.mat:K', where no file has the whole as its name."""
+    if path.is_file() or ":" not in path.name:
+        return path, ""
+    file, _, matrix = path.name.rpartition(":")
+    return path.with_name(file), f":{matrix}"
+
+
+def _kind(scene: Scene) -> str:
+    module = type(scene).__module__.rpartition(".")[2]
+    return next(kind for kind, (name, _) in SCENES.items() if name == module)
+
+
+def _last(scene: Scene, folder: Path) -> list[str]:
+    """The files that the last run of this scene wrote into the folder."""
+    place = folder / RESULTS
+    if not place.exists():
+        return []
+    told = results_of(place)
+    if told is None:
+        raise InputError(f"{place} was not written by femsub; choose another folder for --out")
+    inputs = told.get("inputs", {})
+    if (told["scene"], inputs.get("scene", _kind(scene))) != (scene.name, _kind(scene)):
+        others = [path.name for path in sorted(folder.iterdir()) if path.suffix in OURS]
+        raise InputError(f"the output folder {folder} holds the results of another scene, {told['scene']!r} ({_listed(others)}); "
+                         "choose another folder for --out, or delete them")
+    return [name for name in told.get("written", []) if isinstance(name, str)]
+
+
+def _remove(folder: Path, names: Sequence[str]) -> None:
+    """Deletes files of the last run, and the folders that are empty then; nothing outside of the folder."""
+    for name in names:
+        path = folder / name
+        if ".." in path.parts or path.is_absolute() != folder.is_absolute() or folder not in path.parents or not path.is_file():
+            continue
+        path.unlink()
+        for parent in path.parents:
+            if parent == folder or any(parent.iterdir()):
+                break
+            parent.rmdir()
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - NAMED
+    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,79 @@
+"""Units that a scene names: with them Hz stands beside rad/s, and m/s for "length/time", in what is told, written and drawn."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import pi
+from typing import Any
+
+#: keys of results that hold rad per unit of time, as numbers or lists of them
+FREQUENCIES = ("omega", "omega_of_cea", "up_to", "cutoff", "band", "family", "counted_below", "peaks")
+_NUMBER = r"[-+]?\d[\d.]*(?:e[-+]?\d+)?"
+_TOLD = re.compile(rf"(?:({_NUMBER}) to )?({_NUMBER}) rad/time")
+_BRACKETED = re.compile(r"\[[^\]]*\]")
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units of a scene's numbers; plain words where nobody has said which they are."""
+
+    length: str = "length"
+    time: str = "time"
+    mass: str = "mass"
+    force: str = "force"
+
+    @property
+    def known(self) -> bool:
+        """Whether the scene has named them; then the unit of time is the second."""
+        return self.time == "s"
+
+    def beside(self, *columns: str) -> tuple[str, ...]:
+        """The columns of a table that have Hz beside them: these, or none."""
+        return columns if self.known else ()
+
+    def frequency(self, omega: float) -> str:
+        """'123.4 Hz', or '775.2 rad/time'."""
+        return f"{omega / (2 * pi):.4g} Hz" if self.known else f"{omega:.4g} rad/time"
+
+    def said(self, text: str) -> str:
+        """A text or label with these units: 'to 775 rad/time' becomes 'to 775 rad/s (to 123 Hz)', '[length]' becomes '[m]'."""
+        if not self.known:
+            return text
+        text = _TOLD.sub(lambda found: f"{found[0][:-4]}s ({_range(found)} Hz)", text).replace("rad/time", "rad/s")
+        words = re.compile(r"\b(length|time|mass|force)\b")
+        return _BRACKETED.sub(lambda found: words.sub(lambda word: str(getattr(self, word[0])), found[0]), text)
+
+    def with_hertz(self, data: Any) -> Any:
+        """Results in which each of `FREQUENCIES` is followed by itself in Hz: 'omega' by 'frequency_hz', 'band' by 'band_hz'.
+
+        Texts are `said`.
+        """
+        if not self.known:
+            return data
+        if isinstance(data, str):
+            return self.said(data)
+        if isinstance(data, (list, tuple)):
+            return [self.with_hertz(item) for item in data]
+        if not isinstance(data, Mapping):
+            return data
+        found: dict[str, Any] = {}
+        for key, value in data.items():
+            found[key] = self.with_hertz(value)
+            if key in FREQUENCIES and value is not None:
+                found[f"{key.replace('omega', 'frequency')}_hz"] = _hertz(value)
+        return found
+
+
+UNKNOWN = Units()
+SYSTEMS = {"SI": Units("m", "s", "kg", "N"), "mm-t-s": Units("mm", "s", "t", "N")}
+
+
+def _hertz(value: Any) -> Any:
+    return [_hertz(item) for item in value] if hasattr(value, "__iter__") else float(value) / (2 * pi)
+
+
+def _range(found: re.Match[str]) -> str:
+    lo, hi = found.groups()
+    return f"{float(hi) / (2 * pi):.4g}" if lo is None else f"{float(lo) / (2 * pi):.4g} to {float(hi) / (2 * pi):.4g}"

@@ -1,0 +1,307 @@
+"""Results that stand alone: a run is repeated from them, changed files are told, units are those named, nothing is mixed."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+
+import femsub as fs
+from femsub.app.cli import main
+from femsub.app.report import commit
+from femsub.app.scene import SCENES, load
+from femsub.app.units import SYSTEMS, UNKNOWN
+
+#: a small model of each scene
+SMALL = {
+    "chain": 'belts = [1, 2]\nsizes = [3, 5]\nrepeats = 1\nunits = "SI"\n',
+    "matrices": 'M = "M.npz"\nK = "model.mat:K"\ninterface = [0]\nport = 1\nmodes = [6]\nband = [0.0, 0.4]\nslope = -0.1\n'
+                'repeats = 1\n',
+    "beam": 'elements = 40\nmodes = [8]\nrepeats = 1\nunits = "SI"\n',
+    "plate": 'elements = [8, 6]\nmodes = [8]\nrepeats = 1\n',
+    "solid": 'mesh = "part.inp"\nsupports = ["left"]\ninterface = ["right:y"]\ncontact = "top"\nmodes = [8]\nrepeats = 1\n',
+    "chain-transient": 'time = [0, 300]\nwindow = [100, 300]\nlength = 100\n',
+    "solid-transient": 'elements = [2, 12, 1]\nmodes = [20]\nmethods = ["CC"]\nperiods = 20\ncompared = 4\n'
+                       'outputs = ["spectrum"]\n',
+    "chain-limit-cycle": 'band = [0.6, 0.9]\nfamilies = 1\ndots = 1\nperiods = 20\nharmonics = 20\npoints = 6\n'
+                         'methods = ["CC"]\n',
+    "plate-limit-cycle": 'elements = [4, 3]\nmodes = [8]\noutputs = ["cycles"]\n',
+}
+CHAIN = 'belts = [2]\nsizes = [3, 5]\noutputs = ["critical-slope", "size-sweep"]\nfigures = false\n'
+CLOCK = {"date", "sentence", "seconds", "seconds_per_period", "speedup", "recommended", "pareto"}  # what the clock decides
+
+
+def scene_file(folder: Path, name: str, text: str | None = None) -> str:
+    """A scene file with the files it names."""
+    folder.mkdir(exist_ok=True)
+    if name == "matrices":
+        chain = fs.chain(20, belt=2)
+        scipy.sparse.save_npz(folder / "M.npz", scipy.sparse.csc_matrix(chain.M))
+        scipy.io.savemat(folder / "model.mat", {"K": scipy.sparse.csc_matrix(chain.K), "other": np.eye(2)})
+    if name == "solid":
+        block = fs.block((0.1, 0.06, 0.01), (4, 3, 1), "hexahedron20")
+        fs.write_mesh(folder / "nodes.inp", block)
+        (folder / "part.inp").write_text("*INCLUDE, INPUT=nodes.inp\n")
+    path = folder / "scene.toml"
+    path.write_text(f'scene = "{name}"\n{SMALL[name] if text is None else text}', encoding="utf-8")
+    return str(path)
+
+
+def results(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
+
+
+def difference(one: Any, other: Any, where: str = "") -> list[str]:
+    """Where two results differ by more than 1e-12, times and dates apart."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        keys = [key for key in one.keys() | other.keys() if key not in CLOCK and not key.endswith("_s")]
+        return [line for key in keys for line in difference(one.get(key), other.get(key), f"{where}/{key}")]
+    if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        return [line for at, pair in enumerate(zip(one, other, strict=True)) for line in difference(*pair, f"{where}[{at}]")]
+    same = abs(one - other) <= 1e-12 * max(1.0, abs(one)) if isinstance(one, float) and isinstance(other, float) else one == other
+    return [] if same else [f"{where}: {one} {other}"]
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_run_is_repeated_from_its_results(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = scene_file(tmp_path / "here", name)
+    assert main(["run", scene, "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "out/results.json", "--out", "deep/again"]) == 0
+    first, second = results(tmp_path / "out"), results(tmp_path / "deep" / "again")
+    for told in (first, second):  # seen from another folder
+        for item in told["files"]:
+            item["path"] = Path(item["path"]).name
+        told["inputs"] = {key: Path(value).name if key in ("mesh", "M", "K") else value for key, value in told["inputs"].items()}
+    assert not difference(first, second)
+    assert first["inputs"]["scene"] == name and len(first["written"]) > 1
+
+
+def test_each_kind_of_scene_is_repeated() -> None:
+    assert set(SMALL) == set(SCENES)
+
+
+def test_what_the_comparison_would_see() -> None:
+    assert len(difference({"a": [1.0, {"b": 2.0}], "c_s": 1.0}, {"a": [1.0, {"b": 2.0 + 1e-11}], "c_s": 9.0})) == 1
+    assert difference({"a": None}, {"a": 0.0}) and difference([1], [1, 2]) and not difference([1e-14], [2e-14])
+
+
+def test_all_inputs_and_what_the_run_rests_on_are_told(tmp_path: Path) -> None:
+    assert main(["run", scene_file(tmp_path, "solid"), "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    told = results(tmp_path / "out")
+    scene = load(str(tmp_path / "scene.toml"))[0]
+    assert told["inputs"]["supports"] == ["left"] and told["inputs"]["rayleigh"] == scene.rayleigh  # type: ignore[attr-defined]
+    assert told["inputs"]["rho"] == 7850.0 and "folder" not in told["inputs"]
+    assert {item["path"] for item in told["files"]} == {"../part.inp", "../nodes.inp"}  # with the file that the mesh includes
+    assert all(len(item["sha256"]) == 64 and item["bytes"] == (tmp_path / "out" / item["path"]).stat().st_size
+               for item in told["files"])
+    assert told["versions"]["femsub"] == fs.__version__ and {"python", "numpy", "scipy", "commit"} <= set(told["versions"])
+    assert set(told["machine"]) == {"cpu", "cores", "system"} and told["date"].endswith("+00:00")
+
+
+def test_the_package_that_factorised_is_told(tmp_path: Path) -> None:
+    code = "import sys; from femsub.app.cli import main; sys.exit(main(sys.argv[1:]))"
+    scene = scene_file(tmp_path, "beam", 'elements = 200\nmodes = [8]\noutputs = ["modes"]\n')
+    subprocess.run([sys.executable, "-c", code, "run", scene, "--no-figures", "--out", str(tmp_path / "out")], check=True,
+                   capture_output=True)
+    versions = results(tmp_path / "out")["versions"]
+    assert {"PETSc", "SLEPc"} <= set(versions) and set(versions["factors"]) & {"mumps", "cholmod", "petsc"}
+
+
+@pytest.mark.parametrize(("name", "changed"), [("solid", "part.inp"), ("solid", "nodes.inp"), ("matrices", "model.mat"),
+                                               ("matrices", "M.npz")])
+def test_a_file_that_has_changed_since_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str,
+                                               changed: str) -> None:
+    assert main(["run", scene_file(tmp_path, name), "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    with (tmp_path / changed).open("ab") as file:
+        file.write(b"\n")
+    assert main(["run", str(tmp_path / "out" / "results.json")]) == 2
+    said = capsys.readouterr()
+    assert f"{changed} has changed since the run" in said.err and said.err.count("\n") == 1 and not said.out
+
+
+@pytest.mark.parametrize("name", ["solid", "matrices"])
+def test_files_beside_the_results_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    assert main(["run", scene_file(tmp_path / "there", name), "--no-figures", "--out", str(tmp_path / "there" / "out")]) == 0
+    (tmp_path / "sent").mkdir()
+    shutil.copy(tmp_path / "there" / "out" / "results.json", tmp_path / "sent")
+    needed = [Path(item["path"]).name for item in results(tmp_path / "sent")["files"]]
+    for file in needed[:-1]:
+        shutil.copy(tmp_path / "there" / file, tmp_path / "sent")
+    capsys.readouterr()
+    assert main(["run", str(tmp_path / "sent" / "results.json")]) == 2
+    assert f"needs the file ../{needed[-1]}, which is neither there nor beside it" in capsys.readouterr().err
+    shutil.copy(tmp_path / "there" / needed[-1], tmp_path / "sent")
+    assert main(["run", str(tmp_path / "sent" / "results.json")]) == 0
+
+
+def test_another_version_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene_file(tmp_path, "chain", CHAIN), "--out", str(tmp_path / "out")]) == 0
+    path = tmp_path / "out" / "results.json"
+    path.write_text(path.read_text().replace(f'"femsub": "{fs.__version__}"', '"femsub": "0.0.1"'))
+    assert main(["run", str(path)]) == 0
+    assert "was written by femsub 0.0.1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("content", ["", "[1]", "{}", '{"scene": "chain"}', "[" * 9999,
+                                     '{"scene": "a", "inputs": {}, "files": [1], "versions": {}}',
+                                     '{"scene": "chain", "inputs": 3, "files": [], "versions": {}}'])
+def test_a_json_file_that_is_no_run_ends_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str) -> None:
+    (tmp_path / "results.json").write_text(content)
+    assert main(["run", str(tmp_path / "results.json")]) == 2
+    said = capsys.readouterr().err
+    assert "does not hold the inputs of a run" in said and said.count("\n") == 1
+
+
+def test_the_commit_is_that_of_the_clone_the_folder_is_part_of(tmp_path: Path) -> None:
+    assert commit(tmp_path) is None
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=b@c"]
+    subprocess.run([*git, "init", "-q"], check=True)
+    package, guest = tmp_path / "package", tmp_path / "guest"
+    for folder in (package, guest):
+        folder.mkdir()
+        (folder / "__init__.py").write_text("")
+    subprocess.run([*git, "add", "package"], check=True)
+    subprocess.run([*git, "commit", "-qm", "first"], check=True)
+    head = subprocess.run([*git, "rev-parse", "HEAD"], check=True, capture_output=True, text=True).stdout.strip()
+    assert commit(package) == head and commit(guest) is None
+    (package / "__init__.py").write_text("changed")
+    assert commit(package) == f"{head}-dirty"
+
+
+# ---- the folder
+
+
+def test_results_of_another_scene_are_told_before_anything_is_computed(tmp_path: Path, capsys: pytest.CaptureFixture[str],
+                                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    assert main(["run", scene_file(tmp_path / "one", "chain", CHAIN), "--out", str(tmp_path / "out")]) == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    from femsub.app.scenes import beam, chain
+
+    for module in (beam, chain):
+        monkeypatch.setattr(module, "run", lambda *_: pytest.fail("it was run"))
+    capsys.readouterr()
+    for name, text in (("beam", SMALL["beam"]), ("chain", CHAIN + 'name = "another"\n')):
+        assert main(["run", scene_file(tmp_path / "other", name, text), "--out", str(tmp_path / "out")]) == 2
+        said = capsys.readouterr().err
+        assert "holds the results of another scene, 'chain' (critical-slope.csv, results.json, size-sweep.csv)" in said
+        assert said.count("\n") == 1
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+
+
+def test_what_only_the_last_run_wrote_goes_and_what_is_yours_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    text = 'elements = 20\nmodes = [8]\nrepeats = 1\nfigures = true\noutputs = ["{}"]\n'
+    assert main(["run", scene_file(tmp_path, "beam", text.format("eigenvalues")), "--out", str(out)]) == 0
+    assert (out / "least-stable" / "phase-00.vtu").exists() and (out / "least-stable.pvd").exists()
+    (out / "notes.txt").write_text("mine")
+    (out / "mine.png").write_text("mine")
+    capsys.readouterr()
+    assert main(["run", scene_file(tmp_path, "beam", text.format("critical-slope")), "--out", str(out)]) == 0
+    assert {path.name for path in out.iterdir()} == {"results.json", "critical-slope.csv", "notes.txt", "mine.png"}
+    said = capsys.readouterr().err
+    assert "also holds files that are not of this run: mine.png" in said and "notes.txt" not in said
+
+
+def test_nothing_outside_of_the_folder_is_ever_taken_away(tmp_path: Path) -> None:
+    out, mine = tmp_path / "out", tmp_path / "mine.csv"
+    assert main(["run", scene_file(tmp_path, "chain", CHAIN), "--out", str(out)]) == 0
+    mine.write_text("mine")
+    told = results(out)
+    told["written"] += ["../mine.csv", str(mine), "least/../../mine.csv", 3, "gone.csv"]
+    (out / "results.json").write_text(json.dumps(told))
+    assert main(["run", scene_file(tmp_path, "chain", CHAIN), "--out", str(out)]) == 0
+    assert mine.read_text() == "mine"
+
+
+def test_a_results_json_that_is_not_ours_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "results.json").write_text("mine")
+    assert main(["run", scene_file(tmp_path, "chain", CHAIN), "--out", str(tmp_path / "out")]) == 2
+    assert "was not written by femsub" in capsys.readouterr().err
+    assert (tmp_path / "out" / "results.json").read_text() == "mine"
+
+
+# ---- units
+
+
+BEAM = 'elements = 20\nmodes = [8]\noutputs = ["modes", "critical-slope"]\nfigures = false\n'
+IN_MM = ('length = 1000.0\nwidth = 20.0\nheight = 10.0\nE = 2.1e5\nrho = 7.85e-9\ncontact = 350.0\nspeed = 191.13\neps = 1.0\n'
+         'law = "stribeck-arctan"\n')
+
+
+def test_without_units_none_is_claimed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene_file(tmp_path, "beam", BEAM), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    assert "Hz" not in said and "rad/s" not in said and "rad/time" in said
+    assert "hz" not in (tmp_path / "out" / "results.json").read_text() + (tmp_path / "out" / "modes.csv").read_text()
+
+
+def test_hertz_stand_beside_rad_per_second_in_each_system(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = {}
+    for units, more in (("SI", ""), ("mm-t-s", IN_MM)):
+        out = tmp_path / f"out-{units}"
+        assert main(["run", scene_file(tmp_path, "beam", f'{BEAM}units = "{units}"\n{more}'), "--out", str(out)]) == 0
+        said, data = capsys.readouterr().out, results(out)
+        assert "rad/time" not in said and f"{data['band'][1]:.6g} rad/s (0 to {data['band_hz'][1]:.4g} Hz)" in said
+        for row in data["modes"]["rows"]:
+            assert row["frequency_hz"] == pytest.approx(row["omega"] / (2 * np.pi), rel=1e-15)
+            assert f"{row['frequency_hz']:.6g}" in said
+        with open(out / "critical-slope.csv", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        assert [float(row["frequency_hz"]) for row in rows] == [row["frequency_hz"] for row in data["critical-slope"]]
+        found[units] = [row["frequency_hz"] for row in data["modes"]["rows"]]
+    assert found["SI"] == pytest.approx(found["mm-t-s"], rel=1e-6)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ('units = "mks"', "unknown units 'mks'"), ('units = "mm-t-s"', "'E' has its default 2.1e+11, which is in SI units"),
+    ('units = "mm-t-s"\nE = 2.1e5', "'rho' has its default 7850")])
+def test_units_that_cannot_be_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str) -> None:
+    assert main(["run", scene_file(tmp_path, "beam", text)]) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("plain", "said"), [
+    ("to 6.28319 rad/time", "to 6.28319 rad/s (1 Hz)"),
+    ("band 0 to 6.28319e+03 rad/time", "band 0 to 6.28319e+03 rad/s (0 to 1000 Hz)"),
+    ("ω  [rad/time]", "ω  [rad/s]"), ("v  [length/time]", "v  [mm/s]"), ("in time, of length 3", "in time, of length 3")])
+def test_texts_and_labels_take_the_units(plain: str, said: str) -> None:
+    assert SYSTEMS["mm-t-s"].said(plain) == said and UNKNOWN.said(plain) == plain
+
+
+def test_figures_have_an_axis_in_hertz(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    from femsub.app.figure_style import render
+    from femsub.app.figures import eigenvalue_figure
+
+    models = [{"panel": panel, "eigenvalues": np.array([1j, 2 + 6j]), "above_cutoff": np.zeros(2, bool), "model": "full",
+               "size": 3} for panel in ("one", "two")]
+    for units, expected in ((UNKNOWN, []), (SYSTEMS["SI"], ["f  [Hz]"])):
+        made = []
+        with (tmp_path / "figure.png").open("wb") as file:
+            render(lambda made=made: made.append(eigenvalue_figure(models, "both")) or made[0], file, units, "as Fig. 4")
+        axes = made[0].axes
+        assert [child.get_ylabel() for axis in axes for child in axis.child_axes] == expected
+        assert axes[0].get_ylabel() == ("Im λ  [rad/s]" if expected else "Im λ  [rad/time]")
+        assert made[0].findobj(lambda artist: getattr(artist, "get_text", str)() == "as Fig. 4")
+        for child in axes[-1].child_axes:
+            assert np.array(child.get_ylim()) * 2 * np.pi == pytest.approx(np.array(axes[-1].get_ylim()))
+
+
+def test_the_paper_is_named_with_the_figures_that_correspond_to_its_own(tmp_path: Path) -> None:
+    text = CHAIN.replace("false", "true").replace('"critical-slope"', '"friction", "critical-slope"')
+    assert main(["run", scene_file(tmp_path, "chain", text), "--out", str(tmp_path / "out")]) == 0
+    paper = results(tmp_path / "out")["paper"]
+    assert paper["figures"] == {"friction.png": "Fig. 2", "size-sweep.png": "Fig. 3b"} and "conference paper" in paper["paper"]
+    assert main(["run", scene_file(tmp_path, "chain", CHAIN), "--out", str(tmp_path / "out")]) == 0
+    assert "paper" not in results(tmp_path / "out")  # nothing was drawn
