@@ -124,7 +124,7 @@ def test_a_very_wide_stick_slip_transition_is_no_overflow() -> None:
 
 
 def _femsub(words: str, *, out: str | None = None) -> subprocess.CompletedProcess[str]:
-    command = f"{sys.executable} -m femsub.app.cli {words}" + (f" > {out}" if out else "")
+    command = f"{sys.executable} -m femsub {words}" + (f" > {out}" if out else "")
     return subprocess.run(["bash", "-c", f"set -o pipefail; {command}"], capture_output=True, text=True, check=False)
 
 
