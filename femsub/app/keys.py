@@ -197,7 +197,7 @@ def check_keys(scene: Any, where: str = "") -> None:
             raise InputError(f"{name}: {twice[0]!r} is listed {value.count(twice[0])} times")
         for place, item in enumerate(value if isinstance(value, list) else [value], 1):
             _bounded(name, item, one, f" in place {place}" if isinstance(value, list) and len(value) > 1 else "")
-            if known.choices is not None:
+            if known.choices is not None and isinstance(item, str):
                 choice(name.removesuffix("s") if isinstance(value, list) else name, item, known.choices(type(scene)))
 
 
