@@ -33,7 +33,7 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
     _scene_argument(run, "a name from `femsub scenes`, the path of a TOML file, or a results.json: that run again", files=True)
     out = run.add_argument("--out", metavar="DIR",
-                           help="write results.json, tables (CSV) and figures there; else nothing is written")
+                           help="write results.json, one CSV file per table and figures there; else nothing is written")
     out.complete = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}  # type: ignore[attr-defined]
     run.add_argument("--no-figures", action="store_true", help="draw nothing")
     loud = run.add_mutually_exclusive_group()
