@@ -204,3 +204,143 @@ def test_the_cutoff_is_the_least() -> None:
     parts, joints, _ = cut(20, 2)
     made = {name: fs.reduce(part, fs.CraigBampton(3 + i), ports=True) for i, (name, part) in enumerate(parts.items())}
     assert fs.couple(made, joints).cutoff == min(part.cutoff for part in made.values()) < np.inf
+
+
+# springs and the ground
+
+
+@pytest.mark.parametrize("how", list(HOW))
+def test_springs_between_parts_are_the_springs_of_the_chain(how: str) -> None:
+    whole = fs.chain(9, springs=np.linspace(1, 2, 9))
+    left = fs.chain(4, springs=np.linspace(1, 2, 9)[:4], interface=[4], damping=0.0)
+    right = fs.chain(5, belt=1, springs=np.linspace(1, 2, 9)[4:], interface=[1], fixed=False, damping=0.0)
+    k = float(np.linspace(1, 2, 9)[4])
+    parts = {"l": HOW[how](left), "r": HOW[how](right)}
+    system = fs.couple(parts, [fs.Spring(("l", [3]), ("r", "belt"), stiffness=k, damping=0.2),
+                               fs.Spring(("l", [3]), damping=[[0.1]])])
+    agree(system, elastic(whole))
+    u = system.expand(np.eye(9))
+    d = u["l"][3] - u["r"][0]
+    np.testing.assert_allclose(system.D.toarray() if sp.issparse(system.D) else system.D,
+                               0.2 * np.outer(d, d) + 0.1 * np.outer(u["l"][3], u["l"][3]), atol=1e-12)
+    assert len(system.interface) == 2  # springs take no DOF
+
+
+@pytest.mark.parametrize("how", list(HOW))
+def test_the_ground_holds(how: str) -> None:
+    whole = fs.beam(1.0, 8, **STEEL, supports={"left": "clamped", "right": "clamped"})
+    part = HOW[how](fs.beam(1.0, 8, **STEEL, supports={"left": "clamped"}, interface=["right"]))
+    held = fs.couple({"b": part}, [fs.Rigid(("b", "right"), "ground")])
+    agree(held, elastic(whole), 2e-9)
+    assert not len(held.interface)
+    np.testing.assert_allclose(held.expand(np.eye(held.size))["b"][-2:], 0.0, atol=1e-10)
+    soft = fs.couple({"b": part}, [fs.Spring(("b", "right"), stiffness=np.diag([3e3, 50.0]))])
+    reference = fs.beam(1.0, 8, **STEEL, supports={"left": "clamped"})
+    K = reference.K.toarray()
+    K[[-2, -1], [-2, -1]] += [3e3, 50.0]
+    np.testing.assert_allclose(np.sqrt(elastic(soft)), np.sqrt(la.eigh(K, reference.M.toarray(), eigvals_only=True)), rtol=2e-9)
+
+
+def test_a_spring_takes_no_side() -> None:
+    parts = {"a": fs.beam(1.0, 3, **STEEL, interface=["left", "right"]), "b": fs.beam(1.0, 4, **STEEL, interface=["left"])}
+    k = np.array([[2e3, 40.0], [40.0, 10.0]])
+    one, other = (fs.couple(parts, [fs.Spring(*ends, stiffness=k, tolerance=1.5)]) for ends in
+                  itertools.permutations([("a", "right"), ("b", "left")]))
+    assert not (one.K != other.K).nnz
+    d = np.zeros(one.size)
+    d[6:8], d[8:10] = (1.0, 0.5), (0.2, 0.1)
+    relative = d[6:8] - d[8:10]
+    bare = sp.block_diag([part.K for part in parts.values()])
+    assert d @ (one.K @ d) - d @ (bare @ d) == pytest.approx(relative @ k @ relative)
+
+
+def test_a_joint_of_your_own_is_one_class() -> None:
+    from femsub.model.joints import Joint, Link
+
+    class Lever(Joint):
+        """u_a = -2 u_b."""
+
+        def link(self, parts: Mapping[str, fs.Substructure]) -> Link:
+            return Link({"a": np.array([[1.0]]), "b": np.array([[2.0]])})
+
+    parts = {"a": fs.chain(3, interface=[3]), "b": fs.chain(4, interface=[1], fixed=False)}
+    system = fs.couple(parts, [Lever()])
+    u = system.expand(np.eye(6))
+    np.testing.assert_allclose(u["a"][2], -2 * u["b"][0])
+    M, K = (sum(u[name].T @ getattr(part, key) @ u[name] for name, part in parts.items()) for key in "MK")
+    np.testing.assert_allclose(system.K.toarray(), K, atol=1e-14)
+    np.testing.assert_allclose(system.M.toarray(), M, atol=1e-14)
+
+
+# what cannot be joined
+
+
+def three() -> dict[str, fs.Substructure]:
+    return {"disc": fs.beam(1.0, 3, **STEEL, interface=["left", "right"], ports={"tip": "right"}),
+            "pad": fs.beam(1.0, 3, **STEEL, interface=["left"]), "arm": fs.chain(4, interface=[1, 4])}
+
+
+WELD = fs.Rigid(("disc", "left"), ("pad", "left"))
+
+
+@pytest.mark.parametrize(("joints", "words"), [
+    ([WELD], "the part 'arm' is joined to nothing"),
+    ([], "the part 'disc' is joined to nothing"),
+    ([WELD, fs.Rigid(("arm", [0]), ("plate", "left"))], "unknown part 'plate'; did you mean 'pad'"),
+    ([fs.Rigid(("disc", "middle"), ("pad", "left"))],
+     r"Rigid\(disc.middle, pad.left\): unknown interface set of 'disc' 'middle'"),
+    ([fs.Rigid(("disc", "right"), ("pad", "left"))],
+     r"disc.right and pad.left do not meet at w at node 4 of 'disc': .* is 1 away"),
+    ([fs.Rigid(("disc", [2]), ("arm", [0]))], "DOF 2 of 'disc' is no interface DOF"),
+    ([fs.Rigid(("disc", "left"), ("arm", [0]))], r"disc.left has 2 DOF, but arm\[0\] 1"),
+    ([fs.Rigid(("disc", "left"), ("disc", "left"))], "disc.left is joined to itself"),
+    ([fs.Rigid(("disc", [0, 0]), ("arm", [0, 3]))], "lists a DOF of 'disc' twice"),
+    ([fs.Rigid(("disc", [0.5]), ("arm", [0]))], "must list whole numbers"),
+    ([fs.Rigid("disc", ("arm", [0]))], "an end must be"),
+    ([fs.Spring(("disc", "tap"), ("arm", "belt"), stiffness=1.0)],
+     "unknown port or interface set of 'disc' 'tap'; did you mean 'tip'"),
+    ([fs.Spring(("disc", "tip"), ("pad", "left"), stiffness=1.0)], "disc.tip has 1 motions, but pad.left 2"),
+    ([fs.Spring(("disc", "tip"), ("arm", "belt"), stiffness=np.eye(2))], "the stiffness is 2 x 2, but disc.tip has 1 motions"),
+    ([WELD, fs.Spring(("arm", "belt"), stiffness=1.0)], "no joints lead from 'disc' to 'arm'"),
+    (["weld"], "each of joints must be a Joint"),
+])
+def test_what_cannot_be_joined_is_named(joints: list, words: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=words) as caught:
+        fs.couple(three(), joints)
+    assert isinstance(caught.value, fs.FemsubError)
+
+
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: fs.Rigid(("disc", "left")), "two or more ends"),
+    (lambda: fs.Rigid("ground", "ground"), "joins the ground to itself"),
+    (lambda: fs.Rigid(("a", "b"), "ground", tolerance=0.0), "tolerance must be positive"),
+    (lambda: fs.Spring(("a", "b")), "needs a stiffness or a damping"),
+    (lambda: fs.Spring("ground", ("a", "b"), stiffness=1.0), "the ground is the second"),
+    (lambda: fs.Spring(("a", "b"), stiffness=-1.0), "must not be negative"),
+    (lambda: fs.Spring(("a", "b"), stiffness=[[1.0, 2.0], [0.0, 1.0]]), "must be symmetric"),
+    (lambda: fs.Spring(("a", "b"), stiffness=[1.0, 2.0]), "a number or a square matrix"),
+    (lambda: fs.couple({}, []), "parts is empty"),
+    (lambda: fs.couple({"a.b": fs.chain(3)}, []), "without a dot"),
+    (lambda: fs.couple({"a": None}, []), "the part 'a' must be a Substructure"),
+    (lambda: fs.couple([fs.chain(3)], []), "parts must be a dict"),
+    (lambda: fs.couple({"a": fs.chain(1, interface=[1])}, [fs.Rigid(("a", [0]), "ground")]), "leave nothing to move"),
+    (lambda: fs.Substructure(np.eye(2), np.eye(2), interface={"a": [0, 2]}), "interface DOF 2 is out of range"),
+    (lambda: fs.Substructure(np.eye(2), np.eye(2), interface=[0], sets={"a": [1]}), "but the interface has 1 DOF"),
+])
+def test_what_is_no_joint_is_refused(make: Callable[[], object], words: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=words) as caught:
+        make()
+    assert isinstance(caught.value, fs.FemsubError)
+
+
+def test_an_interface_richer_than_its_part_is_told() -> None:
+    """Two parts of one shape each, joined at four DOF: nothing is left that both can do."""
+    mesh = fs.rectangle((1.0, 1.0), (2, 2))
+    plates = [fs.plate(mesh, E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01, supports={"left": "clamped"}, interface=["right"])
+              for _ in (0, 1)]
+    parts = {name: fs.ReducedSubstructure(
+        np.eye(2), np.diag([1.0, 2.0]), None, {}, name, V=np.random.default_rng(i).standard_normal((plate.size, 2)),
+        kinds=("free",) * 2, full_interface=plate.interface, cutoff=2.0, method="modes",
+        full_dofs=plate.dofs, sets=plate.sets) for i, (name, plate) in enumerate(zip("ab", plates, strict=True))}
+    with pytest.raises(fs.InputError, match=r"Rigid\(a.right, b.right\): the 12 equations leave no motion to the 4 coordinates"):
+        fs.couple(parts, [fs.Rigid(("a", "right"), ("b", "right"))])

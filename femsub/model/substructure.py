@@ -337,10 +337,10 @@ def checked_sets(sets: Mapping[str, Any] | None, count: int) -> dict[str, Array]
     """Named sets of an interface of `count` DOF, each DOF by its place in the interface."""
     found = {}
     for name, places in ({} if sets is None else mapping("sets", sets, "names and places in the interface")).items():
-        found[word("the name of an interface set", name)] = _interface(places, max(count, 1))
-        if len(found[name]) > count or found[name].max(initial=-1) >= count:
-            raise InputError(f"the interface set {name!r} names places up to {found[name].max()}, but the interface has {count} "
-                             "DOF, counted from 0: give the interface as a mapping, {'left': [0, 1]}")
+        found[word("the name of an interface set", name)] = _interface(places, np.iinfo(np.intp).max)
+        if found[name].max(initial=-1) >= count:
+            raise InputError(f"the interface set {name!r} names place {found[name].max()}, but the interface has {count} DOF, "
+                             "counted from 0: give the interface as a mapping, {'left': [0, 1]}")
     return found
 
 
