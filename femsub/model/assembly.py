@@ -12,11 +12,13 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.checks import Array, Matrix, instance, items, mapping, word
+from femsub.checks import Array, Matrix, choice, instance, items, mapping, word
 from femsub.errors import InputError, InputTypeError
 from femsub.model.dof_map import DofMap
-from femsub.model.elimination import Equations, eliminate, recovered
+from femsub.model.dual import FORCE, Multiplied, by_forces, finite_span, multiplied
+from femsub.model.elimination import Equations, congruent, eliminate, recovered
 from femsub.model.joints import End, Joint, Link, site, spatial
+from femsub.model.matrices import is_symmetric
 from femsub.model.substructure import ReducedSubstructure, Substructure, checked_sets
 
 FULL = 0.3  # of all entries that are not 0: from here on a system of full and reduced parts is kept dense
@@ -39,6 +41,11 @@ class System(Substructure):
         For each part, the places in its interface that are the system's: in this order, part by part.
     redundant : int
         Equations of the joints that said what the others do.
+    multipliers : mapping of str to matrix, shape (m, n)
+        Per joint that was assembled by Lagrange multipliers, G with λ = G x. The joint puts the forces -C_pᵀ λ on the interface
+        of the part p, C_p of its `Link`.
+    spurious : int
+        Eigenvalues ω² of the dual Craig-Bampton parts' assembly that were negative or infinite. They are not in the system.
     """
 
     dofs: DofMap | None = field(default=None, init=False)
@@ -47,17 +54,23 @@ class System(Substructure):
     L: Matrix = None
     open: Mapping[str, Array] = field(default_factory=dict)
     redundant: int = 0
+    multipliers: Mapping[str, Matrix] = field(default_factory=dict)
+    spurious: int = 0
 
     def __init__(self, M: Any, K: Any, D: Any, interface: Any, ports: Mapping[str, Any], name: str, *,
                  parts: Mapping[str, Substructure], joints: Iterable[Joint], L: Matrix, open: Mapping[str, Array],
-                 sets: Mapping[str, Array] | None = None, redundant: int = 0) -> None:
+                 sets: Mapping[str, Array] | None = None, redundant: int = 0,
+                 multipliers: Mapping[str, Matrix] | None = None, spurious: int = 0) -> None:
         super().__init__(M, K, D, interface, ports, name)
         self._set(parts=dict(parts), joints=tuple(joints), L=L, open=dict(open), redundant=redundant,
+                  multipliers=multipliers or {}, spurious=spurious,
                   sets=checked_sets(sets, sum(map(len, open.values()))), cutoff=min(part.cutoff for part in parts.values()))
 
     def __repr__(self) -> str:
         kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
         beside = f", {self.redundant} equations redundant" if self.redundant else ""
+        beside += f", {sum(rows.shape[0] for rows in self.multipliers.values())} multipliers" if self.multipliers else ""
+        beside += f", {self.spurious} spurious eigenvalues left out" if self.spurious else ""
         return (f"System {self.name!r}: {self.size} DOF of {len(self.parts)} parts ({', '.join(self.parts)}) and "
                 f"{len(self.joints)} joints, {kind}, {self.interface_rows.shape[0]} interface DOF{beside}")
 
@@ -102,7 +115,7 @@ class System(Substructure):
 
 
 def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str = "system", *,
-           interface: Sequence[End] | None = None) -> System:
+           assembly: str = "primal", interface: Sequence[End] | None = None) -> System:
     """M, D, K = Lᵀ diag(M_p, D_p, K_p) L + Σ Rᵀ(0, c, k)R, q = L x, where L spans all motions that the joints leave.
 
     The parts may be full, reduced by any method, and systems themselves, in any mix. Equal DOF become one coordinate
@@ -116,6 +129,9 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     joints : sequence of Joint
         `Rigid`, `Spring`, or a `Joint` of your own.
     name : str
+    assembly : {"primal", "dual"}
+        "dual" keeps the parts' coordinates and adds Lagrange multipliers λ of the joints' equations as coordinates,
+        K = [[K, Aᵀ], [A, 0]], M = diag(M, 0). K is indefinite then. The finite eigenvalues are those of "primal".
     interface : sequence of ends, optional
         Where the system can be joined further: (part, set) or (part, list of DOF), joined DOF as well. By default every
         interface DOF of the parts that no joint has taken, and of a named set that was joined in part all of it.
@@ -133,7 +149,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
 
     References
     ----------
-    D. de Klerk, D. J. Rixen, S. N. Voormeeren, AIAA J. 46 (2008) 1169, eqs. (10) to (13) (primal assembly).
+    D. de Klerk, D. J. Rixen, S. N. Voormeeren, AIAA J. 46 (2008) 1169, sec. II (primal and dual assembly).
 
     Examples
     --------
@@ -146,18 +162,43 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
               for joint in items("joints", joints, "joints")]
     links = [_linked(joint, parts) for joint in joints]
     _connected(parts, links)
-    unit, physical = _units(parts), _physical(parts)
-    found = eliminate(_equations(parts, links, unit, physical), lambda owner: _told(joints, owner))
+    weak = [bool(link.equations) and (choice("assembly", assembly, ("primal", "dual")) == "dual"
+                                      or any(by_forces(parts[part]) for part in link.equations)) for link in links]
+    equations = _equations(parts, links, _units(parts), _physical(parts))
+
+    def tell(owner: Array) -> str:
+        return ", ".join(repr(joints[i]) for i in dict.fromkeys(owner.tolist()))
+
+    dual = np.array(weak, dtype=bool)[equations.owner]
+    found = eliminate(equations.chosen(~dual), tell)
     if not found.L.shape[1]:
         raise InputError(f"the joints of {name!r} leave nothing to move")
+    joined = Multiplied(found.L, sp.csr_array((0, found.L.shape[1])), equations.A[:0], found.unit, equations.owner[:0])
+    redundant, spurious, dense = found.redundant, 0, not any(sp.issparse(part.K) for part in parts.values())
+    weakly = False
+    if dual.any() or any(map(by_forces, parts.values())):
+        forces, compliance = _forces(parts, links, weak, equations.unit)
+        K = sp.block_diag([sp.csr_array(part.K) for part in parts.values()], format="csr")
+        joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, tell)
+        redundant += int(dual.sum()) - len(joined.owner)
+        weakly = bool(forces.nnz)
+    matrices = _matrices(parts, links, joined, dense or weakly)
+    if weakly:
+        X, unit, matrices, spurious = finite_span(*matrices, name)
+        joined = joined.through(X, unit)
     chosen = _unjoined(parts, links) if interface is None else _listed(parts, interface)
-    open_, place = _distinct(parts, chosen, found.L, found.unit)
-    T, columns = recovered(_rows(parts, found.L, open_), found.unit)
-    L, M, D, K = _matrices(parts, links, sp.csr_array(found.L @ T))
+    open_, place = _distinct(parts, chosen, joined.S, joined.unit)
+    T, columns = recovered(_rows(parts, joined.S, open_), joined.unit)
+    if T is not None:
+        joined, matrices = joined.through(T, joined.unit), tuple(congruent(A, T) for A in matrices)
+    M, D, K = matrices
+    if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
+        M, D, K = (A.toarray() for A in matrices)
+    L = joined.S if sp.issparse(K) else joined.S.toarray()
     ports = {f"{part}.{port}": L[rows].T @ w for (part, sub), rows in zip(parts.items(), _blocks(parts), strict=True)
              for port, w in sub.ports.items()}
     return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=_sets(parts, place),
-                  redundant=found.redundant)
+                  redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious)
 
 
 def _checked_parts(parts: Any) -> dict[str, Substructure]:
@@ -206,10 +247,6 @@ def _connected(parts: Mapping[str, Substructure], links: Sequence[Link]) -> None
     apart = [name for name, own in zip(names, group, strict=False) if own != group[0]]
     if apart:
         raise InputError(f"no joints lead from {names[0]!r} to {', '.join(map(repr, apart))}: these are systems of their own")
-
-
-def _told(joints: Sequence[Joint], owner: Array) -> str:
-    return ", ".join(repr(joints[i]) for i in dict.fromkeys(owner.tolist()))
 
 
 def _blocks(parts: Mapping[str, Substructure]) -> list[slice]:
@@ -337,30 +374,57 @@ def _sets(parts: Mapping[str, Substructure], place: Mapping[str, Array]) -> dict
     return found
 
 
-def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], L: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """L, and M, D, K in its coordinates: sparse if a part is and fill allows it."""
+def _forces(parts: Mapping[str, Substructure], links: Sequence[Link], weak: Sequence[bool], unit: Array) -> tuple[Matrix, Array]:
+    """Of the parts that are reduced by interface forces g: -C_pᵀ in the rows of g, sparse, shape (N, m), of all weak joints; and,
+    for each g, the square of how far its DOF moves at unit energy of the part's other coordinates, shape (N,).
+    """
+    size, compliance = len(unit), np.zeros(len(unit))
+    at = {}
+    for (name, part), rows in zip(parts.items(), _blocks(parts), strict=True):
+        if by_forces(part):
+            force = np.array(part.kinds) == FORCE  # type: ignore[attr-defined]
+            at[name] = rows.start + np.flatnonzero(force)
+            compliance[at[name]] = np.asarray(part.interface_rows)[:, ~force] ** 2 @ unit[rows][~force] ** 2
+    columns = [sp.csr_array((size, 0))]
+    for link in (link for link, held in zip(links, weak, strict=True) if held):
+        column = sp.csr_array((size, next(iter(link.equations.values())).shape[0]))
+        for name in at.keys() & link.equations.keys():
+            C = sp.coo_array(link.equations[name])
+            column = column + sp.csr_array((-C.data, (at[name][C.col], C.row)), shape=column.shape)
+        columns.append(column)
+    return sp.csr_array(sp.hstack(columns)), compliance
+
+
+def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
+    """The rows of G of each joint, by its name."""
+    found = {}
+    for number in dict.fromkeys(joined.owner.tolist()):
+        name = repr(joints[number])
+        if name in found:
+            raise InputError(f"two joints are called {name!r}, and their multipliers could not be told apart: give each a name=")
+        found[name] = joined.G[np.flatnonzero(joined.owner == number)]
+    return found
+
+
+def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: Multiplied,
+              dense: bool) -> tuple[Matrix, Matrix, Matrix]:
+    """M, D, K in the coordinates of the system, with springs and multipliers."""
     blocks = dict(zip(parts, _blocks(parts), strict=True))
-    dense = not any(sp.issparse(part.K) for part in parts.values())
-    if dense:
-        L = L.toarray()
-    springs = [(sum(R @ (L[blocks[part]]) for part, R in link.motions.items()), link) for link in links if link.motions]
+    S = joined.S.toarray() if dense else joined.S
+    springs = [(sum(R @ S[blocks[part]] for part, R in link.motions.items()), link) for link in links if link.motions]
     found = []
     for key in "MDK":
         matrices = [getattr(part, key) for part in parts.values()]
         if dense:
-            A = sum(L[rows].T @ (matrix @ L[rows]) for matrix, rows in zip(matrices, blocks.values(), strict=True))
+            A = sum(S[rows].T @ (matrix @ S[rows]) for matrix, rows in zip(matrices, blocks.values(), strict=True))
         else:
-            A = sp.csr_array(L.T @ (sp.block_diag([sp.csr_array(one) for one in matrices], format="csr") @ L))
+            A = sp.csr_array(S.T @ (sp.block_diag([sp.csr_array(one) for one in matrices], format="csr") @ S))
         for R, link in springs:
             middle = {"K": link.stiffness, "D": link.damping}.get(key)
             if middle is not None and np.any(middle):
                 A = A + (R.T @ (middle if dense else sp.csr_array(middle)) @ R)
-        if key != "D" or (all(part.pencil.symmetric[1] for part in parts.values())
-                          and all(np.array_equal(link.damping, link.damping.T) for link in links)):
-            A = (A + A.T) / 2  # but for rounding it is so
-        found.append(A)
-    M, D, K = found
-    mixed = not dense and not all(sp.issparse(part.K) for part in parts.values())
-    if mixed and K.nnz > FULL * K.shape[0] ** 2:
-        L, M, D, K = (A.toarray() for A in (L, M, D, K))
-    return L, M, D, K
+        if key == "K" and len(joined.owner):
+            A = A + (joined.work().toarray() if dense else joined.work())
+        plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for link in links if key == "D")))
+        found.append((A + A.T) / 2 if plain else A)  # but for rounding it is symmetric
+    return found[0], found[1], found[2]

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
+from femsub.model.matrices import is_symmetric
 
 ROUNDING = 1e-13  # of the largest entry of an equation: less is what is left where two entries cancel
 DEPENDENT = 1e-10  # of the largest pivot: an equation with less beside the others says nothing new
@@ -37,6 +38,10 @@ class Equations:
     unit: Array
     physical: Array
     owner: Array
+
+    def chosen(self, rows: Array) -> Equations:
+        """Some of the equations."""
+        return Equations(self.A[np.flatnonzero(rows)], self.unit, self.physical, self.owner[rows])
 
     def through(self, T: Matrix, unit: Array, physical: Array, rows: Array) -> Equations:
         """Some of the equations in new coordinates y, x = T y."""
@@ -225,7 +230,14 @@ def independent(equations: Equations) -> Array:
     return np.sort(np.concatenate(found))
 
 
-def recovered(B: Matrix, unit: Array) -> tuple[Matrix, Array]:
+def congruent(A: Matrix, T: Matrix) -> Matrix:
+    """TᵀAT, sparse if A is; symmetric to the last digit if A is."""
+    B = T.T @ (A @ T)
+    B = sp.csr_array(B) if sp.issparse(A) else B
+    return (B + B.T) / 2 if is_symmetric(A) else B
+
+
+def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
     """x = T (u_b, y) with B T = [I 0]: coordinates of which the first are the motions u_b = B x themselves.
 
     Columns that no row of B but a unit one touches stay as they are. A B without full rank has no such T: x stays. (R. R.
@@ -238,7 +250,7 @@ def recovered(B: Matrix, unit: Array) -> tuple[Matrix, Array]:
 
     Returns
     -------
-    T : sparse, shape (n, n)
+    T : sparse, shape (n, n), or None for the identity
         Its columns are those of x that stay, then the others.
     places : ndarray, shape (b,), or (0,) where B has not full rank
         The columns of T that are u_b.
@@ -246,24 +258,23 @@ def recovered(B: Matrix, unit: Array) -> tuple[Matrix, Array]:
     import scipy.linalg as la
 
     b, n = B.shape
-    same = sp.eye_array(n, format="csr"), np.zeros(0, dtype=np.intp)
     plain = (np.diff(B.indptr) == 1) & (B.sum(axis=1) == 1.0)
     columns = np.unique(B[np.flatnonzero(~plain)].indices)
     mixed = ~plain
     mixed[plain] = np.isin(B.indices[B.indptr[:-1][plain]], columns)  # a DOF of which another row takes its share
     rows = np.flatnonzero(mixed)
     if len(rows) > len(columns):
-        return same
+        return None, np.zeros(0, dtype=np.intp)
     kept = np.setdiff1d(np.arange(n), columns)
     places = np.zeros(b, dtype=np.intp)
     places[~mixed] = np.searchsorted(kept, B.indices[B.indptr[:-1][~mixed]])
     if not len(rows):
-        return same[0], places
+        return None, places
     E = B[rows][:, columns].toarray() * unit[columns]
     size = np.linalg.norm(E, axis=1)
     Q, R, order = la.qr((E / size[:, None]).T, pivoting=True, check_finite=False)
     if _rank(R) < len(rows):
-        return same
+        return None, places[:0]
     lift = np.zeros((len(columns), len(rows)))
     lift[:, order] = Q[:, :len(rows)] @ la.solve_triangular(R[:len(rows)], np.eye(len(rows)), trans="T")
     block = unit[columns, None] * np.hstack([lift / size, Q[:, len(rows):]])

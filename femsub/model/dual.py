@@ -1,0 +1,160 @@
+"""Joints by Lagrange multipliers λ: a saddle-point system, or, where parts are reduced by interface forces, Rixen's weak one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix
+from femsub.errors import InputError
+from femsub.model.elimination import Equations, congruent, eliminate, independent
+from femsub.model.substructure import ReducedSubstructure, Substructure
+
+FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
+STIFF = 1e-10  # residual flexibility, of that which the other coordinates have at a joint: below, the joint holds exactly
+RIGID = 1e-8  # of the shift: ω² below is that of rigid motion
+SHIFT = 1e-4  # of a typical ω²
+INFINITE = 1e-14  # of the largest 1/(ω² + shift): below, ω² is infinite
+MOST = 4000  # coordinates of a system that is decomposed as a whole
+
+
+@dataclass(frozen=True, eq=False)
+class Multiplied:
+    """q = S x and λ = G x, and the equations A q = 0 that λ belongs to, all of them independent."""
+
+    S: Matrix
+    G: Matrix
+    A: Matrix
+    unit: Array
+    owner: Array
+
+    def through(self, T: Matrix, unit: Array) -> Multiplied:
+        """In new coordinates, x = T z."""
+        return Multiplied(sp.csr_array(self.S @ T), sp.csr_array(self.G @ T), self.A, unit, self.owner)
+
+    def work(self) -> Matrix:
+        """GᵀAS + (GᵀAS)ᵀ, what the multipliers add to the stiffness, sparse, shape (n, n)."""
+        half = sp.csr_array(self.G.T @ (self.A @ self.S))
+        return half + half.T
+
+
+def by_forces(part: Substructure) -> bool:
+    """Whether the part is reduced with interface forces as coordinates (dual Craig-Bampton), one per interface DOF."""
+    return isinstance(part, ReducedSubstructure) and part.kinds.count(FORCE) == len(part.full_interface) > 0
+
+
+def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Array, K: Matrix,
+               tell: Callable[[Array], str]) -> Multiplied:
+    """x = (y, λ): the coordinates that the other joints leave, but without forces that λ gives, and the multipliers.
+
+    A part reduced by interface forces g has its motion u_b = Φ_b η + G g with the residual flexibility G, and g = -Cᵀλ. Where the
+    residual flexibility of two joined parts together is next to nothing (all modes kept), λ would have neither mass nor stiffness
+    of its own; there the joint is made exactly, by elimination. Forces on an open interface stay where they have flexibility.
+
+    Parameters
+    ----------
+    equations : Equations
+        A q = 0 of the joints with multipliers.
+    L : sparse, shape (N, n)
+        What the other joints leave; it does not touch the coordinates g.
+    forces : sparse, shape (N, m)
+        -Cᵀ in the rows of the coordinates g, without entries where no part has such.
+    compliance : ndarray, shape (N,)
+        For each g the flexibility that the part's other coordinates have at its DOF; 0 for all other coordinates.
+    K : sparse, shape (N, N)
+        The parts' stiffness.
+
+    References
+    ----------
+    D. J. Rixen, J. Comput. Appl. Math. 168 (2004) 383, eqs. (18) to (22).
+    """
+    unit = (L.T @ equations.unit[:, None] ** -2.0).ravel() ** -0.5
+    rows = independent(Equations(sp.csr_array(equations.A @ L), unit, unit > 0, equations.owner))
+    A, F, owner = equations.A[rows], sp.csr_array(forces[:, rows]), equations.owner[rows]
+    given = np.diff(F.indptr) > 0  # forces that the multipliers give
+    stay = np.flatnonzero(given.astype(float) @ abs(L) == 0)
+    L, unit = _yielding(sp.csr_array(L[:, stay]), unit[stay], compliance, K)
+    if not given.any():
+        return _beside(L, F, sp.eye_array(len(rows), format="csr"), A, unit, owner)
+    AL = sp.csr_array(A @ L)
+    size = np.sqrt(AL.multiply(AL) @ unit**2)
+    size = 1 / np.where(size > 0, size, 1.0)
+    flexibility = (F.T @ (K @ F)).toarray() * np.outer(size, size)
+    values, turn = np.linalg.eigh((flexibility + flexibility.T) / 2)
+    turn = size[:, None] * turn
+    stiff = values <= STIFF
+    exact = eliminate(Equations(sp.csr_array(turn[:, stiff].T @ AL), unit, np.zeros(len(unit), dtype=bool),
+                                np.full(int(stiff.sum()), owner[0])), tell)
+    return _beside(sp.csr_array(L @ exact.L), F, sp.csr_array(turn[:, ~stiff]), A, exact.unit, owner)
+
+
+def _yielding(L: Matrix, unit: Array, compliance: Array, K: Matrix) -> tuple[Matrix, Array]:
+    """L with, for its columns that are interface forces, combinations of them that have residual flexibility."""
+    size = compliance @ L
+    at = np.flatnonzero(size > 0)
+    if not len(at):
+        return L, unit
+    scale = size[at] ** -0.5
+    flexibility = congruent(K, L[:, at]).toarray() * np.outer(scale, scale)
+    values, turn = np.linalg.eigh(flexibility)
+    turn = scale[:, None] * turn[:, values > STIFF]
+    rest = np.flatnonzero(size == 0)
+    return (sp.csr_array(sp.hstack([L[:, rest], L[:, at] @ sp.csr_array(turn)])),
+            np.append(unit[rest], np.einsum("ij,ij->j", turn, congruent(K, L[:, at]) @ turn) ** -0.5))
+
+
+def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: Array) -> Multiplied:
+    """x = (y, μ), λ = turn μ: the multipliers beside the coordinates; a force has the unit of one over a motion."""
+    S = sp.csr_array(sp.hstack([L, F @ turn]))
+    G = sp.csr_array(sp.hstack([sp.csr_array((A.shape[0], L.shape[1])), turn]))
+    return Multiplied(S, G, A, np.append(unit, np.ones(turn.shape[1])), owner)
+
+
+def finite_span(M: Array, D: Array, K: Array, name: str) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
+    """X (n, k) of the eigenvectors with finite ω² ≥ 0 of K x = ω² M x, XᵀMX = I, and how many others there are.
+
+    K is indefinite: the weak joints of dual Craig-Bampton parts give as many negative or infinite ω² as multipliers. M is
+    positive semidefinite, M = FFᵀ. With s > 0 the eigenvalues θ of Fᵀ(K + sM)⁻¹F are 1/(ω² + s), and x = (K + sM)⁻¹F v/θ.
+
+    Returns
+    -------
+    X : sparse, shape (n, k)
+    unit : ndarray, shape (k,)
+        How far each coordinate moves at unit energy.
+    matrices : (M, D, K)
+        XᵀMX, XᵀDX, XᵀKX, where rigid motion costs exactly nothing.
+    spurious : int
+
+    Raises
+    ------
+    InputError
+        The system is too large to be decomposed as a whole.
+    """
+    if len(M) > MOST:
+        raise InputError(f"{name!r} has {len(M)} coordinates. Dual Craig-Bampton parts take a decomposition of all of them, up "
+                         f"to {MOST}: reduce the other parts too, or reduce those by CraigChang, which spans the same space")
+    unit = np.abs(K.diagonal())
+    unit = np.where(unit > 0, unit, np.median(unit[unit > 0])) ** -0.5
+    stiffness, inertia = unit[:, None] * K * unit, unit[:, None] * M * unit
+    mass, turn = np.linalg.eigh(inertia)
+    kept = mass > INFINITE * mass[-1]
+    F = turn[:, kept] * np.sqrt(mass[kept])
+    moving = inertia.diagonal() > 0
+    typical = float(np.median(np.abs(stiffness.diagonal()[moving]) / inertia.diagonal()[moving]))
+    shift = SHIFT * typical
+    back = np.linalg.solve(stiffness + shift * inertia, F)
+    small = F.T @ back
+    theta, V = np.linalg.eigh((small + small.T) / 2)
+    finite = np.abs(theta) > INFINITE * np.abs(theta).max()
+    omega2 = np.full(len(theta), -np.inf)
+    omega2[finite] = 1 / theta[finite] - shift
+    good = np.flatnonzero(omega2 > -RIGID * shift)
+    good = good[np.argsort(omega2[good], kind="stable")]
+    X = unit[:, None] * (back @ V[:, good]) / theta[good]
+    rigid = np.flatnonzero(omega2[good] < RIGID * shift)
+    matrices = congruent(M, X), congruent(D, X), congruent(K, X)
+    matrices[2][rigid], matrices[2][:, rigid] = 0.0, 0.0
+    return sp.csr_array(X), (np.maximum(omega2[good], 0.0) + typical) ** -0.5, matrices, len(M) - len(good)

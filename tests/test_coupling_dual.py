@@ -1,0 +1,140 @@
+"""Joints by Lagrange multipliers, and parts reduced by interface forces (dual Craig-Bampton), joined weakly."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+from test_coupling import HOW, agree, beams, crosses, cut, elastic, quarter
+
+import femsub as fs
+
+
+def by_forces(part: fs.Substructure, modes: int | None = None) -> fs.ReducedSubstructure:
+    """Rixen's basis: free modes, and the residual flexibility of the interface, whose coordinates are the forces on it."""
+    K, M = (A.toarray() if sp.issparse(A) else A for A in (part.K, part.M))
+    values, shapes = la.eigh(K, M)
+    rigid = fs.normal_modes(part, count=0).rigid
+    values[:rigid] = 0.0
+    r = rigid + (part.size - rigid if modes is None else modes)
+    rest, b = shapes[:, r:], part.interface
+    residual = (rest / values[r:]) @ rest[b].T
+    V = np.hstack([shapes[:, :r], residual])
+    zero = np.zeros((r, len(b)))
+    mass, flexibility = residual.T @ M @ residual, residual[b]
+    return fs.ReducedSubstructure(
+        np.block([[np.eye(r), zero], [zero.T, mass]]), np.block([[np.diag(values[:r]), zero], [zero.T, flexibility]]),
+        V.T @ (part.D @ V), {name: V.T @ w for name, w in part.ports.items()}, part.name, V=V,
+        kinds=("rigid",) * rigid + ("free",) * (r - rigid) + ("interface force",) * len(b), full_interface=b,
+        cutoff=np.sqrt(values[r]) if r < part.size else np.inf, method="forces", full_dofs=part.dofs, sets=part.sets)
+
+
+# Lagrange multipliers
+
+
+def finite(model: fs.Substructure) -> np.ndarray:
+    """The finite ω of K x = ω² M x with an indefinite K."""
+    K, M = (A.toarray() if sp.issparse(A) else A for A in (model.K, model.M))
+    theta = la.eigvals(M, K)
+    return np.sort(np.sqrt(1 / theta[np.abs(theta) > 1e-9 * np.abs(theta).max()].real))
+
+
+@pytest.mark.parametrize("how", [("full",), ("craig-bampton",), ("craig-chang",), ("full", "craig-chang", "craig-bampton")])
+def test_primal_and_dual_have_one_spectrum(how: tuple[str, ...]) -> None:
+    parts, joints, whole = cut(17, 3)
+    parts = {name: HOW[how[i % len(how)]](part) for i, (name, part) in enumerate(parts.items())}
+    dual = fs.couple(parts, joints, assembly="dual")
+    assert dual.size == sum(part.size for part in parts.values()) + 2 and len(dual.interface) == 2
+    np.testing.assert_allclose(finite(dual), np.sqrt(elastic(whole)), rtol=1e-8)
+    modes, reference = (fs.complex_modes(model) for model in (dual, fs.couple(parts, joints)))
+    order = [np.lexsort((m.eigenvalues.real.round(8), m.eigenvalues.imag.round(8))) for m in (modes, reference)]
+    np.testing.assert_allclose(modes.eigenvalues[order[0]], reference.eigenvalues[order[1]], rtol=1e-8)
+    assert modes.is_stable is reference.is_stable is True
+
+
+@pytest.mark.parametrize("way", ["line", "loop"])
+def test_multipliers_of_redundant_joints_are_left_out(way: str) -> None:
+    parts, reference = crosses(("full", "craig-chang"), 4)
+    pairs = itertools.pairwise(parts) if way == "line" else itertools.combinations(parts, 2)
+    dual = fs.couple(parts, [fs.Rigid((a, [4]), (b, [4])) for a, b in pairs], assembly="dual")
+    np.testing.assert_allclose(finite(dual), np.sqrt(reference), rtol=1e-8)
+    assert dual.redundant == (3 if way == "loop" else 0)
+
+
+def test_a_multiplier_is_the_force_in_the_joint() -> None:
+    parts, joints, _ = cut(17, 2, fixed=True)
+    dual = fs.couple(parts, joints, assembly="dual")
+    load = np.zeros(dual.size)
+    load[12] = 3.0  # on the right part: all of it goes through the joint to the wall
+    x = np.linalg.solve(dual.K.toarray(), load)
+    force = dual.multipliers["Rigid(p0[8], p1[0])"] @ x
+    np.testing.assert_allclose(-force, 3.0)  # on p0, whose motion has the sign + in the equation
+    u = dual.expand(x)
+    np.testing.assert_allclose(parts["p0"].K @ u["p0"], np.append(np.zeros(8), -force), atol=1e-10)
+
+
+# dual Craig-Bampton
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+@pytest.mark.parametrize("pieces", [2, 3, 5])
+def test_complete_parts_by_forces_are_the_chain(pieces: int, fixed: bool) -> None:
+    parts, joints, whole = cut(21, pieces, fixed)
+    agree(fs.couple({name: by_forces(part) for name, part in parts.items()}, joints), elastic(whole), rigid=0 if fixed else 1)
+
+
+@pytest.mark.parametrize("mixed", ["craig-bampton", "craig-chang", "full"])
+def test_complete_parts_by_forces_join_any_other(mixed: str) -> None:
+    parts, joints, whole = cut(21, 3)
+    made = {name: by_forces(part) if i != 1 else HOW[mixed](part) for i, (name, part) in enumerate(parts.items())}
+    agree(fs.couple(made, joints), elastic(whole))
+
+
+@pytest.mark.parametrize("fixed", [True, False])
+def test_negative_eigenvalues_are_counted_and_left_out(fixed: bool) -> None:
+    parts, joints, whole = cut(41, 3, fixed)
+    made = {name: by_forces(part, 4) for name, part in parts.items()}
+    system = fs.couple(made, joints)
+    # one multiplier for each joint, and as many forces on the other side
+    assert system.spurious == 2 and "2 spurious eigenvalues left out" in repr(system)
+    assert system.size == sum(part.size for part in made.values()) - 2 * 2 - 0
+    rigid = 0 if fixed else 1
+    found, reference = elastic(system), elastic(whole)
+    assert (np.abs(found[:rigid]) < 1e-12).all() and (found[rigid:] > 0).all()
+    np.testing.assert_allclose(np.sqrt(found[rigid:6]), np.sqrt(reference[rigid:6]), rtol=2e-3)
+    # better than modes with no residual flexibility, and than fixed-interface ones of the same number
+    bare = fs.couple({name: fs.reduce(part, fs.CraigBampton(4), ports=True) for name, part in parts.items()}, joints)
+    error = [np.abs(np.sqrt(w[rigid:6] / reference[rigid:6]) - 1).max() for w in (found, elastic(bare))]
+    assert error[0] < error[1]
+    assert fs.normal_modes(system, count=3).rigid == rigid
+    assert fs.complex_modes(system).is_stable is (True if fixed else fs.complex_modes(whole).is_stable)
+
+
+def test_beams_by_forces_with_their_rotations() -> None:
+    parts, joints = beams(3, 8, {})
+    reference = elastic(fs.beam(1.0, 24, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4, supports={"left": "clamped"}))
+    system = fs.couple({name: by_forces(part, 6) for name, part in parts.items()}, joints)
+    np.testing.assert_allclose(np.sqrt(elastic(system)[:6]), np.sqrt(reference[:6]), rtol=1e-4)
+    assert system.spurious == 4
+
+
+def test_a_cross_point_by_forces() -> None:
+    quarters = {f"{i}{j}": by_forces(quarter(i, j)) for i in (0, 1) for j in (0, 1)}
+    joints = [fs.Rigid(("00", "east"), ("10", "west")), fs.Rigid(("01", "east"), ("11", "west")),
+              fs.Rigid(("00", "north"), ("01", "south")), fs.Rigid(("10", "north"), ("11", "south"))]
+    reference = fs.couple({f"{i}{j}": quarter(i, j) for i in (0, 1) for j in (0, 1)}, joints)
+    system = fs.couple(quarters, joints)
+    assert system.redundant == 1
+    agree(system, elastic(reference), rigid=1)
+
+
+def test_what_is_left_open_can_be_joined_again() -> None:
+    parts, joints, whole = cut(31, 3)
+    made = {name: by_forces(part, 7) for name, part in parts.items()}
+    front = fs.couple({name: made[name] for name in ("p0", "p1")}, joints[:1])
+    assert len(front.interface) == 2
+    system = fs.couple({"front": front, "p2": made["p2"]}, [fs.Rigid(("front", [int(front.interface[1])]), ("p2", [0]))])
+    np.testing.assert_allclose(np.sqrt(elastic(system)[:8]), np.sqrt(elastic(whole)[:8]), rtol=1e-3)
