@@ -344,7 +344,7 @@ def test_refinement_refuses_what_does_not_belong_together() -> None:
             fs.refine(sub, small, rom, BELT, **options)
     with pytest.raises(fs.InputTypeError, match="refine takes"):
         fs.refine(rom, small, sub, BELT)  # type: ignore[arg-type]
-    with pytest.raises(fs.NotConvergedError, match="after 1 steps with an error of"):
+    with pytest.raises(fs.NotConvergedError, match="after 1 steps, with an error of"):
         fs.refine(sub, small, rom, BELT, steps=1, tol=1e-12)
 
 

@@ -1,7 +1,7 @@
-"""What says that none of the eigenvalues in a region is missing, how many to ask for it, and when enough are found.
+"""The proof that no eigenvalue of a region is missing; how many eigenvalues to ask for; when the search may stop.
 
-That is a count in a disc around 0, or the winding number of det P around a rectangle, of which the search is no premise. It
-looks for eigenvalues nearest to 0, of which those with Im λ ≥ 0 are listed.
+The proof is a count in a disc around 0, or the winding number of det P around a rectangle. Both are independent of the
+search. The search finds the eigenvalues nearest to 0, and lists those with Im λ ≥ 0.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from femsub.quadratic.region import Box
 from femsub.quadratic.sparse import KEPT, Shifted
 from femsub.quadratic.winding_count import missed_around, undamped_reference
 
-MOST = 1500  # eigenvalues asked of TOAR at the most: beyond, minutes become hours and backward errors grow
+MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hours and backward errors grow
 
 
 class _Disc:
-    """The count in a disc around 0, of a pencil with proportional damping but for a few columns."""
+    """The count in a disc around 0, for a pencil with proportional damping except in a few columns."""
 
     def __init__(self, problem: Shifted, wanted: bool) -> None:
         self.problem = problem
@@ -34,7 +34,7 @@ class _Disc:
         self.parts = damping_split.split(problem.pencil) if wanted else None
 
     def edge(self, radius: float) -> Edge | None:
-        """The undamped count at a radius, or up to 0.1 % beyond it where a mode is just there; None where there is none."""
+        """The undamped count at a radius, moved out by up to 0.1 % if a mode lies there; None if no count is possible."""
         for share in (0.0, 1e-5, 1e-3):
             if (parts := self.parts) is not None:
                 there = radius * (1 + share)
@@ -46,14 +46,14 @@ class _Disc:
         return None
 
     def missed_in(self, at: Edge | None, values: Array, X: Array) -> int | None:
-        """How many are missing in the disc; None where nothing proves their number."""
+        """The number of missing eigenvalues in the disc; None if there is no proof."""
         self.counted = None if at is None else self._proved(at, X[:, np.abs(values) <= at.radius])
         return None if self.counted is None else self.counted.number - _listed(values[np.abs(values) < self.counted.radius])
 
     def _proved(self, at: Edge, inside: Array) -> Count | None:
         problem, parts = self.problem, self.parts
         assert parts is not None
-        if problem.pencil.symmetric[2]:  # K0 is K, and one of the factors at hand may do
+        if problem.pencil.symmetric[2]:  # K0 is K: an existing factor may be used
             found = None
             if problem.shift == 0 and problem.factor.kind == "definite":
                 found = disc_count.count(parts, at, problem.factor.solve, 0.0, inside)
@@ -68,12 +68,12 @@ class _Disc:
         return found if found is not None and found.proved else None
 
     def lacking(self, missed: int) -> str:
-        """The error that tells how many are missing."""
+        """The message of the error if eigenvalues are missing."""
         if self.counted is None:
-            return (f"the winding number of det P says that {missed} eigenvalues around the band are missing; shift the band a "
+            return (f"{missed} eigenvalues in or near the band are missing, by the winding number of det P. Shift the band a "
                     "little, or narrow re=(a, b)")
-        return (f"an independent count says that {self.counted.number} eigenvalues lie in |λ| < {self.counted.radius:.6g}, but "
-                f"{self.counted.number - missed} were found; ask for more or fewer, or for another band")
+        return (f"{self.counted.number - missed} eigenvalues were found in |λ| < {self.counted.radius:.6g}, but an independent "
+                f"count gives {self.counted.number}. Ask for more or fewer, or for another band")
 
     @property
     def evidence(self) -> str:
@@ -81,24 +81,24 @@ class _Disc:
 
 
 class Nearest(_Disc):
-    """The `number` eigenvalues nearest to 0, conjugates included, and a disc that holds them."""
+    """The `number` eigenvalues nearest to 0, conjugates included, and a disc that contains them."""
 
     most = np.inf
 
     def __init__(self, problem: Shifted, number: int, certify: bool | None) -> None:
         super().__init__(problem, problem.pencil.size <= KEPT if certify is None else certify)
         self.number, self.unasked = number, certify is None
-        # Around a shift other than 0 the nearest are not quite the nearest to 0: a few more are asked for. A count needs a gap
-        # behind the last, and hence the next.
+        # The eigenvalues nearest to a shift are not exactly those nearest to 0, so a few more are computed. A count needs a
+        # gap behind the last one, and therefore the next one.
         self.ask = number + (0 if problem.shift == 0 else 12) + (0 if self.parts is None else 2)
 
     def _sure(self, values: Array) -> Array:
-        """Indices, ascending in |λ|, of those than which no other is nearer to 0."""
+        """Indices, ascending in |λ|, of the values that are certainly nearest to 0."""
         near = np.flatnonzero(~beyond(np.abs(values), np.abs(values - self.problem.shift).max() - self.problem.shift))
         return near[np.argsort(np.abs(values[near]), kind="stable")]
 
     def is_short(self, values: Array) -> bool:
-        """Whether others may be as near to 0 as those asked for; then `ask` is more."""
+        """Whether other eigenvalues may be nearer to 0 than those found; then `ask` is increased."""
         all_of_them = 2 * self.problem.pencil.size
         if _listed(values[self._sure(values)]) >= self.number or _listed(values) >= all_of_them or self.ask >= all_of_them:
             return False
@@ -106,21 +106,21 @@ class Nearest(_Disc):
         return True
 
     def missed(self, values: Array, X: Array) -> int | None:
-        """How many are missing by an independent count; None where there is none."""
+        """The number of missing eigenvalues by an independent count; None without one."""
         if self.parts is None:
             return None
         radius = clear_radius(np.abs(values[self._sure(values)]), len(self.taken(values)[0]))
         return self.missed_in(self.edge(radius), values, X)
 
     def is_found_without_proof(self) -> bool:
-        """Whether the count, for which more are asked, is given up: what was not asked for must not be what fails."""
+        """Whether to give up the count: if the caller did not request it, it must not make the search fail."""
         if self.parts is None or not self.unasked:
             return False
         self.parts, self.ask = None, self.ask - 2
         return True
 
     def taken(self, values: Array) -> tuple[Array, Array]:
-        """Indices of those asked for, and which of these have conjugates that are, too."""
+        """Indices of the requested eigenvalues, and which of these stand for a pair."""
         sure = self._sure(values)
         listed = np.cumsum(1 + (values[sure].imag != 0))
         sure = sure[:int(np.searchsorted(listed, self.number)) + 1]
@@ -128,7 +128,7 @@ class Nearest(_Disc):
 
 
 class Enclosed(_Disc):
-    """All eigenvalues in a rectangle: by the count in the disc around it, or else by the winding number of det P."""
+    """All eigenvalues in a rectangle, proved by the count in the disc around it, else by the winding number of det P."""
 
     def __init__(self, problem: Shifted, box: Box, certify: bool | None) -> None:
         super().__init__(problem, certify is not False)
@@ -136,13 +136,13 @@ class Enclosed(_Disc):
         self.box, self.most = box, float(min(pencil.size, MOST))
         self.radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
         self.at = self.edge(self.radius)
-        self.wound = pencil.size <= QUADRATIC if certify is None else certify  # by the winding number, if need be
+        self.wound = pencil.size <= QUADRATIC if certify is None else certify  # whether the winding number may be used
         self.known = self.at is None and self.wound  # whether `reference` has its modes
         self.reference = undamped_reference(pencil, self.radius, self.known) if self.at is None else None
         self.ask = 2 * (self.at.below if self.at else self.reference[1].counted[1] if self.reference else 10) + 12
 
     def is_short(self, values: Array) -> bool:
-        """Whether there may be others in the disc around the rectangle; then `ask` is more."""
+        """Whether the disc around the rectangle may contain more eigenvalues; then `ask` is increased."""
         pencil = self.problem.pencil
         if np.abs(values - self.problem.shift).max() >= self.radius or _listed(values) >= 2 * pencil.size:
             return False
@@ -161,7 +161,7 @@ class Enclosed(_Disc):
         return missed_around(self.problem.pencil, self.box, values, self.radius, self.reference)
 
     def is_found_without_proof(self) -> bool:
-        """Never: nothing more is asked for a proof."""
+        """Never: the proof needs no additional eigenvalues."""
         return False
 
     @property
@@ -169,14 +169,14 @@ class Enclosed(_Disc):
         return CONFIRMED if self.counted is None and self.known and self.reference is not None else super().evidence
 
     def taken(self, values: Array) -> tuple[Array, Array]:
-        """Indices of those in the rectangle, and which of these have conjugates in it."""
+        """Indices of the values in the rectangle, and which of these have conjugates in it."""
         band, re = self.box[2:], self.box[:2]
         taken = np.flatnonzero(in_band(values, band, re))
         near = values[taken]
-        # of a double real eigenvalue, which rounding has split, both are in
+        # a double real eigenvalue split by rounding: both are in
         return taken, np.flatnonzero((near.imag != 0) & in_band(near.conj(), band, re))
 
 
 def _listed(values: Array) -> int:
-    """How many eigenvalues these stand for, those with Im λ > 0 for two each."""
+    """The number of eigenvalues represented: a λ with Im λ > 0 counts twice."""
     return len(values) + int(np.count_nonzero(values.imag))

@@ -1,4 +1,4 @@
-"""Complex eigenvalue analysis (CEA): (λ²M + λD + K)x = 0 for full and reduced models, with what proves each number."""
+"""Complex eigenvalue analysis (CEA): (λ²M + λD + K)x = 0 for full and reduced models, with error bars and proofs."""
 
 from __future__ import annotations
 
@@ -24,46 +24,53 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-LOUD = 1e-9  # a backward error above this is warned of
+LOUD = 1e-9  # backward error above which there is a warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ComplexModes:
-    """Eigenpairs of λ²M + λD + K with their certificates; k of them.
+    """Complex modes of a model, made by `complex_modes`: k eigenpairs of λ²M + λD + K with their error bars.
 
     Attributes
     ----------
     eigenvalues : ndarray of complex, shape (k,)
         By count: nearest to 0 first, both members of a pair side by side. By band: ascending in Im λ.
     shapes : ndarray of complex, shape (n, k) or (r, k)
-        Right eigenvectors of unit length, in the coordinates of the model that was asked.
+        Right eigenvectors of unit length, in the model's coordinates.
     backward_error : ndarray, shape (k,)
         See `Pencil.backward_error`.
     error_bar : ndarray, shape (k,)
-        How far the eigenvalue may be off: |y|ᵀ(|r| + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times
-        condition number, y from the left vectors (Tisseur 2000, Th. 5), taken entry by entry, which is free of the
-        units of each DOF. Next to another eigenvalue, with which rounding may make it coalesce, the gap is added;
-        infinite where the eigenvalue is defective.
+        Bound of the error of the eigenvalue: |y|ᵀ(|r| + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times
+        condition number, with the left vector y (Tisseur 2000, Th. 5). It is evaluated entry by entry, so it does not depend
+        on the units of the DOF. If rounding may let two eigenvalues coalesce, their gap is added. Infinite for a defective
+        eigenvalue.
     condition : ndarray, shape (k,)
         κ = (|λ|²‖M‖ + |λ|‖D‖ + ‖K‖) ‖x‖‖y‖ / (|λ| |yᴴP'(λ)x|): a relative perturbation ε of the matrices moves λ by up to
-        κ ε |λ| (Tisseur 2000, Th. 5). In the units of the model as it stands, unlike `error_bar`; infinite at 0 and where
-        the eigenvalue is defective.
+        κ ε |λ| (Tisseur 2000, Th. 5). Unlike `error_bar` it depends on the units of the DOF. Infinite at 0 and for a
+        defective eigenvalue.
     rigid : ndarray of bool, shape (k,)
         Eigenvalues at 0 from rigid-body modes: neither unstable nor Hopf points.
     above_cutoff : ndarray of bool, shape (k,)
-        Beyond the reduction's cut-off: shown, but without a say in `is_stable`.
+        Beyond the reduction's cut-off: listed, but ignored in `is_stable`.
     searched : (re_lo, re_hi, lo, hi) or None
-        The rectangle that was searched, when a band was asked: of a reduced model up to its cut-off, since what lies above
-        is not the component's. Eigenvalues listed from above it are `above_cutoff`.
+        The rectangle that was searched for a band. For a reduced model it ends at the cut-off, since modes above are
+        artefacts of the reduction. Eigenvalues listed from above it are `above_cutoff`.
     evidence : str
-        That none is missing: 'certified' where all eigenvalues were computed, or inertia alone counts them; 'confirmed' where
-        a determinant sampled on a contour agrees with their number, its winding number around the rectangle or the count
-        in a disc (see `counted`); 'not checked' otherwise.
+        The evidence that none is missing. 'certified': all eigenvalues were computed, or the inertia gives their number.
+        'confirmed': a determinant sampled on a contour agrees with their number (the winding number around the
+        rectangle, or the count in a disc, see `counted`). 'not checked' otherwise.
     certified : bool
-        Whether there is evidence of either kind.
+        Whether the evidence is 'certified' or 'confirmed'.
     counted : (radius, number) or None
-        The independent count in a disc, see `disc_count.count`: so many eigenvalues lie in |λ| < radius, conjugates included,
-        and all have been found. The disc holds the rectangle searched, and its unstable part.
+        The independent count in a disc, see `disc_count.count`: `number` eigenvalues lie in |λ| < radius, conjugates included,
+        and all have been found. The disc contains the searched rectangle, or its unstable part.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> modes = fs.complex_modes(fs.chain(10, belt=2), fs.Belt(slope=-0.2677), count=4)
+    >>> modes.is_stable, len(modes), modes.evidence
+    (False, 4, 'certified')
     """
 
     eigenvalues: Array
@@ -86,7 +93,7 @@ class ComplexModes:
 
     @property
     def is_stable(self) -> bool | None:
-        """False if one of these modes grows, True if all decay, None if that is undecided within the error bars.
+        """False if a mode grows, True if all decay, None if the error bars leave it undecided.
 
         Rigid-body modes and modes above the cut-off do not count.
         """
@@ -98,7 +105,7 @@ class ComplexModes:
 
     @property
     def unstable(self) -> Array:
-        """Indices of the modes that grow for certain and are below the cut-off."""
+        """Indices of the modes below the cut-off that certainly grow (Re λ above its error bar)."""
         return np.array([i for i, vote in enumerate(self.stable) if vote is False and not self.above_cutoff[i]], dtype=int)
 
     @property
@@ -114,7 +121,7 @@ class ComplexModes:
 
     @property
     def growth(self) -> float:
-        """The largest Re λ among the modes that decide (-inf where none does)."""
+        """The largest Re λ of the modes that count for `is_stable` (-inf if there is none)."""
         return float(self.eigenvalues.real[~self.rigid & ~self.above_cutoff].max(initial=-np.inf))
 
     def __len__(self) -> int:
@@ -132,10 +139,10 @@ class ComplexModes:
 def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] | None = None, *,
                   count: int | None = None, band: tuple[float, float] | None = None,
                   re: tuple[float, float] | None = None, certify: bool | None = None) -> ComplexModes:
-    """(λ²M + λD + K)x = 0 of a substructure with its contacts linearised, or of a bare pencil.
+    """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
 
-    Sparse models go to SLEPc's PEP (TOAR, shift-invert), and so do dense ones above 300 DOF of which a band or a count is
-    asked; all others to LAPACK.
+    SLEPc's PEP (TOAR, shift-invert) solves sparse models, and dense models above 300 DOF if a band or a count is given.
+    LAPACK solves all others.
 
     Parameters
     ----------
@@ -144,26 +151,49 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     contacts : Belt or sequence of Belt, optional
         Each adds F μ'(v0) w wᵀ to D. Without one the model's own D is used. Not for a pencil.
     count : int, optional
-        Eigenvalues nearest to 0, both conjugates listed; a pair is never split, so one more may come.
+        Number of eigenvalues nearest to 0, conjugates included. A pair is never split, so there may be one more.
     band : (lo, hi), optional
-        Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. Those on an edge are in, and so are
-        those beyond it by less than 1e-9 of |λ|, which is room for rounding. If one of a double eigenvalue that rounding has
-        split (by up to 1e-6 of |λ|) is in, so is the other (`bands.in_band`).
+        Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. The edges belong to the band, with a
+        tolerance of 1e-9 |λ| for rounding. A double eigenvalue split by rounding (up to 1e-6 |λ|) is in as a whole or not at
+        all (`bands.in_band`).
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     certify : bool, optional
-        Count the eigenvalues independently. Where D is proportional except for at most 40 columns (belts, dashpots), in
-        the disc around 0 that holds the band or the `count` eigenvalues: one factorisation of K - R²M, which a band
-        needs anyway, and some solves (`disc_count`); by default in a band, and with a `count` up to 200,000 DOF. Else, for
-        a band, by the winding number of det P, some fifty complex factorisations, by default up to 2,000 DOF. LAPACK's
-        results are complete without.
+        Whether to count the eigenvalues independently. There are two ways. If D is proportional except for at most 40 columns
+        (belts, dashpots), the count is made in a disc around 0 that contains the region. It costs one factorisation of
+        K - R²M, which a band needs anyway, and some solves (`disc_count`). This is the default for a band, and for a `count`
+        up to 200,000 DOF. Otherwise a band is checked by the winding number of det P, which costs about fifty complex
+        factorisations. This is the default up to 2,000 DOF. LAPACK's results are complete and need no count.
+
+    Returns
+    -------
+    ComplexModes
+        λ, shapes, error bars, and the evidence that none is missing.
 
     Raises
     ------
     InputError, InputTypeError
         `count` and `band` together, or neither for a sparse model above 2,000 DOF; more than 2n eigenvalues.
     NotConvergedError, SingularMatrixError, MissedModesError
-        The eigensolver gave up; no shift makes the pencil regular; the independent count found more.
+        The eigensolver has not converged; no shift makes the pencil regular; the independent count is larger.
+
+    Warns
+    -----
+    FemsubWarning
+        A backward error is above 1e-9.
+
+    References
+    ----------
+    F. Tisseur, Linear Algebra Appl. 309 (2000) 339 (backward error and condition); C. Campos, J. E. Roman, SIAM J. Sci.
+    Comput. 38 (2016) S385 (PEP, TOAR).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> rom = fs.reduce(fs.chain(10, belt=2), fs.CraigChang(modes=4), ports=True)
+    >>> modes = fs.complex_modes(rom, fs.Belt(slope=-0.01), count=2)
+    >>> modes.eigenvalues.imag.round(3), modes.is_stable
+    (array([ 0.149, -0.149]), True)
     """
     pencil, cutoff = _with_contacts(model, contacts)
     region = region_of(pencil, count, band, re)
@@ -172,7 +202,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, cutoff)
     if result.backward_error.max(initial=0.0) > LOUD:
         warnings.warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
-                      f"{result.eigenvalues[result.backward_error.argmax()]:.5g}); ask for fewer, or scale the matrices",
+                      f"{result.eigenvalues[result.backward_error.argmax()]:.5g}). Ask for fewer, or scale the matrices",
                       FemsubWarning, stacklevel=2)
     result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
                      certified=found.evidence != NOT_CHECKED, evidence=found.evidence,
@@ -185,19 +215,19 @@ def _with_contacts(model: Substructure | Pencil, contacts: Belt | Sequence[Belt]
     """The pencil with contacts linearised, and the cut-off of the model."""
     if isinstance(model, Pencil):
         if contacts is not None:
-            raise InputError("a bare pencil has no ports: put the contact into D, or use a Substructure")
+            raise InputError("a Pencil has no ports for contacts. Put the contact into D, or use a Substructure")
         pencil, cutoff = model, np.inf
     else:
         pencil, cutoff = instance("model", model, Substructure, "or a Pencil").linearised(contacts), model.cutoff
     if pencil.norms[0] == 0 and pencil.norms[1] == 0:
-        raise InputError("M and D are both zero: there are no eigenvalues")
+        raise InputError("M and D are both zero, so there are no eigenvalues")
     return pencil, cutoff
 
 
 def with_bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None = None,
               cutoff: float = np.inf) -> ComplexModes:
-    """Eigenpairs λ (k,), X (n, k) with what their left vectors Y (n, k) say of them, see `bars`."""
-    # Row by row in memory: a sparse product copies anything else into that order first, each time.
+    """`ComplexModes` of eigenpairs λ (k,), X (n, k), with error bars from their left vectors Y (n, k), see `bars`."""
+    # C order: a sparse product would copy anything else into that order, each time
     X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
     backward, bar, condition = bars(pencil, values, X, Y, known)
     return ComplexModes(values, X, backward, bar, values == 0, beyond(np.abs(values.imag), cutoff), condition=condition)

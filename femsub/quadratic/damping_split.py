@@ -1,4 +1,4 @@
-"""A sparse pencil taken apart: proportional damping, whose modes are those without damping, and a few columns beside it."""
+"""A sparse pencil split into a proportionally damped part, whose modes are the undamped ones, and a few columns."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from femsub.checks import Array, Matrix
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
 
-RANK = 40  # columns of W at the most
-JUDGES = 500  # rows by which α and β are judged
-FILLED = 0.1  # of sqrt(d_ii d_jj): the least size at which an entry of D is judged
-EXACT = 1e-12  # what D and αM + βK may differ by, entry by entry, as rounding
+RANK = 40  # largest number of columns of W
+JUDGES = 500  # rows on which α and β are tested
+FILLED = 0.1  # entries of D are compared with at least this share of sqrt(d_ii d_jj)
+EXACT = 1e-12  # relative difference of D and αM + βK, entry by entry, that counts as rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +37,12 @@ class Split:
         return s[:, None, None] * self.C_D + self.C_K
 
     def squared(self, s: Array) -> Array:
-        """ζ with (1 + βs)(K0 + ζM) = P0(s): what -ω² is without damping."""
+        """ζ with (1 + βs)(K0 + ζM) = P0(s): takes the place of -ω² of the undamped problem."""
         return s * (s + self.alpha) / (1 + self.beta * s)
 
 
 def split(pencil: Pencil) -> Split | None:
-    """The pencil taken apart; None where more than 40 columns W are needed, as with a damping that is nowhere proportional."""
+    """The split pencil; None if more than 40 columns W are needed, e.g. because the damping is nowhere proportional."""
     M, D, K = pencil.M, pencil.D, pencil.K
     if not pencil.is_sparse or not pencil.symmetric[0]:
         return None
@@ -60,7 +60,7 @@ def split(pencil: Pencil) -> Split | None:
         return None
     for part in small:
         size = abs(part).max() if part.nnz else 0.0
-        if size:  # zeros may be stored
+        if size:  # explicit zeros may be stored
             probes = rng.standard_normal((len(rows), RANK + 10))
             sketch += [part @ probes / size, part.T @ probes / size]
     if not sketch:
@@ -77,7 +77,7 @@ def split(pencil: Pencil) -> Split | None:
 
 
 def _without_contacts(D: Matrix, pencil: Pencil, own: Array) -> Matrix:
-    """D - Σ cWWᵀ over the contacts that the pencil knows of, without what is rounding beside `own`, sqrt(d_ii)."""
+    """D - Σ cWWᵀ over the pencil's contacts, without entries that are rounding compared with `own`, sqrt(d_ii)."""
     if not pencil.contacts:
         return D
     for c, W in pencil.contacts:
@@ -89,7 +89,7 @@ def _without_contacts(D: Matrix, pencil: Pencil, own: Array) -> Matrix:
 
 
 def _with_contacts(parts: Split, pencil: Pencil) -> Split | None:
-    """What the pencil itself knows of its contacts joins W."""
+    """Append the pencil's contacts to W."""
     columns = sum(column.shape[1] for _, column in pencil.contacts)
     if not columns:
         return parts
@@ -102,16 +102,16 @@ def _with_contacts(parts: Split, pencil: Pencil) -> Split | None:
 
 
 def _rank_of_some_rows(part: Matrix, rng: np.random.Generator) -> int:
-    """A lower bound of the rank, from a few of its rows: most dampings that are nowhere proportional are told by it."""
+    """A lower bound of the rank from a few rows: a cheap test that rules out most dampings that are nowhere proportional."""
     rows = part[rng.choice(part.shape[0], min(part.shape[0], 2 * RANK), replace=False)]
     sizes = la.svdvals(rows[:, np.unique(rows.indices)].toarray()) if rows.nnz else np.zeros(1)
     return int(np.count_nonzero(sizes > 1e-13 * sizes[0]))
 
 
 def _without(D: Matrix, alpha: float, M: Matrix, beta: float, K: Matrix, own: Array, rows: Array | None = None) -> Matrix:
-    """D - αM - βK, or some of its rows, without what is rounding.
+    """D - αM - βK, or some of its rows, without entries that are rounding.
 
-    `own` are sqrt(d_ii): a reduced D comes from a product, whose rounding is that of the diagonal everywhere.
+    `own` is sqrt(d_ii): a reduced D is a product of matrices, so its rounding everywhere has the size of the diagonal's.
     """
     if not alpha and not beta:
         return D
@@ -124,8 +124,9 @@ def _without(D: Matrix, alpha: float, M: Matrix, beta: float, K: Matrix, own: Ar
 
 
 def _proportional(M: Matrix, K: Matrix, D: Matrix, own: Array) -> tuple[float, float]:
-    """α and β with D = αM + βK on most rows, by trial on a few rows at a time, each judged by some hundred others; (0, 0) where
-    there are none.
+    """α and β with D = αM + βK on most rows, or (0, 0).
+
+    They are fitted to a few random rows at a time. Each trial is tested on some hundred other rows.
     """
     if np.count_nonzero(np.diff(D.indptr)) <= D.shape[0] // 2:
         return 0.0, 0.0
@@ -140,7 +141,7 @@ def _proportional(M: Matrix, K: Matrix, D: Matrix, own: Array) -> tuple[float, f
         if not scale.all():
             continue
         (a, b), *_ = np.linalg.lstsq(np.stack([m, k], axis=1) / scale, d, rcond=None)
-        # Where one of the two is all there is, the other comes out as rounding.
+        # If damping is purely mass- or stiffness-proportional, drop the spurious other coefficient.
         a, b = (0.0 if abs(x) <= 1e-12 * max(abs(a), abs(b)) else x for x in (a, b))
         a, b = float(a / scale[0]), float(b / scale[1])
         clean = n - len(np.unique(_without(D, a, M, b, K, own, judges).nonzero()[0]))

@@ -5,8 +5,8 @@ With M positive definite the undamped modes come first: K_s Φ = MΦΩ² with K_
 
     λ [a; b] = [[0, Ω], [-H Ω⁻¹, -C]] [a; b],   H = ΦᵀKΦ, C = ΦᵀDΦ, a = Ωq, b = λq.
 
-For a symmetric K this matrix is skew up to the damping, hence nearly normal: eigenvalues from 1e-5 to 1e7 keep the
-accuracy that their sensitivity allows. Where M is not definite, see `singular_mass`.
+For a symmetric K this matrix is skew-symmetric except for the damping, hence nearly normal. So eigenvalues from 1e-5 to 1e7
+are as accurate as their condition allows. If M is not definite, see `singular_mass`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 class ModalForm:
     """A dense pencil in its undamped modes: Φ (n, n), Ω > 0 (n,), H = ΦᵀKΦ, C = ΦᵀDΦ; the first `rigid` have KΦ = 0.
 
-    H is None where K is symmetric: then it is diag(±Ω²), with `sign`.
+    H is None if K is symmetric: then it is diag(±Ω²), with `sign`.
     """
 
     shapes: Array
@@ -44,7 +44,7 @@ class ModalForm:
     rigid: int
 
     def state(self, C: Array | None = None) -> Array:
-        """The state matrix, shape (2n - rigid, 2n - rigid): a rigid-body mode has no potential energy, hence no a."""
+        """The state matrix, shape (2n - rigid, 2n - rigid). A rigid-body mode has no potential energy, hence no state a."""
         damping = self.C if C is None else C
         n, r = len(self.omega), self.rigid
         A = np.zeros((2 * n - r, 2 * n - r))
@@ -60,7 +60,7 @@ class ModalForm:
     def at(self, s: complex) -> Array:
         """ΦᵀP(s)Φ, shape (n, n).
 
-        Ω² + s² is (Ω + is)(Ω - is): the difference of the squares would lose the digits that decide at a resonance.
+        Ω² + s² is computed as (Ω + is)(Ω - is): near a resonance a difference of squares would lose the relevant digits.
         """
         elastic = np.arange(len(self.omega)) >= self.rigid
         stiffness = np.diag(self.sign * self.omega**2 * elastic) if self.H is None else self.H
@@ -72,17 +72,17 @@ class ModalForm:
 
 
 def definite_form(pencil: Pencil) -> ModalForm:
-    """The modal form of a pencil, made dense, whose M has to be definite for what is asked."""
+    """The modal form of a pencil, made dense; an InputError if its M is not definite."""
     form = modal_form(pencil.dense())
     if form is None:
-        raise InputError("M is singular or nearly so (massless DOF), and a border needs mass under every motion: condense such "
-                         "DOF, or give them a little mass; of a reduced model keep fewer modes (complex_modes and sweep take "
-                         "it as it is)")
+        raise InputError("M is singular or nearly so (massless DOF), but the stability border needs a regular M. Condense such "
+                         "DOF, or give them a little mass. In a reduced model keep fewer modes. complex_modes and sweep accept "
+                         "a singular M")
     return form
 
 
 def modal_form(pencil: Pencil) -> ModalForm | None:
-    """The modal form of a dense pencil, or None where M is not symmetric positive definite."""
+    """The modal form of a dense pencil, or None if M is not symmetric positive definite."""
     M, K = pencil.M, pencil.K
     if not is_symmetric(M):
         return None
@@ -96,7 +96,7 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
         except la.LinAlgError:
             return None
     omega = np.sqrt(np.abs(values))
-    omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # only a scaling where it is not the frequency
+    omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # where it differs from the frequency it is only a scaling
     H = None
     if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
         H = shapes.T @ (K @ shapes)
@@ -105,9 +105,9 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
 
 
 def _undamped(still: Array, M: Array, K: Array) -> tuple[Array, Array, int]:
-    """ω² (n,) and Φ (n, n) of the symmetric part of K, and how many rigid-body modes stand first, with ω² = 0.
+    """ω² (n,) and Φ (n, n) of the symmetric part of K, and the number of rigid-body modes, which come first with ω² = 0.
 
-    Those are moved to a quarter of the lowest elastic ω² while LAPACK seeks the others, as for `normal_modes`.
+    While LAPACK computes the others, rigid-body modes are shifted to a quarter of the lowest elastic ω², as in `normal_modes`.
     """
     values, shapes = _by_lapack(still, M)
     low = np.abs(values) <= 1e-8 * np.abs(values).max()
@@ -138,23 +138,21 @@ def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
 
 
 def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tuple[Array, float]:
-    """The rigid-body modes Z (n, r), M-orthonormal, and the lowest elastic ω²; as `ShiftInvert` decides it, if K is
-    semidefinite.
-    """
+    """The M-orthonormal rigid-body modes Z (n, r), and the lowest elastic ω². If K is semidefinite, `ShiftInvert` decides."""
     try:
         handle = ShiftInvert(K, M)
-    except SingularMatrixError:  # a negative stiffness, or parts too unlike each other
+    except SingularMatrixError:  # a negative stiffness, or a large stiffness contrast
         top = float(np.abs(values).max()) or 1.0
         return _annihilated(K, M, _cleaned(K, M, shapes[:, low], top)), float(np.abs(values[~low]).min(initial=top))
     return handle.rigid, handle.lowest if np.isfinite(handle.lowest) else float(np.abs(values).max())
 
 
 def _annihilated(K: Array, M: Array, x: Array) -> Array:
-    """As many combinations of the motions x (n, k) as cost nothing however they are mixed, M-orthonormal.
+    """An M-orthonormal basis of those motions in the span of x (n, k) that have Kx = 0 within rounding.
 
-    A motion by itself may move only DOF in which K holds nothing but rounding of what it holds elsewhere: the reduced model
-    of a block that is joined at a few nodes in one plane resists no motion across it. There are no forces in such a motion
-    against which its own could be measured; in a mixture with the other rigid-body modes there are.
+    A single motion may move only DOF whose entries in K are rounding. Example: a reduced block joined at a few nodes in
+    one plane has no stiffness across the plane. Such a motion causes no large forces with which its own could be compared.
+    Combined with the other rigid-body modes it does.
     """
     x = x @ np.linalg.inv(np.linalg.cholesky(x.T @ M @ x)).T
     unit = units(K)[:, None]
@@ -169,9 +167,9 @@ def _annihilated(K: Array, M: Array, x: Array) -> Array:
 
 
 def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array) -> tuple[Array, Array]:
-    """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not brake.
+    """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not damp.
 
-    Each of these has a double eigenvalue at 0, which rounding in C would break up.
+    Each of these has a double eigenvalue at 0, which rounding in C would split.
     """
     C = shapes.T @ (D @ shapes)
     if not rigid:
@@ -186,14 +184,14 @@ def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array) -> tuple[Array, 
 
 
 def unresisted(A: Array, Z: Array, unit: Array) -> tuple[Array, Array]:
-    """The motions Z (n, r) turned so that A resists few of them, and the numbers of those with Az = 0, in each DOF's `unit`."""
+    """The motions Z (n, r) rotated such that as many as possible have Az = 0, and the indices of those; `unit` scales the DOF."""
     Z = Z @ np.linalg.svd(unit[:, None] * (A @ Z), full_matrices=False)[2].T
-    scale = np.linalg.norm(unit * (abs(A) @ abs(Z).sum(axis=1)))  # of all: one at rest where the dashpot is has no scale
+    scale = np.linalg.norm(unit * (abs(A) @ abs(Z).sum(axis=1)))  # of all: one at rest at the dashpot has no scale
     return Z, np.flatnonzero(np.linalg.norm(unit[:, None] * (A @ Z), axis=0) <= RIGID * scale)
 
 
 def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
-    # Rounding of the stiffest modes is left in the softest; two solves with K + sM remove it.
+    # The softest modes contain rounding of the stiffest ones; two solves with K + sM remove it.
     sigma = 1e-10 * top
     with np.errstate(all="ignore"):
         try:
@@ -207,14 +205,14 @@ def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
 
 
 def eigenvalues(form: ModalForm, C: Array | None = None) -> Array:
-    """All 2n eigenvalues of the modal form, the rigid ones that are exact zeros included; C = ΦᵀDΦ may be another."""
+    """All 2n eigenvalues of the modal form, exact zeros of rigid motion included; C = ΦᵀDΦ may be replaced."""
     return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
 
 
 def with_energy(values: Array, q: Array, C: Array) -> Array:
     """Re λ = -q̄ᵀCq / (2 q̄ᵀq) for the complex λ of a symmetric pencil in modal form, C (n, n), q (n, k).
 
-    From q̄ᵀP(λ)q = 0 with real coefficients. It keeps its digits where Re λ is smaller than the rounding of λ, as it is
+    It follows from q̄ᵀP(λ)q = 0 with real coefficients. It is accurate even if Re λ is smaller than the rounding of λ, as
     for the low modes of a large model with a single dashpot.
     """
     decay = np.einsum("ij,ij->j", q.conj(), C @ q).real / np.maximum(np.einsum("ij,ij->j", q.conj(), q).real, 1e-300) / 2
@@ -222,7 +220,7 @@ def with_energy(values: Array, q: Array, C: Array) -> Array:
 
 
 def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
-    """λ (2n,), right shapes X (n, 2n), left shapes Y (n, 2n), yᴴP(λ) = 0, of a dense pencil; infinite λ left out.
+    """λ (2n,), right shapes X (n, 2n), left shapes Y (n, 2n), yᴴP(λ) = 0, of a dense pencil, without infinite λ.
 
     Conjugates are exact conjugates. Columns have unit length.
     """
@@ -243,7 +241,7 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
     if plain and (form.sign[r:] > 0).all():
         values = with_energy(values, right[n - r:], form.C)
     X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
-    # b = λq vanishes with λ: there the shape is in a = Ωq.
+    # b = λq vanishes with λ: for small λ the shape is taken from a = Ωq
     still = np.linalg.norm(right[n - r:], axis=0) < 1e-8
     X[:, still] = form.shapes[:, r:] @ (right[:n - r, still] / form.omega[r:, None])
     values, X, Y = np.append(values, np.zeros(r)), np.hstack([X, form.shapes[:, :r]]), np.hstack([Y, form.shapes[:, :r]])

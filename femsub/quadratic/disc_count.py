@@ -1,7 +1,7 @@
-"""How many eigenvalues lie in a disc: an independent count that needs no complex factorisation, at any size.
+"""The number of eigenvalues in a disc: an independent count without complex factorisations, for models of any size.
 
-Away from a few contacts and dashpots a pencil has proportional damping, whose modes the inertia of K - ω²M counts; what
-the contacts make of them follows from a determinant as small as their number.
+Without a few contacts and dashpots the pencil has proportional damping, and the inertia of K - ω²M counts its modes. The
+effect of the contacts follows from a small determinant, whose size is the number of contact columns.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from femsub.linalg.subspace import orthonormal
 from femsub.model.matrices import Difference
 from femsub.quadratic.damping_split import Split
 
-SAFE = 0.5  # the margin that is asked on the contour; 1 would do
-ROUNDS = 12  # of enrichment, until the margin is safe
-SURE = 100.0  # factor between an estimate of the nearest undamped mode and what is relied on
-CLOSE = 1e8  # relative distance of a mode, inverted, at which it is on the edge
+SAFE = 0.5  # required margin on the contour; the theorem needs 1
+ROUNDS = 12  # largest number of enrichments until the margin is safe
+SURE = 100.0  # safety factor on the estimated distance of the nearest undamped mode
+CLOSE = 1e8  # inverse relative distance at which a mode counts as on the edge
 TINY = 1e-300
 Solve = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
 class Edge:
-    """What A = K0 - R²M tells: the number of modes below R, and how near R the next mode may be."""
+    """From A = K0 - R²M: the number of modes below R, and how near to R the next mode may be."""
 
     radius: float
     below: int
@@ -38,7 +38,7 @@ class Edge:
 
 
 def edge(parts: Split, radius: float) -> Edge:
-    """Factorises A once; `near` comes from two random vectors, by two steps of inverse iteration.
+    """Factorise A once; `near` comes from two random vectors by two steps of inverse iteration.
 
     Raises
     ------
@@ -56,15 +56,15 @@ def edge(parts: Split, radius: float) -> Edge:
     below, near = handle.negative_pivots, 1 + 2 * radius**2 * float(length.max())
     handle.close()
     if not near < CLOSE:
-        raise SingularMatrixError(f"a mode is as near to ω = {radius:.6g} as {1 / near:.1e} of it")
+        raise SingularMatrixError(f"a mode lies at ω = {radius:.6g}, within a relative distance of {1 / near:.1e}")
     return Edge(radius, below, near)
 
 
 @dataclass(frozen=True)
 class Count:
-    """`number` eigenvalues with |λ| < radius, conjugates included; it holds where `margin` < 1.
+    """The count: `number` eigenvalues have |λ| < radius, conjugates included. It is valid if `margin` < 1.
 
-    `size` is that of the projected pencil, `solves` the right-hand sides it took.
+    `size` is the size of the projected pencil, `solves` the number of right-hand sides solved.
     """
 
     radius: float
@@ -75,7 +75,7 @@ class Count:
 
     @property
     def evidence(self) -> str:
-        """By inertia alone where there are no contacts; else the margin is known at the points sampled only."""
+        """'certified' without contacts (inertia alone); else 'confirmed', since the margin is known at sample points only."""
         return CONFIRMED if self.size else CERTIFIED
 
     @property
@@ -84,28 +84,28 @@ class Count:
 
 
 def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | None:
-    """The number of zeros of det P in |s| < R by Rouché's theorem, of which the eigensolver's result is no premise.
+    """The number of zeros of det P in |s| < R by Rouché's theorem, independent of the eigensolver's result.
 
     det P(s) = det P0(s) · f(s), f(s) = det(I + C(s)H(s)), H = WᵀP0⁻¹W, C = sC_D + C_K (matrix determinant lemma), so that
 
         zeros of P = 2 ν(K0 - R²M) + (zeros - poles of f),
 
-    with ν the number of negative eigenvalues. The last bracket is that of f_V, where H_V is H on a basis V (n, m) that holds
-    the shapes X and static responses to the contacts: both counts of small dense matrices. It may stand in for f because on
-    |s| = R
+    with ν the number of negative eigenvalues. The last bracket is computed for f_V instead of f. H_V is H on a basis V (n, m)
+    of the shapes X and static responses to the contacts, so zeros and poles belong to small dense matrices. Both brackets
+    are equal if on |s| = R
 
         κ ρᵀ |(I + C H_V)⁻¹C| ρ < 1,   |H - H_V|_ij ≤ κ ρ_i ρ_j,
 
     with the residuals ρ_i = ‖W e_i - P0 V q_i‖ in the norm of (K0 + μM)⁻¹ and κ = sup |(ω² + μ)/(1 + βs)(ω² + ζ)| over all
-    ω² ≥ -μ, whether they are known or not; all of it evaluated at some hundred points, dense near poles and zeros of f_V and
-    near iR, where κ comes from an estimate of the nearest mode. An X with a mode missing makes V worse, never the count
-    wrong. The basis grows where the largest margin is above 0.5: by Im X, by residuals, each third time by all of A⁻¹MV.
+    ω² ≥ -μ, known or not. The margin is evaluated at some hundred points. They are dense near poles and zeros of f_V and
+    near iR, where κ comes from an estimate of the nearest mode. A mode missing in X makes V worse, but never the count
+    wrong. If the largest margin is above 0.5, the basis grows: by Im X, by residuals, each third time by all of A⁻¹MV.
 
     Parameters
     ----------
     parts, at : Split, Edge
     solve : callable
-        B (n, k) to (K0 + μM)⁻¹B; K0 + μM has been found positive definite.
+        Maps B (n, k) to (K0 + μM)⁻¹B; K0 + μM is known to be positive definite.
     mu : float
         0 ≤ μ < R²/4.
     X : ndarray of complex, shape (n, k)
@@ -113,7 +113,7 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
     Returns
     -------
     Count or None
-        None where damping is so strong that proportional modes below R may be overdamped: no count by this way.
+        None if damping is so strong that proportional modes below R may be overdamped: the method does not apply.
     """
     R = at.radius
     if not (abs(parts.alpha) < R / 2 and abs(parts.beta) * R < 0.5 and mu < R**2 / 4):
@@ -145,7 +145,7 @@ def count(parts: Split, at: Edge, solve: Solve, mu: float, X: Array) -> Count | 
 
 
 class _Basis:
-    """V with VᵀAV = I, A = K0 + μM, and T = A⁻¹MV less its share in V; likewise A⁻¹W."""
+    """V with VᵀAV = I, A = K0 + μM; and T, the part of A⁻¹MV outside V; likewise for A⁻¹W."""
 
     def __init__(self, parts: Split, solve: Solve, mu: float) -> None:
         n = parts.M.shape[0]
@@ -163,7 +163,7 @@ class _Basis:
         return self.solve(B)
 
     def add(self, new: Array) -> None:
-        """Appends what is new, made orthonormal."""
+        """Append new directions, made orthonormal."""
         new, Anew = orthonormal(np.array(new, order="C"), self.A.__matmul__, self.V)
         if new.shape[1]:
             Mnew = self.parts.M @ new
@@ -175,7 +175,7 @@ class _Basis:
     def small(self, at: Edge) -> _Small:
         M, W = self.V.T @ self.MV, self.AV.T @ self.static
         M = (M + M.T) / 2
-        # What A⁻¹[W, MV] has outside of V, and its A-products, without a cancellation that squares would suffer.
+        # the part of A⁻¹[W, MV] outside V and its A-products; a difference of squares would suffer cancellation
         inside, q = np.hstack([W, M]), W.shape[1]
         self.outside, forces = self.V @ inside, self.AV @ inside
         for whole, first, rest in ((self.outside, self.static, self.T), (forces, self.parts.W, self.MV)):
@@ -214,7 +214,7 @@ class _Small:
 
     @cached_property
     def eigenvalues(self) -> Array:
-        """By QZ on the reversed pencil in R/s, in which K_V is near I."""
+        """Eigenvalues by QZ on the reversed pencil in R/s, in which K_V is near I."""
         p, m, R = self.parts, len(self.theta), self.radius
         M, K0 = np.diag(self.theta), np.diag(1 - self.mu * self.theta)
         D = p.alpha * M + p.beta * K0 + self.W @ p.C_D @ self.W.T
@@ -254,7 +254,7 @@ class _Small:
         return np.where(np.isfinite(result), result, np.inf)
 
     def _kappa(self, s: Array) -> Array:
-        """sup |(ω² + μ)/((1 + βs)(ω² + ζ))| over ω² ≥ -μ; close to -ζ = R² by what the edge knows of the next mode."""
+        """sup |(ω² + μ)/((1 + βs)(ω² + ζ))| over ω² ≥ -μ; near -ζ = R² from the edge's distance to the next mode."""
         R2 = self.radius**2
         zeta = self.parts.squared(s)
         shift = zeta - self.mu
@@ -265,7 +265,7 @@ class _Small:
         return 1 / np.abs(1 + self.parts.beta * s) / np.maximum(least, close)
 
     def contour(self) -> Array:
-        """Points on the upper half of |s| = R, dense where a pole of f, or a zero, is near."""
+        """Points on the upper half of |s| = R, dense near poles and zeros of f."""
         p, R = self.parts, self.radius
         decay = p.alpha + p.beta * R**2
         crossing = np.pi - np.arctan2(np.sqrt(max(R**2 - decay**2 / 4, 0.0)), decay / 2)
@@ -283,7 +283,7 @@ class _Small:
 
 
 def definite(parts: Split, radius: float) -> tuple[Solve, float]:
-    """B to (K0 + μM)⁻¹B by a factorisation of its own, and μ > 0, for a K0 that is not positive definite for certain.
+    """The solver B ↦ (K0 + μM)⁻¹B by a separate factorisation, and μ > 0, if K0 may not be positive definite.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Two spectra compared as sets, by distance and by shape, never by position."""
+"""Comparison of two spectra: eigenvalues are matched by distance and by shape, never by position."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from femsub.model.friction import Belt
     from femsub.quadratic.complex_modes import ComplexModes
 
-NEAR = 0.5  # |Δλ| / |λ| beyond which an eigenvalue has no counterpart
-SWAP = 0.05  # |Δλ| / |λ| that shapes which have nothing in common weigh as much as
-CLUSTER = 1e-3  # |Δλ| / |λ| up to which modes count as one subspace
+NEAR = 0.5  # |Δλ| / |λ| above which an eigenvalue has no counterpart
+SWAP = 0.05  # |Δλ| / |λ| that costs as much as a MAC of 0
+CLUSTER = 1e-3  # |Δλ| / |λ| up to which modes are compared as one subspace
 
 
 class SpectrumErrors(NamedTuple):
-    """Largest errors of λ, over |λ|, and of Re λ over matched eigenvalues, how many have none, and the smallest MAC."""
+    """Largest errors of λ (relative to |λ|) and of Re λ over the matched eigenvalues, the number unmatched, the smallest MAC."""
 
     eigenvalue: float
     growth: float
@@ -30,7 +30,7 @@ class SpectrumErrors(NamedTuple):
 
 def match(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
           far: float | None = None) -> tuple[Array, Array]:
-    """The one-to-one assignment of two spectra with the least sum of `pair_costs`: indices into both, never by position."""
+    """The one-to-one assignment of two spectra with the least sum of `pair_costs`: indices into both."""
     return assigned(pair_costs(reference, values, alike, weight=weight, far=far))
 
 
@@ -38,13 +38,13 @@ def pair_costs(reference: Array, values: Array, alike: Array | None = None, *, w
                far: float | None = None) -> Array:
     """|Δλ| + weight |λ| (1 - MAC); with `far` min(|Δλ| / |λ|, far) + weight (1 - MAC), shape (k, l).
 
-    With `far` one without a counterpart does not drive others from theirs.
+    `far` limits the cost of an eigenvalue without a counterpart, so that it does not change the assignment of others.
 
     Parameters
     ----------
     reference, values : ndarray, shapes (k,) and (l,)
     alike : ndarray, shape (k, l), optional
-        The MAC of the shapes, which decides where frequencies lie close; where it is NaN the shapes cost nothing.
+        The MAC of the shapes, which decides between close frequencies; NaN means no cost.
     """
     cost, size = np.abs(reference[:, None] - values), np.abs(reference)[:, None]
     if far is not None:
@@ -63,7 +63,7 @@ def assigned(cost: Array) -> tuple[Array, Array]:
 def likeness(full: Substructure, model: Substructure, x: Array, y: Array) -> Array:
     """MAC |xᴴM Vy|² / (xᴴMx · yᴴM_r y) of shapes x (n, k) of the full model and y (r, l) of a reduced one, (k, l).
 
-    NaN where the other model has no basis V to compare on. M as weight makes it free of the units of each DOF.
+    NaN if the other model has no basis V. The weight M makes it independent of the units of the DOF.
     """
     fields = _fields(full, model, y)
     if fields is None:
@@ -86,12 +86,11 @@ def spectrum_errors(full: ComplexModes, reduced: ComplexModes,
                     models: tuple[Substructure, Substructure] | None = None, scale: Array | None = None) -> SpectrumErrors:
     """Errors over the eigenvalues of the full model with Im λ ≥ 0, rigid motion apart.
 
-    That of Re λ is over `scale`, one figure for each eigenvalue of the full model, such as `turnover`: Re λ itself, which
-    stands in where there is none, vanishes at the border of stability. Where both it and the difference are within the
-    error bars there is nothing to compare.
+    The error of Re λ is relative to `scale`, one value per eigenvalue of the full model, such as `turnover`. Without it the
+    scale is Re λ itself, which vanishes at the stability border. Differences within the error bars are ignored.
 
-    With the two `models` shapes count as well: where frequencies lie close they decide which belongs to which, and the
-    smallest MAC is given (else NaN), for clusters that of the subspace.
+    If the two `models` are given, shapes count as well. They decide between close frequencies. The smallest MAC is
+    returned (else NaN), for clusters that of the subspace.
     """
     ours, theirs = listed(full), listed(reduced)
     reference, x, bars = full.eigenvalues[ours], full.shapes[:, ours], full.error_bar[ours]
@@ -113,7 +112,7 @@ def spectrum_errors(full: ComplexModes, reduced: ComplexModes,
 
 
 def _least_mac(models: tuple[Substructure, Substructure], values: Array, x: Array, y: Array) -> float:
-    """The smallest share of xᴴMx that the partners of a shape and of all shapes of its cluster can do."""
+    """The smallest share of xᴴMx that is represented by the partners of a shape and of its cluster."""
     fields = _fields(*models, y)
     if fields is None:
         return np.nan
@@ -130,10 +129,10 @@ def _least_mac(models: tuple[Substructure, Substructure], values: Array, x: Arra
 
 
 def turnover(model: Substructure, contacts: Belt | None, modes: ComplexModes) -> Array:
-    """(|xᴴDx| + F|μ'| |Wᵀx|²) / 2xᴴMx: the rates at which D takes power and a belt feeds it, without their cancellation.
+    """(|xᴴDx| + F|μ'| |Wᵀx|²) / 2xᴴMx: the sum of the rates at which D dissipates energy and the belt supplies it.
 
-    Of a complex λ of a symmetric pencil Re λ is the difference of the two, which vanishes at the border of stability.
-    Without a belt the figure is |Re λ|.
+    For a complex λ of a symmetric pencil, |Re λ| is the difference of these rates, which vanishes at the stability border.
+    Without a belt the value is |Re λ|.
     """
     x = modes.shapes
     taken = np.abs(np.einsum("ij,ij->j", x.conj(), model.D @ x).real)
@@ -144,12 +143,12 @@ def turnover(model: Substructure, contacts: Belt | None, modes: ComplexModes) ->
 
 
 def listed(modes: ComplexModes) -> Array:
-    """The eigenvalues that are compared, bool (k,): Im λ ≥ 0, and no rigid motion."""
+    """Which eigenvalues are compared, bool (k,): Im λ ≥ 0, without rigid-body modes."""
     return np.asarray(~modes.rigid & upper(modes.eigenvalues))
 
 
 def extra_eigenvalues(full: ComplexModes, reduced: ComplexModes, band: tuple[float, float]) -> int:
-    """Eigenvalues of a reduced model in the band, below its cut-off, that match none of the full model."""
+    """The number of eigenvalues of a reduced model in the band, below its cut-off, without a match in the full model."""
     shown = listed(reduced)
     reference, values = full.eigenvalues[listed(full)], reduced.eigenvalues[shown]
     counted = ~reduced.above_cutoff[shown] & within(values, band)
@@ -158,7 +157,7 @@ def extra_eigenvalues(full: ComplexModes, reduced: ComplexModes, band: tuple[flo
 
 
 def frequency_error(full: Array, reduced: Array) -> float:
-    """The largest |Δω| / ω over the frequencies of the full model that have a counterpart (0 where there are none)."""
+    """The largest |Δω| / ω over the frequencies of the full model that have a counterpart (0 if there are none)."""
     if not len(full):
         return 0.0
     if not len(reduced):
@@ -170,7 +169,7 @@ def frequency_error(full: Array, reduced: Array) -> float:
 
 
 def relative_error(value: float, reference: float) -> float:
-    """|value - reference| / |reference|; 0 where both are equal, infinite ones too."""
+    """|value - reference| / |reference|; 0 if both are equal, even if infinite."""
     if value == reference:
         return 0.0
     return float(abs(value - reference) / abs(reference)) if reference else np.nan

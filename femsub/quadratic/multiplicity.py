@@ -1,4 +1,4 @@
-"""Equal and almost equal eigenvalues of a sparse search: none listed twice, and several searches put together."""
+"""Equal and almost equal eigenvalues of a sparse search: duplicates are removed, several searches are merged."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from femsub.errors import NotConvergedError
 from femsub.model.bands import DOUBLE
 from femsub.model.matrices import unit_length
 
-SAME = 1e-10  # |Δλ| / |λ| up to which one eigenvalue may have been found twice: a defective one is split by more
-PARALLEL = 1e-6  # what a unit vector leaves of another one that is the same: two of a double eigenvalue leave more
-SPLIT = 1e-5  # |Δλ| / |λ| that may lie between what two searches make of a defective eigenvalue: the root of their tolerance
-NEW = 1e-3  # share of a shape that no shape of the cluster has, by which it is one more
-FETCHES = 3  # more searches, each from another start, for eigenvalues that are missing
+SAME = 1e-10  # |Δλ| / |λ| up to which two results may be the same eigenvalue; rounding splits a defective one by more
+PARALLEL = 1e-6  # two unit vectors are the same up to this remainder; those of a double eigenvalue differ by more
+SPLIT = 1e-5  # |Δλ| / |λ| between the results of two searches for a defective eigenvalue: the root of their tolerance
+NEW = 1e-3  # a shape is new if this share of it lies outside the span of the cluster's shapes
+FETCHES = 3  # additional searches, each from another start, for missing eigenvalues
 
 
 class Search:
-    """Eigenvalues nearest to a shift by one search after another, each from a start of its own, and what they found together.
+    """Eigenvalues nearest to a shift, by several searches from different starts; their results are merged.
 
-    `nearest` (number, seed) → λ (k,), X (n, k) makes a search; `searches` is how many there were, `ask` the last number.
+    `nearest` (number, seed) → λ (k,), X (n, k) makes one search. `searches` is the number so far, `ask` the last number asked.
     """
 
     def __init__(self, nearest: Callable[[int, int], tuple[Array, Array]], size: int) -> None:
@@ -36,7 +36,7 @@ class Search:
         return self.searches > FETCHES
 
     def found(self, ask: int) -> tuple[Array, Array]:
-        """λ and X with so many asked for."""
+        """λ and X of a search for `ask` eigenvalues."""
         if ask != self.ask:
             new = self.nearest(ask, self.searches)
             self.pool = joined(*self.pool, *new) if self.searches > 1 else new
@@ -44,12 +44,12 @@ class Search:
         return self.pool
 
     def more(self, ask: int, missed: int) -> int:
-        """How many to ask for in a new search where so many are missing."""
+        """The number to ask for in a new search if `missed` eigenvalues are missing."""
         self.searches, self.ask = self.searches + 1, 0
         return min(ask + 2 * missed + 10, 2 * self.size)
 
     def settled(self) -> bool:
-        """Whether there is no more to find in clusters, which nobody counts: none is there, or another search finds the same."""
+        """Whether all clusters are complete: there is none, or another search finds the same eigenvalues."""
         values, X = self.pool
         if self.exhausted or not clusters(values[values != 0], DOUBLE):
             return True
@@ -60,16 +60,16 @@ class Search:
 
 
 def distinct(values: Array, X: Array) -> tuple[Array, Array]:
-    """λ (k,) and X (n, k) without ghosts: pairs of which both the eigenvalue and the shape are listed already.
+    """λ (k,) and X (n, k) without duplicates: eigenpairs whose eigenvalue and shape are listed already.
 
-    A ghost would make up for one that is missing, wherever numbers are compared. Two equal real eigenvalues that rounding has
-    made a pair, of which only Im λ > 0 is listed, are two again, with Re x and Im x, so that both are compared.
+    A duplicate could hide a missing eigenvalue when numbers are compared. Two equal real eigenvalues that rounding has turned
+    into a pair, of which only Im λ > 0 is listed, become two again, with Re x and Im x.
     """
     values, X = _without_false_pairs(values, X)
     keep = np.ones(len(values), dtype=bool)
     for group in clusters(values, SAME):
         if values[group[0]] == 0:
-            continue  # of rigid-body motion, whose number is known
+            continue  # rigid-body motion: its number is known
         R, order = la.qr(unit_length(X[:, group]), mode="r", pivoting=True, check_finite=False)
         small = np.abs(R.diagonal()) <= PARALLEL
         keep[group[order[len(small) - np.count_nonzero(small):]]] = False
@@ -88,10 +88,10 @@ def _without_false_pairs(values: Array, X: Array) -> tuple[Array, Array]:
 
 
 def joined(values: Array, X: Array, more: Array, Y: Array) -> tuple[Array, Array]:
-    """The eigenpairs (λ, X) of one search and what another one, (more, Y), has beyond it.
+    """The eigenpairs (λ, X) of one search together with the new ones of another search, (more, Y).
 
-    A search from one start vector sees one direction of each eigenspace, and others by rounding only: from another start
-    come others. Where a cluster is known, only shapes outside of its span are new.
+    A search from one start vector finds one direction of each eigenspace, and others only by rounding. Another start finds
+    others. In a known cluster only shapes outside its span are new.
     """
     known = len(values)
     both, new = np.append(values, more), np.ones(len(more), dtype=bool)
@@ -115,7 +115,7 @@ def joined(values: Array, X: Array, more: Array, Y: Array) -> tuple[Array, Array
 
 
 def clusters(values: Array, radius: float) -> list[Array]:
-    """Indices of values (k,) that hang together by relative distances ≤ radius, groups of two and more; zeros are one."""
+    """Clusters of values (k,) connected by relative distances ≤ radius: indices of groups of two or more; zeros are one group."""
     from scipy.spatial import cKDTree
 
     size = np.abs(values)
@@ -133,10 +133,10 @@ def clusters(values: Array, radius: float) -> list[Array]:
 
 
 def clear_radius(size: Array, count: int) -> float:
-    """A radius at which eigenvalues of these sizes |λ|, ascending (k,), can be counted, for the `count` first of them.
+    """A radius at which the first `count` eigenvalues can be counted, given the sizes |λ|, ascending (k,).
 
-    In the widest gap behind them. Where there is none, since they cut a cluster, just below that: then none lies nearer to
-    0 than those found, and of equal ones any are as good.
+    It lies in the widest gap behind them. If there is no gap, because they end inside a cluster, it lies just below the
+    cluster. Then no smaller eigenvalue is missing, and any member of the cluster may be listed.
     """
     tail = size[count - 1:]
     if len(tail) > 1 and tail[-1] > 0:

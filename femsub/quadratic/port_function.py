@@ -4,9 +4,9 @@ The contact is rank one, hence on the border λ = iω
 
     1 + c G(ω) = 0,   G(ω) = iω wᵀ(-ω²M + iωD + K)⁻¹w,
 
-so that crossings are the roots of Im G with c = -1/G. G is evaluated in the undamped modes of the dense pencil, where
--ω²M + K is the diagonal Ω² - ω² free of cancellation; brackets come from the poles λ_k of G, that is from the model's
-own modes, with a grid as fine as their damping.
+so the crossings are the roots of Im G, with c = -1/G. G is evaluated in the undamped modes of the dense pencil, where
+-ω²M + K is the diagonal Ω² - ω², free of cancellation. Brackets come from the poles λ_k of G, that is from the model's
+modes, on a grid as fine as their damping.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class PortFunction:
 
     @classmethod
     def of(cls, form: ModalForm, w: Array, decomposition: tuple[Array, Array, Array] | None = None) -> PortFunction:
-        """Of a port (n,); λ, left and right vectors of the state matrix may be given where they are at hand."""
+        """The function of a port (n,); λ, left and right vectors of the state matrix may be given if they are known."""
         n, r = len(form.omega), form.rigid
         values, left, right = decomposition or la.eig(form.state(), left=True, right=True, check_finite=False)
         scale = np.einsum("ij,ij->j", left.conj(), right)
@@ -47,7 +47,7 @@ class PortFunction:
         return cls(form, w, values, np.where(np.isfinite(residues), residues, 0.0))
 
     def approximate(self, omega: Array) -> Array:
-        """G by its partial fractions, shape (m,): quick, and right enough to bracket."""
+        """G by its partial fractions, shape (m,): fast, and accurate enough for brackets."""
         result = np.empty(len(omega), dtype=complex)
         for start in range(0, len(omega), 512):
             part = omega[start:start + 512]
@@ -66,16 +66,16 @@ class PortFunction:
         return s * h, 1j * slope, q
 
     def rounding(self, omega: float) -> float:
-        """How far c = -1/G(ω) moves, relatively, if each entry of C does by one rounding: EPS ω |y|ᵀ|C||q| / |h|.
+        """Relative change of c = -1/G(ω) if each entry of C changes by one rounding: EPS ω |y|ᵀ|C||q| / |h|.
 
-        Those of the stiffness move ω, and c by less.
+        Rounding in the stiffness moves ω, but c by less.
         """
         factor = la.lu_factor(self.form.at(1j * omega), check_finite=False)
         q, y = (la.lu_solve(factor, self.w, trans=trans, check_finite=False) for trans in (0, 1))
         return float(EPS * omega * np.abs(y) @ (np.abs(self.form.C) @ np.abs(q)) / np.abs(self.w @ q))
 
     def grid(self, lo: float, hi: float) -> Array:
-        """Frequencies between which Im G changes sign at most once, as far as the poles tell."""
+        """Frequencies between which Im G should change sign at most once, judged by the poles."""
         poles = self.poles[self.poles.imag >= 0]
         centre = np.append(poles.imag, np.abs(poles[poles.imag == 0].real))
         width = np.append(np.abs(poles.real), np.abs(poles[poles.imag == 0].real))
@@ -90,7 +90,7 @@ class PortFunction:
         return np.unique(points[(points >= edges[0]) & (points <= edges[1])])
 
     def crossings(self, lo: float, hi: float) -> tuple[Array, Array]:
-        """(ω, c) of all crossings with lo ≤ ω ≤ hi and c < 0, largest c first; what `in_band` says of the edges."""
+        """(ω, c) of all crossings with lo ≤ ω ≤ hi and c < 0, largest c first; edges as in `in_band`."""
         omega = self.grid(lo * lo / widened(lo) if lo else lo, widened(hi))  # a root on an edge needs a change of sign around it
         if len(omega) < 2:
             return np.zeros(0), np.zeros(0)
@@ -108,11 +108,11 @@ class PortFunction:
         rough = -1 / np.where(likely, G, -1.0).real
         found: list[tuple[float, float]] = []
         widths = np.abs(1j * roots[:, None] - self.poles).min(axis=1, initial=np.inf)
-        # A rough value is off by as much as rounding moves the pole, compared with how far that is from the axis.
+        # the relative error of the approximate value is the rounding of the pole over its distance to the axis
         doubt = 1e-6 + 20 * EPS * np.abs(self.poles).max() / np.maximum(widths, 1e-300)
         for j in sorted(np.flatnonzero(likely), key=lambda j: -rough[j]):
-            # Those that lie behind the best beyond doubt cannot overtake it; two are kept in reserve, should the best
-            # one turn out to lead the wrong way.
+            # Crossings certainly below the best one need no refinement. Two are kept in reserve, in case the best one
+            # turns out to cross in the wrong direction.
             if len(found) >= 3 and rough[j] < (1 + doubt[j]) * sorted(pair[1] for pair in found)[-3]:
                 continue
             width = float(widths[j])
@@ -124,7 +124,7 @@ class PortFunction:
         return omegas, np.array([pair[1] for pair in found])
 
     def _polish(self, omega: float, width: float) -> tuple[float, float] | None:
-        """Newton's method on Im G with the exact function; None where the root turns out to be an antiresonance."""
+        """Newton's method on Im G with the exact function; None if the root is an antiresonance."""
         for _ in range(30):
             G, slope, _ = self.exact(omega)
             step = -G.imag / slope.imag if slope.imag else 0.0
@@ -136,7 +136,7 @@ class PortFunction:
                 break
         G = self.exact(omega)[0]
         c = -1 / G if G else np.inf
-        # A resonance may be hardly wider than the spacing of floating-point numbers at ω.
+        # a resonance may be as narrow as the spacing of floating-point numbers at ω
         limit = REAL_ROOT + 16 * float(np.spacing(omega)) / width
         if not np.isfinite(c) or c.real >= 0 or abs(c.imag) > limit * abs(c.real):
             return None
@@ -144,12 +144,12 @@ class PortFunction:
 
 
 def port_responses(pencil: Pencil, s: complex, W: Array) -> tuple[Array, Array]:
-    """P(s)⁻¹W and P(s)⁻ᵀW, shape (n, p) each: what harmonic forces on the columns of W move; one factor of a sparse pencil.
+    """P(s)⁻¹W and P(s)⁻ᵀW, shape (n, p) each: the responses to harmonic forces on the columns of W, from one factor.
 
     Raises
     ------
     SingularMatrixError
-        s is an eigenvalue, as iω is at an undamped resonance.
+        s is an eigenvalue, e.g. iω at an undamped resonance.
     """
     both = all(pencil.symmetric)
     if pencil.is_sparse:

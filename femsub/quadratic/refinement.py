@@ -1,4 +1,4 @@
-"""Complex modes of a reduced model carried on to the full one, and how far they move: the error of the reduced result."""
+"""Refinement of a reduced model's complex modes to those of the full model; the change of λ is the reduced model's error."""
 
 from __future__ import annotations
 
@@ -23,32 +23,41 @@ from femsub.quadratic.matching import assigned, pair_costs
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
 
-BELONGS = 1e-6  # the largest backward error with which modes are taken for those of the reduced model
-LOST = 0.5  # a mode that keeps less of its shape (as energy) than this is another one
+BELONGS = 1e-6  # largest backward error of modes that are accepted as those of the reduced model
+LOST = 0.5  # a refined mode with less of the reduced shape (share of energy) is a different mode
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Refined:
-    """Complex modes of the full model, each with the reduced one that it started from; k of them.
+    """Complex modes of the full model, refined by `refine` from those of a reduced model; k of them.
 
     Attributes
     ----------
     modes : ComplexModes
-        Of the full model, in the order of `which`.
+        Modes of the full model, in the order of `which`.
     which : ndarray of int, shape (k,)
         Rows of the reduced model's modes.
     reduced : ndarray of complex, shape (k,)
         Their eigenvalues in the reduced model.
     moved : ndarray, shape (k,)
-        |λ_full - λ_reduced|, the error bar of the reduced result; nan where there is no counterpart, see `lost`.
+        |λ_full - λ_reduced|, the error of the reduced result; NaN if there is no counterpart, see `lost`.
     overlap : ndarray, shape (k,)
-        The share of its energy that the reduced shape has in common with the refined one, 0 to 1.
+        The share of the reduced shape's energy that it has in common with the refined shape, 0 to 1.
     merged : tuple of (i, j)
-        Rows i and j of the reduced modes lead to the same mode of the full model; j is among the lost.
+        Rows i and j of the reduced modes lead to the same mode of the full model; j is also `lost`.
     lost : ndarray of bool, shape (k,)
-        The refined mode has less than half of the reduced shape: the full model has no mode of that kind.
+        The refined mode has less than half of the reduced shape: the full model has no such mode.
     steps, factorisations, solves : int
-        Rounds; factorisations of the full model; right-hand sides solved with them.
+        Number of iterations, of factorisations of the full model, and of right-hand sides solved.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub, belt = fs.chain(30, belt=2), fs.Belt(slope=-0.01)
+    >>> rom = fs.reduce(sub, fs.CraigChang(modes=6), ports=True)
+    >>> refined = fs.refine(sub, fs.complex_modes(rom, belt, count=4), rom, belt)
+    >>> bool(refined.lost.any()), bool(refined.moved.max() < 1e-4)
+    (False, True)
     """
 
     modes: ComplexModes
@@ -74,12 +83,13 @@ class Refined:
 def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
            contacts: Belt | Sequence[Belt] | None = None, *, which: Sequence[int] | None = None, tol: float = 1e-8,
            steps: int = 20) -> Refined:
-    """P(λ)x = 0 of the full model by x ← x - A⁻¹P(λ)x from x = Vq, A = K - σM factorised once; all modes together.
+    """Refine the complex modes of a reduced model to those of the full model, and tell how far each λ moves.
 
-    That is residual inverse iteration with a fixed real factor. Alone it would converge for the lowest mode only: a part
-    with the frequency Ω in the error of a mode at ω is multiplied by about ω²/Ω² in each step. So the corrections of all
-    modes join the reduction basis, and λ and x come from the pencil projected on it (Voss's nonlinear Arnoldi method, in
-    a block), where only Ω beyond the basis' cut-off are left.
+    P(λ)x = 0 of the full model is solved by x ← x - A⁻¹P(λ)x from x = Vq, with A = K - σM factorised once, for all modes
+    together. This is residual inverse iteration with a fixed real factor. By itself it converges only for the lowest mode:
+    each step multiplies an error component with the frequency Ω by about ω²/Ω². Therefore the corrections of all modes
+    join the reduction basis, and λ and x come from the pencil projected on it (Voss's nonlinear Arnoldi method, in a
+    block). Then only components with Ω above the basis' cut-off remain.
 
     Parameters
     ----------
@@ -93,17 +103,21 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
     which : sequence of int, optional
         Rows of `modes`; all below the cut-off by default.
     tol : float
-        Bound of sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) with r = P(λ)x, which is free of units. The relative error of λ is about its
+        Bound of sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) with r = P(λ)x, which is dimensionless. The relative error of λ is about its
         square (its product with that of the left vector).
     steps : int
-        The most that are made.
+        Largest number of iterations.
+
+    Returns
+    -------
+    Refined
 
     Raises
     ------
     InputError, InputTypeError
-        The three do not belong together, or a row does not exist.
+        `full`, `modes` and `rom` do not belong together, or a row does not exist.
     NotConvergedError
-        `steps` were not enough; the message holds the figures.
+        Not converged within `steps`; the message tells the error reached.
 
     Warns
     -----
@@ -113,6 +127,15 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
     References
     ----------
     A. Neumaier, SIAM J. Numer. Anal. 22 (1985) 914; H. Voss, BIT Numer. Math. 44 (2004) 387.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub, belt = fs.chain(30, belt=2), fs.Belt(slope=-0.01)
+    >>> rom = fs.reduce(sub, fs.CraigChang(modes=6), ports=True)
+    >>> refined = fs.refine(sub, fs.complex_modes(rom, belt, count=4), rom, belt)
+    >>> refined.modes.shapes.shape
+    (30, 4)
     """
     chosen = _check(full, modes, rom, contacts, which)
     positive_number("tol", tol)
@@ -135,7 +158,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
         twin = np.where(taken >= 0, taken, twin)
         values, q = np.where(still, 0.0, small[at]), np.where(still, q, xs[:, at])
         left = None if all(pencil.symmetric) else ys[:, at]
-        # Those once below tol stay there: the space only grows.
+        # the space only grows, so an error once below tol stays there
         active = np.flatnonzero(error > tol)
         if not len(active):
             break
@@ -148,8 +171,8 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
         if step == steps or not space.append(z):
             worst = int(error.argmax())
             raise NotConvergedError(
-                f"the mode that began at λ = {modes.eigenvalues[rows[worst]]:.6g} is at {values[worst]:.6g} after {step} steps "
-                f"with an error of {error[worst]:.1e}, and {tol:g} was asked; give more steps, a larger tol, or refine fewer "
+                f"the mode that started at λ = {modes.eigenvalues[rows[worst]]:.6g} is at {values[worst]:.6g} after {step} "
+                f"steps, with an error of {error[worst]:.1e} above tol={tol:g}. Give more steps, a larger tol, or refine fewer "
                 "modes from a basis with a higher cut-off")
         grown = space.V.shape[1] - len(q)
         q, start = (np.vstack([part, np.zeros((grown, len(rows)))]) for part in (q, start))
@@ -177,11 +200,11 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
     moved = np.where(lost, np.nan, np.abs(values - modes.eigenvalues[chosen]))
     if lost.any():
         one = int(np.flatnonzero(lost)[0])
-        also = f"; rows {', '.join(f'{i} and {j}' for i, j in merged)} lead to the same mode" if merged else ""
+        also = f". Rows {', '.join(f'{i} and {j}' for i, j in merged)} lead to the same mode" if merged else ""
         warnings.warn(
-            f"{int(lost.sum())} of {len(chosen)} reduced modes have no counterpart in the full model, first row {chosen[one]}, "
-            f"λ = {modes.eigenvalues[chosen[one]]:.6g}, of whose shape {100 * share[at][one]:.2g} % is left at λ = "
-            f"{values[one]:.6g}{also}: take more modes into the basis", FemsubWarning, stacklevel=3)
+            f"{int(lost.sum())} of {len(chosen)} reduced modes have no counterpart in the full model. The first is row "
+            f"{chosen[one]}, λ = {modes.eigenvalues[chosen[one]]:.6g}: refined to λ = {values[one]:.6g} it keeps "
+            f"{100 * share[at][one]:.2g} % of its shape{also}. Keep more modes in the basis", FemsubWarning, stacklevel=3)
     return Refined(result, chosen, modes.eigenvalues[chosen], moved, share[at], merged, lost, *effort)
 
 
@@ -203,7 +226,7 @@ class _Space:
         return self.V.T @ (self.A @ X)
 
     def append(self, new: Array) -> bool:
-        """Appends what V does not hold, made orthonormal; False where it holds all of it."""
+        """Append the directions outside V, made orthonormal; False if there are none."""
         new, old = orthonormal(new, self.A.__matmul__, self.V)[0], self.V.shape[1]
         if not new.shape[1]:
             return False
@@ -219,7 +242,7 @@ class _Space:
 
     def corrections(self, values: Array, q: Array, least: float, left: bool = False) -> tuple[Array, Array]:
         """sqrt(r̄ᵀA⁻¹r / x̄ᵀAx) per column of x = Vq; real and imaginary parts of A⁻¹r, for x of unit energy, above `least`."""
-        # Turned in phase to be as real as can be: half of the corrections then hardly matter, and are left out.
+        # With the phase that makes them as real as possible, half of the corrections are negligible and left out.
         q = q * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", q, q))) / np.linalg.norm(q, axis=0)
         k = q.shape[1]
         parts = self.V @ np.hstack([q.real, q.imag])
@@ -234,11 +257,11 @@ class _Space:
 
 
 def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> tuple[Array, Array]:
-    """For each mode of the step before one Ritz pair, by shape and distance; and which other mode has taken a better one."""
+    """One Ritz pair for each mode of the previous step, by shape and distance; and which modes collide with a better match."""
     unit = q / np.maximum(np.linalg.norm(q, axis=0), 1e-300)
     shapes = np.abs(unit.conj().T @ (xs / np.maximum(np.linalg.norm(xs, axis=0), 1e-300))) ** 2
     cost = pair_costs(values, small, shapes, weight=1.0, far=1.0)
-    cost[:, small.imag < 0] = 3.0  # the conjugates, whose shapes are hardly different
+    cost[:, small.imag < 0] = 3.0  # conjugates have nearly the same shapes
     cost[still] = 0.0
     rows, at = assigned(cost)
     twin = np.full(len(values), -1)
@@ -251,7 +274,7 @@ def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> 
 
 
 def _representatives(modes: ComplexModes, chosen: Array) -> tuple[Array, Array]:
-    """Rows to be refined, one of each pair of conjugates, and for each chosen row the one that stands for it."""
+    """Rows to be refined, one of each conjugate pair, and the representative of each chosen row."""
     rows: list[int] = []
     stands: list[int] = []
     free: list[int] = []
@@ -270,12 +293,12 @@ def _representatives(modes: ComplexModes, chosen: Array) -> tuple[Array, Array]:
 
 def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> Array:
     if not isinstance(full, Substructure) or not isinstance(rom, ReducedSubstructure) or not isinstance(modes, ComplexModes):
-        raise InputTypeError("refine takes (full, modes, rom): a Substructure, complex_modes(rom, …), and the reduced model; not "
+        raise InputTypeError("refine takes (full, modes, rom): a Substructure, complex_modes(rom, …) and the reduced model, not "
                              f"({type(full).__name__}, {type(modes).__name__}, {type(rom).__name__})")
     if rom.V.shape[0] != full.size:
         raise InputError(f"{rom.name!r} was reduced from {rom.V.shape[0]} DOF, but the full model has {full.size}")
     if modes.shapes.shape[0] != rom.size:
-        raise InputError(f"the modes have {modes.shapes.shape[0]} coordinates, but {rom.name!r} has {rom.size}: give "
+        raise InputError(f"the modes have {modes.shapes.shape[0]} coordinates, but {rom.name!r} has {rom.size}. Give "
                          "complex_modes of the reduced model")
     if which is None:
         chosen = np.flatnonzero(~modes.above_cutoff)
@@ -285,9 +308,9 @@ def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> Array:
         if len(bad) or len(np.unique(chosen)) < len(chosen):
             raise InputError(f"which must list rows of the {len(modes)} modes, each once, but is {list(map(int, chosen))}")
     if not len(chosen):
-        raise InputError("there is no mode to refine: none lies below the reduction's cut-off; name rows by which=")
+        raise InputError("there is no mode to refine: none lies below the reduction's cut-off. Select rows by which=")
     error = rom.linearised(contacts).backward_error(modes.eigenvalues[chosen], modes.shapes[:, chosen])
     if error.max() > BELONGS:
         raise InputError(f"the modes are not those of {rom.name!r} with these contacts: their backward error is "
-                         f"{error.max():.1e}; give the same contacts as to complex_modes")
+                         f"{error.max():.1e}. Give the same contacts as to complex_modes")
     return chosen

@@ -1,4 +1,4 @@
-"""What of a spectrum is asked: the eigenvalues nearest to 0, those in a rectangle, or all of them."""
+"""The requested region of a spectrum: the eigenvalues nearest to 0, those in a rectangle, or all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Region:
         return self.count is None and self.box is None
 
     def listed(self, values: Array) -> Array:
-        """Indices of the values that are in it, as they are to be listed."""
+        """Indices of the values in the region, in the order of listing."""
         if self.box is None:
             return _nearest(values, self.count)
         inside = np.flatnonzero(in_band(values, self.box[2:], self.box[:2]))
@@ -38,11 +38,11 @@ class Region:
 
 
 def region_of(pencil: Pencil, count: Any, band: Any, re: Any) -> Region:
-    """The region that `complex_modes` is asked for, checked."""
+    """The region from the checked arguments of `complex_modes`."""
     if count is not None and band is not None:
         raise InputError("give count or band, not both")
     if re is not None and band is None:
-        raise InputError("re=(a, b) goes with band=(lo, hi)")
+        raise InputError("re=(a, b) is only valid together with band=(lo, hi)")
     if count is not None:
         count, most = whole_number("count", count), 2 * pencil.size
         if not 1 <= count <= most:
@@ -50,7 +50,7 @@ def region_of(pencil: Pencil, count: Any, band: Any, re: Any) -> Region:
     region = Region(count, None if band is None else _rectangle(band, re))
     if region.is_all and pencil.is_sparse and pencil.size > QUADRATIC:
         raise InputError(f"a sparse model of {pencil.size} DOF has {2 * pencil.size} eigenvalues: ask for count=20 or "
-                         f"band=(lo, hi)")
+                         "band=(lo, hi)")
     return region
 
 

@@ -1,4 +1,4 @@
-"""The eigenpairs in a region of the spectrum: all by LAPACK, or by PEP until an independent count says that none is missing."""
+"""The eigenpairs in a region of the spectrum: all by LAPACK, or by PEP until an independent count shows that none is missing."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ log = logging.getLogger(__name__)
 
 
 class Found(NamedTuple):
-    """λ (k,), X and Y (n, k) with all in the region; what says that none is missing, with the count in a disc if that does; and
-    all λ that were found, those beyond the region included.
+    """λ (k,), X and Y (n, k), including all in the region; the evidence of completeness, with the count in a disc if there is
+    one; and all λ that were found, also outside the region.
     """
 
     values: Array
@@ -39,7 +39,7 @@ class Found(NamedTuple):
 
 
 def search(pencil: Pencil, region: Region, certify: bool | None) -> Found:
-    """By LAPACK where that is quicker, or much is asked; else by PEP."""
+    """Search by LAPACK if that is faster, or if most eigenvalues are wanted; else by PEP."""
     small = pencil.size <= (SMALL if pencil.is_sparse else WIDE)
     many = (region.count or 0) > pencil.size / 2 and (pencil.size <= QUADRATIC or not pencil.is_sparse)
     if small or many or region.is_all:
@@ -54,7 +54,7 @@ def search(pencil: Pencil, region: Region, certify: bool | None) -> Found:
 
 
 def _by_lapack(pencil: Pencil) -> Found:
-    """All of them: 2n, and fewer only if M is singular, so that some are infinite."""
+    """All eigenvalues: 2n, or fewer if M is singular, since some are infinite then."""
     n = pencil.size
     log.debug("quadratic problem of %d DOF: all eigenvalues by LAPACK", n)
     pencil = pencil.dense()
@@ -63,12 +63,13 @@ def _by_lapack(pencil: Pencil) -> Found:
     size = np.sqrt(np.abs(pencil.M.diagonal()))
     regular = (size > 0).all()
     if len(values) > 2 * n or (len(values) < 2 * n and regular and np.linalg.cond(pencil.M / np.outer(size, size)) <= 1e12):
-        raise MissedModesError(f"{len(values)} eigenvalues were found, but M is regular, so that there are {2 * n}")
+        raise MissedModesError(f"{len(values)} eigenvalues were found, but there are {2 * n}, since M is regular. Check the "
+                               "scaling of M, D and K")
     return Found(values, X, Y, values, CERTIFIED)
 
 
 def _by_pep(pencil: Pencil, region: Region, certify: bool | None) -> Found:
-    """More and more of the eigenvalues nearest to 0, until the certificate says that none is missing in the region."""
+    """Search for more and more eigenvalues nearest to 0, until the certificate shows that the region is complete."""
     problem = Shifted(pencil)
     certificate = Nearest(problem, region.count or 0, certify) if region.box is None else Enclosed(problem, region.box, certify)
     searched = Search(problem.nearest, pencil.size)
@@ -77,8 +78,8 @@ def _by_pep(pencil: Pencil, region: Region, certify: bool | None) -> Found:
             if pencil.size <= QUADRATIC:  # more than half of all
                 return _by_lapack(pencil)
             raise InputError(
-                f"the disc around 0 that holds the band has about {certificate.ask} eigenvalues, and with a real shift all of "
-                f"them would have to be found ({MOST} at most); lower the band, narrow re=(a, b), or reduce the model")
+                f"the disc around 0 that holds the band has about {certificate.ask} eigenvalues. The solver has to compute "
+                f"all of them, and the limit is {MOST}. Lower the band, narrow re=(a, b), or reduce the model")
         log.debug("quadratic problem of %d DOF: %d eigenvalues by PEP", pencil.size, certificate.ask)
         try:
             values, X = searched.found(certificate.ask)

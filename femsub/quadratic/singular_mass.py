@@ -1,8 +1,8 @@
-"""All eigenvalues of a small pencil whose M is singular or not definite: infinite ones are taken out before QZ sees them.
+"""All eigenvalues of a small pencil whose M is singular or not definite: infinite eigenvalues are removed before QZ.
 
-QZ would list them as finite ones, of any size and sign: an M of rank r that rounding fills up has 2n - 2r eigenvalues near
-infinity instead of at it. What is left, and what cannot be taken apart, goes to QZ in companion form, scaled as proposed by
-Fan, Lin and Van Dooren (SIAM J. Matrix Anal. Appl. 26 (2004) 252).
+QZ would list them as finite, of any size and sign: if rounding fills up an M of rank r, it has 2n - 2r very large eigenvalues
+instead of infinite ones. The remaining pencil, or one that cannot be split, goes to QZ in companion form, scaled as proposed
+by Fan, Lin and Van Dooren (SIAM J. Matrix Anal. Appl. 26 (2004) 252).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Solver: TypeAlias = Callable[[Pencil], Eigenpairs]  # of a pencil with a regular
 
 
 def bare(pencil: Pencil) -> Array:
-    """DOF with neither mass nor damping, if K can be condensed on them: they have no dynamics of their own."""
+    """DOF with neither mass nor damping, if they can be condensed statically: they have no dynamics."""
     M, D, K = pencil.M, pencil.D, pencil.K
     bare = np.flatnonzero(~sum(part.any(axis=axis) for part in (M, D) for axis in (0, 1)).astype(bool))
     if len(bare) in (0, pencil.size) or not _regular(K[np.ix_(bare, bare)]):
@@ -33,12 +33,12 @@ def bare(pencil: Pencil) -> Array:
 
 
 def _regular(A: Array) -> bool:
-    """Whether A, in units of its own rows and columns, can be inverted."""
+    """Whether A, after equilibration, is well conditioned enough to be inverted."""
     return bool(np.linalg.cond(scaled(A, *equilibration(A))) < REGULAR) if A.size else True
 
 
 def condensed(pencil: Pencil, bare: Array, solve: Solver) -> Eigenpairs:
-    """The eigenpairs of the rest with K_mm - K_mb K_bb⁻¹ K_bm, and what the bare DOF do with them, right and left."""
+    """Eigenpairs of the other DOF with K_mm - K_mb K_bb⁻¹ K_bm, extended statically to the bare DOF, right and left."""
     rest = np.setdiff1d(np.arange(pencil.size), bare)
     K = pencil.K
     right = -np.linalg.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, rest)])
@@ -51,12 +51,12 @@ def condensed(pencil: Pencil, bare: Array, solve: Solver) -> Eigenpairs:
 
 
 def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
-    """The eigenpairs with a singular M = U diag(Σ, 0) Vᵀ, however its null space lies: all finite, and none besides.
+    """All finite eigenpairs, and no others, for a singular M = U diag(Σ, 0) Vᵀ with any null space.
 
-    There D is diag(Δ, 0) by another SVD, so that q = V₁q₁ + V_a q_a + V_b q_b, where q_b has neither mass nor damping of its
-    own and follows statically: 0 = K_b1 q₁ + D_b1 v₁ + K_ba q_a + K_bb q_b, v₁ = λq₁. With that put into the other rows a
-    pencil A - λE in (q₁, v₁, q_a) is left, whose E is regular. Without any damping of the massless part it is a quadratic one
-    again, with the regular Σ. None if M is regular, or if K_bb or E is singular (constraints by multipliers).
+    On the null space D is diag(Δ, 0) by another SVD, so that q = V₁q₁ + V_a q_a + V_b q_b. q_b has neither mass nor damping
+    and follows statically: 0 = K_b1 q₁ + D_b1 v₁ + K_ba q_a + K_bb q_b, v₁ = λq₁. Inserted into the other rows, this gives
+    a pencil A - λE in (q₁, v₁, q_a) with a regular E. If the massless part has no damping, the result is a quadratic pencil
+    again, with the regular Σ. Returns None if M is regular, or if K_bb or E is singular (constraints by multipliers).
     """
     n, (rows, columns) = pencil.size, _units_of_mass(pencil)
     M, D, K = (scaled(part, rows, columns) for part in (pencil.M, pencil.D, pencil.K))
@@ -75,7 +75,7 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
     G = -np.linalg.solve(K[b, b], np.hstack([K[b, one], D[b, one], K[b, a]]))
     g1, gv, ga = G[:, :rank], G[:, rank:2 * rank], G[:, 2 * rank:]
     if not damped and np.abs(D[one, b]).max(initial=0) <= tiny and np.abs(D[b, one]).max(initial=0) <= tiny:
-        # as good as symmetric where M is: V is U then, up to signs
+        # for a symmetric M, V is U up to signs
         mass, signs = sizes[:rank], np.sign(np.einsum("ij,ij->j", U[:, one], V[:, one])) if pencil.symmetric[0] else 1.0
         values, q1, w1 = solve(Pencil(np.diag(mass), (D[one, one].T * signs).T, ((K[one, one] + K[one, b] @ g1).T * signs).T))
         w1, qa, wa = (w1.T * signs).T, np.zeros((0, len(values))), np.zeros((0, len(values)))
@@ -106,11 +106,11 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
 
 
 def _units_of_mass(pencil: Pencil) -> tuple[Array, Array]:
-    """r and c in which the entries of M are alike, so that its rank can be told; where there is no mass those of the pencil."""
+    """Scales r and c that make the entries of M similar in size, so that its rank is clear; without mass, the pencil's scales."""
     mass, others = equilibration(pencil.M), pencil.units
     still = (~pencil.M.any(axis=1), ~pencil.M.any(axis=0))
     moving = [~rest for rest in still]
-    # A common factor between the two: of those DOF that have both.
+    # the common factor between the two kinds of scales comes from the DOF that have both
     found = [np.where(rest, unit * 2.0 ** np.rint(np.median(np.log2(own[on] / unit[on]))) if on.any() else unit, own)
              for own, unit, rest, on in zip(mass, others, still, moving, strict=True)]
     return found[0], found[1]
@@ -123,7 +123,7 @@ def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
     (alpha, beta), left, right = la.eig(A, B, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
     with np.errstate(divide="ignore", invalid="ignore"):
         size = np.abs(alpha) / np.abs(beta)
-    second = np.flatnonzero(alpha.imag < 0)  # LAPACK lists pairs side by side, Im λ > 0 first, conjugates to rounding only
+    second = np.flatnonzero(alpha.imag < 0)  # LAPACK lists pairs side by side, Im λ > 0 first, conjugate up to rounding
     size[second] = size[second - 1]
     order = np.argsort(np.where(np.isfinite(size), size, np.inf), kind="stable")[:number]
     order = np.sort(order[np.isfinite(size[order])])
@@ -152,12 +152,13 @@ def companion(pencil: Pencil) -> Eigenpairs:
 
 
 def _finite(A: Array, B: Array) -> int:
-    """How many eigenvalues of A - λB are finite: what is left of S = (A - σB)⁻¹B when its null space is taken off until it
-    has none (V. N. Kublanovskaya's staircase, by singular values).
+    """The number of finite eigenvalues of A - λB.
+
+    The null space of S = (A - σB)⁻¹B is removed until S has none (V. N. Kublanovskaya's staircase, by singular values).
     """
     try:
         S = la.solve(A - 0.37 * B, B, check_finite=False)
-    except la.LinAlgError:  # for every σ, or for this one: then QZ has to tell
+    except la.LinAlgError:  # singular for every σ, or for this one: QZ must decide
         return len(A)
     least = 10 * len(A) * EPS * np.linalg.norm(S, 2)
     while len(S):

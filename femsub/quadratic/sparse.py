@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
 
 SAME = 1e-6  # |Δλ| / |λ| up to which left and right vectors belong to one eigenvalue
-# Tolerance, what is added to the seed of the start, and what to the number asked for, relatively; tried in turn. TOAR's own
-# estimate is optimistic, at 1e-12 by five digits where K is singular. Where it breaks off, in reordering a Schur form with
-# equal eigenvalues, another start and a larger space get it by.
+# Attempts: tolerance, increment of the random seed, relative increment of the number asked for. TOAR's error estimate is
+# optimistic, by five digits at 1e-12 if K is singular. If it fails while reordering a Schur form with equal eigenvalues,
+# another start and a larger space usually succeed.
 ATTEMPTS = ((1e-14, 0, 0.0), (1e-12, 0, 0.0), (1e-12, 100, 0.15), (1e-12, 200, 0.3))
-KEPT = 200_000  # up to so many DOF a second factor may stay in memory for a count, which is made unasked
+KEPT = 200_000  # DOF up to which the count, and the memory of its second factor, is the default
 
 
 class Shifted:
-    """P(σ) of a sparse pencil factorised, σ = 0 where K allows it, else a small positive shift; with a scale for λ."""
+    """The factor of P(σ) of a sparse pencil and a scale for λ. σ = 0 if K is regular, else a small positive shift."""
 
     def __init__(self, pencil: Pencil) -> None:
         self.pencil = pencil
         self.shift = 0.0
         self.rigid: Array = np.zeros((pencil.size, 0))
-        self.handle: ShiftInvert | None = None  # of a floating model: K - σM, positive definite
+        self.handle: ShiftInvert | None = None  # for a floating model: K - σM, positive definite
         symmetric = pencil.symmetric[0] and pencil.symmetric[2]
         try:
             self.factor = self._factor(0.0, symmetric)
@@ -68,7 +68,7 @@ class Shifted:
             return float(min(growth[0] ** -0.5, 1 / growth[1]))
 
     def _free_shift(self, symmetric: bool) -> float:
-        """Half of the first elastic frequency where K and M are symmetric; else from the softest diagonal."""
+        """Half of the first elastic frequency if K and M are symmetric; else from the smallest k_ii / m_ii."""
         if symmetric:
             handle = ShiftInvert(self.pencil.K, self.pencil.M)
             self.rigid = handle.rigid
@@ -78,11 +78,12 @@ class Shifted:
         stiffness, mass = np.abs(self.pencil.K.diagonal()), self.pencil.M.diagonal()
         loaded = (stiffness > 0) & (mass > 0)
         if not loaded.any():
-            raise SingularMatrixError("K is singular and no DOF has both mass and stiffness: no shift can be chosen")
+            raise SingularMatrixError("K is singular, and no DOF has both mass and stiffness, so no shift can be chosen. Check K "
+                                      "and M")
         return 1e-2 * float(np.sqrt((stiffness[loaded] / mass[loaded]).min()))
 
     def nearest(self, count: int, seed: int = 1) -> tuple[Array, Array]:
-        """At least `count` eigenvalues nearest to the shift (of a pair only Im λ ≥ 0 is listed), with shapes, none twice."""
+        """At least `count` eigenvalues nearest to the shift, with shapes, without duplicates. Only Im λ ≥ 0 is listed."""
         pencil = self.pencil
         matrices = (pencil.M, pencil.D, pencil.K)
         for tol, start, room in ATTEMPTS:
@@ -103,16 +104,16 @@ class Shifted:
             still = np.flatnonzero(np.abs(values) < 1e-5 * self.shift)
             scale = np.linalg.norm(abs(pencil.K) @ np.abs(X[:, still]), axis=0)
             still = still[np.linalg.norm(pencil.K @ X[:, still], axis=0) <= 1e-9 * scale]
-            both = still[values[still].imag != 0]  # stand for their conjugates, which are 0 as well
+            both = still[values[still].imag != 0]  # their conjugates are 0 as well
             values[still] = 0.0
             if len(both):
                 values, X = np.append(values, values[both]), np.hstack([X, X[:, both].conj()])
         return values, X / np.linalg.norm(X, axis=0)
 
     def _zeros(self, values: Array, X: Array) -> tuple[Array, Array]:
-        """Puts exact zeros for the eigenvalues of rigid-body motion, which come out as a broken-up multiple eigenvalue.
+        """Set the eigenvalues of rigid-body motion to exactly 0; the solver returns a multiple eigenvalue split by rounding.
 
-        Their number is n_r plus the rigid motions that D does not brake.
+        Their number is n_r plus the number of rigid motions that D does not damp.
         """
         Z = self.rigid
         braking = np.linalg.svd(Z.T @ (self.pencil.D @ Z), compute_uv=False)
@@ -122,8 +123,8 @@ class Shifted:
         listed = np.cumsum(1 + (values[order].imag != 0))
         drop = order[:int(np.searchsorted(listed, number)) + 1]
         if listed[len(drop) - 1] != number or np.abs(values[drop]).max() > 0.1 * self.shift:
-            raise MissedModesError(f"{number} eigenvalues at 0 are due to {Z.shape[1]} rigid-body modes, but those nearest to "
-                                   f"0 are {values[drop]}; ask for more eigenvalues")
+            raise MissedModesError(f"{number} eigenvalues must be 0 because of {Z.shape[1]} rigid-body modes, but those nearest "
+                                   f"to 0 are {values[drop]}. Ask for more eigenvalues")
         keep = np.setdiff1d(np.arange(len(values)), drop)
         shapes = Z[:, np.arange(number) % Z.shape[1]]
         return np.append(values[keep], np.zeros(number)), np.hstack([X[:, keep], shapes])
@@ -131,8 +132,8 @@ class Shifted:
     def left(self, values: Array, X: Array, ask: int, searches: int) -> Array:
         """Left vectors y, yᴴP(λ) = 0: x̄ for a symmetric pencil, else from the transposed one, matched by λ.
 
-        `ask` eigenvalues next to the shift were asked for, in so many `searches`, until these were found among them. Where no
-        counterpart is found the column is zero, which makes its error bar infinite.
+        `ask` and `searches` are those of the search for the right vectors. If no counterpart is found, the column is zero,
+        which makes its error bar infinite.
         """
         if all(self.pencil.symmetric):
             return X.conj()

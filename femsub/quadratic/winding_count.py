@@ -1,4 +1,4 @@
-"""Has an eigenvalue been missed? The winding number of det P around a rectangle, computed without any eigensolver."""
+"""The number of missed eigenvalues, by the winding number of det P around a rectangle, without any eigensolver."""
 
 from __future__ import annotations
 
@@ -18,22 +18,21 @@ if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
     from femsub.quadratic.region import Box
 
-MOST = 600  # contour points after which the phase is called untraceable
-NEAR = 1e-7  # share of an edge over which the slope of the phase is taken
+MOST = 600  # largest number of contour points
+NEAR = 1e-7  # share of an edge used for the finite-difference slope of the phase
 
 
 def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix, undamped: Array) -> int:
-    """How many eigenvalues of P lie in a rectangle (re_lo, re_hi, im_lo, im_hi) and are not among the known ones.
+    """The number of eigenvalues of P in a rectangle (re_lo, re_hi, im_lo, im_hi) that are not among the known ones.
 
-    The number is (1/2π) Δ arg g(z) around it, by the argument principle, with
+    By the argument principle it is (1/2π) Δ arg g(z) around the rectangle, with
 
         g(z) = det P(z) / det P0(z) · Π (z² + ω_k²) / Π (z - λ_j),   P0(z) = z²M + K0,
 
-    for the known λ_j and the frequencies ω_k of a symmetric reference K0 close to K, whose number the inertia has
-    confirmed, both in one disc around the rectangle. Dividing by what is known leaves a function whose phase hardly
-    turns, so that some thirty points will do where det P alone needs one for every eigenvalue. The phases come from
-    sparse LU factors. With im_lo = 0 the rectangle is mirrored at the real axis and half of the contour is walked,
-    since g(z̄) is the conjugate of g(z).
+    for the known λ_j and the frequencies ω_k of a symmetric reference K0 close to K, confirmed by an inertia count. Both sets
+    lie in one disc around the rectangle. After division by the known factors the phase hardly turns. So about thirty points
+    are enough, while det P alone needs one per eigenvalue. The phases come from sparse LU factors. With im_lo = 0 the
+    rectangle is mirrored at the real axis, and only half of the contour is needed, since g(z̄) is the conjugate of g(z).
 
     Raises
     ------
@@ -49,8 +48,8 @@ def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix
     def phase(z: complex) -> float:
         if z not in phases:
             if len(phases) >= MOST:
-                raise NotConvergedError(f"the phase of det P could not be traced with {MOST} points: an eigenvalue lies on "
-                                        "the edge of the band; move the edge a little, or give certify=False")
+                raise NotConvergedError(f"the phase of det P could not be traced with {MOST} points. Probably an eigenvalue lies "
+                                        "on the edge of the band. Move the edge a little, or give certify=False")
             phases[z] = (_phase(pencil.at(z)) - _phase(z * z * pencil.M + reference)
                          + float(np.angle(z - poles).sum() - np.angle(z - known).sum()))
         return phases[z]
@@ -60,14 +59,14 @@ def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix
 
 
 def missed_around(pencil: Pencil, box: Box, values: Array, radius: float, reference: tuple[Matrix, NormalModes]) -> int:
-    """How many eigenvalues are missing in a rectangle a little larger than this, clear of those known (Im λ ≥ 0) in a disc."""
+    """The number of missing eigenvalues in a slightly larger rectangle, whose edges keep clear of those known (Im λ ≥ 0)."""
     disc = values[np.abs(values) <= radius]
     both = np.append(disc, disc[disc.imag != 0].conj())
     return missed_eigenvalues(pencil, _clear_of(values, box), both, reference[0], reference[1].frequencies)
 
 
 def _clear_of(values: Array, box: Box) -> Box:
-    """The rectangle with each edge moved out by up to 2 %, to where the known eigenvalues leave the widest gap."""
+    """The rectangle with each edge moved out by up to 2 %, into the widest gap between known eigenvalues."""
     a, b, lo, hi = box
     moves = np.linspace(0.002, 0.02, 10) * hi
 
@@ -82,9 +81,9 @@ def _clear_of(values: Array, box: Box) -> Box:
 def undamped_reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Matrix, NormalModes] | None:
     """A symmetric K0 close to K with its undamped modes below a frequency; only their number with shapes=False.
 
-    Their number is a first guess of how many eigenvalues a disc holds, their frequencies are what the independent
-    count is compared with. K0 is the symmetric part of K, lifted by a multiple of M where friction has made that
-    indefinite. None where M is not symmetric positive semidefinite.
+    Their number is a first estimate of the number of eigenvalues in a disc. Their frequencies are the reference of the
+    winding count. K0 is the symmetric part of K, plus a multiple of M if friction has made it indefinite. None if M is not
+    symmetric positive semidefinite.
     """
     if not pencil.symmetric[0]:
         return None
@@ -102,10 +101,10 @@ def undamped_reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Mat
 
 
 def _turned(phase: Callable[[complex], float], start: complex, end: complex) -> float:
-    """How far the phase turns from start to end, beyond ±π as well.
+    """The change of the phase from start to end, which may exceed ±π.
 
-    The modes left outside turn it evenly, with damping by hundreds of radians: the slopes, from points close by, say
-    how many full turns lie between two points, and intervals are halved until they explain what is found.
+    Modes outside the contour turn the phase evenly; with damping, by hundreds of radians. Slopes by finite differences give
+    the number of full turns between two points. Intervals are halved until slopes and phases agree.
     """
     def at(t: float) -> float:
         return phase(start + (end - start) * t)
@@ -140,7 +139,7 @@ def _phase(matrix: Matrix) -> float:
 
     try:
         lu = splu(sp.csc_array(matrix, dtype=complex))
-    except RuntimeError:  # exactly singular: an eigenvalue on the contour, which the step control will run into
+    except RuntimeError:  # exactly singular: an eigenvalue on the contour; the step control will report it
         return 0.0
     return float(np.angle(lu.U.diagonal()).sum()) + np.pi * (_odd(lu.perm_r) + _odd(lu.perm_c))
 
