@@ -194,7 +194,7 @@ def test_growth_faster_than_the_band_is_found_in_large_models_or_told() -> None:
         every = fs.complex_modes(bare, fs.Belt(slope=-3.0)).eigenvalues
         assert fs.sweep(bare, [-3.0], band=(0.0, 0.3)).growth[0] == pytest.approx(every.real.max(), rel=1e-9)
     large = fs.damped(fs.chain(2100, belt=501), rayleigh=(1e-5, 1e-3))
-    with pytest.warns(fs.FemsubWarning, match="from the slope -3 on Re λ may be above 0.02"):
+    with pytest.warns(fs.FemsubWarning, match="slopes of -3 and below, max Re λ may be larger .*0.02"):
         fs.sweep(large, [-3.0], band=(0.0, 0.02))
 
 
@@ -227,7 +227,7 @@ def test_sweep_of_a_sparse_model() -> None:
     sub = fs.chain(2500, belt=2)
     found = fs.sweep(sub, [-0.0125, -0.05], band=(0.0, 0.01))
     assert found.growth[0] < 0 < found.growth[1]
-    with pytest.raises(ValueError, match="needs band"):
+    with pytest.raises(ValueError, match="needs a band"):
         fs.sweep(sub, [-0.01])
 
 
@@ -237,7 +237,7 @@ def test_refusals() -> None:
                            ({"method": "guess"}, "unknown method 'guess'"), ({"band": (2.0, 1.0)}, "0 <= lo < hi")):
         with pytest.raises(ValueError, match=words):
             fs.critical_slope(sub, **options)
-    with pytest.raises(ValueError, match="3000 DOF needs band"):
+    with pytest.raises(ValueError, match="3000 DOF needs a band"):
         fs.critical_slope(fs.chain(3000))
     with pytest.raises(TypeError, match=r"model must be a Substructure \(with a port\)"):
         fs.critical_slope(sub.pencil)

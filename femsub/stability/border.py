@@ -1,4 +1,4 @@
-"""The border of stability of a pencil under D + c W Wᵀ: on a dense one, and on a sparse one through a growing basis."""
+"""The stability border of a pencil under D + c W Wᵀ: for a dense pencil, and for a sparse one through a growing basis."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from femsub.quadratic.port_function import PortFunction, port_responses
 from femsub.stability.bracketing import BESIDE, bracketed
 from femsub.stability.contact_model import MARGIN, TOGETHER, Band, Border, Model
 
-STEPS = 60  # of the iteration for a response, before it is left to a complex factor
-SETTLED, ROUNDED = 1e-12, 1e-9  # change of Z that is small enough, relative to it; and what rounding may leave, to the response
-ROUNDS = 8  # in which the basis of a large model may grow
-NEXT = 1e-3  # of an edge of the band, up to which an undamped mode may cross on it
+STEPS = 60  # iterations for a response before a complex factor is used instead
+SETTLED, ROUNDED = 1e-12, 1e-9  # relative change of Z, and change relative to the response, at which the iteration stops
+ROUNDS = 8  # largest number of rounds in which the basis of a large model grows
+NEXT = 1e-3  # relative distance of an undamped mode from an edge of the band at which it may cross on the edge
 
 
 def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
-    """The border of a small model, every mode of which is at hand; by `method` 'auto' a root, if the contact has one column."""
+    """The border of a small model from all of its modes. Method 'auto' uses the scalar function for a contact of one column."""
     with one_thread(pencil.size <= FEW):
         return _dense_border(Model(pencil.dense(), W), band, method)
 
@@ -46,14 +46,14 @@ def _dense_border(model: Model, band: Band, method: str) -> Border:
         border = _rooted(model, band)
     already = model.growth(border.c * (1 - MARGIN), band) if np.isfinite(border.c) else 0.0
     if already > 1e2 * model.noise:
-        raise NotConvergedError(f"at c = {border.c:.9g} (ω = {border.omega:.6g}) the model is unstable already: Re λ = "
-                                f"{already:.3g} just before; a pair that lost its stability outside of the band has moved into "
-                                "it, or one was overlooked: widen the band, or use method='bracketing'")
+        raise NotConvergedError(f"the border c = {border.c:.9g} (ω = {border.omega:.6g}) is not the first one: Re λ = "
+                                f"{already:.3g} just before it. A pair that lost its stability outside the band has moved into "
+                                "it, or one was missed. Widen the band, or use method='bracketing'")
     return border
 
 
 def _at_rest(model: Model, band: Band) -> Border | None:
-    """The cases that are decided at c = 0: unstable there, or undamped motion that feels the contact."""
+    """The cases that are decided at c = 0: an unstable model, or an undamped mode that moves the contact."""
     form = model.form
     values, q = model.spectrum(0.0, band)
     undamped = model.undamped(values, q) & (np.abs(values.real) <= 1e3 * model.noise)
@@ -64,8 +64,8 @@ def _at_rest(model: Model, band: Band) -> Border | None:
     unstable = np.concatenate(growing)
     if len(unstable):
         worst = unstable[np.argmax(unstable.real)]
-        raise UnstableModelError(f"the model is unstable before the belt acts: λ = {worst.real:.6g} {worst.imag:+.6g}i; a border "
-                                 "is sought from a stable state at c = 0 downwards")
+        raise UnstableModelError(f"the model is unstable before the belt acts: λ = {worst.real:.6g} {worst.imag:+.6g}i. The "
+                                 "critical slope needs a model that is stable at slope 0. Check D")
     free = np.flatnonzero(model.felt(q) & undamped)
     order = free[np.argsort(values[free].imag)]
     if band[0] == 0 and model.drift is not None and model.drift.c == 0:
@@ -74,7 +74,7 @@ def _at_rest(model: Model, band: Band) -> Border | None:
 
 
 def _rooted(model: Model, band: Band) -> Border:
-    """The first root of the scalar function at which a pair begins to grow, or rigid motion that does so before."""
+    """The first root of the scalar function at which a pair begins to grow, or rigid motion that drifts before."""
     function = PortFunction.of(model.form, model.W[:, 0], model.decomposition(0.0))
     omega, c = function.crossings(*band)
     drift = model.drift if band[0] == 0 else None
@@ -84,9 +84,9 @@ def _rooted(model: Model, band: Band) -> Border:
         group = np.flatnonzero(np.abs(c - c[at]) <= TOGETHER * abs(c[at]))
         doubt = function.rounding(float(omega[at]))
         if doubt > MARGIN:
-            raise NotConvergedError(f"rounding may move the border c = {c[at]:.3g} at ω = {omega[at]:.6g} by {doubt:.0e} of "
-                                    "itself: some damping is so much heavier than what counts; hold DOF with such dashpots, "
-                                    "or leave them out")
+            raise NotConvergedError(f"rounding may move the border c = {c[at]:.3g} at ω = {omega[at]:.6g} by a relative "
+                                    f"{doubt:.0e}. Some dashpots are much larger than the relevant damping. Fix the DOF of such "
+                                    "dashpots, or leave the dashpots out")
         growth = _verify(model, float(c[at]), float(omega[at]))
         if growth[1] > 0:
             if drift is not None and abs(c[at] - drift.c) <= TOGETHER * abs(drift.c):
@@ -102,13 +102,13 @@ def _rooted(model: Model, band: Band) -> Border:
 
 
 def _check_damping(model: Model, band: Band) -> None:
-    """Where a heavy dashpot has drowned the damping of a mode that feels the contact, nothing can be said of its border."""
+    """Refuse models in which rounding of a large dashpot exceeds the damping of a mode that moves the contact."""
     values, q = model.spectrum(0.0, band)
     lost, noise = model.lost(q), EPS * np.einsum("ij,ij->j", np.abs(q), np.abs(model.form.C) @ np.abs(q))
     drowned = np.flatnonzero(model.felt(q) & (noise > MARGIN * np.abs(lost)) & ~model.undamped(values, q))
     if model.symmetric and len(drowned):
         raise NotConvergedError(f"the damping of the mode at ω = {values[drowned[0]].imag:.6g} is lost in the rounding of a "
-                                "dashpot that is so much heavier: hold the DOF of that dashpot, or leave it out")
+                                "dashpot that is much larger. Fix the DOF of that dashpot, or leave it out")
 
 
 def _verify(model: Model, c: float, omega: float) -> tuple[float, float]:
@@ -121,13 +121,13 @@ def _verify(model: Model, c: float, omega: float) -> tuple[float, float]:
 
 
 def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> Border:
-    """The border of a large model, by a basis that grows until the border stands still.
+    """The border of a large model, by a basis that grows until the border has converged.
 
-    It starts as the undamped modes up to 1.5 times the band with the static responses of the contact and of dashpots
-    (a Craig-Chang basis, in which Ω is known to rounding), and takes in the full model's response to the contact,
-    (-ω²M + iωD + K)⁻¹W, at each border found. So it does at an edge of the band where a pair may cross: of a border there it
-    is to be known whether it belongs to the band. M and K are symmetric; all of it is worked out in units in which the DOF are
-    alike, so that the complex modes that verify the border share its factor.
+    The basis starts with the undamped modes up to 1.5 times the band, and the static responses to the contact and to dashpots
+    (a Craig-Chang basis, in which Ω is exact to rounding). At each border found, the full model's response to the contact,
+    (-ω²M + iωD + K)⁻¹W, joins. The same is done at an edge of the band where a pair may cross, to decide whether that border
+    belongs to the band. M and K are symmetric. All DOF are scaled to similar size, so that the complex modes that verify the
+    border share the factor.
     """
     if (alike := pencil.alike()) is not pencil:
         unit = pencil.units[0][:, None]
@@ -143,17 +143,17 @@ def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") ->
         previous = border.c
         basis.grow(border.crossing[:4])
     else:
-        raise NotConvergedError(f"the border moved from {previous:.9g} to {border.c:.9g} in the last of {ROUNDS} rounds; "
-                                "narrow the band")
+        raise NotConvergedError(f"the border still moved from {previous:.9g} to {border.c:.9g} in the last of {ROUNDS} rounds. "
+                                "Narrow the band")
     border = replace(border, shape=basis.V @ border.shape)
-    if border.omega == 0 and border.c < 0:  # rigid motion is in the basis from the start: what oscillates is still to be refined
+    if border.omega == 0 and border.c < 0:  # rigid motion is exact from the start; oscillating modes still need the refinement
         later = sparse_border(pencil, W, (BESIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method)
         return later if later.c > border.c * (1 - TOGETHER) else border
     return border if not np.isfinite(border.c) or border.c == 0 else _verified(pencil, W, border, band)
 
 
 def _crossed_edges(basis: _Growing, band: Band) -> Array:
-    """The edges of a band next to which a pair may cross: a mode is there, or a root of the scalar function."""
+    """The edges of a band at which a pair may cross, because a mode or a root of the scalar function is near."""
     edges = [edge for edge in band if 0 < edge < np.inf]
     at_modes = [edge for edge in edges if np.abs(basis.frequencies - edge).min(initial=np.inf) <= NEXT * edge]
     if len(at_modes) == len(edges):
@@ -193,7 +193,7 @@ class _Growing:
     @property
     def pencil(self) -> Pencil:
         force = self.full.D @ self.V
-        force[:, self.loose] = 0.0  # what D takes from rigid motion must not be rounding: it would be the border of its drift
+        force[:, self.loose] = 0.0  # rounding in D must not damp rigid motion: it would define the border of its drift
         D = self.V.T @ force
         if is_symmetric(self.full.D):
             D[self.loose] = 0.0
@@ -205,16 +205,17 @@ class _Growing:
         new = np.hstack([self._beyond(value) for value in omega])
         new, _ = orthonormal(np.hstack([new.real, new.imag]), self.full.M.__matmul__, self.V)
         cross, own = self.V.T @ (self.full.K @ new), new.T @ (self.full.K @ new)
-        cross[:self.rigid] = 0.0  # K resists no rigid motion: rounding beside exact zeros would pass for a soft mount
+        cross[:self.rigid] = 0.0  # rounding in K of rigid motion would look like a soft mount
         self.K = np.block([[self.K, cross], [cross.T, (own + own.T) / 2]])
         self.V = np.hstack([self.V, new])
 
 
     def _beyond(self, omega: float) -> Array:
-        """Z (n, p) that spans with V the response P(iω)⁻¹W = VQ + Z.
+        """Z (n, p), the part of the response P(iω)⁻¹W = VQ + Z outside V.
 
-        VᵀMZ = 0: Z is made of modes beyond the band, on which A = K - σM is near P(iω), so that Z ← Z + A⁻¹(W - P(VQ + Z))
-        contracts, with Q by Galerkin's condition. Where too much damping keeps it from that, a complex factor does it.
+        VᵀMZ = 0, so Z consists of modes above the band, for which A = K - σM is near P(iω). Therefore
+        Z ← Z + A⁻¹(W - P(VQ + Z)) contracts, with Q by Galerkin's condition. If large damping prevents this, a complex
+        factor is used.
         """
         P, small, p = self.full.at(1j * omega), self.pencil.at(1j * omega), self.load.shape[1]
         Z, step = np.zeros(self.load.shape, dtype=complex), np.inf
@@ -240,7 +241,7 @@ def _units(size: int, at: Array) -> Array:
 
 
 def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
-    """Re λ of the full model at c(1 ∓ 1e-3) by PEP; an error where they contradict the border."""
+    """Re λ of the full model at c(1 ∓ 1e-3) by PEP; an error if they contradict the border."""
     growth = []
     followed = (min(band[0], (1 - BESIDE) * border.omega), max(band[1], (1 + BESIDE) * border.omega))
     for factor in (1 - MARGIN, 1 + MARGIN):
@@ -249,14 +250,14 @@ def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
         values, bars = modes.eigenvalues, modes.error_bar
         if modes.rigid.all():
             raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} could not be verified on the full "
-                                    f"model: it has no eigenvalue there at {factor:g} c; narrow the band")
+                                    f"model: it has no eigenvalue there at {factor:g} c. Narrow the band")
         at = int(np.argmin(np.abs(values - 1j * border.omega) + np.where(modes.rigid, np.inf, 0.0)))
         growth.append(float(values[at].real))
-        # Real eigenvalues that grow are what became of a pair that crossed outside of the band.
+        # Growing real eigenvalues come from a pair that crossed outside the band.
         early = modes.unstable[values[modes.unstable].imag > 0] if factor < 1 else np.zeros(0, dtype=int)
         early = early[in_band(values[early], band)]
         if len(early) or (factor > 1 and values[at].real < -bars[at]):
             shown = values[early[0]] if len(early) else values[at]
             raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} does not hold on the full model: "
-                                    f"at {factor:g} c it has λ = {shown:.6g}; narrow the band")
+                                    f"at {factor:g} c it has λ = {shown:.6g}. Narrow the band")
     return replace(border, growth=(growth[0], growth[1]))

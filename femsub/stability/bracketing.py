@@ -1,4 +1,4 @@
-"""The border of stability by steps in c and bisection on the complex modes: for contacts of several columns as well."""
+"""The stability border by steps in c and bisection on the complex modes; also for contacts of several columns."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from femsub.checks import Array
 from femsub.model.bands import in_band
 from femsub.stability.contact_model import TOGETHER, Band, Border, Model
 
-BESIDE = 1e-2  # of a band's edges: pairs are followed so far beyond, since Im λ of one that crosses on an edge moves with c
+BESIDE = 1e-2  # relative width beyond the band's edges in which pairs are followed, since Im λ moves with c
 METHOD = "bracketing"
 
 
 def bracketed(model: Model, band: Band) -> Border:
-    """Steps down in c, half of the way to the next crossing that dλ/dc foretells, then bisection on Re λ.
+    """Steps down in c, half of the way to the next crossing predicted by dλ/dc, then bisection on Re λ.
 
-    Which pair it is that crosses, and whether in the band, is known at the crossing only. Pairs that cross beside the band are
-    counted, and the one behind them in growth is followed next. The growth of the border is still to be verified.
+    Which pair crosses, and whether it does so in the band, is known only at the crossing. Pairs that cross outside the band
+    are counted, and the pair with the next largest growth is followed. The border must still be verified.
     """
     contact = float(np.trace(model.contact))
     size = model.pencil.size
@@ -79,7 +79,7 @@ def _step(model: Model, stable: float, band: Band, furthest: float) -> float:
 
 
 def _foretold(model: Model, c: float, band: Band) -> float:
-    """The nearest c below at which, by first order, a pair in the band crosses; -inf if none is on its way."""
+    """The nearest c below at which, to first order, a pair in the band crosses; -inf if none does."""
     n, r = len(model.form.omega), model.form.rigid
     values, left, right = model.decomposition(c)
     keep = (values.imag > 0) & in_band(values, band)

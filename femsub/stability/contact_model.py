@@ -1,4 +1,4 @@
-"""A small model under a contact, D + c W Wᵀ: its spectrum at any c, and where its rigid motion begins to drift."""
+"""A small model under a contact, D + c W Wᵀ: its spectrum at any c, and the c at which rigid motion begins to drift."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from femsub.quadratic.dense import definite_form
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
 
-TOGETHER = 1e-9  # pairs whose c agree to this, relatively, cross together
+TOGETHER = 1e-9  # relative difference of c up to which pairs cross together
 MARGIN = 1e-3  # each border is verified on the pencil at c(1 ∓ MARGIN)
-KEPT = 3  # decompositions of one model
-FELT = 1e-10  # of ‖W‖‖q‖ that a shape moves the contact by, at least
+KEPT = 3  # decompositions of one model that are cached
+FELT = 1e-10  # a shape moves the contact if |Wᵀq| exceeds this share of ‖W‖‖q‖
 NO_RATIO = 2e-13  # twice a damping ratio of the size of rounding
 Band = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """c, the frequencies that cross there, the shape of the first, Re λ just above and below c."""
+    """A stability border: c, the frequencies that cross there, the shape of the first, Re λ just above and below c."""
 
     c: float
     crossing: Array
@@ -41,7 +41,7 @@ class Border:
 
     @classmethod
     def none(cls, size: int, method: str = "scalar function") -> Border:
-        """That of a model which never loses its stability."""
+        """The border of a model that never loses its stability (c = -inf)."""
         return cls(-np.inf, np.zeros(0), np.zeros(size, dtype=complex), method=method)
 
 
@@ -54,8 +54,8 @@ class Model:
         self.W = form.shapes.T @ W
         self.contact = self.W @ self.W.T
         self.symmetric = is_symmetric(pencil.D)
-        # Power is taken dashpot by dashpot: in modal coordinates, ΦᵀDΦ, a heavy one drowns the little power of all others.
-        # LDLᵀ and not eigenvectors, whose rounding is that of the largest entry everywhere.
+        # Dissipation is summed dashpot by dashpot: in ΦᵀDΦ the rounding of a large dashpot would exceed the small ones.
+        # By LDLᵀ: eigenvectors have rounding errors of the size of the largest entry everywhere.
         lower, blocks, _ = la.ldl((pencil.D + pencil.D.T) / 2, check_finite=False)
         power, turn = np.linalg.eigh(blocks)
         self.power, self.strokes = power[power != 0], (lower @ turn[:, power != 0]).T @ form.shapes
@@ -63,7 +63,7 @@ class Model:
         self._known: dict[float, tuple[Array, Array, Array]] = {}
 
     def decomposition(self, c: float) -> tuple[Array, Array, Array]:
-        """λ, left and right vectors of the state matrix at contact coefficient c; those asked for last are kept."""
+        """λ, left and right vectors of the state matrix at contact coefficient c; the last few are cached."""
         if c not in self._known:
             if len(self._known) >= KEPT:
                 self._known.pop(next(iter(self._known)))
@@ -73,7 +73,7 @@ class Model:
     def spectrum(self, c: float, band: Band, real: bool = False) -> tuple[Array, Array]:
         """λ with Im λ > 0 (with real=True: ≥ 0) in the band at contact coefficient c, (k,), and modal shapes q (n, k).
 
-        For symmetric matrices Re λ is taken from its energy, see `femsub.quadratic.dense.with_energy`.
+        For symmetric matrices Re λ is computed from the energy, see `femsub.quadratic.dense.with_energy`.
         """
         values, _, right = self.decomposition(c)
         keep = ((values.imag >= 0) if real else (values.imag > 0)) & in_band(values, band)
@@ -84,11 +84,11 @@ class Model:
         return values, q
 
     def lost(self, q: Array) -> Array:
-        """q̄ᵀCq, the power that D takes, without cancellation."""
+        """q̄ᵀCq, the power dissipated by D, without cancellation."""
         return self.power @ np.abs(self.strokes @ q) ** 2
 
     def fed(self, q: Array) -> Array:
-        """q̄ᵀWWᵀq, what the contact feeds in per -c."""
+        """q̄ᵀWWᵀq, the power supplied by the contact, divided by -c."""
         return (np.abs(self.W.T @ q) ** 2).sum(axis=0)
 
     def felt(self, q: Array) -> Array:
@@ -96,9 +96,9 @@ class Model:
         return np.linalg.norm(self.W.T @ q, axis=0) > FELT * np.linalg.norm(self.W) * np.linalg.norm(q, axis=0)
 
     def ranked(self, c: float, band: Band) -> Array:
-        """Re λ of what moves the contact, the largest first; a pair counts twice, and a real λ once.
+        """Re λ of the modes that move the contact, the largest first; a pair counts twice, a real λ once.
 
-        Real λ count: of a pair that grows fast enough two of them are what is left.
+        Real λ count, since a pair that grows fast enough becomes two real eigenvalues.
         """
         values, q = self.spectrum(c, band, real=True)
         moving = self.felt(q) & (np.abs(values) > 1e-12 * self.size)
@@ -106,13 +106,13 @@ class Model:
         return np.sort(np.repeat(values.real, np.where(values.imag > 0, 2, 1)))[::-1]
 
     def growth(self, c: float, band: Band) -> float:
-        """max Re λ over what moves the contact."""
+        """max Re λ over the modes that move the contact."""
         return float(self.ranked(c, band).max(initial=-np.inf))
 
     def undamped(self, values: Array, q: Array) -> Array:
-        """Which modes lose no power to D: a dashpot at a node of the mode, or the power of two cancelling.
+        """Which modes are undamped: the dashpot is at a node of the mode, or the powers of two dashpots cancel.
 
-        A slope so small that it could not turn a damping ratio of 1e-13, of the size of rounding, counts as none, too.
+        A damping ratio below 1e-13, the size of rounding, counts as none.
         """
         dust = (np.abs(self.strokes) @ np.abs(q)) ** 2
         lost, either = np.abs(self.lost(q)), np.abs(self.power) @ np.abs(self.strokes @ q) ** 2
@@ -122,16 +122,15 @@ class Model:
 
     @property
     def noise(self) -> float:
-        """Re λ below which a number is rounding."""
+        """Re λ below this is rounding."""
         return 1e-14 * self.size
 
     @cached_property
     def drift(self) -> Border | None:
         """The c ≤ 0 at which ZᵀDZ + c ZᵀW WᵀZ becomes singular on the rigid-body modes Z (n, r), KZ = 0; None without one.
 
-        There a real λ passes 0, which is where the root of 1 + c G(ω) for ω → 0 lies: rigid motion that has lost the
-        damping it had begins to drift. Where D takes nothing from a motion that the contact feels, any falling
-        characteristic drives it: c = 0.
+        There a real λ passes 0, at the limit ω → 0 of the root of 1 + c G(ω): rigid motion has lost its damping and begins
+        to drift. If D does not damp a rigid motion that moves the contact, any falling characteristic drives it: c = 0.
         """
         r = self.form.rigid
         if not r or np.linalg.norm(self.W[:r]) <= FELT * np.linalg.norm(self.W):
@@ -140,7 +139,7 @@ class Model:
         motions = np.zeros((len(self.form.omega), r))
         motions[:r] = turn.T
         z = np.abs(self.form.shapes @ motions)
-        # As for elastic modes: damping that could not turn a ratio of 1e-13 of the lowest one, or is rounding of D's entries.
+        # As for elastic modes: a damping ratio below 1e-13 of the lowest one, or rounding of D's entries, counts as none.
         lowest = float(self.form.omega[r:].min(initial=np.inf)) if r < len(self.form.omega) else 0.0
         free = damping <= NO_RATIO * lowest + 1e2 * EPS * np.einsum("ij,ij->j", z, np.abs(self.pencil.D) @ z)
         loose, braked = motions[:, free], motions[:, ~free]
@@ -161,7 +160,7 @@ class Model:
         return Border(c, np.zeros(1), shape / np.linalg.norm(shape), growth) if growth[1] > 0 else None
 
     def _drifting(self, c: float, border: float, z: Array) -> float:
-        """The real λ next to what zᵀ(λ + C + cWWᵀ)z = 0 says, for a rigid motion z near the border of its drift."""
+        """The real λ next to the solution of zᵀ(λ + C + cWWᵀ)z = 0, for a rigid motion z near the border of its drift."""
         values, _ = self.spectrum(c, (0.0, np.inf), real=True)
         values = values[values.imag == 0].real
         expected = (border - c) * np.linalg.norm(self.W.T @ z) ** 2 / (z @ z)

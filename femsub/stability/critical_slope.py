@@ -1,4 +1,4 @@
-"""Where friction takes the stability away: the sweep over the slope, and the critical slope itself."""
+"""Loss of stability by friction: growth rates over the slope of the friction law, and the critical slope."""
 
 from __future__ import annotations
 
@@ -24,24 +24,30 @@ from femsub.stability.border import dense_border, sparse_border
 
 log = logging.getLogger(__name__)
 
-SMALL = 150  # up to so many DOF a sparse model is treated as dense
-FAR = 1e8  # times the end of a band: no Re λ is so large
+SMALL = 150  # DOF up to which a sparse model is treated as dense
+FAR = 1e8  # times the end of a band: an upper bound of Re λ
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StabilitySweep:
-    """The largest Re λ over the friction slope; m slopes.
+    """The largest growth rate Re λ for each of m friction slopes, made by `sweep`.
 
     Attributes
     ----------
     slopes : ndarray, shape (m,)
         μ'(v0); D gets force · slope · w wᵀ.
     growth : ndarray, shape (m,)
-        max Re λ over the band, rigid-body modes left out, 1 per unit of time.
+        max Re λ over the band, without rigid-body modes, 1 per unit of time.
     omega : ndarray, shape (m,)
         Im λ of that mode.
     band : (lo, hi)
-        What was looked at: of a reduced model no more than what lies below its cut-off.
+        The band searched; for a reduced model it ends at the cut-off.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.sweep(fs.chain(10, belt=2), [-0.2, -0.01]).growth > 0
+    array([ True, False])
     """
 
     slopes: Array
@@ -56,26 +62,35 @@ class StabilitySweep:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CriticalSlope:
-    """The largest c ≤ 0 at which a pair in the band reaches the imaginary axis and grows just below.
+    """The friction slope at which sliding loses its stability, made by `critical_slope`; ``float(...)`` gives the slope.
+
+    It is c / F for the largest c ≤ 0 at which a pair in the band reaches the imaginary axis and grows just below.
 
     Attributes
     ----------
     slope : float
-        c / force; 0.0 for an undamped mode that feels the belt (or one whose damping ratio is rounding: a slope that
-        turned no more than 1e-13 of it), -inf where stability is never lost.
+        c / F. 0.0 if a mode under the belt has no damping beyond rounding (damping ratio below 1e-13). -inf if stability is
+        never lost.
     omega : float
-        Frequency of the (lowest) pair on the axis, NaN for -inf. 0.0 where it is no pair, but a real λ that passes 0: a
-        rigid-body motion that has lost its damping and begins to drift. What oscillates is then found with a band from above 0.
+        Frequency of the (lowest) pair on the axis; NaN for -inf. 0.0 if no pair but a real λ passes 0: a rigid-body motion
+        has lost its damping and begins to drift. To find oscillations then, use a band that starts above 0.
     shape : ndarray of complex, shape (n,) or (r,)
-        Its eigenvector, in the coordinates of the model.
+        Its eigenvector, in the model's coordinates.
     crossing : ndarray
         The frequencies of all pairs that cross together at this slope.
     band : (lo, hi)
-        The frequencies looked at: of a reduced model no more than what lies below its cut-off.
+        The band searched; for a reduced model it ends at the cut-off.
     growth : (float, float)
-        Re λ of the pair at 0.999 c and at 1.001 c, computed from the pencil: the verification.
+        Re λ of the pair at 0.999 c and at 1.001 c, computed from the pencil as a verification.
     method : str
         'scalar function' or 'bracketing'.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> critical = fs.critical_slope(fs.chain(10, belt=2))
+    >>> print(f"{critical.slope:.6f} {critical.omega:.5f} {len(critical.crossing)}")
+    -0.025567 0.14946 1
     """
 
     slope: float
@@ -102,11 +117,28 @@ class CriticalSlope:
 
 def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "belt", *, force: float = 1.0,
           band: tuple[float, float] | None = None) -> StabilitySweep:
-    """max Re λ of λ²M + λ(D + F s w wᵀ) + K over slopes s.
+    """The largest growth rate for each of several friction slopes s: max Re λ of λ²M + λ(D + F s w wᵀ) + K.
 
-    A small model is brought to its undamped modes once, and each slope costs one small eigenproblem. A sparse one above
-    2,000 DOF, which needs a band, takes a PEP for each; so does a dense one above 300 DOF if a band is given.
-    One with massless motions takes all of its complex modes for each slope.
+    A small model is transformed to its undamped modes once; then each slope needs one small eigenproblem. A sparse model
+    above 2,000 DOF needs a band, and PEP solves it for each slope. The same holds for a dense model above 300 DOF if a band
+    is given. For a model with massless motions all complex modes are computed for each slope.
+
+    Parameters
+    ----------
+    model : Substructure
+        Full or reduced.
+    slopes : sequence of float
+        Values of s = μ'(v0).
+    port : str
+        The port under the belt.
+    force : float
+        Normal force F.
+    band : (lo, hi), optional
+        Only modes with lo ≤ Im λ ≤ hi, in radians per unit of time. Default: all, for a reduced model up to its cut-off.
+
+    Returns
+    -------
+    StabilitySweep
 
     Raises
     ------
@@ -116,7 +148,13 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     Warns
     -----
     FemsubWarning
-        A sparse model above 2,000 DOF may have Re λ above the end of the band, which is not looked for.
+        A sparse model above 2,000 DOF may have eigenvalues with Re λ above the end of the band. These are not computed.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.sweep(fs.chain(10, belt=2), [-0.2, -0.1, -0.01]).growth.round(3) + 0.0
+    array([0.015, 0.006, 0.   ])
     """
     instance("model", model, Substructure, "with a port")
     positive_number("force", force)
@@ -127,7 +165,7 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     limits = usable_band(model, band)
     growth, omega = np.empty(len(values)), np.empty(len(values))
     if model.pencil.is_sparse and model.size > QUADRATIC and band is None:
-        raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time")
+        raise InputError(f"a sparse model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
     few = model.size <= (QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE)
     fast = np.zeros(len(values), dtype=bool) if few else _fast(model, w, force * values, limits[1])
     whole = np.full(len(values), few) if few or model.pencil.is_sparse else fast.copy()
@@ -146,17 +184,17 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
         modes = complex_modes(model, Belt(port, force=force, slope=float(values[i])), band=searched, certify=False)
         growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     if untold.any():
-        warnings.warn(f"from the slope {values[untold].max():.4g} on Re λ may be above {limits[1]:.4g}, where the band ends: "
-                      "of a large sparse model only what has |Re λ| up to there is looked for, so that max Re λ may be larger",
+        warnings.warn(f"at slopes of {values[untold].max():.4g} and below, max Re λ may be larger than reported. In a large "
+                      f"sparse model only eigenvalues with |Re λ| up to the end of the band ({limits[1]:.4g}) are computed",
                       FemsubWarning, stacklevel=2)
     return StabilitySweep(values, growth, omega, limits)
 
 
 def _fast(model: Substructure, W: Array, c: Array, hi: float) -> Array:
-    """At which c (k,) D + cWWᵀ may make something grow with Re λ > hi while |Im λ| ≤ hi, bool (k,); at the others nothing does.
+    """At which c (k,) there may be an eigenvalue with Re λ > hi and |Im λ| ≤ hi, bool (k,); at the others there is none.
 
-    With m, d, k = xᴴMx, xᴴDx, xᴴKx of a shape that grows, (m + Re d / Re λ) |λ|² + k = 0. Hence for a ≤ Re λ ≤ b, hi ≤ a, the
-    matrix aM + D + cWWᵀ + K / 2b is not definite. One interval tells most slopes, several the rest.
+    With m, d, k = xᴴMx, xᴴDx, xᴴKx of a growing shape, (m + Re d / Re λ) |λ|² + k = 0. Hence for a ≤ Re λ ≤ b, hi ≤ a, the
+    matrix aM + D + cWWᵀ + K / 2b is not definite. One interval decides most slopes, several decide the rest.
     """
     fast = np.ones(len(c), dtype=bool)
     for edges in (hi * np.array([1.0, FAR]), hi * np.append(4.0 ** np.arange(5), FAR)):
@@ -166,7 +204,7 @@ def _fast(model: Substructure, W: Array, c: Array, hi: float) -> Array:
 
 
 def _indefinite(model: Substructure, W: Array, a: float, b: float) -> float:
-    """The c ≤ 0 up to which aM + D + cWWᵀ + K / 2b is not definite, -inf if it always is."""
+    """The largest c ≤ 0 at which aM + D + cWWᵀ + K / 2b is not definite; -inf if it always is."""
     try:
         factor = factorise(a * model.M + (model.D + model.D.T) / 2 + model.K / (2 * b), "definite")
     except SingularMatrixError:
@@ -186,50 +224,63 @@ def _leading(values: Array, band: tuple[float, float]) -> tuple[float, float]:
 
 def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.0,
                    band: tuple[float, float] | None = None, method: str = "auto") -> CriticalSlope:
-    """1 + c·iω·wᵀ(-ω²M + iωD + K)⁻¹w = 0: the slope c/F at which sliding on a port loses its stability.
+    """The friction slope c/F at which steady sliding on a port loses its stability.
+
+    On the border a pair λ = iω fulfils 1 + c·iω·wᵀ(-ω²M + iωD + K)⁻¹w = 0. Every root found is verified on the pencil.
 
     Parameters
     ----------
     model : Substructure
         Full or reduced.
     port : str
-        Where the belt is. With several columns the contact is D + c W Wᵀ, and the border is bracketed on the
+        The port under the belt. With several columns the contact is D + c W Wᵀ, and the border is bracketed on the
         complex modes instead of found as a root.
     force : float
         Normal force F; the slope returned is c/F.
     band : (lo, hi), optional
-        Only pairs with lo ≤ Im λ ≤ hi may cross. By default all of a dense (or small sparse) model, and of a reduced
-        one those below its cut-off: what lies above are shapes of the reduction, which may be hardly damped, and a band
-        that reaches there is refused. Required for a sparse model above 2,000 DOF. With lo = 0 rigid motion that loses its
-        damping counts, too (ω = 0).
+        Only pairs with lo ≤ Im λ ≤ hi count. Default: all pairs of a dense (or small sparse) model; for a reduced model those
+        below its cut-off. A band above the cut-off is refused, since modes there are artefacts of the reduction, often hardly
+        damped. Required for a sparse model above 2,000 DOF. With lo = 0 rigid motion that loses its damping counts, too
+        (ω = 0).
     method : {'auto', 'scalar', 'bracketing'}
+        How the border is found: as a root of the scalar function above, or by bracketing on the complex modes.
+
+    Returns
+    -------
+    CriticalSlope
 
     Raises
     ------
     UnstableModelError
-        The model is unstable at c = 0; the λ is shown.
+        The model is unstable at c = 0; the message shows λ.
     InputError
         An unknown port or method, a force that is not positive, a missing band, or one that reaches above the cut-off.
     NotConvergedError
-        A crossing found as a root could not be verified on the pencil, or rounding may move it by more than 1e-3; or a pair
-        that lost its stability outside of the band has moved into it before.
+        A root could not be verified on the pencil; rounding may move it by a relative 1e-3 or more; or a pair that lost its
+        stability outside the band has moved into it before.
 
     Warns
     -----
     CutoffWarning
-        The border of a reduced model lies above 0.7 of its cut-off, where its modes may be far off; or none was found in a
+        The border of a reduced model lies above 0.7 of its cut-off, where its modes may be inaccurate; or none was found in a
         band that reaches above that.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> print(f"{fs.critical_slope(fs.chain(10, belt=2)).slope:.6f}")
+    -0.025567
     """
     instance("model", model, Substructure, "with a port")
     positive_number("force", force)
     choice("method", method, ("auto", "scalar", "bracketing"))
     w = model.port(port).reshape(model.size, -1)
     if method == "scalar" and w.shape[1] > 1:
-        raise InputError(f"port {port!r} has {w.shape[1]} columns; the scalar function is for one, use method='bracketing'")
+        raise InputError(f"port {port!r} has {w.shape[1]} columns, but the scalar function takes one. Use method='bracketing'")
     sparse = model.size > (SMALL if model.pencil.is_sparse else WIDE)
     if model.pencil.is_sparse and band is None and model.size > QUADRATIC:
-        raise InputError(f"a sparse model of {model.size} DOF needs band=(lo, hi) in rad per unit of time: which "
-                         "frequencies may lose their stability?")
+        raise InputError(f"a sparse model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time, the "
+                         "frequencies that may lose their stability")
     limits = usable_band(model, band)
     if sparse and band is not None:
         found = sparse_border(model.pencil.sparse(), w, limits, method)
@@ -240,7 +291,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
         what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
             f"no border was found, but the band, which ends at {limits[1]:.5g}, reaches"
         warnings.warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
-                      "reduced model may be far from the component's: keep more modes to be sure", CutoffWarning, stacklevel=2)
+                      "reduced model may be inaccurate. Keep more modes", CutoffWarning, stacklevel=2)
     result = CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)
     log.info("%r", result)
     return result
