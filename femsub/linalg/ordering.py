@@ -9,6 +9,7 @@ from femsub.checks import Array, Matrix
 
 FLAT = 300_000  # DOF up to which minimum fill is faster for surfaces
 SURFACE = 13  # mean number of neighbours of a node, itself included: 9 on a surface, 15 and more in a solid
+SLENDER = 20  # nonzeros per row up to which the bandwidth is looked at
 TREES = 50  # largest number of trees in a forest: each is traversed separately
 
 
@@ -69,6 +70,11 @@ def leaves_first(A: Matrix) -> Array | None:
         return None
     roots = np.unique(label, return_index=True)[1]
     return np.concatenate([sp.csgraph.breadth_first_order(A, root, return_predecessors=False) for root in roots])[::-1]
+
+
+def slender(A: Matrix) -> bool:
+    """Whether the nodes of A form a forest of few trees: chains, beams, branched shafts. Leaves first, they leave no fill."""
+    return bool(A.nnz <= SLENDER * A.shape[0]) and leaves_first(quotient(sp.csr_array(A))[0]) is not None
 
 
 def smooth_shape(A: Matrix) -> Array:

@@ -3,9 +3,9 @@
 Arrays and scipy matrices go in, arrays come out; no PETSc object leaves this file, and each is destroyed here.
 
 Which factorisation is chosen by what the matrix is: CHOLMOD where it is positive definite (or MUMPS' Cholesky, in a PETSc without
-CHOLMOD), MUMPS LDLᵀ where it is symmetric, MUMPS LU else. Without CHOLMOD, the Cholesky factor of a tree (a chain, a branched
-shaft) is PETSc's own, from the leaves on: of a chain of 10⁵ masses it gives ω to 1e-9 at least, MUMPS to 4e-8. MUMPS calls
-singular matrices solved; each of its factors is therefore probed with a random right-hand side.
+CHOLMOD), MUMPS LDLᵀ where it is symmetric, MUMPS LU else. Without CHOLMOD, PETSc itself factorises chains, beams and branched
+shafts, from the leaves on: as right as CHOLMOD, where MUMPS is worse by up to 10⁶. MUMPS calls singular matrices solved; each of
+its factors is therefore probed with a random right-hand side.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import scipy.sparse as sp
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import BreakdownError, InputError, MissingPackageError, NotConvergedError, SingularMatrixError
 from femsub.linalg.memory import room_for_factor
-from femsub.linalg.ordering import good_order, leaves_first
+from femsub.linalg.ordering import good_order, slender
 from femsub.linalg.process_memory import give_back_freed_memory
 from femsub.linalg.shared import FACTOR_BYTES, drop
 from femsub.model.matrices import Difference, equilibrated, upper
@@ -102,7 +102,7 @@ def package(kind: Kind, A: Matrix) -> str:
     if kind == "definite":
         if has_cholmod():
             return "cholmod"
-        if A.nnz < 3 * A.shape[0] and leaves_first(A) is not None:
+        if slender(A):
             return "petsc"
     if not _load()[0].Sys.hasExternalPackage("mumps"):
         raise MissingPackageError(f"this PETSc was built without MUMPS, which {kind} matrices need. {INSTALL}")
@@ -196,7 +196,8 @@ class Factor:
         pc.setType("lu" if self.kind == "general" else "cholesky")
         pc.setFactorSolverType(self.package)
         if self.package == "petsc":
-            self._ksp.setErrorIfNotConverged(True)  # a pivot that is zero is an error
+            self._ksp.setErrorIfNotConverged(True)  # a pivot that is zero is an error, a small one is not
+            pc.setFactorPivot(0.0)
             pc.setFactorOrdering("rcm")  # Cuthill and McKee's walk through a tree, reversed: leaves first, no fill
         pc.setFactorSetUpSolverType()
         self._factor = self._hold(pc.getFactorMatrix())
@@ -340,7 +341,7 @@ def _lend(ksp: Any, st: Any, stack: ExitStack) -> None:
     stack.callback(st.setKSP, spare)
 
 
-def _last_line(error: Exception) -> str:
+def _last_line(error: BaseException) -> str:
     lines = [line.split("]", 1)[-1].strip() for line in str(error).splitlines()]
     return lines[-1][:120] if lines else type(error).__name__
 
@@ -356,8 +357,8 @@ def _solve(solver: Any, count: int, tol: float, wanted: str, advice: str) -> int
     PETSc, _ = _load()
     try:
         solver.solve()
-    except PETSc.Error as error:
-        raise BreakdownError(f"{type(solver).__name__} failed ({_last_line(error)})") from None
+    except (PETSc.Error, SystemError) as error:  # slepc4py 3.25 lets Python wrap the one in the other
+        raise BreakdownError(f"{type(solver).__name__} failed ({_last_line(error.__cause__ or error)})") from None
     found = int(solver.getConverged())
     if found < count:
         raise NotConvergedError(f"{found} of {count} {wanted} converged to {tol:g} within {solver.getIterationNumber()} restarts "
