@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.linalg.petsc import has_cholmod
 from femsub.quadratic import dense
 from femsub.quadratic.complex_modes import with_bars
 from femsub.quadratic.matching import match
@@ -186,7 +187,7 @@ def test_rigid_body_eigenvalues_are_recognised(nx: int, ny: int, braked: int) ->
     assert modes.rigid.sum() == 6 - braked
     assert np.array_equal(modes.eigenvalues[modes.rigid], np.zeros(6 - braked))
     assert modes.is_stable is not False
-    assert (modes.backward_error < 1e-10).all()
+    assert (modes.backward_error < (1e-10 if has_cholmod() else 2e-9)).all()  # the factor of a floating part by MUMPS: 3e-10
 
 
 def test_a_defective_pair_is_undecided() -> None:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib.machinery import ModuleSpec
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub.errors import SingularMatrixError
+from benchmarks.lattices import lattice
+from femsub.errors import MissingPackageError, SingularMatrixError
 from femsub.linalg import petsc
 from femsub.linalg.factor import ComplexFactor, factorise
+from femsub.linalg.ordering import slender
 from femsub.linalg.petsc import Factor, quadratic_modes, symmetric_modes
 
 
@@ -62,6 +65,81 @@ def test_an_indefinite_matrix_is_not_taken_for_definite(n: int) -> None:
         factorise(K, "definite")
     with pytest.raises(fs.SingularMatrixError):
         factorise(sp.csr_array(-fs.chain(n).K), "definite")
+
+
+SLENDER = {"chain": lambda: fs.chain(1000), "beam": lambda: clamped_beam(200)}
+
+
+def clamped_beam(n: int) -> fs.Substructure:
+    return fs.beam(1.0, n, E=1.0, I=1.0, rho=1.0, A=1.0, supports={"left": "clamped"})
+
+
+@pytest.fixture
+def no_cholmod(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a PETSc that was built without it."""
+    monkeypatch.setattr(petsc, "CHOLMOD", False)
+
+
+@pytest.mark.parametrize(("name", "package"), [("chain", "PETSC"), ("beam", "PETSC"), ("lattice", "MUMPS")])
+def test_without_cholmod_another_factor_takes_over_and_is_named(name: str, package: str, no_cholmod: None) -> None:
+    sub = lattice(20, 15, held=True) if name == "lattice" else SLENDER[name]()
+    factor = Factor(sub.K, "definite")
+    assert repr(factor) == f"Factor(definite, by {package}, {sub.size} x {sub.size})" and petsc.versions()["Cholesky"] == "MUMPS"
+    x = np.random.default_rng(1).standard_normal((sub.size, 70))
+    X = factor.solve(sub.K @ x)
+    assert np.abs(sub.K @ (X - x)).max() < 1e-12 * abs(sub.K).max()
+    indefinite = sp.csr_array(sub.K - 1.01 * fs.normal_modes(sub, count=1).eigenvalues[0] * sub.M)
+    for wrong in (indefinite, -sub.K):
+        with pytest.raises(fs.SingularMatrixError, match=f"by {package} broke down; it is singular, or not what it was taken"):
+            Factor(wrong, "definite")
+
+
+def test_without_cholmod_a_floating_part_is_found_to_float(no_cholmod: None) -> None:
+    for sub, rigid in ((lattice(14, 12), 3), (fs.chain(1000, fixed=False), 1)):
+        modes = fs.normal_modes(sub, count=5)
+        assert modes.rigid == rigid and modes.residual.max() < 1e-10
+        with pytest.raises(fs.SingularMatrixError):
+            Factor(sub.K, "definite")
+
+
+def test_without_cholmod_slender_models_keep_their_digits(no_cholmod: None) -> None:
+    """MUMPS takes 4e-10 of the lowest ω of this chain and 5e-5 of this deflection; CHOLMOD nothing and 1e-11."""
+    n = 10_000
+    assert np.abs(fs.normal_modes(fs.chain(n), count=5).frequencies / fs.chain_frequencies(n, 5) - 1).max() < 1e-12
+    with pytest.warns(fs.ConditionWarning, match="rounding may take"):
+        beam = clamped_beam(1000)
+    load = np.zeros(beam.size)
+    load[-2] = 3.0
+    assert abs(Factor(beam.K, "definite").solve(load)[-2] - 1) < 1e-7
+
+
+def test_slender_is_what_has_a_narrow_band_in_some_order(rng: np.random.Generator) -> None:
+    for model in SLENDER.values():
+        K = model().K
+        mixed = rng.permutation(K.shape[0])
+        assert slender(K) and slender(K[mixed][:, mixed])
+    ring = sp.lil_array(fs.chain(300).K)
+    ring[0, 299] = ring[299, 0] = -1.0
+    assert slender(sp.csr_array(ring)) and not slender(lattice(20, 15).K)
+
+
+def test_a_petsc_without_factors_says_what_to_install(no_cholmod: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(petsc, "has", lambda name: False)
+    with pytest.raises(MissingPackageError, match=r"built without MUMPS, which definite matrices need\. .*femsub\[solvers\]"):
+        fs.normal_modes(lattice(20, 15, held=True), count=3)
+
+
+@pytest.mark.parametrize(("places", "loaded"), [({"petsc4py": "/a/petsc4py", "dolfinx_solver": "/a/dolfinx_solver"}, 1),
+                                                ({"petsc4py": "/b/petsc4py", "dolfinx_solver": "/a/dolfinx_solver"}, 0),
+                                                ({"petsc4py": "/a/petsc4py"}, 0), ({}, 0)])
+def test_the_wheels_own_module_comes_before_its_petsc4py(places: dict[str, str], loaded: int,
+                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+    imported: list[str] = []
+    monkeypatch.setattr(petsc, "find_spec", lambda name: ModuleSpec(name, None, origin=f"{places[name]}/__init__.py")
+                        if name in places else None)
+    monkeypatch.setattr(petsc, "import_module", imported.append)
+    petsc._load_wheel()
+    assert imported == ["dolfinx_solver"] * loaded
 
 
 @pytest.mark.parametrize("n", [60, 600])

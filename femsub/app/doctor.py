@@ -83,14 +83,13 @@ def _petsc(found: Findings) -> None:
     except FemsubError as error:
         found.wrong.append(str(error))
         return
-    there = {name: bool(petsc._load()[0].Sys.hasExternalPackage(key)) for name, key in PACKAGES.items()}
+    there = {name: petsc.has(key) for name, key in PACKAGES.items()}
     for name in there:
         found.add(name, "in PETSc" if there[name] else "not in PETSc")
     if not there["MUMPS"]:
-        found.wrong.append("this PETSc has no MUMPS, which symmetric indefinite and unsymmetric matrices need: scripts/setup "
-                           "installs Debian's, scripts/setup-from-source builds one")
+        found.wrong.append("this PETSc has no MUMPS, which symmetric indefinite and unsymmetric matrices need. " + petsc.INSTALL)
     if not there["CHOLMOD"]:
-        found.add("", "without CHOLMOD, long chains and beams lose digits: scripts/setup brings it")
+        found.add("", "MUMPS factorises positive definite matrices as well, PETSc itself those of chains and beams")
     n = 400
     A = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
     kinds: dict[petsc.Kind, float] = {"definite": 0.0, "symmetric": 0.5, "general": 0.5}

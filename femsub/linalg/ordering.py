@@ -10,6 +10,7 @@ from femsub.checks import Array, Matrix
 FLAT = 300_000  # DOF up to which minimum fill is faster for surfaces
 SURFACE = 13  # mean number of neighbours of a node, itself included: 9 on a surface, 15 and more in a solid
 SLENDER = 20  # nonzeros per row up to which the bandwidth is looked at
+BAND = 24  # largest bandwidth of a slender model (a chain, a beam): 3 for a beam in the plane
 TREES = 50  # largest number of trees in a forest: each is traversed separately
 
 
@@ -73,8 +74,12 @@ def leaves_first(A: Matrix) -> Array | None:
 
 
 def slender(A: Matrix) -> bool:
-    """Whether the nodes of A form a forest of few trees: chains, beams, branched shafts. Leaves first, they leave no fill."""
-    return bool(A.nnz <= SLENDER * A.shape[0]) and leaves_first(quotient(sp.csr_array(A))[0]) is not None
+    """Whether A is a narrow band in the order of Cuthill and McKee, as chains, beams and shafts of few branches are."""
+    A, n = sp.csr_array(A), A.shape[0]
+    if A.nnz > SLENDER * n:
+        return False
+    place = np.argsort(sp.csgraph.reverse_cuthill_mckee(A, symmetric_mode=True))
+    return bool(np.abs(place[A.indices] - np.repeat(place, np.diff(A.indptr))).max(initial=0) <= BAND)
 
 
 def smooth_shape(A: Matrix) -> Array:

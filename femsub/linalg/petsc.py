@@ -3,9 +3,9 @@
 Arrays and scipy matrices go in, arrays come out; no PETSc object leaves this file, and each is destroyed here.
 
 Which factorisation is chosen by what the matrix is: CHOLMOD where it is positive definite (or MUMPS' Cholesky, in a PETSc without
-CHOLMOD), MUMPS LDLᵀ where it is symmetric, MUMPS LU else. Without CHOLMOD, PETSc itself factorises chains, beams and branched
-shafts, from the leaves on: as right as CHOLMOD, where MUMPS is worse by up to 10⁶. MUMPS calls singular matrices solved; each of
-its factors is therefore probed with a random right-hand side.
+CHOLMOD), MUMPS LDLᵀ where it is symmetric, MUMPS LU else. Without CHOLMOD, PETSc itself factorises chains, beams and shafts,
+from end to end: as right as CHOLMOD, where MUMPS is worse by up to 10⁶. MUMPS calls singular matrices solved; each of its factors
+is therefore probed with a random right-hand side.
 """
 
 from __future__ import annotations
@@ -81,14 +81,20 @@ def _load() -> tuple[Any, Any]:
 
 
 def versions() -> dict[str, str]:
-    """The versions of PETSc and SLEPc at work."""
+    """The versions of PETSc and SLEPc at work, and what makes their Cholesky factors."""
     PETSc, SLEPc = _load()
-    return {name: ".".join(map(str, module.Sys.getVersion())) for name, module in (("PETSc", PETSc), ("SLEPc", SLEPc))}
+    found = {name: ".".join(map(str, module.Sys.getVersion())) for name, module in (("PETSc", PETSc), ("SLEPc", SLEPc))}
+    return found | {"Cholesky": "CHOLMOD" if has_cholmod() else "MUMPS"}
+
+
+def has(name: str) -> bool:
+    """Whether PETSc was built with a package, by PETSc's own name of it."""
+    return bool(_load()[0].Sys.hasExternalPackage(name))
 
 
 def has_cholmod() -> bool:
     """Whether CHOLMOD factorises positive definite matrices."""
-    return CHOLMOD and bool(_load()[0].Sys.hasExternalPackage("suitesparse"))
+    return CHOLMOD and has("suitesparse")
 
 
 def package(kind: Kind, A: Matrix) -> str:
@@ -104,7 +110,7 @@ def package(kind: Kind, A: Matrix) -> str:
             return "cholmod"
         if slender(A):
             return "petsc"
-    if not _load()[0].Sys.hasExternalPackage("mumps"):
+    if not has("mumps"):
         raise MissingPackageError(f"this PETSc was built without MUMPS, which {kind} matrices need. {INSTALL}")
     return "mumps"
 
@@ -198,7 +204,7 @@ class Factor:
         if self.package == "petsc":
             self._ksp.setErrorIfNotConverged(True)  # a pivot that is zero is an error, a small one is not
             pc.setFactorPivot(0.0)
-            pc.setFactorOrdering("rcm")  # Cuthill and McKee's walk through a tree, reversed: leaves first, no fill
+            pc.setFactorOrdering("rcm")  # Cuthill and McKee's, from end to end
         pc.setFactorSetUpSolverType()
         self._factor = self._hold(pc.getFactorMatrix())
         if self.package != "mumps":
