@@ -75,7 +75,18 @@ if TYPE_CHECKING:
     from femsub.motion.transient import Transient, transient
     from femsub.quadratic.complex_modes import ComplexModes, complex_modes
     from femsub.quadratic.refinement import Refined, refine
-    from femsub.reduction.reduce import CraigBampton, CraigChang, reduce
+    from femsub.reduction.reduce import (
+        CraigBampton,
+        CraigChang,
+        CraigChangPhysical,
+        DualCraigBampton,
+        Guyan,
+        Herting,
+        Hurty,
+        MacNeal,
+        Rubin,
+        reduce,
+    )
     from femsub.stability.critical_slope import CriticalSlope, StabilitySweep, critical_slope, sweep
     from femsub.studies.error_vs_time import study
     from femsub.studies.results import Study

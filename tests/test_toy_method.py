@@ -124,10 +124,11 @@ def test_scenes_of_components_take_it_too(truncation: type[Method], tmp_path: Pa
 
 
 def test_unknown_keys_name_those_that_exist(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert set(METHODS) == {"craig-bampton", "craig-chang"}  # no other test sees the one above
+    assert KEY not in METHODS  # no other test sees the one above
     (tmp_path / "toy.toml").write_text(SCENE)
     assert main(["run", str(tmp_path / "toy.toml")]) == 2
-    assert f"unknown method '{KEY}'; valid: craig-bampton, craig-chang" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert f"unknown method '{KEY}'" in told and "alid: craig-bampton, craig-chang, " in told
 
 
 def test_a_method_says_all_of_what_it_is() -> None:
@@ -135,6 +136,6 @@ def test_a_method_says_all_of_what_it_is() -> None:
         type("Impostor", (Method,), {"key": "craig-chang"})
     with pytest.raises(fs.InputError, match="the reduction method Colourless has no colour"):
         type("Colourless", (Method,), {"key": "colourless", "label": "Colourless"})
-    assert set(METHODS) == {"craig-bampton", "craig-chang"}
+    assert not {"impostor", "colourless"} & set(METHODS) and METHODS["craig-chang"] is fs.CraigChang
     nameless = type("Nameless", (fs.CraigChang,), {})  # what methods share may have a class of its own
     assert nameless not in METHODS.values()

@@ -36,7 +36,8 @@ SCENES = {
     "plate-limit-cycle": ("plate_cycles", "the plate's limit cycles over the normal force: full and reduced"),
 }
 MOST_REPEATS = 1000
-SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang"}  # of the literature
+#: of the literature, and of Python's MacNeal
+SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-bampton", "mac-neal": "macneal"}
 #: Keys that scenes of nonlinear models do not have.
 NO_SLOPE = {"slope": "the nonlinear model needs a friction law, i.e. law, eps and speed, not a slope"}
 

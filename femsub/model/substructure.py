@@ -170,8 +170,8 @@ class ReducedSubstructure(Substructure):
     ----------
     V : ndarray, shape (n, r)
     kinds : tuple of str, length r
-        The label of each column: 'rigid', 'constraint', 'fixed-interface', 'free', 'residual attachment',
-        'static port'.
+        The label of each column: 'rigid', 'constraint', 'interface', 'fixed-interface', 'free', 'residual attachment',
+        'free and inertia relief', 'interface force', 'static port'.
     modes : int
         The number of elastic modes in the basis.
     method : str

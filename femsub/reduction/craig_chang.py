@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-import numpy as np
-
-from femsub.checks import Array
-from femsub.reduction.basis import Kept, Responses
-from femsub.reduction.method import Method
-from femsub.reduction.statics import Partition, Statics
-
-if TYPE_CHECKING:
-    from femsub.modes.shift_invert import ShiftInvert
+from femsub.reduction.free_interface import FreeInterface
 
 
 @dataclass(frozen=True)
-class CraigChang(Method):
+class CraigChang(FreeInterface):
     """Craig-Chang (CC): free modes, rigid-body modes and residual attachment modes of the interface.
 
     V = [Φ_r Φ_f Ψ], (K - ω²M)φ = 0 with the interface free, Ψ = (I - ΦΦᵀM) K⁺ (I - MΦΦᵀ) F, Φ = [Φ_r Φ_f].
@@ -56,20 +46,3 @@ class CraigChang(Method):
     """
 
     key, label, colour, marker = "craig-chang", "Craig-Chang", "#0067a5", "^"
-    held = False
-
-    def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
-        """Unit forces at the interface, and no constraint modes."""
-        n, n_b = part.sub.size, len(part.sub.interface)
-        forces = np.zeros((n, n_b + extra.shape[1]), order="F")
-        forces[part.sub.interface, np.arange(n_b)] = 1.0
-        forces[:, n_b:] = extra
-        return Statics(part, handle, np.zeros((n, 0)), np.zeros((0, 0)), forces, "residual attachment")
-
-    def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
-        """One block solve for all loads. The modes' contribution is removed first, so that `missing` suffers no cancellation."""
-        loads, s = np.hstack([statics.forces, *ports.values()]), statics.forces.shape[1]
-        rest = statics.handle.elastic_solve(loads, kept.shapes)
-        missing, held = np.einsum("ij,ij->j", rest, loads), kept.shapes[:, kept.rigid:].T @ loads
-        whole = missing + np.einsum("ij,ij->j", held, held / kept.values[kept.rigid:, None])
-        return Responses(rest[:, :s], whole[s:], missing[s:], len(kept.values))

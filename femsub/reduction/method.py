@@ -61,6 +61,7 @@ class Method(ABC):
     colour: ClassVar[str]
     marker: ClassVar[str]
     held: ClassVar[bool]
+    unestimated: ClassVar[str] = ""  #: why no estimate can be had for a band and a tolerance, where that is so
 
     def __init_subclass__(cls) -> None:
         if "key" not in vars(cls):
@@ -84,6 +85,9 @@ class Method(ABC):
         if self.band is None or self.tol is None:
             lacking = "band=(lo, hi), in rad per unit of time," if self.band is None else "tol=1e-3, the relative error allowed,"
             raise InputError(f"{name}: {lacking} is missing; band and tol go together")
+        if self.unestimated:
+            raise InputError(f"{name} takes a number of modes only, e.g. modes=20: no estimate can be had for a tolerance, since "
+                             f"{self.unestimated}")
         object.__setattr__(self, "band", check_band(self.band))
         if not 0 < finite_number("tol", self.tol) < 1:
             raise InputError(f"tol is a relative error between 0 and 1, not {self.tol!r}")
@@ -92,6 +96,10 @@ class Method(ABC):
         """'Craig-Bampton with 4 modes'."""
         extent = f"{self.modes} modes" if self.band is None else f"tol {self.tol:g} up to {self.band[1]:.5g} rad/time"
         return f"{self.label} with {extent}"
+
+    def title(self, modes: int) -> str:
+        """'Craig-Bampton with 4 fixed-interface modes': the model with so many of them."""
+        return f"{self.label} with {modes} {self.mode_kind} modes"
 
     @abstractmethod
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:

@@ -22,8 +22,15 @@ from femsub.modes.normal_modes import confirm
 from femsub.reduction.basis import Basis, projected
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.craig_chang import CraigChang
+from femsub.reduction.craig_chang_physical import CraigChangPhysical
+from femsub.reduction.dual_craig_bampton import DualCraigBampton
+from femsub.reduction.guyan import Guyan
+from femsub.reduction.herting import Herting
+from femsub.reduction.hurty import Hurty
+from femsub.reduction.macneal import MacNeal
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
+from femsub.reduction.rubin import Rubin
 from femsub.reduction.statics import Partition, square
 
 if TYPE_CHECKING:
@@ -35,7 +42,9 @@ log = logging.getLogger(__name__)
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
 PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
 
-__all__ = ["METHODS", "CraigBampton", "CraigChang", "Method", "reduce"]  # importing these registers the two
+#: importing the methods registers them
+__all__ = ["METHODS", "CraigBampton", "CraigChang", "CraigChangPhysical", "DualCraigBampton", "Guyan", "Herting", "Hurty",
+           "MacNeal", "Method", "Rubin", "reduce"]
 
 
 def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = False,
@@ -171,7 +180,7 @@ def _whole(task: _Task) -> Basis:
 
 def _projected(task: _Task, basis: Basis) -> ReducedSubstructure:
     sub, V = task.sub, basis.V
-    title = f"{task.method.label} with {basis.modes} {task.method.mode_kind} modes"
+    title = task.method.title(basis.modes)
     for name, error in basis.port_error.items():
         if error > PORT_LIMIT:
             warnings.warn(

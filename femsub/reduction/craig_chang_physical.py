@@ -1,0 +1,39 @@
+"""Craig-Chang with the physical interface recovered: its residual coordinates are solved for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from femsub.reduction.rubin import Rubin
+
+
+@dataclass(frozen=True)
+class CraigChangPhysical(Rubin):
+    """Craig-Chang's basis with the interface displacements as coordinates, so that parts are joined by equal DOF.
+
+    Of u_b = Φ_b η + Ξ_b p the residual coordinates are solved for, p = Ξ_b⁻¹(u_b - Φ_b η); the coordinates are [u_b, η]:
+
+        u = [Ξ Ξ_b⁻¹, Φ - Ξ Ξ_b⁻¹ Φ_b] [u_b; η].
+
+    That is the model of `Rubin`, entry by entry: he starts from the residual's dynamic stiffness, Craig and Chang from a
+    Ritz basis. Both names are in use.
+
+    Parameters
+    ----------
+    modes : int
+        Number of elastic free modes; the rigid-body modes of a floating part come on top.
+    band : (lo, hi), with tol : float
+        As in `CraigChang`; the estimate is for the part by itself.
+
+    References
+    ----------
+    R. R. Craig, C.-J. Chang, 18th Structures, Structural Dynamics and Materials Conf., AIAA/ASME (1977) 89; R. R. Craig,
+    C.-J. Chang, NASA CR-2781 (1977).
+
+    Examples
+    --------
+    >>> fs.reduce(fs.chain(10, interface=[10]), fs.CraigChangPhysical(modes=2)).interface
+    array([0])
+    """
+
+    key, label, colour, marker = "craig-chang-physical", "Craig-Chang, physical", "#5ab4ac", "<"

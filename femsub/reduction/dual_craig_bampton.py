@@ -1,0 +1,68 @@
+"""Dual Craig-Bampton: free modes and residual flexibility, with interface forces as coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.free_interface import FreeInterface, turned
+from femsub.reduction.statics import Statics
+
+FORCE = "interface force"  # the label of the coordinates g, one for each interface DOF in the interface's order
+SEEN = 1e-6  # of the largest motion at unit energy: a shape with less at the interface belongs to the ports
+
+
+@dataclass(frozen=True)
+class DualCraigBampton(FreeInterface):
+    """Free modes, and residual responses to the interface forces, which are coordinates: [η, g].
+
+    u = Φ η + Ψ g with Φ = [Φ_r Φ_f] the kept free modes and Ψ (n, n_b) the residual responses to unit forces at the interface:
+
+        M = diag(I, ΨᵀMΨ),   K = diag(Ω², G),   G = Ψ_b the residual flexibility at the interface (n_b, n_b).
+
+    M and K are as simple as those of Craig-Bampton, with forces in place of displacements. `couple` joins such parts by
+    g = -Bᵀλ with the joint's forces λ: the interfaces meet in the mean only, weighted with the residual flexibility. A system
+    has a negative eigenvalue or one at infinity for each λ; they are spurious. By itself the model is that of Craig-Chang.
+
+    Forces to which the modes leave no residual have a row of zeros in M and K, or a combination of rows; where that is so of
+    all (every mode is kept) there are no coordinates g, and ``.dropped`` counts them.
+
+    Parameters
+    ----------
+    modes : int
+        Number of elastic free modes; the rigid-body modes of a floating part come on top.
+    band : (lo, hi), with tol : float
+        As in `CraigChang`; the estimate is for the part by itself.
+
+    References
+    ----------
+    D. J. Rixen, J. Comput. Appl. Math. 168 (2004) 383; F. M. Gruber, D. J. Rixen, Strojniški vestnik 62 (2016) 452.
+
+    Examples
+    --------
+    >>> fs.reduce(fs.chain(10, interface=(1, 10), fixed=False), fs.DualCraigBampton(modes=1)).kinds
+    ('rigid', 'free', 'interface force', 'interface force')
+    """
+
+    key, label, colour, marker = "dual-craig-bampton", "Dual Craig-Bampton", "#6a3d9a", "h"
+
+    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
+        """That of Craig-Chang, [Φ Ξ], turned: Ψ = Ξ (ΞᵀKΞ)⁻¹ Ξ_bᵀ, which has the digits of Ξ."""
+        found, b, m = super().basis(statics, kept, responses, ports), statics.part.sub.interface, len(kept.values)
+        stiffness = found.K.diagonal()[m:]
+        if not len(stiffness):
+            return found
+        at = found.V[b, m:].T / np.sqrt(stiffness)[:, None]  # motion at unit energy (s, n_b)
+        blocks, kinds = [at], (FORCE,) * len(b)
+        if statics.forces.shape[1] > len(b):  # shapes of ports, K-orthogonal to those of the interface
+            size = np.linalg.norm(at, axis=0)
+            left, values, _ = np.linalg.svd(at / np.where(size > 0, size, 1.0))
+            beside = left[:, np.count_nonzero(values > SEEN * values.max(initial=0.0)):]
+            blocks, kinds = [at, beside], kinds + ("static port",) * beside.shape[1]
+        T = np.eye(len(found.M), m + len(kinds))
+        T[m:, m:] = np.hstack(blocks) / np.sqrt(stiffness)[:, None]
+        return turned(found, T, found.kinds[:m] + kinds)

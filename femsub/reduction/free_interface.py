@@ -1,0 +1,109 @@
+"""What methods with free interfaces share: free modes, residual attachment modes, and the change to physical interface DOF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import Array
+from femsub.errors import InputError
+from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.method import Method
+from femsub.reduction.statics import Partition, Statics
+
+if TYPE_CHECKING:
+    from femsub.modes.shift_invert import ShiftInvert
+
+CLEAR = 1e-3  # of an interface DOF's motion at unit energy that a residual shape must have of its own to be solved for
+NOTHING = 1e-10  # the same for any shape: with less it moves no further interface DOF
+
+
+@dataclass(frozen=True)
+class FreeInterface(Method):
+    """[Φ_r Φ_f Ψ]: free modes, and the static responses to interface forces less the share of the modes."""
+
+    held = False
+
+    def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
+        """Unit forces at the interface, and no constraint modes."""
+        n, n_b = part.sub.size, len(part.sub.interface)
+        forces = np.zeros((n, n_b + extra.shape[1]), order="F")
+        forces[part.sub.interface, np.arange(n_b)] = 1.0
+        forces[:, n_b:] = extra
+        return Statics(part, handle, np.zeros((n, 0)), np.zeros((0, 0)), forces, "residual attachment")
+
+    def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
+        """One block solve for all loads. The modes' contribution is removed first, so that `missing` suffers no cancellation."""
+        loads, s = np.hstack([statics.forces, *ports.values()]), statics.forces.shape[1]
+        rest = statics.handle.elastic_solve(loads, kept.shapes)
+        missing, held = np.einsum("ij,ij->j", rest, loads), kept.shapes[:, kept.rigid:].T @ loads
+        whole = missing + np.einsum("ij,ij->j", held, held / kept.values[kept.rigid:, None])
+        return Responses(rest[:, :s], whole[s:], missing[s:], len(kept.values))
+
+
+def recovered(basis: Basis, statics: Statics) -> Basis:
+    """The same model in the coordinates [u_b, rest]: the interface displacements replace as many columns of V.
+
+    With B = V_b = [B_J B_I], u_b = B_J q_J + B_I q_I is solved for q_J:
+
+        V T = [V_J B_J⁻¹, V_I - V_J B_J⁻¹ B_I],   M → TᵀMT,   K → TᵀKT.
+
+    J are the residual shapes, as Craig and Chang (1977) do. Where these move the interface too little, since the modes have
+    left next to nothing (with every mode kept nothing at all), modes are solved for in their place: their B_J is regular,
+    and the span is the same.
+
+    Raises
+    ------
+    InputError
+        The basis cannot move all interface DOF independently of each other.
+    """
+    b = statics.part.sub.interface
+    if not len(b):
+        return basis
+    solved = _solved_for(basis, statics)
+    rest = np.setdiff1d(np.arange(basis.V.shape[1]), solved)
+    inverse = np.linalg.inv(basis.V[np.ix_(b, solved)])
+    T = np.zeros(basis.M.shape)
+    T[solved, :len(b)], T[rest, len(b) + np.arange(len(rest))] = inverse, 1.0
+    T[solved, len(b):] = -inverse @ basis.V[np.ix_(b, rest)]
+    found = turned(basis, T, ("interface",) * len(b) + tuple(basis.kinds[j] for j in rest))
+    found.V[b] = np.eye(len(b), len(T))
+    return found
+
+
+def turned(basis: Basis, T: Array, kinds: tuple[str, ...]) -> Basis:
+    """The basis VT (n, k) with TᵀMT and TᵀKT."""
+    M, K = T.T @ basis.M @ T, T.T @ basis.K @ T
+    return replace(basis, V=basis.V @ T, M=(M + M.T) / 2, K=(K + K.T) / 2, kinds=kinds)
+
+
+def _solved_for(basis: Basis, statics: Statics) -> Array:
+    """As many columns as there are interface DOF, which they move independently: residual shapes first, by pivots."""
+    sub = statics.part.sub
+    stiffness, mass = basis.K.diagonal(), basis.M.diagonal()
+    both = (stiffness > 0) & (mass > 0)
+    typical = float(np.median(stiffness[both] / mass[both])) if both.any() else 1.0
+    B = basis.V[sub.interface] / np.sqrt(stiffness + typical * mass)  # motion at unit energy
+    size = np.linalg.norm(B, axis=1)
+    B /= np.where(size > 0, size, 1.0)[:, None]
+    residual = np.array([kind == statics.kind for kind in basis.kinds])
+    chosen = np.zeros(0, dtype=np.intp)
+    for candidates, least in ((np.flatnonzero(residual), CLEAR), (np.arange(len(residual)), NOTHING)):
+        candidates = np.setdiff1d(candidates, chosen)
+        if len(chosen) == len(B) or not len(candidates):
+            continue
+        new = B[:, candidates]
+        if len(chosen):
+            Q = np.linalg.qr(B[:, chosen])[0]
+            new = new - Q @ (Q.T @ new)
+        R, order = la.qr(new, mode="r", pivoting=True)
+        count = int(np.count_nonzero(np.abs(R.diagonal()) > least))
+        chosen = np.append(chosen, candidates[order[:min(count, len(B) - len(chosen))]])
+    if len(chosen) < len(B):
+        raise InputError(f"{sub.name!r}: its {len(B)} interface DOF move in {len(chosen)} independent ways only, so that not all "
+                         "of them can be coordinates; leave DOF out of the interface that others move rigidly, or use CraigChang")
+    return chosen

@@ -1,0 +1,94 @@
+"""Herting: constraint modes, and the interior part of free modes and of inertia relief."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.errors import InputError
+from femsub.modes.normal_modes import lowest_modes
+from femsub.modes.shift_invert import ShiftInvert
+from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.craig_bampton import CraigBampton
+from femsub.reduction.statics import Statics
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+
+
+@dataclass(frozen=True)
+class Herting(CraigBampton):
+    """Constraint modes with free modes and inertia relief: the coordinates are [u_b, ξ].
+
+    V = [[I, 0], [Ψ, X]] in the order (interface, interior), Ψ = -K_ii⁻¹K_ib. X spans the interior parts of
+
+    - the elastic free modes less their static part, φ_i - Ψφ_b = ω² K_ii⁻¹ (Mφ)_i,
+    - the inertia relief shapes of a floating part, K_ii⁻¹ (MΦ_r)_i: the interior's response to rigid acceleration.
+
+    The span is [Ψ, Φ_r, Φ_f] and the inertia relief shapes: kept free modes are exact in a part by itself, and the interface
+    is physical. Herting's paper leaves open which modes are taken, free or fixed; with fixed ones and no inertia relief it
+    is Craig-Bampton. X is made M-orthonormal and K-orthogonal; what depends on the rest is dropped and counted.
+
+    Parameters
+    ----------
+    modes : int
+        Number of elastic free modes. No band: see Raises.
+
+    Raises
+    ------
+    InputError
+        A band and a tolerance: there is no estimate. No interface, or one that does not hold the part.
+
+    References
+    ----------
+    D. N. Herting, Finite Elem. Anal. Des. 1 (1985) 153.
+
+    Examples
+    --------
+    >>> fs.reduce(fs.chain(10, interface=(1, 10), fixed=False), fs.Herting(modes=2)).size
+    5
+    """
+
+    key, label, colour, marker = "herting", "Herting", "#dd8452", "p"
+    unestimated = "the estimates know fixed-interface modes or free modes, and not both at once; use CraigBampton or Rubin"
+
+    @property
+    def mode_kind(self) -> str:
+        return "free"
+
+    def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
+        """Free modes of the whole part, with one more for the cut-off, if there is one."""
+        assert self.modes is not None
+        sub = statics.part.sub
+        if not len(sub.interface):
+            raise InputError(f"Herting needs interface DOF, but {sub.name!r} has none; use CraigChang")
+        handle = ShiftInvert(sub.K, sub.M)
+        more = self.modes < handle.elastic
+        found = lowest_modes(handle, self.modes + more)
+        handle.release()
+        return Kept(found, self.modes, float(found.frequencies[-1]) if more else np.inf)
+
+    def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
+        """The interior's static responses to the inertia forces of the modes, and to the ports' columns that were asked for."""
+        return super().responses(_loaded(statics, kept), _none(statics, kept), ports)
+
+    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
+        """Constraint modes and those responses."""
+        found = super().basis(_loaded(statics, kept), _none(statics, kept), responses, ports)
+        return replace(found, modes=kept.elastic, factorisations=found.factorisations + kept.found.factorisations)
+
+
+def _loaded(statics: Statics, kept: Kept) -> Statics:
+    """With (MΦ)_i as forces, before those to the ports."""
+    inertia = (statics.part.sub.M @ kept.shapes)[statics.part.rows]
+    return replace(statics, forces=np.hstack([inertia, statics.forces]), kind="free and inertia relief")
+
+
+def _none(statics: Statics, kept: Kept) -> Kept:
+    """No modes of the interior."""
+    nothing = replace(kept.found, eigenvalues=np.zeros(0), shapes=np.zeros((len(statics.forces), 0)), rigid=0)
+    return replace(kept, found=nothing, elastic=0)

@@ -1,0 +1,82 @@
+"""Hurty's original form: rigid-body modes, redundant constraint modes and fixed-interface modes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import Array
+from femsub.modes.shift_invert import units
+from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.craig_bampton import CraigBampton
+from femsub.reduction.free_interface import turned
+from femsub.reduction.statics import Statics
+
+FREE = 1e-14  # of the interface's largest stiffness: below it is 0 but for rounding (`craig_bampton` has set it to 0)
+
+
+@dataclass(frozen=True)
+class Hurty(CraigBampton):
+    """Constraint modes split into rigid-body modes and redundant constraint modes, with fixed-interface modes.
+
+    The interface is b = (r, c). The DOF r just hold the part; the DOF c are redundant. V = [Φ_R Ψ_c Φ] where Φ_R (n, n_r) are
+    rigid motions that move one DOF of r by 1, Ψ_c (n, n_c) are static shapes that move one DOF of c by 1 with all of r and
+    the rest of c fixed, and Φ are the fixed-interface modes:
+
+        Φ_R = Ψ_r + Ψ_c R,   R (n_c, n_r) the rigid motion at c, Ψ = [Ψ_r Ψ_c] the constraint modes of Craig-Bampton.
+
+    The span is that of Craig-Bampton. K is exactly 0 for Φ_R, which is what Hurty wanted for parts that move in space. The
+    interface is not physical then: u_c = R q_R + q_c. A part that is held by its supports has no Φ_R, and the two are one.
+
+    Parameters
+    ----------
+    modes : int
+        Number of fixed-interface modes.
+    band : (lo, hi), with tol : float
+        As in `CraigBampton`.
+
+    References
+    ----------
+    W. C. Hurty, AIAA J. 3 (1965) 678; R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics (2006), ch. 17.
+
+    Examples
+    --------
+    >>> fs.reduce(fs.chain(10, interface=(1, 10), fixed=False), fs.Hurty(modes=1)).kinds
+    ('rigid', 'constraint', 'fixed-interface')
+    """
+
+    key, label, colour, marker = "hurty", "Hurty", "#8c510a", "P"
+
+    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
+        """That of Craig-Bampton, turned."""
+        found = super().basis(statics, kept, responses, ports)
+        sub, n_b = statics.part.sub, len(statics.condensed)
+        holding, motions = _rigid(statics.condensed, units(sub.K)[sub.interface])
+        if not len(holding):
+            return found
+        redundant = np.setdiff1d(np.arange(n_b), holding)
+        n_r = len(holding)
+        T = np.eye(len(found.M))
+        T[:n_b, :n_b] = 0.0
+        T[holding, np.arange(n_r)], T[redundant, n_r + np.arange(len(redundant))] = 1.0, 1.0
+        T[redundant, :n_r] = motions[redundant]
+        found = turned(found, T, ("rigid",) * n_r + found.kinds[n_r:])
+        found.K[:n_r], found.K[:, :n_r] = 0.0, 0.0
+        return found
+
+
+def _rigid(condensed: Array, unit: Array) -> tuple[Array, Array]:
+    """DOF of the interface that just hold the part (n_r,), and its rigid motions (n_b, n_r), each of which moves one by 1."""
+    none = np.zeros(0, dtype=np.intp), np.zeros((len(condensed), 0))
+    if not len(condensed):
+        return none
+    values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
+    vectors = vectors[:, values <= FREE * max(float(values[-1]), 1.0)]
+    if not vectors.shape[1]:
+        return none
+    holding = la.qr(vectors.T, mode="r", pivoting=True)[1][:vectors.shape[1]]
+    motions = unit[:, None] * vectors
+    return holding, np.linalg.solve(motions[holding].T, motions.T).T

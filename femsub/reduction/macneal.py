@@ -1,0 +1,55 @@
+"""MacNeal: free modes and residual flexibility without its inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.free_interface import FreeInterface, recovered
+from femsub.reduction.statics import Statics
+
+
+@dataclass(frozen=True)
+class MacNeal(FreeInterface):
+    """Free modes with residual flexibility, whose inertia is left out; the coordinates are [u_b, η].
+
+    With Φ = [Φ_r Φ_f] the kept free modes and G (n_b, n_b) the residual flexibility at the interface
+
+        K = [[G⁻¹, -G⁻¹Φ_b], [-Φ_bᵀG⁻¹, Ω² + Φ_bᵀG⁻¹Φ_b]],   M = [[0, 0], [0, I]].
+
+    The interface has no mass, so that its DOF follow statically. K, D and the ports are projections as in `Rubin`; M is
+    not, so that frequencies of a system need not lie above those of the full model. Where the modes leave no residual in
+    some direction, modes are solved for in its place (`recovered`) and keep their mass.
+
+    Parameters
+    ----------
+    modes : int
+        Number of elastic free modes; the rigid-body modes of a floating part come on top. No band: see Raises.
+
+    Raises
+    ------
+    InputError
+        A band and a tolerance: the estimates need a projection.
+
+    References
+    ----------
+    R. H. MacNeal, Comput. Struct. 1 (1971) 581; S. Rubin, AIAA J. 13 (1975) 995; C. Monjaraz-Tec, J. Gross, M. Krack, Comput.
+    Struct. 259 (2022) 106698 (with the projected D).
+
+    Examples
+    --------
+    >>> fs.reduce(fs.chain(10, interface=[10]), fs.MacNeal(modes=2)).M.diagonal()
+    array([0., 1., 1.])
+    """
+
+    key, label, colour, marker = "macneal", "MacNeal", "#b2182b", "X"
+    unestimated = "its mass matrix is no projection; use Rubin, whose model has the same size"
+
+    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
+        """That of Craig-Chang without the mass of its residual shapes, solved for the interface."""
+        found = super().basis(statics, kept, responses, ports)
+        return recovered(replace(found, M=np.diag(np.arange(len(found.M)) < len(kept.values)).astype(float)), statics)

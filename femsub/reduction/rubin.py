@@ -1,0 +1,50 @@
+"""Rubin: free modes and residual attachment modes, with the interface as physical coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from femsub.checks import Array
+from femsub.reduction.basis import Basis, Kept, Responses
+from femsub.reduction.free_interface import FreeInterface, recovered
+from femsub.reduction.statics import Statics
+
+
+@dataclass(frozen=True)
+class Rubin(FreeInterface):
+    """Free modes with residual flexibility and its inertia; the coordinates are [u_b, η].
+
+    With Φ = [Φ_r Φ_f] the kept free modes, Ψ (n, n_b) the residual responses to unit forces at the interface, and
+
+        G = Ψ_b (n_b, n_b), H = ΨᵀMΨ,     u = [Ψ G⁻¹, Φ - Ψ G⁻¹ Φ_b] [u_b; η],
+        K = [[G⁻¹, -G⁻¹Φ_b], [-Φ_bᵀG⁻¹, Ω² + Φ_bᵀG⁻¹Φ_b]],
+        M = [[G⁻¹HG⁻¹, -G⁻¹HG⁻¹Φ_b], [-Φ_bᵀG⁻¹HG⁻¹, I + Φ_bᵀG⁻¹HG⁻¹Φ_b]].
+
+    G⁻¹ - ω² G⁻¹HG⁻¹ is Rubin's expansion of the residual's dynamic stiffness up to ω². It is an exact projection on
+    [Φ Ψ] too: the span is that of Craig-Chang, so that frequencies bound those of the full model from above. Where the
+    modes leave no residual in some direction (G is singular), modes are solved for in its place (`recovered`); the number
+    of columns that were lost so is in ``.dropped``.
+
+    Parameters
+    ----------
+    modes : int
+        Number of elastic free modes; the rigid-body modes of a floating part come on top.
+    band : (lo, hi), with tol : float
+        As in `CraigChang`; the estimate is for the part by itself.
+
+    References
+    ----------
+    S. Rubin, AIAA J. 13 (1975) 995; R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics (2006), ch. 17.
+
+    Examples
+    --------
+    >>> fs.reduce(fs.chain(10, interface=(1, 10), fixed=False), fs.Rubin(modes=1)).kinds
+    ('interface', 'interface', 'rigid', 'free')
+    """
+
+    key, label, colour, marker = "rubin", "Rubin", "#1b7837", "D"
+
+    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
+        """That of Craig-Chang, solved for the interface."""
+        return recovered(super().basis(statics, kept, responses, ports), statics)
