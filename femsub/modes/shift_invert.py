@@ -186,7 +186,7 @@ class ShiftInvert:
         The search for rigid motion gives only a rough value: if σ is far below the elastic modes of a small component, one
         solve reduces these below rounding.
         """
-        x = np.random.default_rng(5).standard_normal((self.K.shape[0], 2))
+        x = np.random.default_rng(5).standard_normal((self.K.shape[0], min(2, self.elastic)))
         for _ in range(10):
             x = orthonormal(self.deflate(self.factor.solve(self.M @ x)), self.M.__matmul__)[0]
         self.lowest = float(np.linalg.eigvalsh(x.T @ (self.K @ x))[0])

@@ -1,0 +1,280 @@
+"""Every reduction method: exact with all modes, what each is to the others, bounds, damping, ports, units, clear errors."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+import scipy.sparse as sp
+
+import femsub as fs
+from benchmarks.lattices import lattice
+from femsub.reduction.reduce import METHODS
+
+PARTS: dict[str, Callable[[], fs.Substructure]] = {
+    "held chain": lambda: fs.chain(14, belt=4, interface=(1, 14), damping=0.1),
+    "floating chain": lambda: fs.chain(14, belt=4, interface=(14, 1), fixed=False),
+    "one DOF holds it": lambda: fs.chain(14, belt=4, interface=(3,), fixed=False),
+    "held lattice": lambda: lattice(4, 5, held=True),
+    "floating lattice": lambda: lattice(4, 5),
+    "massless interface": lambda: massless(),
+    "large floating lattice": lambda: lattice(14, 11),
+}
+SMALL = [name for name in PARTS if "large" not in name]
+KEYS = sorted(METHODS)
+FREE = ["craig-chang", "craig-chang-physical", "rubin", "dual-craig-bampton"]  # of one span
+RITZ = [key for key in KEYS if key not in ("guyan", "macneal")]  # by themselves, Dual Craig-Bampton too
+PHYSICAL = ["craig-bampton", "craig-chang-physical", "guyan", "herting", "macneal", "rubin"]
+
+
+def massless() -> fs.Substructure:
+    """A floating lattice whose interface DOF have no mass."""
+    sub = lattice(4, 5, seed=3)
+    mass = sub.M.diagonal()
+    mass[sub.interface] = 0.0
+    return fs.Substructure(sp.diags_array(mass), sub.K, interface=sub.interface, ports=sub.ports, name="massless")
+
+
+def reduced(sub: fs.Substructure, key: str, modes: int, **options: object) -> fs.ReducedSubstructure:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        return fs.reduce(sub, METHODS[key](0 if key == "guyan" else modes), **options)
+
+
+def spectrum(model: fs.Substructure) -> np.ndarray:
+    """All finite ω, those of rigid-body modes as 0."""
+    mass = model.M.toarray() if sp.issparse(model.M) else model.M
+    unit = np.sqrt(np.where(mass.diagonal() > 0, mass.diagonal(), 1.0))
+    rank = np.linalg.matrix_rank(mass / np.outer(unit, unit), tol=1e-10, hermitian=True)
+    rigid = fs.normal_modes(model, count=0).rigid
+    return np.asarray(fs.normal_modes(model, count=int(rank) - rigid).frequencies)
+
+
+def whole(sub: fs.Substructure, key: str) -> int:
+    """All modes of the kind that a method keeps."""
+    finite = np.count_nonzero(sub.M.diagonal())
+    if METHODS[key].held and key != "herting":
+        return int(np.count_nonzero(sub.M.diagonal()[sub.interior]))
+    return int(finite - fs.normal_modes(sub, count=0).rigid)
+
+
+def angle(one: np.ndarray, other: np.ndarray, M: object) -> float:
+    """The largest angle between two spans of equal dimension, in the metric of M, which is diagonal."""
+    weight = np.sqrt(np.where(M.diagonal() > 0, M.diagonal(), M.diagonal().max()))[:, None]
+    first, second = (la.orth(weight * x / np.linalg.norm(weight * x, axis=0), rcond=1e-10) for x in (one, other))
+    assert first.shape == second.shape
+    return float(np.linalg.norm(second - first @ (first.T @ second), 2))
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS if key != "guyan"])
+@pytest.mark.parametrize("name", SMALL)
+def test_all_modes_give_the_full_spectrum(name: str, key: str) -> None:
+    sub = PARTS[name]()
+    rom, full = reduced(sub, key, whole(sub, key)), spectrum(sub)
+    found = spectrum(rom)
+    rigid = np.count_nonzero(full == 0)
+    assert len(found) == len(full) and np.count_nonzero(found == 0) == rigid
+    assert np.abs(found[rigid:] / full[rigid:] - 1).max() < 1e-9
+    if key in (*FREE, "macneal", "herting") and name != "massless interface":
+        assert rom.dropped >= len(sub.interface) and rom.size == sub.size and np.isinf(rom.cutoff)
+
+
+def test_guyan_is_exact_with_the_interface_at_all_dof_and_craig_bampton_without_modes_else() -> None:
+    sub = fs.chain(14, belt=4, interface=tuple(range(1, 15)), damping=0.1)
+    assert np.allclose(spectrum(fs.reduce(sub, fs.Guyan())), spectrum(sub), rtol=1e-12)
+    for name in PARTS:
+        if name != "one DOF holds it":
+            sub = PARTS[name]()
+            one, other = (reduced(sub, key, 0) for key in ("guyan", "craig-bampton"))
+            assert all(np.array_equal(getattr(one, key), getattr(other, key)) for key in ("V", "M", "D", "K"))
+            assert one.method == "Guyan" and one.cutoff == other.cutoff
+    assert fs.Guyan() == fs.Guyan(modes=0) and str(fs.Guyan()) == "Guyan"
+    with pytest.raises(fs.InputError, match="Guyan keeps no modes, but modes=4 was asked for"):
+        fs.Guyan(modes=4)
+
+
+@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize("modes", [0, 4])
+def test_methods_of_one_span(name: str, modes: int) -> None:
+    sub = PARTS[name]()
+    free = [reduced(sub, key, modes) for key in FREE]
+    assert all(angle(rom.V, free[0].V, sub.M) < 1e-9 for rom in free[1:])
+    hcb, hurty, herting = (reduced(sub, key, modes) for key in ("craig-bampton", "hurty", "herting"))
+    assert angle(hcb.V, hurty.V, sub.M) < 1e-9
+    held = herting.V  # constraint modes and free modes are in the span
+    basis = la.orth(held / np.linalg.norm(held, axis=0), rcond=1e-13)
+    for part in (hcb.V[:, :len(sub.interface)], free[0].V[:, [kind in ("rigid", "free") for kind in free[0].kinds]]):
+        assert np.abs(part - basis @ (basis.T @ part)).max(initial=0.0) < 1e-9 * np.abs(part).max(initial=1.0)
+
+
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("name", PARTS)
+def test_matrices_are_projections_and_the_interface_can_be_read(name: str, key: str) -> None:
+    sub = PARTS[name]()
+    rom = reduced(sub, key, 4)
+    for letter in "DK" if key == "macneal" else "MDK":
+        exact = rom.V.T @ (getattr(sub, letter) @ rom.V)
+        assert np.abs(getattr(rom, letter) - exact).max() <= 1e-9 * max(1.0, np.abs(exact).max())
+    q = np.random.default_rng(1).standard_normal(rom.size)
+    assert np.allclose(rom.interface_rows @ q, rom.expand(q)[sub.interface], rtol=0, atol=1e-9 * np.abs(rom.V).max())
+    if key in PHYSICAL:
+        n_b = len(sub.interface)
+        assert np.array_equal(rom.interface, np.arange(n_b)) and np.array_equal(rom.V[sub.interface], np.eye(n_b, rom.size))
+    assert len(rom.kinds) == rom.size == rom.V.shape[1] and METHODS[key].label in rom.method
+    if rom.size > 1:
+        assert fs.normal_modes(rom, count=0).rigid == fs.normal_modes(sub, count=0).rigid
+
+
+@pytest.mark.parametrize("key", RITZ)
+@pytest.mark.parametrize("name", ["held chain", "floating chain", "floating lattice", "large floating lattice"])
+def test_ritz_values_bound_from_above_and_never_rise(name: str, key: str) -> None:
+    sub = PARTS[name]()
+    full = fs.normal_modes(sub, count=min(30, whole(sub, "craig-chang")))
+    before = np.full(len(full.eigenvalues), np.inf)
+    for modes in (0, 1, 2, 4, 5):
+        rom = reduced(sub, key, modes)
+        values = np.linalg.eigvalsh(la.solve(la.cholesky(rom.M, lower=True), la.solve(la.cholesky(rom.M, lower=True), rom.K).T))
+        values, noise = values[:30], 1e-10 * full.eigenvalues[-1]
+        assert (values >= full.eigenvalues[:len(values)] - noise).all()
+        assert (values <= before[:len(values)] + noise).all()
+        before = np.append(values, np.full(len(full.eigenvalues), np.inf))
+
+
+@pytest.mark.parametrize("key", ["craig-chang", "dual-craig-bampton"])
+@pytest.mark.parametrize("name", PARTS)
+def test_residual_shapes_are_orthogonal_to_kept_modes(name: str, key: str) -> None:
+    sub = PARTS[name]()
+    rom = reduced(sub, key, 3)
+    kept = np.array([kind in ("rigid", "free") for kind in rom.kinds])
+    residual = rom.V[:, ~kept]
+    for A in (sub.M, sub.K):
+        size = np.sqrt(np.abs(np.einsum("ij,ij->j", residual, A @ residual)))
+        scale = np.sqrt(np.maximum(np.einsum("ij,ij->j", rom.V[:, kept], A @ rom.V[:, kept]), 1e-3))
+        assert np.abs(rom.V[:, kept].T @ (A @ residual)).max() < 1e-8 * max(1e-3, float(np.max(np.outer(scale, size))))
+
+
+def test_rubin_and_macneal_have_the_blocks_of_their_papers() -> None:
+    sub = lattice(4, 5)
+    dual, rubin, macneal, physical = (reduced(sub, key, 4) for key in
+                                      ("dual-craig-bampton", "rubin", "macneal", "craig-chang-physical"))
+    b, m = sub.interface, 3 + 4
+    Phi, Psi = dual.V[:, :m], dual.V[:, m:]
+    G, H = Psi[b], Psi.T @ (sub.M @ Psi)
+    free, forces = fs.normal_modes(sub, count=4), np.eye(sub.size)[:, b]
+    assert np.allclose(dual.K[m:, m:], G, rtol=1e-9) and np.allclose(dual.M[m:, m:], H, rtol=1e-9)
+    assert np.array_equal(dual.K[:m, :m], np.diag(np.append(np.zeros(3), dual.K.diagonal()[3:m])))
+    assert dual.kinds[m:] == ("interface force",) * len(b)
+    response = np.linalg.pinv(sub.K.toarray(), rcond=1e-12, hermitian=True)  # independent of the package's own solves
+    P = np.eye(sub.size) - sub.M @ (free.shapes @ free.shapes.T)
+    assert np.allclose(Psi, P.T @ response @ P @ forces, atol=1e-9 * np.abs(Psi).max())
+    inverse = np.linalg.inv(G)
+    coupling = -inverse @ Phi[b]
+    K = np.block([[inverse, coupling], [coupling.T, np.diag(dual.K.diagonal()[:m]) + Phi[b].T @ inverse @ Phi[b]]])
+    T = np.vstack([np.hstack([inverse, coupling])])
+    assert np.allclose(rubin.K, K, atol=1e-9 * np.abs(K).max()) and np.allclose(macneal.K, K, atol=1e-9 * np.abs(K).max())
+    M = T.T @ H @ T + np.diag(np.append(np.zeros(len(b)), np.ones(m)))
+    assert np.allclose(rubin.M, M, atol=1e-9 * np.abs(M).max())
+    assert np.array_equal(macneal.M, np.diag(np.append(np.zeros(len(b)), np.ones(m))))
+    assert np.array_equal(physical.M, rubin.M) and np.array_equal(physical.K, rubin.K)
+
+
+def test_hurty_splits_the_constraint_modes() -> None:
+    for sub, rigid in ((lattice(4, 5), 3), (fs.chain(9, interface=(1, 5, 9), fixed=False), 1), (fs.chain(9, interface=(1, 9)), 0)):
+        rom = reduced(sub, "hurty", 2)
+        n_b = len(sub.interface)
+        assert rom.kinds == ("rigid",) * rigid + ("constraint",) * (n_b - rigid) + ("fixed-interface",) * 2
+        assert not rom.K[:rigid].any() and np.abs(sub.K @ rom.V[:, :rigid]).max(initial=0.0) < 1e-12
+        B = rom.V[sub.interface]
+        holding = np.flatnonzero(~B[:, rigid:].any(axis=1))  # redundant constraint modes leave them at rest
+        redundant = np.setdiff1d(np.arange(n_b), holding)
+        assert np.allclose(B[holding][:, :rigid] @ B[holding][:, :rigid].T, np.eye(rigid))
+        assert np.array_equal(B[redundant, rigid:n_b], np.eye(n_b - rigid))
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_damped_models_have_the_full_ones_complex_modes_with_all_modes(key: str) -> None:
+    interface = tuple(range(1, 11)) if key == "guyan" else (1, 10)
+    sub = fs.chain(10, belt=3, interface=interface, damping=0.1)
+    belt = fs.Belt(port="belt", slope=-0.002)
+    rom = reduced(sub, key, 0 if key == "guyan" else whole(sub, key))
+    full, found = (np.sort_complex(fs.complex_modes(model, belt).eigenvalues) for model in (sub, rom))
+    assert np.abs(found - full).max() < 1e-9
+
+
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("name", ["held chain", "floating lattice"])
+def test_port_columns_join(name: str, key: str) -> None:
+    sub = PARTS[name]()
+    plain, rom = reduced(sub, key, 3), reduced(sub, key, 3, ports=True)
+    assert rom.size == plain.size + 1 and plain.port_error["belt"] > 1e-3 and rom.port_error["belt"] < 1e-7
+    rigid = fs.normal_modes(sub, count=0).shapes
+    w = sub.ports["belt"]
+    w = w - sub.M @ (rigid @ (rigid.T @ w))
+    if not rigid.shape[1] or key in (*FREE, "macneal", "herting"):  # the statics of self-equilibrated loads
+        answer = rom.V @ np.linalg.lstsq(rom.K, rom.V.T @ w, rcond=1e-12)[0]
+        assert np.abs(sub.K @ answer - w).max() < 1e-8
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_port_at_the_interface_adds_nothing(key: str) -> None:
+    sub = fs.chain(14, belt=1, interface=(1, 14), fixed=False)
+    plain, rom = reduced(sub, key, 3), reduced(sub, key, 3, ports=True)
+    assert rom.size == plain.size and rom.dropped == plain.dropped + 1
+
+
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("name", ["held chain", "floating lattice", "massless interface"])
+def test_units_and_numbering_change_nothing(name: str, key: str) -> None:
+    sub = PARTS[name]()
+    order = np.random.default_rng(5).permutation(sub.size)
+    place = np.argsort(order)
+    factor = 1e-3  # SI to mm, t, s: K in N/mm, M in t
+    M, K, D = (A[order][:, order] * factor for A in (sub.M, sub.K, sub.D))
+    other = fs.Substructure(M, K, D, interface=place[sub.interface], ports={"belt": sub.ports["belt"][order]})
+    one, two = spectrum(reduced(sub, key, 4)), spectrum(reduced(other, key, 4))
+    assert np.allclose(one, two, rtol=1e-9, atol=0) and len(one) == len(two)
+
+
+@pytest.mark.parametrize("kind", [fs.Guyan, fs.Hurty, fs.Herting, fs.CraigBampton])
+def test_an_interface_that_does_not_hold_a_floating_part(kind: type) -> None:
+    sub = lattice(4, 4)
+    loose = fs.Substructure(sub.M, sub.K, interface=[0, 1], ports=sub.ports, name="calliper")
+    with pytest.raises(fs.InputError, match="the interface does not hold 'calliper'"):
+        fs.reduce(loose, kind(modes=0))
+
+
+def test_tolerances_and_what_has_no_estimate() -> None:
+    sub = fs.chain(60, belt=4, interface=(1, 60), damping=0.0)
+    band = (0.0, 0.2)
+    expected = {key: reduced_to(sub, METHODS[key], band) for key in ("craig-bampton", "craig-chang")}
+    for key, like in (("hurty", "craig-bampton"), ("rubin", "craig-chang"), ("dual-craig-bampton", "craig-chang")):
+        rom = reduced_to(sub, METHODS[key], band)
+        assert rom.estimate is not None and rom.estimate.met and rom.modes == expected[like].modes
+    for kind in (fs.MacNeal, fs.Herting):
+        with pytest.raises(fs.InputError, match=f"{kind.__name__} takes a number of modes only.*no estimate can be had"):
+            kind(band=band, tol=1e-3)
+    with pytest.raises(fs.NotConvergedError, match=r"cannot be condensed to 0.001.*CraigBampton\(modes=\d+\)"):
+        fs.reduce(sub, fs.Guyan(band=band, tol=1e-3))
+    dense = fs.chain(60, belt=4, interface=tuple(range(1, 61, 2)), damping=0.0)
+    condensed = reduced_to(dense, fs.Guyan, (0.0, 0.06))
+    assert condensed.estimate is not None and condensed.estimate.met and condensed.size == 30
+
+
+def reduced_to(sub: fs.Substructure, kind: type, band: tuple[float, float]) -> fs.ReducedSubstructure:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        return fs.reduce(sub, kind(band=band, tol=1e-3))
+
+
+def test_nearly_complete_bases_keep_their_digits() -> None:
+    """All modes but a few: what is left as residual is small, and the physical forms must not divide by it."""
+    sub = lattice(4, 5)
+    full = spectrum(sub)
+    for left_out in range(1, 7):
+        for key in ("rubin", "macneal", "herting"):
+            found = spectrum(reduced(sub, key, whole(sub, key) - left_out))
+            kept = len(full) - left_out
+            assert np.abs(found[3:kept] / full[3:kept] - 1).max() < 1e-9
