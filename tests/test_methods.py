@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.joined import JOINED
 from benchmarks.lattices import lattice
 from femsub.reduction.reduce import METHODS
 
@@ -182,7 +184,8 @@ def test_rubin_and_macneal_have_the_blocks_of_their_papers() -> None:
 
 
 def test_hurty_splits_the_constraint_modes() -> None:
-    for sub, rigid in ((lattice(4, 5), 3), (fs.chain(9, interface=(1, 5, 9), fixed=False), 1), (fs.chain(9, interface=(1, 9)), 0)):
+    chains = fs.chain(9, interface=(1, 5, 9), fixed=False), fs.chain(9, interface=(1, 9))
+    for sub, rigid in ((lattice(4, 5), 3), (chains[0], 1), (chains[1], 0)):
         rom = reduced(sub, "hurty", 2)
         n_b = len(sub.interface)
         assert rom.kinds == ("rigid",) * rigid + ("constraint",) * (n_b - rigid) + ("fixed-interface",) * 2
@@ -278,3 +281,39 @@ def test_nearly_complete_bases_keep_their_digits() -> None:
             found = spectrum(reduced(sub, key, whole(sub, key) - left_out))
             kept = len(full) - left_out
             assert np.abs(found[3:kept] / full[3:kept] - 1).max() < 1e-9
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS if key != "guyan"])
+@pytest.mark.parametrize("name", JOINED)
+def test_joined_parts_with_all_modes_are_the_unreduced_system(name: str, key: str) -> None:
+    joined = JOINED[name]()
+    full = spectrum(joined.system())
+    system = joined.system(lambda part: reduced(part, key, whole(part, key)))
+    found, rigid = spectrum(system), np.count_nonzero(full == 0)
+    assert len(found) == len(full) and np.count_nonzero(found == 0) == rigid
+    assert np.abs(found[rigid:] / full[rigid:] - 1).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", JOINED)
+def test_joined_parts_condensed_on_all_of_their_dof_are_the_unreduced_system(name: str) -> None:
+    joined = JOINED[name]()
+    all_dof = {}
+    for part, sub in joined.parts.items():
+        sets = {key: sub.interface[places] for key, places in sub.sets.items()}
+        named = sets | {"rest": sub.interior} if sets else range(sub.size)
+        all_dof[part] = fs.Substructure(sub.M, sub.K, interface=named, dofs=sub.dofs)
+    full, found = spectrum(joined.system()), spectrum(replace(joined, parts=all_dof).system(lambda p: fs.reduce(p, fs.Guyan())))
+    rigid = np.count_nonzero(full == 0)
+    assert np.abs(found[rigid:] / full[rigid:] - 1).max() < 1e-9
+
+
+@pytest.mark.parametrize("key", ["craig-bampton", "craig-chang", "craig-chang-physical", "guyan", "herting", "hurty", "rubin"])
+@pytest.mark.parametrize("name", JOINED)
+def test_joined_frequencies_bound_from_above_and_never_rise(name: str, key: str) -> None:
+    joined = JOINED[name]()
+    full = spectrum(joined.system())
+    before = np.full(len(full), np.inf)
+    for modes in (0,) if key == "guyan" else (1, 2, 3):
+        found = spectrum(joined.system(lambda part, modes=modes: reduced(part, key, modes)))
+        assert (found >= full[:len(found)] * (1 - 1e-9)).all() and (found <= before[:len(found)] * (1 + 1e-9)).all()
+        before = np.append(found, np.full(len(full), np.inf))

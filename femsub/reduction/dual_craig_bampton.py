@@ -44,6 +44,7 @@ class DualCraigBampton(FreeInterface):
 
     Examples
     --------
+    >>> import femsub as fs
     >>> fs.reduce(fs.chain(10, interface=(1, 10), fixed=False), fs.DualCraigBampton(modes=1)).kinds
     ('rigid', 'free', 'interface force', 'interface force')
     """

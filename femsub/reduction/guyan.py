@@ -35,6 +35,7 @@ class Guyan(CraigBampton):
 
     Examples
     --------
+    >>> import femsub as fs
     >>> fs.reduce(fs.chain(10, interface=(1, 5, 10)), fs.Guyan()).size
     3
     """

@@ -49,6 +49,7 @@ class Herting(CraigBampton):
 
     Examples
     --------
+    >>> import femsub as fs
     >>> fs.reduce(fs.chain(10, interface=(1, 10), fixed=False), fs.Herting(modes=2)).size
     5
     """

@@ -44,6 +44,7 @@ class Hurty(CraigBampton):
 
     Examples
     --------
+    >>> import femsub as fs
     >>> fs.reduce(fs.chain(10, interface=(1, 10), fixed=False), fs.Hurty(modes=1)).kinds
     ('rigid', 'constraint', 'fixed-interface')
     """

@@ -39,6 +39,7 @@ class Rubin(FreeInterface):
 
     Examples
     --------
+    >>> import femsub as fs
     >>> fs.reduce(fs.chain(10, interface=(1, 10), fixed=False), fs.Rubin(modes=1)).kinds
     ('interface', 'interface', 'rigid', 'free')
     """
