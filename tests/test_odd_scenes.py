@@ -101,6 +101,7 @@ def test_outcomes_are_not_caught_as_wrong_arguments_and_ctrl_c_in_one_place() ->
     package = Path(fs.__file__).parent
     for path in (path for room in ("model", "components", "motion", "app") for path in (package / room).rglob("*.py")):
         caught = {name.id for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.ExceptHandler)
+                  and not isinstance(node.body[0], ast.Raise)  # one that says where it was found stays what it is
                   for name in ast.walk(node.type or ast.Name("BaseException")) if isinstance(name, ast.Name)}
         assert not caught & wide or path.name == "cli.py", f"{path} catches {caught & wide}"
 
