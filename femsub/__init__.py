@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from femsub.model.friction import Belt, StribeckArctan, StribeckArctanOdd
     from femsub.model.joints import Rigid, Spring
     from femsub.model.pencil import Pencil
+    from femsub.model.rigid_links import Averaged, Kinematic
     from femsub.model.substructure import ReducedSubstructure, Substructure
     from femsub.modes.normal_modes import NormalModes, normal_modes
     from femsub.motion.cycles.branch import Branch, branch

@@ -24,6 +24,7 @@ from femsub.motion.cycles.compliance import Solved
 BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=0.02))
 #: how one of each public class is made; the objects are small, and made once
 MAKE: dict[str, Callable[[], Any]] = {
+    "Averaged": lambda: fs.Averaged(("hub", [0, 1]), ("disc", "bore"), weights=(1.0, 2.0)),
     "Belt": lambda: BELT,
     "Branch": lambda: fs.branch(full(), BELT, start=cycle(), points=4),
     "ComplexModes": lambda: fs.complex_modes(full(), BELT),
@@ -37,6 +38,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Guyan": lambda: fs.Guyan(),
     "Herting": lambda: fs.Herting(modes=3),
     "Hurty": lambda: fs.Hurty(modes=3),
+    "Kinematic": lambda: fs.Kinematic(("hub", [0, 1]), ("disc", "bore")),
     "LimitCycle": lambda: cycle(),
     "MacNeal": lambda: fs.MacNeal(modes=3),
     "Material": lambda: fs.Material(2.1e11, 0.3, 7850.0),

@@ -62,7 +62,9 @@ class Site:
     places : ndarray, shape (k,)
         In the part's interface.
     dofs : DofMap or None
-        Of a named set whose places are known.
+        Their map, where the part has one.
+    named : bool
+        Whether the end is a named set, whose order says nothing.
     """
 
     part: str
@@ -70,6 +72,7 @@ class Site:
     sub: Substructure
     places: Array
     dofs: DofMap | None
+    named: bool
 
     def __len__(self) -> int:
         return len(self.places)
@@ -94,13 +97,12 @@ def site(parts: Mapping[str, Substructure], end: End) -> Site:
     """The DOF of an end: a named set of a part's interface, or a list of its DOF, which must be interface."""
     part, what = _split(parts, end)
     sub = parts[part]
-    numbers = sub.interface_numbers
+    numbers, known = sub.interface_numbers, sub.interface_dofs
     if isinstance(what, str):
         if what not in sub.sets:
             raise unknown_name(f"interface set of {part!r}", what, sub.sets)
         places = sub.sets[what]
-        known = sub.interface_dofs
-        return Site(part, f"{part}.{what}", sub, places, None if known is None else known.kept(places))
+        return Site(part, f"{part}.{what}", sub, places, None if known is None else known.kept(places), True)
     rows = np.array(items(f"the DOF of the end {shown(end)}", what, "DOF numbers, or the name of a set"))
     if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer) or not len(rows):
         raise InputTypeError(f"the end {shown(end)} must list whole numbers, the DOF of {part!r} counted from 0")
@@ -111,7 +113,8 @@ def site(parts: Mapping[str, Substructure], end: End) -> Site:
                          f"interface= (which has {len(numbers)} DOF" + (f", {shown(numbers.tolist())})" if len(numbers) else ")"))
     if len(set(rows.tolist())) < len(rows):
         raise InputError(f"the end {shown(end)} lists a DOF of {part!r} twice")
-    return Site(part, f"{part}{shown(rows.tolist())}", sub, np.array([at[int(row)] for row in rows], dtype=np.intp), None)
+    places = np.array([at[int(row)] for row in rows], dtype=np.intp)
+    return Site(part, f"{part}{shown(rows.tolist())}", sub, places, None if known is None else known.kept(places), False)
 
 
 def _split(parts: Mapping[str, Substructure], end: End) -> tuple[str, Any]:
@@ -141,7 +144,9 @@ def matched(one: Site, other: Site, tolerance: float | None) -> Site:
     if len(one) != len(other):
         raise InputError(f"{one.title} has {len(one)} DOF, but {other.title} {len(other)}: name sets of the same DOF, or join "
                          "meshes that do not match by Tied")
-    if one.dofs is None or other.dofs is None or tolerance == np.inf or one.dofs.points is None or other.dofs.points is None:
+    if not (one.named and other.named) or tolerance == np.inf:
+        return other
+    if one.dofs is None or other.dofs is None or one.dofs.points is None or other.dofs.points is None:
         return other
     ours, theirs = spatial(one.dofs.points), spatial(other.dofs.points)
     size = max(float(np.abs(where).max(initial=0.0)) for where in (ours, theirs))
@@ -158,7 +163,7 @@ def matched(one: Site, other: Site, tolerance: float | None) -> Site:
         twice = int(np.flatnonzero(np.bincount(order) > 1)[0])
         raise InputError(f"{other.name(twice)} meets two DOF of {one.title}: tolerance={limit:.3g} is larger than the distance "
                          "of nodes")
-    return Site(other.part, other.title, other.sub, other.places[order], other.dofs.kept(order))
+    return Site(other.part, other.title, other.sub, other.places[order], other.dofs.kept(order), True)
 
 
 def spatial(points: Array) -> Array:

@@ -120,7 +120,8 @@ class ShiftInvert:
                 last = error
         raise SingularMatrixError(
             f"K - σM is not positive definite for σ = {sigma:.3g}. Likely causes: K has a negative eigenvalue, M is not "
-            f"positive semidefinite, or a DOF has neither mass nor stiffness ({last})")
+            "positive semidefinite, a DOF has neither mass nor stiffness, or joints are assembled by multipliers "
+            f"(assembly='primal' has the same modes) ({last})")
 
     def _find_rigid(self) -> float:
         """Subspace iteration, which contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value.
