@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from femsub.components.plate import plate
     from femsub.components.solid import solid
     from femsub.components.solid_assembly import Material
+    from femsub.components.ties import Tied
     from femsub.errors import (
         ConditionWarning,
         CutoffWarning,

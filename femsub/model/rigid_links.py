@@ -174,7 +174,8 @@ class Averaged(Joint):
         lost = _missing(own, rows)
         if lost.max(initial=0.0) > LOST:
             raise InputError(f"the mean motion of {found.surface.title} does not determine "
-                             f"{found.node.name(int(lost.argmax()))}: take a surface whose nodes do not lie on one line, or leave that DOF out of the node")
+                             f"{found.node.name(int(lost.argmax()))}: take a surface whose nodes do not lie on one line, or "
+                             "leave that DOF out of the node")
         mean = own @ np.linalg.pinv(rows, rcond=LOST) * root
         return Link(stacked([(found.node.part, found.node.chosen()),
                              (found.surface.part, sp.csr_array(-mean) @ found.surface.chosen())]))
