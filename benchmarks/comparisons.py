@@ -185,11 +185,9 @@ def scipy_bases(sub: fs.Substructure, modes: int, laps: Laps, **options: Any) ->
 
 
 def slepc_bases(sub: fs.Substructure, modes: int, laps: Laps, package: str) -> tuple[Any, ...]:
-    import slepc4py
+    from femsub.linalg.petsc import _load
 
-    slepc4py.init()
-    from petsc4py import PETSc
-    from slepc4py import SLEPc
+    PETSc, SLEPc = _load()
 
     laps.begin()
     K, M, load = partitioned(sub)

@@ -35,6 +35,7 @@ from benchmarks import comparisons as tasks
 from benchmarks.processes import Row, fresh, machine
 from femsub.app import report
 from femsub.app.scene import Result
+from femsub.linalg.petsc import has_cholmod
 from femsub.studies.tables import table
 
 PARTS = ("assembly", "bases", "cea")
@@ -132,7 +133,10 @@ def assembly(bench: Bench, sizes: Row) -> None:
 
 
 def bases(bench: Bench, sizes: Row, component: str, defaults: bool) -> None:
-    methods = [name for name in tasks.METHODS if defaults or name != "SciPy, defaults"]
+    left_out = set() if defaults else {"SciPy, defaults"}
+    if not fresh(has_cholmod):
+        left_out.add("SLEPc, CHOLMOD")
+    methods = [name for name in tasks.METHODS if name not in left_out]
     runs = bench.alternating(f"bases of the {component}", {
         name: (tasks.bases, name, component, sizes) for name in methods})
     done = [run for found in runs.values() for run in found if run]
