@@ -12,9 +12,9 @@
                  ▼
              study: error against run time
 
-The imports below list what is public. Type checkers follow them; at run time a name is imported when it is first used: a chain
-scene never loads what only a finite-element scene needs. The folders are rooms in the order of the method; imports go to rooms
-before (tests/test_house.py).
+The imports below list what is public. Type checkers follow them, and take a name for public where it is written twice, as in
+`chain as chain`. At run time a name is imported when it is first used: a chain scene never loads what only a finite-element scene
+needs. The folders are rooms in the order of the method; imports go to rooms before (tests/test_house.py).
 """
 
 from __future__ import annotations
@@ -31,68 +31,83 @@ __version__ = "0.1.0"
 logging.getLogger("femsub").addHandler(logging.NullHandler())
 
 if TYPE_CHECKING:
-    from femsub.components.beam import beam
-    from femsub.components.chain import chain, chain_frequencies
-    from femsub.components.damping import damped
-    from femsub.components.fields import displacements
-    from femsub.components.grids import annulus, block, rectangle
-    from femsub.components.mesh import Mesh
-    from femsub.components.plate import plate
-    from femsub.components.solid import solid
-    from femsub.components.solid_assembly import Material
-    from femsub.components.ties import Tied
+    from femsub.components.beam import beam as beam
+    from femsub.components.chain import chain as chain, chain_frequencies as chain_frequencies
+    from femsub.components.damping import damped as damped
+    from femsub.components.fields import displacements as displacements
+    from femsub.components.grids import annulus as annulus, block as block, rectangle as rectangle
+    from femsub.components.mesh import Mesh as Mesh
+    from femsub.components.plate import plate as plate
+    from femsub.components.solid import solid as solid
+    from femsub.components.solid_assembly import Material as Material
+    from femsub.components.ties import Tied as Tied
     from femsub.errors import (
-        ConditionWarning,
-        CutoffWarning,
-        FemsubError,
-        FemsubWarning,
-        InputError,
-        InputTypeError,
-        MissedModesError,
-        MissingPackageError,
-        NotConvergedError,
-        NotEnoughMemoryError,
-        PortWarning,
-        SingularMatrixError,
-        UnstableModelError,
+        ConditionWarning as ConditionWarning,
+        CutoffWarning as CutoffWarning,
+        FemsubError as FemsubError,
+        FemsubWarning as FemsubWarning,
+        InputError as InputError,
+        InputTypeError as InputTypeError,
+        MissedModesError as MissedModesError,
+        MissingPackageError as MissingPackageError,
+        NotConvergedError as NotConvergedError,
+        NotEnoughMemoryError as NotEnoughMemoryError,
+        PortWarning as PortWarning,
+        SingularMatrixError as SingularMatrixError,
+        UnstableModelError as UnstableModelError,
     )
-    from femsub.io.component_files import read_component
-    from femsub.io.matrix_files import read_matrix
-    from femsub.io.mesh_files import read_mesh, write_mesh
-    from femsub.io.model_folder import write_matrices
-    from femsub.model.assembly import System, couple
-    from femsub.model.dof_map import DofMap
-    from femsub.model.estimate import Estimate
-    from femsub.model.friction import Belt, StribeckArctan, StribeckArctanOdd
-    from femsub.model.joints import Rigid, Spring
-    from femsub.model.pencil import Pencil
-    from femsub.model.rigid_links import Averaged, Kinematic
-    from femsub.model.substructure import ReducedSubstructure, Substructure
-    from femsub.modes.normal_modes import NormalModes, normal_modes
-    from femsub.motion.cycles.branch import Branch, branch
-    from femsub.motion.cycles.limit_cycle import LimitCycle, harmonic_balance
-    from femsub.motion.cycles.shooting import ShotCycle, shoot
-    from femsub.motion.nonlinear_model import State
-    from femsub.motion.signals import growth_rate, rms, spectrogram, spectrum, sticking
-    from femsub.motion.transient import Transient, transient
-    from femsub.quadratic.complex_modes import ComplexModes, complex_modes
-    from femsub.quadratic.refinement import Refined, refine
+    from femsub.io.component_files import read_component as read_component
+    from femsub.io.matrix_files import read_matrix as read_matrix
+    from femsub.io.mesh_files import read_mesh as read_mesh, write_mesh as write_mesh
+    from femsub.io.model_folder import write_matrices as write_matrices
+    from femsub.model.assembly import System as System, couple as couple
+    from femsub.model.dof_map import DofMap as DofMap
+    from femsub.model.estimate import Estimate as Estimate
+    from femsub.model.friction import (
+        Belt as Belt,
+        StribeckArctan as StribeckArctan,
+        StribeckArctanOdd as StribeckArctanOdd,
+    )
+    from femsub.model.joints import Rigid as Rigid, Spring as Spring
+    from femsub.model.pencil import Pencil as Pencil
+    from femsub.model.rigid_links import Averaged as Averaged, Kinematic as Kinematic
+    from femsub.model.substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure
+    from femsub.modes.normal_modes import NormalModes as NormalModes, normal_modes as normal_modes
+    from femsub.motion.cycles.branch import Branch as Branch, branch as branch
+    from femsub.motion.cycles.limit_cycle import LimitCycle as LimitCycle, harmonic_balance as harmonic_balance
+    from femsub.motion.cycles.shooting import ShotCycle as ShotCycle, shoot as shoot
+    from femsub.motion.nonlinear_model import State as State
+    from femsub.motion.signals import (
+        growth_rate as growth_rate,
+        rms as rms,
+        spectrogram as spectrogram,
+        spectrum as spectrum,
+        sticking as sticking,
+    )
+    from femsub.motion.transient import Transient as Transient, transient as transient
+    from femsub.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
+    from femsub.quadratic.refinement import Refined as Refined, refine as refine
     from femsub.reduction.reduce import (
-        CraigBampton,
-        CraigChang,
-        CraigChangPhysical,
-        DualCraigBampton,
-        Guyan,
-        Herting,
-        Hurty,
-        MacNeal,
-        Rubin,
-        reduce,
+        CraigBampton as CraigBampton,
+        CraigChang as CraigChang,
+        CraigChangPhysical as CraigChangPhysical,
+        DualCraigBampton as DualCraigBampton,
+        Guyan as Guyan,
+        Herting as Herting,
+        Hurty as Hurty,
+        MacNeal as MacNeal,
+        Rubin as Rubin,
+        reduce as reduce,
     )
-    from femsub.stability.critical_slope import CriticalSlope, StabilitySweep, critical_slope, sweep
-    from femsub.studies.error_vs_time import study
-    from femsub.studies.results import Study
-    from femsub.studies.self_excitation import SelfExcitation, self_excitation
+    from femsub.stability.critical_slope import (
+        CriticalSlope as CriticalSlope,
+        StabilitySweep as StabilitySweep,
+        critical_slope as critical_slope,
+        sweep as sweep,
+    )
+    from femsub.studies.error_vs_time import study as study
+    from femsub.studies.results import Study as Study
+    from femsub.studies.self_excitation import SelfExcitation as SelfExcitation, self_excitation as self_excitation
 
 #: name: the module that it comes from, as the imports above say
 _HOME = {alias.name: node.module for node in ast.walk(ast.parse(Path(__file__).read_text(encoding="utf-8")))

@@ -39,8 +39,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from benchmarks import attractor_runs as runs
-from benchmarks import attractor_states
+from benchmarks import attractor_runs as runs, attractor_states
 from benchmarks.attractor_states import Motion
 from femsub.app import report
 from femsub.app.scene import Result

@@ -201,6 +201,14 @@ def test_import_is_cheap() -> None:
     assert seconds("import femsub") < 1.5 * seconds("import numpy, scipy.sparse")
 
 
+def test_type_checkers_see_every_name_of_the_front_door() -> None:
+    """A package with py.typed exports to them what is imported `as` itself, and nothing else (PEP 484)."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and str(node.module).startswith("femsub.")]
+    private = [alias.name for node in froms for alias in node.names if alias.asname != alias.name]
+    assert not private, f"write `{private[0]} as {private[0]}`"
+
+
 def test_every_name_of_the_front_door_exists() -> None:
     import femsub as fs
 

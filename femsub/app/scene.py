@@ -51,13 +51,13 @@ def _laws(_: object) -> Iterable[str]:
 def _methods(_: object) -> Iterable[str]:
     from femsub.reduction.reduce import METHODS
 
-    return METHODS
+    return sorted(METHODS)
 
 
 def _other_method_names() -> list[str]:
     from femsub.reduction.reduce import METHODS
 
-    return [*(name.upper() for name in SHORT_NAMES), *(method.__name__ for method in METHODS.values())]
+    return [*(name.upper() for name in SHORT_NAMES if "-" not in name), *sorted(method.__name__ for method in METHODS.values())]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import NotEnoughMemoryError
-from femsub.linalg.ordering import layers as distance_layers
-from femsub.linalg.ordering import neighbours, quotient
+from femsub.linalg.ordering import layers as distance_layers, neighbours, quotient
 from femsub.linalg.process_memory import available
 from femsub.linalg.shared import FACTOR_BYTES, give_up_until, kept_bytes
 
