@@ -7,7 +7,7 @@ beside those that it has.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,9 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.reduction.reduce import METHODS
+
+FLOOR = 1e-14  # what counts as no error
 
 
 @dataclass(frozen=True)
@@ -30,10 +33,10 @@ class Joined:
         return fs.couple({name: make(part) for name, part in self.parts.items()}, self.joints)
 
 
-def chains(pieces: int, fixed: bool = True) -> Joined:
-    """A chain of 33 masses in so many pieces, each with half of the mass that it shares."""
-    masses, springs = np.linspace(1.0, 2.0, 33), np.linspace(3.0, 1.0, 33)
-    ends = np.linspace(0, 32, pieces + 1).astype(int)
+def chains(pieces: int, fixed: bool = True, n: int = 33) -> Joined:
+    """A chain of n masses in so many pieces, each with half of the mass that it shares."""
+    masses, springs = np.linspace(1.0, 2.0, n), np.linspace(3.0, 1.0, n)
+    ends = np.linspace(0, n - 1, pieces + 1).astype(int)
     parts: dict[str, fs.Substructure] = {}
     for i, (a, b) in enumerate(itertools.pairwise(ends)):
         own = masses[a:b + 1].copy()
@@ -45,9 +48,9 @@ def chains(pieces: int, fixed: bool = True) -> Joined:
     return Joined(parts, [fs.Rigid((one, [parts[one].size - 1]), (other, [0])) for one, other in itertools.pairwise(names)])
 
 
-def cross(arms: int) -> Joined:
-    """Chains, every other of them held, that meet in one mass."""
-    parts = {f"a{i}": fs.chain(6 + i, masses=np.linspace(1, 2, 6 + i), springs=1.0 + i, interface=[6 + i], fixed=i % 2 == 0,
+def cross(arms: int, n: int = 6) -> Joined:
+    """Chains of n masses and more, every other of them held, that meet in one mass."""
+    parts = {f"a{i}": fs.chain(n + i, masses=np.linspace(1, 2, n + i), springs=1.0 + i, interface=[n + i], fixed=i % 2 == 0,
                                damping=0.0) for i in range(arms)}
     return Joined(parts, [fs.Rigid(*((name, [part.size - 1]) for name, part in parts.items()))])
 
@@ -100,3 +103,40 @@ JOINED: dict[str, Callable[[], Joined]] = {
     "4 chains in a cross": lambda: cross(4), "held truss in 2": lambda: truss(2, held=True),
     "floating truss in 3": lambda: truss(3), "beam in 2": lambda: beams(2), "beam in 4": lambda: beams(4),
     "4 membranes": membranes}
+
+#: the same in sizes that leave reduction something to do
+LARGER: dict[str, Callable[[], Joined]] = {
+    "chain in 2": lambda: chains(2, n=121), "floating chain in 3": lambda: chains(3, fixed=False, n=121),
+    "4 chains in a cross": lambda: cross(4, 40), "held truss in 2": lambda: truss(2, 14, held=True),
+    "floating truss in 3": lambda: truss(3, 14), "beam in 2": lambda: beams(2, 30), "beam in 4": lambda: beams(4, 30),
+    "4 membranes": lambda: membranes(9)}
+
+FREE_MODES = ("rubin", "craig-chang", "craig-chang-physical", "macneal", "dual-craig-bampton", "herting")
+
+
+def equal_size(key: str, part: fs.Substructure, coordinates: int) -> fs.ReducedSubstructure:
+    """The part with so many coordinates besides those of its interface: modes of either kind, rigid ones and inertia relief."""
+    rigid = fs.normal_modes(part, count=0).rigid if key in FREE_MODES else 0
+    return fs.reduce(part, METHODS[key](coordinates - rigid))
+
+
+def errors(joined: Joined, key: str, coordinates: int, full: np.ndarray) -> tuple[int, np.ndarray]:
+    """Size of the assembled model, and |ω/ω_full - 1| (k,) of its lowest elastic frequencies."""
+    system = joined.system(lambda part: equal_size(key, part, coordinates))
+    modes = fs.normal_modes(system, count=len(full))
+    assert isinstance(system, fs.System)
+    return system.size + system.spurious, np.abs(modes.frequencies[modes.rigid:] / full - 1)
+
+
+def table(keys: Sequence[str], sizes: Sequence[int], count: int = 8) -> list[dict[str, Any]]:
+    """One row for each problem of LARGER, method and size: the largest and the mean (geometric) error of `count` frequencies."""
+    rows = []
+    for name, make in LARGER.items():
+        joined = make()
+        modes = fs.normal_modes(joined.system(), count=count)
+        for coordinates in sizes:
+            for key in keys:
+                size, error = errors(joined, key, coordinates, modes.frequencies[modes.rigid:])
+                rows.append({"problem": name, "method": key, "coordinates": coordinates, "size": size,
+                             "largest": float(error.max()), "mean": float(np.exp(np.log(np.maximum(error, FLOOR)).mean()))})
+    return rows

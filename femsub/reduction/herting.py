@@ -29,9 +29,11 @@ class Herting(CraigBampton):
     - the elastic free modes less their static part, φ_i - Ψφ_b = ω² K_ii⁻¹ (Mφ)_i,
     - the inertia relief shapes of a floating part, K_ii⁻¹ (MΦ_r)_i: the interior's response to rigid acceleration.
 
-    The span is [Ψ, Φ_r, Φ_f] and the inertia relief shapes: kept free modes are exact in a part by itself, and the interface
-    is physical. Herting's paper leaves open which modes are taken, free or fixed; with fixed ones and no inertia relief it
-    is Craig-Bampton. X is made M-orthonormal and K-orthogonal; what depends on the rest is dropped and counted.
+    The interface is physical. The span is that of Craig-Chang and Rubin: a response to interface forces is one to interface
+    displacements, and in a floating part one to rigid acceleration beside it. The way there differs, with the factor of
+    K_ii and no residual flexibility to invert. X is made M-orthonormal and K-orthogonal; what depends on the rest is dropped
+    and counted. Herting's paper leaves open which modes are taken; with fixed-interface modes and no inertia relief it is
+    Craig-Bampton.
 
     Parameters
     ----------
@@ -55,7 +57,7 @@ class Herting(CraigBampton):
     """
 
     key, label, colour, marker = "herting", "Herting", "#dd8452", "p"
-    unestimated = "the estimates know fixed-interface modes or free modes, and not both at once; use CraigBampton or Rubin"
+    unestimated = "its modes and its static shapes are those of two problems; use Rubin, which spans the same space"
 
     @property
     def mode_kind(self) -> str:

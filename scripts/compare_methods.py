@@ -1,0 +1,81 @@
+#!/usr/bin/env python3
+"""Reduction methods at equal size on joined parts: errors of the lowest frequencies against the unreduced system.
+
+    python scripts/compare_methods.py [--methods KEY ...] [--coordinates N ...] [--count K] [--out DIR]
+
+The problems are those of benchmarks/joined.py: chains, trusses, beams and membranes in two to four parts. Each part keeps N
+coordinates besides its interface DOF: modes, and where the modes are free ones the rigid-body modes of a floating part too. With
+--out, methods.csv and methods.png.
+
+largest  the largest |ω/ω_full - 1| of the K lowest elastic frequencies (8)
+mean     their geometric mean
+size     coordinates of the assembled system; Dual Craig-Bampton has its multipliers in place of interface DOF
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+import femsub as fs
+from benchmarks import joined
+from femsub.app.figure_style import look, new_figure, render
+from femsub.reduction.reduce import METHODS
+
+KEYS = ["craig-bampton", "macneal", "dual-craig-bampton", "rubin", "herting"]
+
+
+def figure(rows: Sequence[dict[str, Any]]) -> Any:
+    """For each problem the mean error (lines) and the largest one (dotted) over the size, one line per method."""
+    problems = list(dict.fromkeys(row["problem"] for row in rows))
+    across = min(len(problems), 4)
+    drawn = new_figure(3.2 * across, 2.9 * -(-len(problems) // across) + 0.5)
+    axes = drawn.subplots(-(-len(problems) // across), across, squeeze=False)
+    for axis in axes.ravel()[len(problems):]:
+        axis.remove()
+    for axis, problem in zip(axes.ravel(), problems, strict=False):
+        for key in dict.fromkeys(row["method"] for row in rows):
+            mine, seen = [row for row in rows if (row["problem"], row["method"]) == (problem, key)], look(key)
+            sizes = [row["size"] for row in mine]
+            axis.semilogy(sizes, [row["mean"] for row in mine], color=seen.colour, marker=seen.marker, ms=5, label=seen.label)
+            axis.semilogy(sizes, [row["largest"] for row in mine], color=seen.colour, ls=":", lw=1)
+        axis.set(title=problem)
+        axis.grid()
+    for axis in axes[:, 0]:
+        axis.set_ylabel("error of ω  [-]")
+    drawn.supxlabel("coordinates of the system  [-]", fontsize=9)
+    drawn.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    return drawn
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--methods", nargs="+", default=KEYS, choices=sorted(METHODS), metavar="KEY")
+    parser.add_argument("--coordinates", nargs="+", type=int, default=[4, 6, 8, 12], metavar="N")
+    parser.add_argument("--count", type=int, default=8, metavar="K")
+    parser.add_argument("--out", type=Path)
+    asked = parser.parse_args(arguments)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        rows = joined.table(asked.methods, asked.coordinates, asked.count)
+    for row in rows:
+        print(f"{row['problem']:22} {METHODS[row['method']].label:20} {row['coordinates']:3} {row['size']:4} "
+              f"{row['largest']:9.1e} {row['mean']:9.1e}")
+    if asked.out:
+        asked.out.mkdir(parents=True, exist_ok=True)
+        with open(asked.out / "methods.csv", "w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+        with open(asked.out / "methods.png", "wb") as picture:
+            render(lambda: figure(rows), picture)
+
+
+if __name__ == "__main__":
+    main()
