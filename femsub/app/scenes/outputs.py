@@ -37,6 +37,8 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
         "model": repr(sub), "size": sub.size, "interface": len(sub.interface),
         **scene.friction, "methods": scene.methods, "modes_kept": scene.modes, "ports": scene.ports}
     text = [f"{scene.name}: {sub!r}\n{scene.friction_words}"]
+    if work.mesh is not None:
+        data["mesh"] = repr(work.mesh)
     if work.mesh is not None and work.mesh.repairs:
         data["repairs"] = list(work.mesh.repairs)
         text[0] += f"\nmesh: {'; '.join(work.mesh.repairs)}"
