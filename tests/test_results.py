@@ -298,6 +298,20 @@ def test_figures_have_an_axis_in_hertz(tmp_path: Path) -> None:
             assert np.array(child.get_ylim()) * 2 * np.pi == pytest.approx(np.array(axes[-1].get_ylim()))
 
 
+def test_each_scale_of_a_figure_has_its_own_axis_in_hertz(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    from femsub.app.figure_style import new_figure, render
+
+    figure = new_figure(6.0, 4.0)
+    axes = figure.subplots(2, 2)
+    axes[0, 0].set_ylabel("ω  [rad/time]")
+    axes[1, 0].set_xlabel("ω  [rad/time]")
+    with (tmp_path / "figure.png").open("wb") as file:
+        render(lambda: figure, file, SYSTEMS["SI"])
+    labels = [[(child.get_xlabel(), child.get_ylabel()) for child in axis.child_axes] for axis in axes.ravel()]
+    assert labels == [[("", ""), ("f  [Hz]", "")], [("", "f  [Hz]")], [], []]
+
+
 def test_the_paper_is_named_with_the_figures_that_correspond_to_its_own(tmp_path: Path) -> None:
     text = CHAIN.replace("false", "true").replace('"critical-slope"', '"friction", "critical-slope"')
     assert main(["run", scene_file(tmp_path, "chain", text), "--out", str(tmp_path / "out")]) == 0

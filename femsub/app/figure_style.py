@@ -42,7 +42,7 @@ def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note
 
 def _put_units(figure: Any, units: Units) -> None:
     """Labels in these units, and an axis in Hz on the other side of each in rad/s."""
-    # figure.get_suptitle is newer than the oldest matplotlib
+    # this finds the title of the whole figure too: figure.get_suptitle is newer than the oldest matplotlib
     for text in figure.findobj(_matplotlib().text.Text):
         text.set_text(units.said(text.get_text()))
     panels = {axis: axis.get_subplotspec() for axis in figure.axes if axis.get_subplotspec() is not None}
@@ -56,7 +56,9 @@ def _put_units(figure: Any, units: Units) -> None:
                          key=lambda other: panels[other].colspan.start)
             shared = axis.get_shared_y_axes()
             for other in row if not shared.joined(axis, row[-1]) else row[-1:]:
-                other.secondary_yaxis("right", functions=HERTZ).set_ylabel("f  [Hz]" if other is row[-1] else "")
+                hertz = other.secondary_yaxis("right", functions=HERTZ)
+                hertz.ticklabel_format(axis="y", useOffset=False)
+                hertz.set_ylabel("f  [Hz]" if other is row[-1] else "")
 
 
 def new_figure(width: float, height: float) -> Any:

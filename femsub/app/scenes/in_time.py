@@ -126,8 +126,8 @@ def told(tracks: Sequence[Track], units: Units) -> str:
                      *([listed([at / (2 * np.pi) for at in peaks])] if units.known else []),
                      row["sticking"], row["energy_residual"], row["seconds"],
                      "yes" if row["complete"] else f"to t = {row['end']:.5g}"])
-    head = ["model", "DOF", "rms of v", "peaks (rad/time)", *units.beside("peaks (Hz)"), "sticking", "energy balance", "s",
-            "complete"]
+    head = ["model", "DOF", "rms of v", units.said("peaks (rad/time)"), *units.beside("peaks (Hz)"), "sticking",
+            "energy balance", "s", "complete"]
     return table(head, rows, ["s", "d", ".5g", "s", *units.beside("s"), ".1%", ".0e", ".2g", "s"])
 
 
