@@ -1,1 +1,1 @@
-"""Nonlinear motion in time. In: a model and its belts. Out: transients and what signals tell."""
+"""Nonlinear motion in time. In: a model and its belts. Out: transients, and the evaluation of signals."""

@@ -1,13 +1,12 @@
-"""A model under belts as a system of first order, and the integrators of SciPy that take it along.
+"""A model under belts as a first-order system, and its integration by SciPy.
 
     ẋ = u,   u̇ = -K̂ x - D̂ u + G (f(Gᵀu) - f(0)),   q = T (x + x₀),   TᵀMT = I
 
-with x₀ steady sliding, K̂ x₀ = G f(0): the tolerance and the rounding of a static deflection would drown a small motion about
-it. (Where x₀ is not there, or known to a rounding only that would be felt, x₀ and f(0) are 0 here.) T is chosen so that the
-contact acts on the first p velocities only: G = TᵀW (n, p) is zero below row p. With one column a right-hand side is then one
-product of a matrix with a vector and a few operations on floats, about 1.3 µs at
-n = 10. Two more unknowns carry the belts' work ∫ fᵀWᵀq̇ dt and the dissipation ∫ q̇ᵀDq̇ dt along, with the same error
-control.
+x₀ is steady sliding, K̂ x₀ = G f(0). Without this shift, tolerance and rounding of a static deflection would hide a small
+motion about it. (If x₀ does not exist, or its rounding would matter, x₀ and f(0) are 0 here.) T is chosen such that the
+contact acts on the first p velocities only: G = TᵀW (n, p) is zero below row p. With one column a right-hand side is one
+matrix-vector product and a few operations on floats, about 1.3 µs at n = 10. Two more unknowns are the belts' work
+∫ fᵀWᵀq̇ dt and the dissipation ∫ q̇ᵀDq̇ dt, with the same error control.
 
 Why LSODA (C code, one call for a stretch of the grid) is the default: `scripts/integrators.py`, 50 time units of stick-slip,
 seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; interpolated):
@@ -19,13 +18,13 @@ seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; 
     chain, HCB (20)        0.005   0.02    0.1     0.3     1
     chain, full (1000)     -       -       -       -       1.8
 
-It changes to BDF by itself where the friction layer is stiff (ε → 1e-6), which DOP853 cannot. Sparse models with consistent
+It switches to BDF automatically where the friction law is stiff (ε → 1e-6); DOP853 cannot. Sparse models with consistent
 masses have no sparse first-order form: see `generalised_alpha`.
 
 Error control: |local error of y_i| ≤ tol (|y_i| + s_i) in the largest norm. s = v/‖w‖_M⁻¹ for velocities, v the largest
 of the belts' speeds and of the speeds under them at the start, but no more than the motion itself, (‖u‖² + ‖u̇‖²/ω²)^½ where a
 stretch of the integration begins; s/ω for displacements, ω² = wᵀM⁻¹KM⁻¹w / wᵀM⁻¹w; s² + s ‖G f(0)‖/ω for work and dissipation.
-What rounding alone leaves in ‖G f‖ is never asked to be resolved.
+The tolerance is never below the rounding of ‖G f‖.
 """
 
 from __future__ import annotations
@@ -43,10 +42,10 @@ from femsub.errors import InputError, NotConvergedError
 from femsub.model.friction import scalar_law
 from femsub.motion.nonlinear_model import Sliding, State
 
-PERIODS = 200  # of the highest mode, integrated at a stretch: between two stretches progress is told
-SHARP = 1e-12  # of the friction that the rounding of K x₀ may add to it, where the motion is far from x₀
-NOISE = 4 * EPS  # of the friction's impulse over a period is rounding, and no motion
-MOST = 5_000_000  # steps between two points of the grid
+PERIODS = 200  # periods of the highest mode integrated in one call; progress is reported in between
+SHARP = 1e-12  # largest rounding of K x₀, relative to the friction, if the motion is far from x₀
+NOISE = 4 * EPS  # relative to the friction's impulse over a period: smaller motion is rounding
+MOST = 5_000_000  # largest number of steps between two points of the grid
 
 Right = Callable[[float, Array], Array]
 
@@ -62,7 +61,7 @@ class Equations:
     rest : ndarray, shape (n,)
         x₀.
     scale : float
-        v/‖w‖_M⁻¹ of the error control, the largest s for velocities.
+        v/‖w‖_M⁻¹ of the error control: the largest s for velocities.
     omega, thrust : float
         ω and ‖G f(0)‖ of the error control.
     highest : float
@@ -85,7 +84,7 @@ class Equations:
         return len(self.T)
 
     def vector(self, state: State) -> Array:
-        """y of a state, nothing worked and dissipated yet."""
+        """y of a state, with zero work and dissipation."""
         return np.concatenate([self.Tinv @ state.displacement - self.rest, self.Tinv @ state.velocity, [0.0, 0.0]])
 
     def state(self, y: Array) -> State:
@@ -100,7 +99,7 @@ class Equations:
         return float(u @ u + x @ (self.K @ x)) / 2
 
     def tolerances(self, y: Array, tol: float) -> Array:
-        """tol s of the error control from y on, and no less than rounding, shape (2n + 2,)."""
+        """tol · s of the error control from y on, at least the rounding, shape (2n + 2,)."""
         n = self.size
         s = min(self.scale, float(np.hypot(np.linalg.norm(y[n:2 * n]), np.linalg.norm(self.rhs(0.0, y)[n:2 * n]) / self.omega)))
         at = max(tol * s, NOISE * self.thrust / self.omega, EPS * tol * self.scale)
@@ -124,8 +123,8 @@ def equations(contact: Sliding, start: State) -> Equations:
         L = np.zeros_like(M)
     # entry by entry: rotations and displacements in one vector have masses of different units
     if (np.diagonal(L) ** 2 <= len(M) * EPS * M.diagonal()).any():
-        raise InputError(f"M of {model.name!r} is singular (massless DOF): velocities are undetermined there; condense those "
-                         "DOF, or reduce the model first")
+        raise InputError(f"M of {model.name!r} is singular (massless DOF), so velocities are not determined there. Condense "
+                         "those DOF, or reduce the model first")
     Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))
     T = la.solve_triangular(L, Q, lower=True, trans="T")
     K, D, G = T.T @ K @ T, T.T @ D @ T, T.T @ contact.W
@@ -140,7 +139,7 @@ def equations(contact: Sliding, start: State) -> Equations:
 
 
 def _rest(contact: Sliding, start: State, Tinv: Array, K: Array, force: Array) -> Array | None:
-    """x₀: where the model starts, if that is an equilibrium; else K⁻¹ force, if it is there and near enough to rely on."""
+    """x₀: the start, if it is an equilibrium; else K⁻¹ force, if it exists and is accurate enough; else None."""
     begin = Tinv @ start.displacement
     if not contact.pull(start.displacement).any():
         return begin
@@ -159,7 +158,7 @@ def _scale(contact: Sliding, start: State, K: Array, G: Array, highest: float) -
     omega = np.sqrt(pull) if pull > (1e-6 * highest) ** 2 else highest or 1.0
     speed = max(*(abs(belt.speed or 0.0) for belt in contact.belts), float(np.abs(contact.W.T @ start.velocity).max()))
     thickest = norm.max() or 1.0
-    if speed == 0:  # a belt at rest and a start at rest: what friction alone can bring about
+    if speed == 0:  # belt and start at rest: the speed that friction alone can cause
         speed = thickest**2 * float(np.abs(contact.force(np.zeros(contact.columns))).max()) / omega
     return (speed or 1.0) / thickest, float(omega)
 
@@ -172,8 +171,8 @@ def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array) ->
     values, shapes = np.linalg.eigh(symmetric)
     felt = np.abs(values) > n * EPS * np.abs(values).max(initial=0.0)
     rows = shapes[:, felt].T
-    # Below ẏ stand the damped speeds lᵢᵀu: one product gives all. A single one (the chain's dashpot) stands where its square
-    # belongs.
+    # The damped speeds lᵢᵀu are appended below ẏ, so that one product gives all. A single one (the chain's dashpot) is put in
+    # the place of its square.
     one = len(rows) == 1
     A = np.zeros((size + (0 if one else len(rows)), size))
     A[:n, n:2 * n] = np.eye(n)
@@ -242,18 +241,18 @@ def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array) ->
 
 @dataclass(repr=False)
 class Flow:
-    """A trajectory under way: `advance` takes it along a grid and remembers where it stands.
+    """A trajectory during integration: `advance` integrates it along a grid and keeps the current state.
 
     Attributes
     ----------
     t, y
-        Where it stands.
+        Current time and state.
     columns, whole
-        What is seen of it: columnsᵀq; all of q or not.
+        What is recorded: columnsᵀq; also all of q if `whole`.
     stretch : float
-        The time to be integrated at one go.
+        The time to integrate in one call.
     steps, rhs, jacobians : int
-        What it has cost.
+        Counters of the effort.
     """
 
     system: Equations
@@ -266,7 +265,7 @@ class Flow:
     steps: int = 0
     rhs: int = 0
     jacobians: int = 0
-    error: float | None = None  # SciPy's integrators keep their local errors to themselves
+    error: float | None = None  # SciPy's integrators do not report their local errors
 
     @property
     def stretch(self) -> float:
@@ -275,19 +274,20 @@ class Flow:
     def advance(self, times: Array) -> tuple[Array, ...]:
         """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n).
 
-        times[0] is where the trajectory stands, and the integrator starts anew there.
+        times[0] is the current time; the integrator restarts there.
 
         Raises
         ------
         NotConvergedError
-            The integrator gave up.
+            The integrator failed.
         """
         step = _lsoda if self.method == "lsoda" else _solve_ivp
-        with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is found below
+        with np.errstate(over="ignore", invalid="ignore"):  # NaN and Inf are checked below
             found = step(self, times)
         if not np.isfinite(found).all():
-            raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}: the motion "
-                                    "grows without bound (no belt makes it do so: look at D), or the friction law is not finite")
+            raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}. Either the "
+                                    "friction law is not finite, or the motion grows without bound. A belt cannot cause that, "
+                                    "so check D")
         self.t, self.y = float(times[-1]), found[-1].copy()
         n, T = self.system.size, self.system.T
         parts = found[:, :n] + self.system.rest, found[:, n:2 * n]
@@ -296,7 +296,7 @@ class Flow:
         return (*ports, parts[0] @ T.T, parts[1] @ T.T) if self.whole else ports
 
     def close(self) -> None:
-        """Nothing to give back; for the likeness with `AlphaFlow`."""
+        """Nothing to free; same interface as `AlphaFlow`."""
 
     @property
     def state(self) -> State:
@@ -312,7 +312,7 @@ def _lsoda(flow: Flow, times: Array) -> Array:
     from scipy.integrate import ODEintWarning, odeint
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ODEintWarning)  # its message is in the figures
+        warnings.simplefilter("ignore", ODEintWarning)  # its message is in `info`
         found, info = odeint(flow.system.rhs, flow.y, times, Dfun=flow.system.jacobian, col_deriv=True, tfirst=True,
                              rtol=flow.tol, atol=flow.system.tolerances(flow.y, flow.tol), full_output=True, mxstep=MOST)
     flow.steps += int(info["nst"][-1])
@@ -340,8 +340,8 @@ def _solve_ivp(flow: Flow, times: Array) -> Array:
 
 def _advice(flow: Flow, times: Array, message: str) -> str:
     return (f"{flow.method} stopped between t = {times[0]:g} and {times[-1]:g} at tol = {flow.tol:g}: "
-            f"{' '.join(message.split())}; take a larger tol or eps, or another method")
+            f"{' '.join(message.split())}. Use a larger tol or eps, or another method")
 
 
-#: name to what SciPy calls it
+#: SciPy's names of the methods
 METHODS = {"lsoda": "LSODA", "dop853": "DOP853", "radau": "Radau", "bdf": "BDF"}

@@ -1,26 +1,25 @@
 """Large sparse models in time: M a + D v + K x = W f(Wᵀv) by the generalised-α method, with one solve per step.
 
-The method (Chung and Hulbert, J. Appl. Mech. 60 (1993) 371) is of second order, and damps what the step cannot
-resolve (spectral radius RADIUS at infinity). Each of its steps is an equation in which the contact is of rank p:
+The method (Chung and Hulbert, J. Appl. Mech. 60 (1993) 371) is of second order, and damps frequencies that the step cannot
+resolve (spectral radius RADIUS at infinity). Each step solves an equation in which the contact has rank p:
 
     S d = -r + W (f(v₁) - f(v₀)),   v₁ = v₀ + s Wᵀd,   S = σM + sD + K,
 
 with r the residual at the predictor, s and σ the shifts of the step. S depends on the step size only and is factorised once
-for each; what is left is p equations for v₁, solved to rounding by Newton's method. (PETSc's own TSALPHA2 begins with twice the
-acceleration, as of 3.18, and begins anew after each step that is done again.)
+per size. The remaining p equations for v₁ are solved to rounding by Newton's method. (PETSc's own TSALPHA2 starts with twice
+the acceleration, as of 3.18, and restarts after each rejected step.)
 
-Error control: the local error of the velocities, e = ‖v₁ - 3v₀ + 3v₋₁ - v₋₂‖/12 in the norm of diag M, is at most
-tol (‖v‖ + min(v_s, V)). A block of 32 steps in which it is not is done again with half the step (or less), and one in which it
-never exceeds a sixteenth is followed by steps of twice the length. v_s is the belts' speed on the motion M⁻¹w that takes least
-energy for it. V is the largest ‖v‖ so far, which fades by half over a block: it carries the control over the turning points of a
-small motion, and at the start it is no less than aᵀMa/sqrt(aᵀKa), the speed that a displacement from equilibrium leads to. What
-rounding alone makes of e counts as no error.
+Error control: the local error of the velocities, e = ‖v₁ - 3v₀ + 3v₋₁ - v₋₂‖/12 in the norm of diag M, must not exceed
+tol (‖v‖ + min(v_s, V)). A block of 32 steps that violates this is repeated with half the step (or less). After a block with e
+always below a sixteenth the step is doubled. v_s is the belts' speed on the motion M⁻¹w, which has the least energy at that
+speed. V is the largest ‖v‖ so far, which decays by half over a block; it bridges the turning points of a small motion. At the
+start it is at least aᵀMa/sqrt(aᵀKa), the speed that follows from a displacement from equilibrium. Rounding in e is ignored.
 
-What is integrated is the distance from the start, K x₀ apart: the rounding of a static deflection would otherwise drown a
-motion of 1e-9 of it.
+The unknown is the distance from the start, and K x₀ is treated separately. Otherwise the rounding of a static deflection would
+hide a motion of 1e-9 of it.
 
-The local errors of all steps over V, added up, are an estimate of the velocities' error at the end (`error`). It is that of a
-motion whose disturbances grow or decay as the motion itself does; on a limit cycle it is mostly a shift in time.
+The sum of the local errors of all steps, relative to V, estimates the error of the velocities at the end (`error`). This
+assumes that disturbances grow or decay like the motion itself. On a limit cycle the error is mostly a shift in time.
 """
 
 from __future__ import annotations
@@ -35,23 +34,23 @@ from femsub.errors import InputError, NotConvergedError, SingularMatrixError
 from femsub.linalg.factor import Handle, factorise
 from femsub.motion.nonlinear_model import Sliding, State, mass_solve
 
-RADIUS = 0.9  # amplification of what oscillates infinitely fast
+RADIUS = 0.9  # amplification at infinite frequency
 STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: where in a step the equation holds
 GAMMA, BETA = 0.5 + INERTIA - STAGE, 0.25 * (1 + INERTIA - STAGE) ** 2
-AT_ONCE = 8  # points of the grid: so many are lost at most by Ctrl-C
+AT_ONCE = 8  # points of the grid per call; Ctrl-C loses at most so many
 BLOCK = 32  # steps between two decisions on their length
-KEPT, BYTES = (2, 12), 1e9  # factorisations kept, the last ones used: as many as go into so much memory, within limits
-FADE = 0.5 ** (1 / BLOCK)  # of V in each step
-NOISE = 64 * EPS  # of what is added up in a step: rounding
-AT_MOST = 5  # halvings after one look at the error
-HALVINGS = 40  # of the step at a stretch, before giving up
+KEPT, BYTES = (2, 12), 1e9  # smallest and largest number of factors kept (last used), and the memory for them
+FADE = 0.5 ** (1 / BLOCK)  # decay of V per step
+NOISE = 64 * EPS  # rounding, relative to the terms added up in a step
+AT_MOST = 5  # largest number of halvings at one decision
+HALVINGS = 40  # halvings of the step in a row after which the integration fails
 
 
 Checkpoint = tuple[Array, Array, Array, float, float, float, float, int]  # x, v, a, work, loss, V, error, points shown
 
 
 class AlphaFlow:
-    """A trajectory of a sparse model under way; see `first_order.Flow`, whose attributes and methods it has."""
+    """A trajectory of a sparse model during integration, with the attributes and methods of `first_order.Flow`."""
 
     method = "alpha"
 
@@ -60,8 +59,8 @@ class AlphaFlow:
         self.contact, self.t, self.tol, self.columns, self.whole = contact, t, tol, columns, whole
         self.M, self.D, self.K = (sp.csr_array(part) for part in (model.M, model.D, model.K))
         if self.M.diagonal().min() <= 0:
-            raise InputError(f"M of {model.name!r} is singular (massless DOF): velocities are undetermined there; condense those "
-                             "DOF, or reduce the model first")
+            raise InputError(f"M of {model.name!r} is singular (massless DOF), so velocities are not determined there. Condense "
+                             "those DOF, or reduce the model first")
         self.kind: Any = "definite" if model.pencil.symmetric[1] else "general"
         self.weight = self.M.diagonal()
         self.steps = self.rhs = self.jacobians = 0
@@ -76,7 +75,7 @@ class AlphaFlow:
         self.kept = KEPT[0]
         self.factors: dict[tuple[float, float], tuple[Handle, Array, Array]] = {}
         self.stepper = Stepper(self, start)
-        self.history: list[Array] = []  # the last speeds, at distances of `last`
+        self.history: list[Array] = []  # the last speeds, at intervals of `last`
         self.last = 0.0
         self.reached = self._checkpoint()
 
@@ -97,7 +96,7 @@ class AlphaFlow:
         return work, loss, float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
 
     def close(self) -> None:
-        """Gives the factors back."""
+        """Free the factors."""
         for handle, _, _ in self.factors.values():
             handle.close()
         self.factors.clear()
@@ -111,7 +110,7 @@ class AlphaFlow:
             span = times[at + 1] - times[at]
             count = max(1, int(np.ceil(span / self.dt * (1 - 1e-9))))
             step = float(f"{span / count:.9e}")  # equal steps share a factorisation
-            if step != last:  # the third difference needs four speeds at equal distances
+            if step != last:  # the third difference needs four speeds at equal intervals
                 history, last = history[-1:], step
             for _ in range(count):
                 history = [*history[-3:], self._step(step)]
@@ -123,8 +122,8 @@ class AlphaFlow:
             if worst > self.tol:
                 halved += 1
                 if halved > HALVINGS:
-                    raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g} and the local error is still "
-                                            f"{worst:.1e} at tol = {self.tol:g}; take a larger tol or eps")
+                    raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g}, but the local error is still "
+                                            f"{worst:.1e} at tol = {self.tol:g}. Use a larger tol or eps")
                 x, v, a, self.work, self.loss, self.moving, self.error, kept = begin
                 self.stepper.x, self.stepper.v, self.stepper.a = x, v, a
                 at -= len(shown) - kept
@@ -162,7 +161,7 @@ class AlphaFlow:
             self.loss += float(moved @ (self.D @ moved)) / step
         self.steps += 1
         if not np.isfinite(v[0]):
-            raise NotConvergedError("alpha met a NaN or Inf: the motion grows without bound, or the friction law is not finite")
+            raise NotConvergedError("alpha met a NaN or Inf. Either the motion grows without bound, or the law is not finite")
         return v
 
     def residual(self, x: Array, v: Array, a: Array, force: Array) -> Array:
@@ -175,14 +174,14 @@ class AlphaFlow:
         return float(np.sqrt(self.weight @ np.square(v)))
 
     def _moving(self, start: State) -> float:
-        """V at the start: ‖v‖ and aᵀMa/sqrt(aᵀKa), which is the largest speed of a single mode that starts at rest."""
+        """V at the start: the larger of ‖v‖ and aᵀMa/sqrt(aᵀKa), the largest speed of a single mode released from rest."""
         force = self.pull + self.contact.W @ (self.contact.force(self.contact.W.T @ start.velocity) - self.steady)
         a = force / self.weight
         stiffness = float(a @ (self.K @ a))
         return float(np.hypot(self._norm(start.velocity), force @ a / np.sqrt(stiffness) if stiffness > 0 else 0.0))
 
     def _error(self, v: list[Array], step: float) -> float:
-        """Local error of the velocity over its scale: third difference / 12, the trapezoidal rule's."""
+        """Local error of the velocity over its scale: a twelfth of the third difference, as for the trapezoidal rule."""
         wrong, size = self._norm(v[3] - v[0] - 3 * (v[2] - v[1])) / 12, self._norm(v[3])
         noise = NOISE * (2 / step * self._norm(self.stepper.x) + step / 2 * self.shaken)
         self.moving = max(size, FADE * self.moving)
@@ -190,7 +189,7 @@ class AlphaFlow:
         return 0.0 if wrong <= noise else wrong / (size + min(self.speed, self.moving))
 
     def factor(self, sigma: float, s: float) -> tuple[Handle, Array, Array]:
-        """The factor of S = σM + sD + K, with S⁻¹W and s WᵀS⁻¹W; made when the shifts are new."""
+        """The factor of S = σM + sD + K, with S⁻¹W and s WᵀS⁻¹W; made once per pair of shifts."""
         key = (sigma, s)
         if key not in self.factors:
             while len(self.factors) >= self.kept:
@@ -199,14 +198,14 @@ class AlphaFlow:
             self.jacobians += 1
             try:
                 handle = factorise(S, self.kind)
-            except SingularMatrixError:  # a D that feeds energy
+            except SingularMatrixError:  # D supplies energy, so S may be indefinite
                 self.kind = "general"
                 handle = factorise(S, self.kind)
             fill = getattr(handle, "fill", np.nan)
             self.kept = int(np.clip(BYTES / (8 * len(self.weight) * (fill if np.isfinite(fill) else 500)), *KEPT))
             Z = handle.solve(self.contact.W)
             self.factors[key] = handle, Z, s * (self.contact.W.T @ Z)
-        self.factors[key] = self.factors.pop(key)  # the last one used stands last
+        self.factors[key] = self.factors.pop(key)  # most recently used last
         return self.factors[key]
 
 
@@ -221,8 +220,8 @@ class Stepper:
     """x, v and a of a flow, and one step of the generalised-α method from them.
 
     The stage is x_α = x₀ + α_f (x₁ - x₀), v_α likewise, a_α = a₀ + α_m (a₁ - a₀), with
-    x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). It starts from M a₀ = what the forces leave, and
-    a step of another length goes on from the a that the last one has left.
+    x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). It starts from M a₀ = sum of all forces. A step
+    of another length continues with the last a.
     """
 
     def __init__(self, flow: AlphaFlow, start: State) -> None:
@@ -233,7 +232,7 @@ class Stepper:
         self.a = mass_solve(flow.M, -flow.residual(self.x, self.v, np.zeros_like(self.v), self.force))
 
     def step(self, h: float) -> None:
-        """One step: one solve with S, p scalar equations, and the stage is right to rounding."""
+        """One step: one solve with S and p scalar equations; the stage equation then holds to rounding."""
         flow, contact = self.flow, self.flow.contact
         part, s, sigma = STAGE * BETA * h * h, GAMMA / (BETA * h), INERTIA / (STAGE * BETA * h * h)
         # the predictor keeps a
@@ -251,7 +250,7 @@ class Stepper:
 
 
 def _contact_force(contact: Sliding, linear: Array, guess: Array, before: Array, C: Array) -> Array:
-    """f(v) with v = linear + C (f(v) - before), by Newton's method that halves its steps; shape (p,)."""
+    """f(v) with v = linear + C (f(v) - before), by Newton's method with step halving; shape (p,)."""
     def gap(v: Array) -> tuple[Array, Array]:
         f = contact.force(v)
         return v - linear - C @ (f - before), f
@@ -275,5 +274,5 @@ def _contact_force(contact: Sliding, linear: Array, guess: Array, before: Array,
                 return contact.force(v)
             break
         v, rest = trial, found
-    raise NotConvergedError(f"the contact's equation is left with a residual of {np.abs(rest).max():.1e}, where Newton's method "
-                            "stalled: several speeds fulfil it, or the friction law jumps; take a smaller step or a larger eps")
+    raise NotConvergedError(f"Newton's method for the contact stalled at a residual of {np.abs(rest).max():.1e}. Either several "
+                            "speeds fulfil the equation, or the friction law jumps. Use a smaller step or a larger eps")

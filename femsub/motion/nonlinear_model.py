@@ -1,4 +1,4 @@
-"""The nonlinear contact of belts with a substructure: what drives it, where it slides steadily, how it is disturbed.
+"""The nonlinear contact of belts with a substructure: friction forces, steady sliding, initial disturbances.
 
     M q̈ + D q̇ + K q = W f(Wᵀq̇),   f_c(v) = F_c μ_c(v0_c - v_c)
 
@@ -23,12 +23,19 @@ from femsub.model.friction import Belt, width_of
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 
-RESIDUE = 16 * EPS  # of the forces that cancel in an equilibrium is left of it by rounding
+RESIDUE = 16 * EPS  # relative to the forces that cancel in an equilibrium: the rounding that remains
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class State:
-    """Displacement q and velocity q̇ in the coordinates of one model, shape (n,) each."""
+    """A state of motion: displacement q and velocity q̇ in the coordinates of one model, shape (n,) each.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.State(displacement=[0.0, 0.1], velocity=[0.0, 0.0])
+    State: 2 DOF, largest |q| 0.1, largest |q̇| 0
+    """
 
     displacement: Array
     velocity: Array
@@ -73,20 +80,20 @@ class Sliding:
         return result
 
     def force(self, v: Array) -> Array:
-        """f(v) = F μ(v0 - v), shape (p,) or (p, m) as v: one row per column of W."""
+        """f(v) = F μ(v0 - v), in the shape of v, (p,) or (p, m): one row per column of W."""
         return self._each("value", v)
 
     def tangent(self, v: Array) -> Array:
-        """df/dv = -F μ'(v0 - v), shape (p,) or (p, m): its diagonal, since each column is a contact of its own."""
+        """The diagonal of df/dv = -F μ'(v0 - v), shape (p,) or (p, m). It is diagonal since each column is a separate contact."""
         return -self._each("slope", v)
 
     def sticks(self, v: Array) -> Array:
-        """Where `Belt.sticks`; bool, (p,) or (p, m) as v."""
+        """Where the contact sticks, see `Belt.sticks`; bool, in the shape of v."""
         return np.array([self.belts[at].sticks(row) for at, row in zip(self.owner, v, strict=True)])
 
     @property
     def widths(self) -> list[float]:
-        """ε of the belts' laws; NaN where one has none."""
+        """ε of the belts' laws; NaN for a law without one."""
         return [width_of(belt.law) for belt in self.belts]
 
     @property
@@ -101,28 +108,28 @@ class Sliding:
         Raises
         ------
         InputError
-            The model floats: friction drags it away, and nothing holds it.
+            The model floats, so nothing balances the friction.
         """
         handle = ShiftInvert(self.model.K, self.model.M)
         if handle.floating:
             handle.release()
-            raise InputError(f"{self.model.name!r} floats ({handle.rigid.shape[1]} rigid-body modes): friction drags it along "
-                             "with the belt and it has no sliding equilibrium; hold it with supports or springs")
+            raise InputError(f"{self.model.name!r} floats ({handle.rigid.shape[1]} rigid-body modes), so the belt drags it away "
+                             "and there is no sliding equilibrium. Hold it with supports or springs")
         found = handle.factor.solve(self.W @ self.force(np.zeros(self.columns)))
         handle.release()
         return found
 
     def pull(self, displacement: Array) -> Array:
-        """W f(0) - K q (n,), what pulls a model at rest towards its equilibrium: 0 where no more than rounding is left of it."""
+        """W f(0) - K q (n,), the force on a model at rest; 0 where only rounding is left of it."""
         f = self.force(np.zeros(self.columns))
         left = self.W @ f - self.model.K @ displacement
         terms = np.abs(self.W) @ np.abs(f) + abs(self.model.K) @ np.abs(displacement)
         return left if np.abs(left).max() > RESIDUE * terms.max() else np.zeros_like(left)
 
     def impulse(self, size: Mapping[str, float] | float = 1e-3) -> State:
-        """q at the sliding equilibrium and q̇ = M⁻¹ W_p J: what a short blow J on a port leaves behind.
+        """The state after a short impulse J on a port: q at the sliding equilibrium, q̇ = M⁻¹ W_p J.
 
-        The same blow is the same physical disturbance for every model: M_r⁻¹ Vᵀw J is the M-orthogonal projection of
+        The same impulse is the same physical disturbance for every model: M_r⁻¹ Vᵀw J is the M-orthogonal projection of
         the full model's M⁻¹ w J. (On a unit mass J is its velocity.)
 
         Parameters
@@ -138,17 +145,17 @@ class Sliding:
         return State(self.equilibrium, mass_solve(self.model.M, load))
 
     def checked(self, start: State) -> State:
-        """A copy of a state to start from, finite and of the model's size."""
+        """A checked copy of an initial state: finite, and of the model's size."""
         instance("start", start, State, "displacement, velocity")
         parts = [(name, real_array(f"the start's {name}", getattr(start, name))) for name in ("displacement", "velocity")]
         for name, part in parts:
             if part.shape != (self.model.size,):
-                raise InputError(f"the start's {name} has the shape {part.shape}; the model has {self.model.size} DOF. A "
-                                 "state of the full model reaches a reduced one by nonlinear_model.project")
+                raise InputError(f"the start's {name} has the shape {part.shape}, but the model has {self.model.size} DOF. "
+                                 "Project a state of the full model onto a reduced one with nonlinear_model.project")
         return State(*(part.copy() for _, part in parts))
 
     def perturbed(self, displacement: Any = 0.0, velocity: Any = 0.0) -> State:
-        """The sliding equilibrium plus what is given in the model's own coordinates, shape (n,) each."""
+        """The sliding equilibrium plus a displacement and a velocity in the model's coordinates, shape (n,) each."""
         parts = [_vector(name, value, self.model.size) for name, value in
                  (("displacement", displacement), ("velocity", velocity))]
         return State(self.equilibrium + parts[0], parts[1])
@@ -160,8 +167,8 @@ def sliding(model: Substructure, belts: Belt | Sequence[Belt], what: str = "the 
     Raises
     ------
     InputError, InputTypeError
-        No belt, a belt without a friction law (a slope alone says nothing beyond the linear border), two belts on one
-        port, an unknown port.
+        No belt, a belt without a friction law (a slope alone is not enough for nonlinear motion), two belts on one port, an
+        unknown port.
     """
     if not isinstance(model, Substructure):
         raise InputTypeError(f"{what} takes a Substructure with a port, not {type(model).__name__}")
@@ -170,29 +177,29 @@ def sliding(model: Substructure, belts: Belt | Sequence[Belt], what: str = "the 
         if not isinstance(belt, Belt):
             raise InputTypeError(f"a contact must be a Belt, not {type(belt).__name__}")
         if belt.law is None:
-            raise InputError(f"the belt on port {belt.port!r} has a slope only; {what} needs a friction law and the belt's "
+            raise InputError(f"the belt on port {belt.port!r} has a slope only, but {what} needs a friction law and the belt's "
                              "speed, e.g. Belt(speed=0.19113, law=StribeckArctan(eps=1e-3))")
     if not contacts:
         raise InputError(f"{what} needs at least one Belt")
     names = [belt.port for belt in contacts]
     if len(set(names)) < len(names):
-        raise InputError(f"two belts act on one port: {names}; give each a port of its own")
+        raise InputError(f"two belts act on one port: {names}. Give each its own port")
     columns = [model.port(belt.port).reshape(model.size, -1) for belt in contacts]
     owner = tuple(at for at, column in enumerate(columns) for _ in range(column.shape[1]))
     return Sliding(model, contacts, np.hstack(columns), owner)
 
 
 def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:
-    """q = M_r⁻¹ Vᵀ M u, shape (n,) or (n, k) to (r,) or (r, k): the M-orthogonal projection of a field of the full model.
+    """The M-orthogonal projection of a field of the full model: q = M_r⁻¹ Vᵀ M u, shape (n,) or (n, k) to (r,) or (r, k).
 
-    M (n, n) is the full model's. V q is then the nearest to u in kinetic energy that the basis can do.
+    M (n, n) is the full model's. V q is the field nearest to u in kinetic energy within the basis.
     """
     if not isinstance(rom, ReducedSubstructure):
         raise InputTypeError(f"project takes a reduced substructure, not {type(rom).__name__}")
     rows = rom.V.shape[0]
     u = np.asarray(field, dtype=float)
     if M.shape != (rows, rows) or u.ndim == 0 or u.shape[0] != rows:
-        raise InputError(f"the basis has {rows} rows, but M is {M.shape} and the field {u.shape}: both belong to the full model")
+        raise InputError(f"the basis has {rows} rows, but M is {M.shape} and the field {u.shape}. Give those of the full model")
     return mass_solve(rom.M, rom.V.T @ (M @ u))
 
 
@@ -209,8 +216,8 @@ def mass_solve(M: Matrix, load: Array) -> Array:
     try:
         handle = factorise(M, "definite")
     except SingularMatrixError:
-        raise InputError("M is singular (massless DOF): a blow or a field of velocities has no meaning there; "
-                         "condense those DOF, or reduce the model first") from None
+        raise InputError("M is singular (massless DOF), so an impulse or a field of velocities has no meaning there. "
+                         "Condense those DOF, or reduce the model first") from None
     found = handle.solve(load)
     handle.close()
     return found

@@ -1,7 +1,7 @@
-"""What a trajectory shows: amplitude, frequencies, their change in time, sticking, growth of the first phase.
+"""Evaluation of signals: amplitude, spectrum, spectrogram, sticking, growth rate.
 
-All take the times and a signal on a uniform grid, e.g. run.t and run.velocity("belt"), and `between` = (from, to) to look at a
-part. Frequencies are in radians per unit of time, amplitudes in the signal's unit: a sin(ωt) shows as a at ω.
+All functions take the times and a signal on a uniform grid, e.g. run.t and run.velocity("belt"), and `between` = (from, to)
+to select a part. Frequencies are in radians per unit of time, amplitudes in the signal's unit: a sin(ωt) has a at ω.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from femsub.errors import InputError
 from femsub.model.friction import STICKING
 from femsub.motion.transient import Transient
 
-WINDOW = "blackman"  # side lobes at -58 dB; the main lobe ends 3 bins off the middle
+WINDOW = "blackman"  # side lobes at -58 dB; the main lobe ends 3 bins from its centre
 LOBE = 3.0
-PADDED = 4  # times the length, for the interpolation of peaks
-FEWEST = 32  # points that make a spectrum
-FEWEST_PEAKS = 5  # of |signal| that make a growth rate
+PADDED = 4  # factor of zero padding, for the interpolation of peaks
+FEWEST = 32  # smallest number of points for a spectrum
+FEWEST_PEAKS = 5  # smallest number of peaks of |signal| for a growth rate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,9 +31,9 @@ class Spectrum:
     ----------
     omega, amplitude : ndarray, shape (m,)
     peaks, heights : ndarray, shape (k,)
-        Where the amplitude peaks, the highest first, by a parabola through the logarithms of three points.
+        Frequencies and heights of the peaks, the highest first, by a parabola through the logarithms of three points.
     resolution : float
-        2π / length of the window: peaks nearer than three times that are one.
+        2π / length of the window; peaks closer than three times this merge.
     """
 
     omega: Array
@@ -49,12 +49,12 @@ class Spectrum:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spectrogram:
-    """Spectra of a window that moves along: amplitude (len(omega), len(t)), t the middles of the windows."""
+    """Spectra of a moving window: amplitude (len(omega), len(t)), with t the centres of the windows."""
 
     t: Array
     omega: Array
     amplitude: Array
-    length: float  #: of the window, in time
+    length: float  #: length of the window in time
 
     def __repr__(self) -> str:
         return f"Spectrogram: {len(self.t)} windows of {self.length:g} from t = {self.t[0]:g} to {self.t[-1]:g}, " \
@@ -65,7 +65,7 @@ class Spectrogram:
 class Growth:
     """x ≈ a exp(rate t) cos(omega t + φ): `rate` fitted to the logarithms of the peaks of |x| over `between`.
 
-    `spread` is the standard error of the rate; a large one says that this was no exponential phase.
+    `spread` is the standard error of the rate. A large one means that the growth was not exponential.
     """
 
     rate: float
@@ -76,14 +76,22 @@ class Growth:
 
 def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None, *, count: int = 8,
              floor: float = 0.01) -> Spectrum:
-    """Amplitudes over ω, and the `count` highest peaks of at least `floor` times the highest.
+    """The amplitude spectrum of a signal with a Blackman window, and its highest peaks.
 
-    Below a floor of 0.0013 the window's own side lobes show as peaks.
+    Listed are the `count` highest peaks of at least `floor` times the highest. With a floor below 0.0013 the side lobes of
+    the window appear as peaks.
 
     Raises
     ------
     InputError
-        Fewer than 32 points.
+        Fewer than 32 points, or no uniform grid.
+
+    Examples
+    --------
+    >>> import femsub as fs, numpy as np
+    >>> t = np.linspace(0, 50, 2000)
+    >>> fs.spectrum(t, 0.5 * np.sin(2 * t)).peaks.round(2)
+    array([2.])
     """
     from scipy.fft import next_fast_len, rfft
     from scipy.signal import get_window
@@ -113,7 +121,7 @@ def _peaks(omega: Array, amplitude: Array, count: int, floor: float, apart: floa
 
 
 def _parabola(y: Array) -> tuple[float, float]:
-    """Place (in steps from the middle) and height of the vertex through three values."""
+    """Position (in steps from the middle) and height of the vertex of a parabola through three values."""
     curve, slope = y[0] - 2 * y[1] + y[2], (y[2] - y[0]) / 2
     place = -slope / curve if curve < 0 else 0.0
     return float(place), float(y[1] + slope * place / 2)
@@ -121,9 +129,17 @@ def _parabola(y: Array) -> tuple[float, float]:
 
 def spectrogram(t: Array, signal: Array, length: float, *, between: tuple[float, float] | None = None,
                 windows: int = 200) -> Spectrogram:
-    """Short-time spectra by scipy.signal.ShortTimeFFT with a Blackman window of `length` (time), `windows` places for it.
+    """The change of a signal's spectrum in time: short-time spectra by scipy.signal.ShortTimeFFT.
 
-    The mean of each window is taken out.
+    A Blackman window of `length` (in time) is moved to about `windows` positions. The mean of each window is removed.
+
+    Examples
+    --------
+    >>> import femsub as fs, numpy as np
+    >>> t = np.linspace(0, 50, 2000)
+    >>> found = fs.spectrogram(t, np.sin(2 * t), length=20.0, windows=5)
+    >>> found.amplitude.shape == (len(found.omega), len(found.t))
+    True
     """
     from scipy.signal import ShortTimeFFT, get_window
 
@@ -142,30 +158,59 @@ def spectrogram(t: Array, signal: Array, length: float, *, between: tuple[float,
 
 
 def rms(t: Array, signal: Array, between: tuple[float, float] | None = None) -> float:
-    """Root of the mean square of x - x̄."""
+    """The root mean square of a signal about its mean: sqrt(mean((x - x̄)²)).
+
+    Examples
+    --------
+    >>> import femsub as fs, numpy as np
+    >>> t = np.linspace(0, 20 * np.pi, 2000)
+    >>> print(f"{fs.rms(t, np.sin(t)):.3f}")
+    0.707
+    """
     return float(_part(t, signal, between, 2)[1].std())
 
 
 def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | None = None, *,
              multiple: float = STICKING, below: float | None = None) -> float:
-    """The share of the time in which |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without an ε."""
+    """The share of the time in which a belt's contact sticks: |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without ε.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> run = fs.transient(fs.chain(5, belt=2), fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2)), (0, 20))
+    >>> fs.sticking(run)
+    0.0
+    """
     belt = instance("run", run, Transient).belt(port)
     part = _part(run.t, run.velocity(port), between, 1)[1]
     return float(np.mean(belt.sticks(part, multiple, below)))
 
 
 def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = None, *, below: float | None = None) -> Growth:
-    """σ of x ≈ a exp(σt) cos(ωt + φ): a straight line through the logarithms of the peaks of |x|, whose mean must be 0.
+    """The growth rate σ of a signal x ≈ a exp(σt) cos(ωt + φ) with zero mean.
+
+    σ is the slope of a straight line through the logarithms of the peaks of |x|.
 
     Parameters
     ----------
+    t, signal : ndarray, shape (m,)
+        A uniform grid.
+    between : (from, to), optional
+        The part to use.
     below : float, optional
-        Only peaks before |x| first exceeds it: the phase of growth, before friction's nonlinearity ends it.
+        Use only peaks before |x| first exceeds this value, that is before nonlinear friction limits the growth.
 
     Raises
     ------
     InputError
         Fewer than five peaks: the window is too short, or the grid too coarse.
+
+    Examples
+    --------
+    >>> import femsub as fs, numpy as np
+    >>> t = np.linspace(0, 50, 2000)
+    >>> print(f"{fs.growth_rate(t, np.exp(0.05 * t) * np.cos(2 * t)).rate:.4f}")
+    0.0500
     """
     from scipy.signal import find_peaks
 
@@ -177,7 +222,7 @@ def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = N
     y = np.abs(x)
     at, _ = find_peaks(y)
     if len(at) < FEWEST_PEAKS:
-        raise InputError(f"a growth rate needs at least {FEWEST_PEAKS} peaks of |x|, but there are {len(at)}: take a longer "
+        raise InputError(f"a growth rate needs at least {FEWEST_PEAKS} peaks of |x|, but there are {len(at)}. Use a longer "
                          "window, a finer grid or a larger `below`")
     refined = [_parabola(y[i - 1:i + 2]) for i in at]
     places = times[at] + step * np.array([place for place, _ in refined])
@@ -191,13 +236,13 @@ def _part(t: Any, signal: Any, between: tuple[float, float] | None, fewest: int)
     """The part of a signal, its times and its step, checked."""
     times, x = real_array("t", t), real_array("signal", signal, finite=False)
     if times.ndim != 1 or x.shape != times.shape:
-        raise InputError(f"t and the signal must have one and the same length, but their shapes are {times.shape} and {x.shape}; "
-                         "of a port with several columns take one")
+        raise InputError(f"t and the signal must have the same length, but their shapes are {times.shape} and {x.shape}. "
+                         "If the port has several columns, select one")
     if between is not None:
         lo, hi = between = interval("between", between)
         inside = (times >= lo) & (times <= hi)
         times, x = times[inside], x[inside]
     if len(times) < fewest:
         span = "the signal" if between is None else f"the part between {between[0]:g} and {between[1]:g}"
-        raise InputError(f"{span} has {len(times)} points; at least {fewest} are needed")
+        raise InputError(f"{span} has {len(times)} points, but at least {fewest} are needed")
     return times, x, float((times[-1] - times[0]) / (len(times) - 1)) if len(times) > 1 else np.nan

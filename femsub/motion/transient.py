@@ -1,4 +1,4 @@
-"""The nonlinear model in time: M q̈ + D q̇ + K q = W f(Wᵀq̇), full and reduced alike."""
+"""The nonlinear model in time: M q̈ + D q̇ + K q = W f(Wᵀq̇), full or reduced."""
 
 from __future__ import annotations
 
@@ -26,24 +26,23 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-DENSE = 300  # up to so many DOF a sparse model is integrated as a dense one
-LARGEST = 2000  # DOF for the integrators of dense models
+DENSE = 300  # DOF up to which a sparse model is integrated as a dense one
+LARGEST = 2000  # DOF up to which the integrators for dense models may be used
 TOL = {"dense": 1e-9, "alpha": 1e-5}
-POINTS = 16  # per period of the highest mode, on the grid that is recorded
-MOST_ASKED = 10**8  # points of the record, 1.6 GB for each port
-MOST_POINTS = 200_000  # where nothing else is said
-FAINT = 1e-6  # of the energy there is: changes below it are no measure of the balance
-UNKNOWN = 2000  # points where no highest mode is known
-ROUNDING = 1e-9  # of a step, by which the grid may reach beyond the end
-TELL = 0.3  # seconds between two words of progress
+POINTS = 16  # recorded points per period of the highest mode
+MOST_ASKED = 10**8  # largest number of recorded points that may be requested: 1.6 GB for each port
+MOST_POINTS = 200_000  # largest number of recorded points by default
+FAINT = 1e-6  # the energy balance is relative to at least this share of the energy
+UNKNOWN = 2000  # recorded points if the highest mode is not known
+ROUNDING = 1e-9  # share of a step by which the grid may extend beyond the end
+TELL = 0.3  # seconds between two progress messages
 
 
 @dataclass(frozen=True)
 class EnergyBalance:
-    """work = dissipation + change: ∫ fᵀWᵀq̇ dt = ∫ q̇ᵀDq̇ dt + Δ(½q̇ᵀMq̇ + ½qᵀKq), and `residual`, what is missing.
+    """The energy balance work = dissipation + change: ∫ fᵀWᵀq̇ dt = ∫ q̇ᵀDq̇ dt + Δ(½q̇ᵀMq̇ + ½qᵀKq), and its `residual`.
 
-    `residual` is relative to the largest of the three (and to no less than a millionth of the energy there is, where nothing
-    much happens).
+    `residual` is relative to the largest of the three terms, and to at least a millionth of the energy.
     """
 
     work: float
@@ -54,7 +53,7 @@ class EnergyBalance:
 
 @dataclass(frozen=True)
 class Effort:
-    """What a run has cost: steps, evaluations of the right-hand side and of the Jacobian, seconds of wall time."""
+    """The cost of a run: steps, evaluations of the right-hand side and of the Jacobian, seconds of wall time."""
 
     method: str
     tol: float
@@ -66,7 +65,7 @@ class Effort:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Transient:
-    """A trajectory, seen through ports on a uniform grid.
+    """A trajectory in time, recorded at ports on a uniform grid, made by `transient`.
 
     Attributes
     ----------
@@ -74,21 +73,28 @@ class Transient:
         The model and its belts.
     t : ndarray, shape (m,)
     displacements, velocities : mapping of str to ndarray, shape (m,) or (m, p)
-        wᵀq and wᵀq̇ on each port recorded.
+        wᵀq and wᵀq̇ at each recorded port.
     states : tuple of ndarray, shape (m, n), or None
         q and q̇ with record="states".
     start, final : State
-        Where it began and where it stands: hand `final` to another run as its `start` to go on.
+        The initial and the final state. Give `final` as `start` of another run to continue.
     end : float
         The time of `final`.
     complete : bool
-        False if it was interrupted; what was reached by then is here.
+        False if the run was interrupted; the record then ends early.
     energy : EnergyBalance
     effort : Effort
     error : float or None
-        The local errors of the velocities over the size of the motion, added up over the steps: an estimate of the error at the
-        end, where disturbances grow or decay as the motion does. On a limit cycle it is mostly a shift in time. The energy
-        balance knows nothing of it. None for SciPy's integrators, which do not tell their local errors.
+        The sum of the local errors of the velocities, relative to the size of the motion: an estimate of the error at the end.
+        It assumes that disturbances grow or decay like the motion. On a limit cycle the error is mostly a shift in time. The
+        energy balance does not show it. None for SciPy's integrators, which do not report local errors.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> run = fs.transient(fs.chain(5, belt=2), fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2)), (0, 20), samples=100)
+    >>> run.complete, run.velocity("belt").shape, run.energy.residual < 1e-6
+    (True, (101,), True)
     """
 
     contact: Sliding
@@ -142,7 +148,7 @@ class Transient:
     def _recorded(self, histories: Mapping[str, Array], name: str) -> Array:
         if name not in histories:
             if name in self.contact.model.ports:
-                raise InputError(f"port {name!r} was not recorded; ask for it with transient(..., ports=[{name!r}])")
+                raise InputError(f"port {name!r} was not recorded. Ask for it with transient(..., ports=[{name!r}])")
             raise unknown_name("port", name, histories)
         return histories[name]
 
@@ -152,7 +158,7 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
               step: float | None = None, samples: int | None = None, record_from: float | None = None,
               record: str = "ports", tol: float | None = None, method: str = "auto",
               progress: Callable[[str], None] | None = None) -> Transient:
-    """M q̈ + D q̇ + K q = W f(Wᵀq̇) over time = (t0, t1), recorded on a uniform grid.
+    """The nonlinear motion of a model under its belts in time: M q̈ + D q̇ + K q = W f(Wᵀq̇) from t0 to t1.
 
     Parameters
     ----------
@@ -160,38 +166,50 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
         Full or reduced; M must not be singular.
     belts : Belt or sequence of Belt
         On any ports, of one or several columns; each needs a friction law.
+    time : (t0, t1)
+        Start and end.
     start : State, optional
-        q and q̇ in the model's coordinates at t0. Default: sliding equilibrium and a blow on a port, see `impulse`.
+        q and q̇ in the model's coordinates at t0. Default: sliding equilibrium and an impulse on a port, see `impulse`.
     impulse : float or mapping of str to float
-        The blow (mass · length / time), 1e-3 on the first belt's port by default. The same blow is the same physical
+        The impulse (mass · length / time), by default 1e-3 on the first belt's port. The same impulse is the same physical
         disturbance for every model, see `Sliding.impulse`.
     ports : sequence of str
-        Recorded besides the belts' ports.
+        Ports to record besides those of the belts.
     step, samples, record_from
-        The grid: from record_from (default t0) in steps of `step`, or in so many equal intervals up to t1. Default:
-        16 points per period of the highest mode, at most 200,000 in all; of a sparse model 2,000.
+        The grid: from record_from (default t0) in steps of `step`, or in `samples` equal intervals up to t1. Default:
+        16 points per period of the highest mode, at most 200,000 in all; 2,000 for a sparse model.
     record : str
         'ports', or 'states' for all coordinates as well (2 n numbers per point).
     tol : float
-        Local error: tol times (value + scale); the scale of velocities is the belts' speed, or the motion's where that is
-        smaller. See `first_order` (default 1e-9) and `generalised_alpha` (default 1e-5).
+        Bound of the local error: tol times (value + scale). The scale of velocities is the smaller of the belts' speed and the
+        motion's. See `first_order` (default 1e-9) and `generalised_alpha` (default 1e-5).
     method : str
         'lsoda', 'dop853', 'radau', 'bdf' (SciPy's) for dense models, 'alpha' (the generalised-α method) for sparse ones; 'auto'
         is lsoda for dense models and sparse ones of up to 300 DOF.
     progress : callable, optional
-        Is told, now and then, how far the run has come.
+        Called now and then with a line of text.
+
+    Returns
+    -------
+    Transient
 
     Raises
     ------
     InputError, InputTypeError
-        What cannot be integrated: times that do not ascend, NaN in the start, a singular M, a belt without a law, a floating
-        model without a start of its own.
+        Times that do not ascend, NaN in the start, a singular M, a belt without a law, a floating model without a `start`.
     NotConvergedError
-        The integrator gave up.
+        The integrator failed.
 
     Notes
     -----
-    Ctrl-C ends a run, not the program: what was reached comes back with `complete` False.
+    Ctrl-C ends the run but not the program: the part computed so far is returned, with `complete` False.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> run = fs.transient(fs.chain(5, belt=2), fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2)), (0, 20), samples=100)
+    >>> print(f"{run.t[0]:g} to {run.t[-1]:g} in {len(run.t)} points")
+    0 to 20 in 101 points
     """
     began = clock.perf_counter()
     contact = sliding(model, belts, "transient")
@@ -203,7 +221,7 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     choice("record", record, ("ports", "states"))
     columns, slices = _columns(contact, ports)
     if start is not None and impulse is not None:
-        raise InputError("give either start or impulse: an impulse starts from the sliding equilibrium")
+        raise InputError("give either start or impulse, not both: an impulse starts from the sliding equilibrium")
     first = contact.impulse(1e-3 if impulse is None else impulse) if start is None else contact.checked(start)
     flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns, record == "states")
     before = flow.balance[2]
@@ -242,7 +260,7 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
         apart = float(points[1] - points[0]) if len(points) > 1 else time[1] - time[0]
         return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns, whole), points
     if model.size > LARGEST:
-        raise InputError(f"{method!r} is for dense models of up to {LARGEST} DOF, and {model.name!r} has {model.size}; take "
+        raise InputError(f"{method!r} is for dense models of up to {LARGEST} DOF, but {model.name!r} has {model.size}. Use "
                          "method='alpha', or reduce the model first")
     system = equations(contact, start)
     points = _grid(*time, *grid, system.highest)
@@ -251,7 +269,7 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
 
 
 def _columns(contact: Sliding, ports: Sequence[str]) -> tuple[Array, dict[str, Any]]:
-    """What is observed, (n, c), and where each port stands in it: an index for a port of one column, else a slice."""
+    """The recorded columns, (n, c), and the position of each port in them: an index for a port of one column, else a slice."""
     asked = [word("ports", name) for name in items("ports", ports, "names of ports")]
     names = dict.fromkeys([*(belt.port for belt in contact.belts), *asked])
     parts, places, at = [], {}, 0
@@ -269,7 +287,7 @@ def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_
     if not t0 <= begin < t1:
         raise InputError(f"record_from must lie in the time from {t0:g} to {t1:g}, but is {begin:g}")
     if step is not None and samples is not None:
-        raise InputError("give either step or samples: one follows from the other")
+        raise InputError("give either step or samples, not both: one follows from the other")
     if samples is not None:
         whole_number("samples", samples, least=1, most=MOST_ASKED)
         return np.linspace(begin, t1, samples + 1)
@@ -277,16 +295,17 @@ def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_
         step = 2 * np.pi / (POINTS * highest) if highest else (t1 - begin) / UNKNOWN
         step = max(step, (t1 - begin) / MOST_POINTS)
     elif (t1 - begin) / positive_number("step", step) > MOST_ASKED:
-        raise InputError(f"a step of {step:g} makes {(t1 - begin) / step:.1e} points; at most {MOST_ASKED:.0e} are recorded")
+        raise InputError(f"a step of {step:g} gives {(t1 - begin) / step:.1e} points, but at most {MOST_ASKED:.0e} are possible. "
+                         "Use a larger step, or record_from")
     step = float(step)
     return begin + step * np.arange(int((t1 - begin) / step + ROUNDING) + 1)
 
 
 def _stretches(t0: float, t1: float, grid: Array, longest: float) -> Iterator[tuple[Array, Array]]:
-    """Times to integrate at a stretch, each from the end of the last, and which of them are recorded.
+    """Times to integrate in one call, each from the end of the last, and which of them are recorded.
 
-    The ends are points of the grid as soon as there is one, and depend on the grid and the model only: a run can be repeated to
-    the last digit.
+    The ends are points of the grid, once there is one. They depend on the grid and the model only, so a run can be repeated
+    exactly.
     """
     lead = np.linspace(t0, grid[0], int(np.ceil((grid[0] - t0) / longest)) + 1)
     for begin, end in pairwise(lead):

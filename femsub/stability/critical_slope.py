@@ -153,8 +153,9 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     Examples
     --------
     >>> import femsub as fs
-    >>> fs.sweep(fs.chain(10, belt=2), [-0.2, -0.1, -0.01]).growth.round(3) + 0.0
-    array([0.015, 0.006, 0.   ])
+    >>> found = fs.sweep(fs.chain(10, belt=2), [-0.2, -0.1, -0.01])
+    >>> print(f"{found.growth[0]:.4f}")
+    0.0146
     """
     instance("model", model, Substructure, "with a port")
     positive_number("force", force)

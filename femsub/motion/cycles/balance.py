@@ -25,14 +25,14 @@ from femsub.errors import NotConvergedError
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
 
-ALIASING = 1e-7  # samples are doubled until v changes by less than this, relatively
-SAMPLES = 2**17  # the most that are taken of one period
+ALIASING = 1e-7  # samples are doubled until the relative change of v is smaller
+SAMPLES = 2**17  # largest number of samples per period
 STEP = 1e-9  # relative size of a Newton step at which the iteration ends
 
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """v_k (H, p) of k = 1 … H and ω: what is solved for, before anything is said about it."""
+    """The unknowns of harmonic balance: v_k (H, p), k = 1 … H, and ω."""
 
     v: Array
     omega: float
@@ -43,7 +43,7 @@ class Orbit:
 
     @cached_property
     def norm(self) -> float:
-        """Root of the mean square of v over one period, summed over the columns."""
+        """Root mean square of v over one period, summed over the columns."""
         return float(np.sqrt(2) * np.linalg.norm(self.v))
 
     @property
@@ -57,7 +57,7 @@ class Orbit:
         return Orbit((x[:half] + 1j * x[half:-1]).reshape(self.v.shape), float(x[-1]))
 
     def with_harmonics(self, count: int) -> Orbit:
-        """Cut off, or filled up with zeros."""
+        """The orbit truncated, or padded with zeros."""
         v = np.zeros((count, self.v.shape[1]), dtype=complex)
         v[:min(count, len(self.v))] = self.v[:count]
         return Orbit(v, self.omega)
@@ -76,7 +76,7 @@ def samples_of(v: Array, count: int) -> Array:
 
 
 def power_of_two(least: int) -> int:
-    """The first power of two from `least` on: so many samples an FFT takes best."""
+    """The first power of two from `least` on, the best length for an FFT."""
     return 1 << (least - 1).bit_length()
 
 
@@ -92,7 +92,7 @@ class Balance:
         self.contact, self.flexibility = contact, flexibility
 
     def samples(self, orbit: Orbit) -> int:
-        """How many samples f_k needs for R to be free of aliasing: a power of two."""
+        """The number of samples, a power of two, for which R is free of aliasing."""
         H = orbit.harmonics
         count = power_of_two(max(64, 4 * H + 2))
         f = coefficients(self.contact.force(orbit.samples(count)), H)
@@ -106,7 +106,7 @@ class Balance:
         return count
 
     def residual(self, orbit: Orbit, count: int) -> tuple[Array, Array, Array, Array]:
-        """R (H, p), and Y, dY/dω, f to go with it."""
+        """R (H, p), and Y, dY/dω, f at the same orbit."""
         k = np.arange(1, orbit.harmonics + 1)
         Y, slope = self.flexibility.mobility(1j * orbit.omega * k)
         f = coefficients(self.contact.force(orbit.samples(count)), orbit.harmonics)[1:]
@@ -123,7 +123,7 @@ class Balance:
         two = g[k[:, None] + k]
         J = np.empty((2, H, p, 2, H, p))
         for part, sign, unit in ((0, 1, 1.0), (1, -1, 1j)):
-            # column c of the contact feels its own speed only; Y couples the columns
+            # column c of the contact depends on its own speed only; Y couples the columns
             change = -unit * np.einsum("kic,kjc->kijc", Y, one + sign * two)
             J[0, :, :, part], J[1, :, :, part] = change.real, change.imag
         at = np.arange(H)
@@ -134,8 +134,9 @@ class Balance:
         return np.hstack([J.reshape(2 * H * p, 2 * H * p), np.concatenate([omega.real.ravel(), omega.imag.ravel()])[:, None]])
 
     def unresolved(self, orbit: Orbit, target: float = 0.0) -> tuple[float, float, int]:
-        """What is left out, relative to v: ‖Y_k f_k‖ over k > H; the aliasing of k ≤ H; and how many harmonics it takes for the
-        first of these, with the f_k of this orbit, to be no more than a target, by default a tenth of what it is now.
+        """Errors relative to v: truncation ‖Y_k f_k‖ over k > H, and aliasing of k ≤ H; and a sufficient number of harmonics.
+
+        With that number, and the f_k of this orbit, the truncation is at most `target`, by default a tenth of its value now.
         """
         H = orbit.harmonics
         used = self.samples(orbit)
@@ -146,19 +147,19 @@ class Balance:
         Y = self.flexibility.estimate(1j * orbit.omega * np.arange(1, top + 1))
         rest = np.linalg.norm(np.einsum("kij,kj->ki", Y, f), axis=1)
         size = float(np.linalg.norm(orbit.v)) or 1.0
-        beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # ‖.‖ over all from k on
+        beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # ‖.‖ over all harmonics from k on
         truncation = float(beyond[H]) if top > H else 0.0
         enough = np.flatnonzero(beyond <= (target or 0.1 * truncation))
         alias = float(np.linalg.norm(np.einsum("kij,kj->ki", Y[:H], coarse - f[:H]))) / size
         return truncation, alias, int(enough[0]) if len(enough) else top
 
     def solve(self, orbit: Orbit, *, rounds: int = 40, tolerance: float = STEP) -> tuple[Orbit, float, int]:
-        """Newton's method with a line search and the phase condition Σ k Im(v̄_k δv_k) = 0; ‖R‖/‖v‖ and the steps taken.
+        """Newton's method with a line search and the phase condition Σ k Im(v̄_k δv_k) = 0; returns ‖R‖/‖v‖ and the steps, too.
 
         Raises
         ------
         NotConvergedError
-            The steps did not become small, or v did: that is steady sliding.
+            The steps did not become small, or v became 0, which is steady sliding.
         """
         start, count = orbit.norm, self.samples(orbit)
         parts = self.residual(orbit, count)
@@ -168,13 +169,13 @@ class Balance:
             try:
                 step = -la.solve(J, right, check_finite=False)
             except (la.LinAlgError, ValueError):
-                raise NotConvergedError(f"harmonic balance met a singular Jacobian at ω = {orbit.omega:.6g} in step {turn}: this "
-                                        "is a fold; use fs.branch, which goes around it") from None
+                raise NotConvergedError(f"harmonic balance met a singular Jacobian at ω = {orbit.omega:.6g} in step {turn}, "
+                                        "probably at a fold. Use fs.branch, which follows the branch around it") from None
             size = self.size(orbit, step)
             orbit, parts = self._searched(orbit, step, size, parts, count)
             if orbit.norm < 1e-3 * start or not orbit.omega > 0:
-                raise NotConvergedError("the iteration fell back to steady sliding: there is no cycle near the starting guess; "
-                                        "start elsewhere, such as from a transient's signal: start=(t, v)")
+                raise NotConvergedError("the iteration fell back to steady sliding: there is no cycle near the initial guess. "
+                                        "Give another start, e.g. a transient's signal: start=(t, v)")
             if size <= tolerance or (size <= 1e-6 and turn > 12):
                 return orbit, float(np.linalg.norm(parts[0]) / np.linalg.norm(orbit.v)), turn
             if size < 0.1:
@@ -182,7 +183,7 @@ class Balance:
                 if needed != count:
                     count, parts = needed, self.residual(orbit, needed)
         raise NotConvergedError(f"harmonic balance with {orbit.harmonics} harmonics did not converge: after {rounds} steps the "
-                                f"last was {size:.1e} of the cycle, and {tolerance:g} is asked; start nearer, such as from a "
+                                f"last relative step was {size:.1e}, above {tolerance:g}. Give a better start, e.g. a "
                                 "transient's signal: start=(t, v)")
 
     def size(self, orbit: Orbit, step: Array) -> float:
@@ -213,7 +214,7 @@ class Balance:
 
 
 def in_phase(orbit: Orbit) -> Orbit:
-    """The same orbit, begun where its largest harmonic has its crest (of the first column that moves most)."""
+    """The same orbit, shifted in time such that its largest harmonic is real and positive (first column that moves most)."""
     column = int(np.argmax(np.linalg.norm(orbit.v, axis=0)))
     k = int(np.argmax(np.abs(orbit.v[:, column])))
     turn = -np.angle(orbit.v[k, column]) / (k + 1)

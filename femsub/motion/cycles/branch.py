@@ -1,8 +1,8 @@
 """Branches of limit cycles over the belt's speed, the normal force or the slope of the friction, with their special points.
 
-A branch begins at a Hopf point, where steady sliding loses its stability, or at a known cycle. Along it the Floquet multipliers
-tell which cycles are stable, and where that changes, how: at a fold one passes +1 and the branch turns back; at a period
-doubling one passes -1; at a Neimark-Sacker point a pair leaves the unit circle, and quasi-periodic motion begins.
+A branch begins at a Hopf point, where steady sliding loses its stability, or at a known cycle. The Floquet multipliers tell
+which cycles are stable, and how stability changes. At a fold one multiplier passes +1, and the branch turns back. At a period
+doubling one passes -1. At a Neimark-Sacker point a pair leaves the unit circle, and quasi-periodic motion begins.
 """
 
 from __future__ import annotations
@@ -29,17 +29,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Branch:
-    """Limit cycles over a parameter.
+    """A branch of limit cycles over a parameter of a belt, made by `branch`.
 
     Attributes
     ----------
     parameter : str
+        'slope', 'speed' or 'force'.
     values : ndarray, shape (m,)
+        The parameter at each point.
     points : tuple of LimitCycle, length m
     special : tuple of SpecialPoint
+        Folds, period doublings, Neimark-Sacker and branch points.
     hopf : HopfPoint or None
+        Where the branch begins, if at a Hopf point.
     ended : str
         Why the branch ends where it does.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> belt = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    >>> found = fs.branch(fs.chain(5, belt=2), belt, points=3)
+    >>> found.parameter, found.hopf.supercritical, found.ended
+    ('slope', True, '3 points')
     """
 
     parameter: str
@@ -66,13 +78,13 @@ class Branch:
         return tuple(point.is_stable for point in self.points)
 
     def at(self, value: float) -> list[LimitCycle]:
-        """The points of the branch next to a value of the parameter, one for each time the branch passes it, none twice.
+        """The points of the branch next to a value of the parameter: one for each time the branch passes it, without duplicates.
 
-        A branch that passes the value, turns, and passes it again within two steps has one point there, and lists that one.
+        If the branch passes the value, turns and passes it again within two steps, only one point is listed.
         """
         gap = np.sign(self.values - value)
         size = np.abs(self.values - value)
-        passes = np.flatnonzero(gap[1:] * gap[:-1] < 0)  # a point at the value itself belongs to two steps: it is taken apart
+        passes = np.flatnonzero(gap[1:] * gap[:-1] < 0)  # a point exactly at the value belongs to two steps: treated separately
         near = np.concatenate([np.flatnonzero(gap == 0), np.where(size[passes] <= size[passes + 1], passes, passes + 1)])
         return [self.points[i] for i in np.unique(near)]
 
@@ -94,7 +106,9 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
            between: tuple[float, float] | None = None, *, start: float | LimitCycle | None = None, port: str | None = None,
            points: int = 150, harmonics: int = 400, tolerance: float = 1e-3, stability: bool = True,
            progress: Callable[[str], None] | None = None) -> Branch:
-    """Limit cycles over `parameter`, from a Hopf point or a cycle on.
+    """Follow a branch of limit cycles over a parameter of a belt, from a Hopf point or a known cycle on.
+
+    The unknowns are those of `harmonic_balance`; the branch is followed by pseudo-arclength continuation.
 
     Parameters
     ----------
@@ -102,22 +116,28 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
     parameter : {'slope', 'speed', 'force'}
         'slope' is μ' at the belt's speed, varied by the falling part of the law (`StribeckArctan.with_slope`).
     between : (lo, hi), optional
-        Range of the parameter at whose ends the branch ends. By default to five times the slope or the force of the Hopf point;
-        for the speed, a fifth to five times the belt's.
+        Range of the parameter; the branch ends at its ends. Default: up to five times the slope or the force of the Hopf point;
+        for the speed, a fifth to five times the belt's speed.
     start : float or LimitCycle, optional
-        Nothing for the Hopf point of `critical_slope` (the first); a frequency, for that of the crossing nearest to it; or a
-        cycle of this model under these belts, from which the branch goes both ways.
+        Default: the first Hopf point, from `critical_slope`. A frequency: the Hopf point nearest to it. A cycle of this
+        model under these belts: the branch is followed from it in both directions.
     port : str, optional
-        The belt that is varied, the first by default.
+        The port of the belt that is varied; default: the first.
     points : int
-        Cycles after which the branch ends.
+        Largest number of cycles.
     harmonics : int
-        The most that are used.
+        Largest number of harmonics.
     tolerance : float
-        What the harmonics left out may move, relative to the cycle, before more are used.
+        Largest effect of the neglected harmonics, relative to the cycle, before more are used.
     stability : bool
-        Whether multipliers are computed (dense models), and special points other than folds named. False holds for the cycles
-        of the branch as well.
+        Whether to compute multipliers (dense models) and to name special points other than folds. False also holds for the
+        cycles of the branch.
+    progress : callable, optional
+        Called now and then with a line of text.
+
+    Returns
+    -------
+    Branch
 
     Raises
     ------
@@ -126,6 +146,18 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
         branch begins there; an unknown parameter or port; zero force; a cycle with another number of contact columns.
     NotConvergedError
         The first cycles were not found.
+
+    References
+    ----------
+    M. Krack, J. Gross, Harmonic Balance for Nonlinear Vibration Problems, Springer (2019), ch. 4.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> belt = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    >>> found = fs.branch(fs.chain(5, belt=2), belt, points=3)
+    >>> print(found.stable)
+    (True, True, True)
     """
     contact = sliding(model, belts, "a branch of limit cycles")
     choice("parameter", parameter, PARAMETERS)
@@ -138,9 +170,9 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
     at = 0 if port is None else ports.index(choice("belt's port", port, ports))
     belt = contact.belts[at]
     if parameter != "speed" and not belt.speed:
-        raise InputError("the belt is at rest and brings no energy: give it a speed")
+        raise InputError("the belt is at rest and supplies no energy. Give it a speed")
     if parameter != "force" and belt.force == 0:
-        raise InputError("the normal force is zero: nothing excites the model; give the belt a force")
+        raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
     flexibility = flexibility_of(contact, start)
     tell = listener("progress", progress)
     if isinstance(start, LimitCycle):
@@ -154,7 +186,7 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
     if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float))):
         raise InputTypeError(f"start must be a frequency or a LimitCycle, not {type(start).__name__}")
     if len(contact.belts) > 1:
-        raise InputError("with several belts a branch begins at a cycle: give start=, from fs.harmonic_balance")
+        raise InputError("with several belts a branch must begin at a known cycle. Give start=, a cycle from fs.harmonic_balance")
     hopf, shape = hopf_point(contact, flexibility, parameter, between, start)
     limits = limits_of(between, parameter, hopf.value, belt)
     path = _path(contact, flexibility, parameter, at, limits, hopf.omega, tolerance, harmonics)

@@ -1,10 +1,10 @@
-"""The dynamic compliance of a contact: what a model of any size is, seen from under its belts.
+"""The dynamic compliance of a model at its belts' ports, for models of any size.
 
     h(s) = Wᵀ(s²M + sD + K)⁻¹W,   Y(s) = s h(s),   both (p, p)
 
 Y is the mobility: v_k = Y(ikω) f_k is the speed under the belts that harmonic k of the friction causes. Harmonic balance
-needs nothing else of a model. A dense one is decomposed once, after which each Y costs O(n); a sparse one is solved at the
-frequencies asked for, and what was solved serves as a basis for frequencies nearby.
+needs nothing else of a model. A dense model is decomposed once; then each Y costs O(n). A sparse model is solved at the
+requested frequencies, and the solutions serve as a basis for frequencies nearby.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
     from femsub.motion.nonlinear_model import Sliding
 
-AGREE = 1e-7  # partial fractions and a solve may differ by so much, relatively, where they differ most
-NEARBY = 1e-7  # relative error of h, as estimated, up to which a basis of responses is taken for the model itself
-MODES, MOMENTS = 40, 3  # with which the basis of a sparse model begins
-AT_ONCE = 8  # frequencies that are solved before the others are looked at again
+AGREE = 1e-7  # largest relative difference of partial fractions from a solve
+NEARBY = 1e-7  # estimated relative error of h up to which a basis of responses replaces the model
+MODES, MOMENTS = 40, 3  # size of the first basis of a sparse model
+AT_ONCE = 8  # frequencies that are solved before the others are checked again
 CHUNK = 2_000_000  # entries of a temporary array
 
 
@@ -60,7 +60,7 @@ class Spectral:
     right, left : ndarray of complex, shape (m, m)
         A = right · diag(values) · left.
     condition : float
-        Of the matrix of eigenvectors, ‖X‖ ‖X⁻¹‖ / m in the norm of Frobenius, which is 1 for a normal A.
+        Condition of the matrix of eigenvectors, ‖X‖ ‖X⁻¹‖ / m in the Frobenius norm; 1 for a normal A.
     """
 
     def __init__(self, form: ModalForm) -> None:
@@ -79,7 +79,7 @@ class Spectral:
 
     @property
     def usable(self) -> bool:
-        """False where eigenvalues (nearly) coalesce, so that partial fractions would cancel."""
+        """False if eigenvalues (nearly) coalesce, so that partial fractions would suffer cancellation."""
         return self.condition < 1e8
 
 
@@ -87,7 +87,7 @@ _KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
 
 
 def spectral(model: Substructure) -> Spectral | None:
-    """The decomposition of a dense (or small) model, made once for each model; None where M is not definite."""
+    """The decomposition of a dense (or small) model, made once per model; None if M is not definite."""
     if model not in _KNOWN:
         form = modal_form(model.pencil.dense())
         _KNOWN[model] = None if form is None else Spectral(form)
@@ -95,7 +95,7 @@ def spectral(model: Substructure) -> Spectral | None:
 
 
 def compliance(contact: Sliding) -> Compliance:
-    """The compliance of a model under its belts: by partial fractions where it is dense or has at most 2,000 DOF."""
+    """The compliance of a model under its belts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves."""
     model = contact.model
     if model.pencil.is_sparse and model.size > QUADRATIC:
         return Solved(model.pencil, contact.W)
@@ -139,8 +139,8 @@ class Fractions:
         for start in range(0, len(s), step):
             part = s[start:start + step, None]
             inverse = 1 / ((part - self.pairs) * (part - self.pairs.conj()))
-            # einsum instead of @: so small a product is not worth waking the threads of a BLAS, which then stand in the
-            # way of the next one's (NumPy's, SciPy's and PETSc's have threads of their own)
+            # einsum instead of @: for such small products waking the threads of a BLAS costs more than it gains, and they
+            # slow down the other libraries' threads (NumPy, SciPy and PETSc have their own)
             rise, rest = np.split(np.einsum("mj,jk->mk", inverse, self.once), 2, axis=1)
             square, line, constant = np.split(np.einsum("mj,jk->mk", np.square(inverse), self.twice), 3, axis=1)
             Y[start:start + step] = part * rise + rest
@@ -162,7 +162,7 @@ class Fractions:
         return self.found.form.shapes @ ((self.found.right[self.found.lower] @ state) / s)
 
     def _checked(self) -> float:
-        """The largest relative difference from a solve, at frequencies next to the poles that stand out most."""
+        """The largest relative difference from a solve, at frequencies next to the most important poles."""
         values = self.found.values
         upper = np.flatnonzero(values.imag > 0)
         if not len(upper):
@@ -176,11 +176,11 @@ class Fractions:
 
 
 class Solved:
-    """Y(s) by one solve for each frequency that the responses found so far cannot account for.
+    """Y(s) by one solve for each frequency that the responses found so far do not represent.
 
-    The real and imaginary parts of the responses span V; V q with VᵀP(s)V q = VᵀW stands for the model where the error of h
-    is below 1e-7, as its residual tells. Newton's method shifts ω a little in each step, and neighbouring harmonics share
-    modes: fewer systems are solved than there are harmonics.
+    The real and imaginary parts of the responses span V. V q with VᵀP(s)V q = VᵀW replaces the model if the error of h,
+    estimated from the residual, is below 1e-7. Newton's method changes ω only a little in each step, and neighbouring
+    harmonics share modes. So fewer systems are solved than there are harmonics.
     """
 
     def __init__(self, pencil: Pencil, W: Array) -> None:
@@ -193,13 +193,13 @@ class Solved:
             self._project()
 
     def _first(self) -> Array:
-        """The first moments of h about 0, beside the lowest modes, which responses nearby cannot tell apart."""
+        """The first basis: the lowest modes, which nearby responses cannot distinguish, and the first moments of h about 0."""
         handle = ShiftInvert(self.pencil.K, self.pencil.M)
         modes = lowest_modes(handle, MODES, certify=False)
         moments = [self.static.solve(self.W)]
         for _ in range(MOMENTS):
             moments.append(self.static.solve(self.pencil.M @ moments[-1]))
-        self.V = orthonormal(modes.shapes, np.asarray)[0]  # before the moments, of which they leave little, are told apart
+        self.V = orthonormal(modes.shapes, np.asarray)[0]  # first, since little of the moments remains beside the modes
         return np.hstack(moments)
 
     def _project(self) -> None:
@@ -210,9 +210,9 @@ class Solved:
         self.quick = Fractions(found, self.V.T @ self.W) if found is not None and found.usable else None
 
     def _galerkin(self, s: Array) -> tuple[Array, Array]:
-        """x = V q - K⁻¹r with r = P(s)Vq - W, shape (m, n, p), and |rᵀK⁻¹r| / |h| (m,): infinite where there is no basis yet.
+        """x = V q - K⁻¹r with r = P(s)Vq - W, shape (m, n, p), and the error |rᵀK⁻¹r| / |h| (m,), infinite without a basis.
 
-        What the basis leaves out are high modes, on which P is nearly K: hence the correction, and what is left of the error.
+        The basis lacks mainly high modes, for which P is nearly K. This gives the correction K⁻¹r and the error estimate.
         """
         n, p = self.W.shape
         if self.quick is None:
@@ -235,19 +235,19 @@ class Solved:
         return shared_factor(self.pencil.K, "definite")
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "static"}  # a factor does not travel
+        return {name: value for name, value in vars(self).items() if name != "static"}  # a factor cannot be pickled
 
     def _exact(self, s: complex) -> tuple[Array, Array]:
         self.solves += 1
         return port_responses(self.pencil, s, self.W)
 
     def _responses(self, s: Array) -> tuple[Array, dict[int, Array]]:
-        """P(s)⁻¹W, shape (m, n, p), and P(s)⁻ᵀW for those at which a system was solved."""
+        """P(s)⁻¹W, shape (m, n, p), and P(s)⁻ᵀW at those frequencies where a system was solved."""
         found, wrong = self._galerkin(s)
         left: dict[int, Array] = {}
         exact = np.zeros(len(s), dtype=bool)
         while (wrong > NEARBY).any():
-            # those in between are often taken care of by their neighbours
+            # frequencies in between are often represented by their neighbours
             bad = np.flatnonzero(wrong > NEARBY)
             chosen = bad[np.unique(np.linspace(0, len(bad) - 1, min(len(bad), AT_ONCE)).astype(int))]
             new, other = zip(*(self._exact(s[i]) for i in chosen), strict=True)

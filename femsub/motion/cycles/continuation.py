@@ -2,7 +2,7 @@
 
     R(v, ω; p) = 0,  phase(δv) = 0,  t·(x - x₀) = s,   x = [Re v / V, Im v / V, ω / Ω, p / P]
 
-with the scaled tangent t of the last point: folds are nothing special to it. Harmonics are added where the cycle asks for them.
+with the scaled tangent t of the last point. Folds need no special treatment. Harmonics are added where the cycle needs them.
 Keller in: Rabinowitz (ed.), Applications of Bifurcation Theory, Academic Press 1977, p. 359.
 """
 
@@ -21,13 +21,13 @@ from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
 
 PARAMETERS = ("speed", "force", "slope")
-EASY, HARD = 4, 8  # Newton steps below which a step along the branch grows, and at which it was too long
-DIFFERENCE = 1e-6  # of the scale of p, for dR/dp by a central difference
+EASY, HARD = 4, 8  # with fewer Newton steps the step along the branch grows; with so many it was too long
+DIFFERENCE = 1e-6  # step of the central difference for dR/dp, relative to the scale of p
 CONVERGED = 1e-8
 
 
 def with_parameter(belt: Belt, name: str, value: float) -> Belt:
-    """A belt with another speed, force, or slope of its law at its speed (which needs a law with `with_slope`)."""
+    """A belt with another speed, force, or slope of its law (which needs a law with `with_slope`)."""
     if name == "speed":
         return replace(belt, speed=value)
     if name == "force":
@@ -37,7 +37,7 @@ def with_parameter(belt: Belt, name: str, value: float) -> Belt:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """One point of a path: an orbit at a value of the parameter, the unit tangent there, and what `Path.left_out` told of it."""
+    """One point of a path: an orbit at a value of the parameter, the unit tangent there, and the errors from `Path.left_out`."""
 
     orbit: Orbit
     value: float
@@ -52,7 +52,7 @@ class Place:
 
 
 class Path:
-    """Cycles of one model over one parameter of one of its belts; how its steps are scaled."""
+    """Cycles of one model over one parameter of one of its belts, with the scales of the steps."""
 
     def __init__(self, contact: Sliding, flexibility: Compliance, parameter: str, at: int, scales: tuple[float, float, float],
                  tolerance: float, most: int) -> None:
@@ -93,7 +93,7 @@ class Path:
         return np.append(R, 0.0), np.vstack([scaled, phase])
 
     def correct(self, orbit: Orbit, value: float, row: Array, target: float, rounds: int = 14) -> tuple[Place, int]:
-        """Newton's method on R = 0, phase = 0, row·x = target; the tangent points as `row` does.
+        """Newton's method on R = 0, phase = 0, row·x = target. The tangent has a positive component along `row`.
 
         Raises
         ------
@@ -128,7 +128,7 @@ class Path:
                      float(np.linalg.norm(R) / np.linalg.norm(x[:-2]))), turn
 
     def at_value(self, orbit: Orbit, value: float, wanted: float) -> Place:
-        """The cycle at this very value of the parameter, from an orbit at another one nearby."""
+        """The cycle at exactly this value of the parameter, from an orbit at a value nearby."""
         row = np.zeros(2 * orbit.v.size + 2)
         row[-1] = 1.0
         return self.correct(orbit, value, row, wanted / self.scales[2])[0]
@@ -144,7 +144,7 @@ class Path:
         return replace(place, orbit=place.orbit.with_harmonics(harmonics), tangent=whole / np.linalg.norm(whole), left_out=None)
 
     def step(self, place: Place, length: float) -> tuple[Place, int]:
-        """The place at arclength `length` ahead, with as many harmonics as it takes."""
+        """The place at arclength `length` ahead, with as many harmonics as needed."""
         while True:
             x = self.scaled(place.orbit, place.value)
             orbit, value = self.unscaled(x + length * place.tangent, place.orbit)
@@ -154,7 +154,7 @@ class Path:
             if left_out[0] <= self.tolerance or self.most <= H:
                 return replace(found, left_out=left_out), turns
             place = self.resized(place, min(self.most, max(H + 4, int(1.5 * H))))
-            # the old place with more harmonics, of which it now has a few that are not zero
+            # the old place with more harmonics, corrected so that they are not zero
             x = self.scaled(place.orbit, place.value)
             place, _ = self.correct(place.orbit, place.value, place.tangent, float(place.tangent @ x))
 

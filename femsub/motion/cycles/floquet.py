@@ -1,22 +1,23 @@
-"""Floquet multipliers of a limit cycle: which small disturbances of it grow.
+"""Floquet multipliers of a limit cycle: whether small disturbances grow.
 
     δẏ = (A + B diag(g(t)) Bᵀ) δy,  g = df/dv along the cycle (p,),  δy(T) = Φ δy(0)
 
-The linear part is constant and is known by its eigenvectors, the periodic part has rank p. Hence a step of Strang's splitting,
-exp(Ah/2) exp(h B g Bᵀ) exp(Ah/2), costs O(m p) for each of the m columns of Φ, and its steps may be as uneven as g is: they
-are short where friction changes from sliding to sticking. Two and more step sizes give the extrapolated Φ (Romberg).
+The linear part is constant, with known eigenvectors. The periodic part has rank p. Hence a step of Strang's splitting,
+exp(Ah/2) exp(h B g Bᵀ) exp(Ah/2), costs O(m p) for each of the m columns of Φ. Its steps are short where friction changes
+between sliding and sticking. Φ is extrapolated from two or more step sizes (Romberg).
 
-The orbit has finitely many harmonics and is not the cycle: v̂ = Σ Y(ikω) f_k over many more differs from v by ρ. What the cycle
-differs by follows from the linear equation that Φ solves, driven by ρ:
+The orbit has finitely many harmonics and is not exactly the cycle: v̂ = Σ Y(ikω) f_k over many more harmonics differs from v
+by ρ. The correction to the cycle follows from the linear equation that Φ solves, driven by ρ:
 
     ż = A z + B g (Bᵀz + ρ),  z(T) + ẏ δT = z(0),  ẏ(0)ᴴ z(0) = 0
 
-One more column of Φ gives z(T) of z(0) = 0, and one more passage the speeds v + ρ + Bᵀz of the cycle, right to second order. Φ is
-that of these. How far each multiplier has moved by it, and by the last extrapolation, tells how far it may still be off. One of
-them is 1, that of a shift along the cycle, and by how much the computed one is not counts for all.
+One more column of Φ gives z(T) for z(0) = 0. One more pass gives the cycle's speeds v + ρ + Bᵀz, correct to second order, and
+Φ is computed for these. The change of each multiplier by this correction, and by the last extrapolation, estimates its error.
+One multiplier is 1, that of a shift along the cycle. The error of the computed value of 1 is counted for all.
 
-Held against the cycle and its variation integrated to 1e-12 (450 random cycles of chains and their ROMs, both laws, from 8
-harmonics on), every error of every multiplier lies within its doubt. The factors were fitted to that: they are no bound.
+Test: 450 random cycles of chains and their ROMs, both laws, 8 or more harmonics, compared with the cycle and its variation
+integrated to 1e-12. Every multiplier was within its error estimate (`doubts`). The factors were fitted to this test: they are
+empirical, not bounds.
 """
 
 from __future__ import annotations
@@ -35,33 +36,35 @@ from femsub.motion.cycles.compliance import Fractions
 from femsub.motion.nonlinear_model import Sliding
 from femsub.quadratic.matching import match
 
-STEPS = 1024  # of the first of two passes
+STEPS = 1024  # steps of the first of two passes
 MOST = 32768
-TRUSTED = 1e-4  # error of the leading multipliers by the steps at which they are short enough
-LEFT = 0.1  # of the last extrapolation's change is taken for what is still wrong, to decide on shorter steps
+TRUSTED = 1e-4  # discretisation error of the leading multipliers at which the steps are short enough
+LEFT = 0.1  # share of the last extrapolation's change that is taken as the remaining error, to decide on shorter steps
 CHUNK = 200_000  # entries of a temporary array
-MARGIN = 3.0  # times what is seen of an error: terms of second order, and an extrapolation beside a kink of the friction law
-AMPLIFIED = 10.0  # times the error of the trivial multiplier, which is of second order once the orbit is corrected
-SPILLED = 0.1  # of what any multiplier has moved, each may have done
-NEAR = 0.05  # of the orbit: beyond it, the cycle is too far for a linear correction, and nothing is said about stability
+MARGIN = 3.0  # safety factor on observed changes: second-order terms, extrapolation beside a kink of the friction law
+AMPLIFIED = 10.0  # safety factor on the error of the trivial multiplier, which is of second order after the correction
+SPILLED = 0.1  # share of the largest change of any multiplier that is counted for each
+NEAR = 0.05  # relative distance from orbit to cycle above which the linear correction, and hence stability, is undecided
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Multipliers:
-    """μ of a cycle, the largest first.
+    """Floquet multipliers μ of a cycle, the largest first.
 
     Attributes
     ----------
     values : ndarray of complex, shape (m,)
         Without the trivial one.
     doubts : ndarray, shape (m,)
-        By how much each of them may be off: three times what the correction of the orbit and the last extrapolation have moved
-        it by, and a tenth of what they have moved any, and ten times `error`. Infinite where the orbit is too far from a cycle.
+        Error estimate of each multiplier. It is the sum of three times its change by the correction of the orbit and by the
+        last extrapolation, a tenth of the largest such change of any multiplier, and ten times `error`. Infinite if the
+        orbit is too far from a cycle.
     trivial : complex
         The one that is 1 in exact arithmetic.
     discretisation, moved : float
         The largest change by the last extrapolation of the step, and by the correction of the orbit.
     steps : int
+        Steps per period.
     """
 
     values: Array
@@ -78,12 +81,12 @@ class Multipliers:
 
     @property
     def doubt(self) -> float:
-        """By how much any of them may be off, the trivial one included."""
+        """The largest error estimate, the trivial multiplier included."""
         return float(max(self.error, self.doubts.max(initial=0.0)))
 
     @cached_property
     def is_stable(self) -> bool | None:
-        """All |μ| < 1; None where that is within their `doubts`."""
+        """Whether all |μ| < 1; None if the error estimates leave it undecided."""
         size = np.abs(self.values)
         if (size - self.doubts > 1).any():
             return False
@@ -91,7 +94,7 @@ class Multipliers:
 
     @property
     def unstable(self) -> int:
-        """How many multipliers lie outside of the unit circle, by more than their doubt."""
+        """The number of multipliers outside the unit circle by more than their error estimate."""
         return int(np.count_nonzero(np.abs(self.values) - self.doubts > 1))
 
     def __repr__(self) -> str:
@@ -101,7 +104,7 @@ class Multipliers:
 
 
 def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps: int = STEPS) -> Multipliers:
-    """The multipliers of the cycle next to an orbit of a dense model, with steps halved until they are right to 1e-4."""
+    """The multipliers of the cycle next to an orbit of a dense model. Steps are halved until the estimated error is 1e-4."""
     waves = _Waves(contact, flexibility, orbit)
     coarse, before, last = _passage(contact, flexibility, waves.course(steps)), None, np.inf
     while True:
@@ -114,7 +117,7 @@ def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps
         at = int(np.argmin(np.abs(found - 1)))
         wrong = LEFT * max(float(np.abs(plain - value).min()) / max(1.0, abs(value)) for value in [*found[:4], found[at]])
         trivial = float(abs(found[at] - 1))
-        # where shorter steps no longer bring it nearer to 1, the orbit's own error is what is left
+        # if shorter steps do not bring it nearer to 1, the remaining error is that of the orbit
         done = wrong <= TRUSTED and (trivial <= TRUSTED or trivial > 0.5 * last)
         last = trivial
         if done or 2 * steps >= MOST:
@@ -139,7 +142,7 @@ def _sorted(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """The middles τ (N,) of N steps h (N,) of one period; v and ρ (p, N) there."""
+    """N steps h (N,) of one period with their midpoints τ (N,), and v and ρ (p, N) there."""
 
     tau: Array
     h: Array
@@ -181,7 +184,7 @@ def _passage(contact: Sliding, flexibility: Fractions, course: _Course) -> Array
     U, V, m = flexibility.into, flexibility.out, len(first)
     Z, kick = np.zeros((2, m, m + 1), dtype=complex)
     np.fill_diagonal(Z, first)
-    times = np.multiply if len(V) == 1 else np.matmul  # the same for one column, and quicker
+    times = np.multiply if len(V) == 1 else np.matmul  # the same for one column, but faster
     for decay, E, gap in steps:
         S = V @ Z
         S[:, -1] += gap
@@ -192,7 +195,7 @@ def _passage(contact: Sliding, flexibility: Fractions, course: _Course) -> Array
 
 
 def _steps(contact: Sliding, flexibility: Fractions, course: _Course) -> tuple[Array, Iterator[tuple[Array, Array, Array]]]:
-    """exp(A h₀/2) (m,), and of each step exp(A (h + h')/2) (m,) with the next one's h', its impulse E (p, p), and ρ (p,)."""
+    """exp(A h₀/2) (m,); and for each step exp(A (h + h')/2) (m,) with the next h', the impulse E (p, p), and ρ (p,)."""
     h, values = course.h * course.period, flexibility.found.values
     E = _impulses(contact.tangent(course.v) * h, flexibility.w.T @ flexibility.w)
     after = 0.5 * np.append(h[:-1] + h[1:], h[-1])  # half of this step and half of the next
@@ -202,7 +205,7 @@ def _steps(contact: Sliding, flexibility: Fractions, course: _Course) -> tuple[A
 
 
 def _corrected(contact: Sliding, flexibility: Fractions, waves: _Waves, whole: Array, steps: int) -> _Course | None:
-    """The cycle itself, to second order; None where it is too far from the orbit. `whole` is what `_passage` gives."""
+    """The cycle, correct to second order; None if it is too far from the orbit. `whole` is the result of `_passage`."""
     course, m = waves.course(steps), len(whole)
     rate = waves.rate(flexibility)
     bordered = np.vstack([np.hstack([np.eye(m) - whole[:, :-1], -rate[:, None]]), np.append(rate.conj(), 0.0)])
@@ -240,12 +243,12 @@ def _impulses(strength: Array, S: Array) -> Array:
 
 
 def _edges(contact: Sliding, orbit: Orbit, steps: int) -> Array:
-    """0 = τ_0 < … < τ_steps = 1 of a period, finer where g changes; a quarter of the steps is spread evenly."""
+    """0 = τ_0 < … < τ_steps = 1 of a period, finer where g changes; a quarter of the steps is distributed evenly."""
     count = power_of_two(max(8 * orbit.harmonics, 4096))
     g = contact.tangent(orbit.samples(count))
     change = np.abs(np.diff(np.hstack([g, g[:, :1]]), axis=1)).sum(axis=0)
     total = float(change.sum())
-    # the square root spreads steps over the flanks of a jump, where most of the error is made
+    # the square root places steps on the flanks of a jump, where most of the error arises
     weight = np.sqrt(change) / np.sqrt(change).sum() if total > 0 else np.full(count, 1 / count)
     kernel = max(3, count // 512)
     weight = np.convolve(np.tile(weight, 3), np.ones(kernel) / kernel, mode="same")[count:2 * count]

@@ -1,6 +1,6 @@
 """Hopf points: where steady sliding loses its stability as a belt's speed, force or slope changes, and a branch of cycles begins.
 
-The linear border says F μ'(v0) = c, exactly; the first cycles of the branch, extrapolated to amplitude 0, must say the same.
+The linear border gives F μ'(v0) = c exactly. The first cycles of the branch, extrapolated to amplitude 0, must agree with it.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from femsub.stability.critical_slope import critical_slope
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
 
-SMALL = 1e-3  # amplitude of the first cycle, of the belt's speed
-TOGETHER = 1e-6  # crossings whose slopes agree to this, relatively, happen at once
+SMALL = 1e-3  # amplitude of the first cycle, relative to the belt's speed
+TOGETHER = 1e-6  # relative difference of slopes up to which crossings coincide
 
 
 @dataclass(frozen=True)
 class HopfPoint:
     """Where a branch begins: value of the parameter, ω, F μ' there, and on which side the cycles are.
 
-    `limit` holds the parameter and ω of the branch, extrapolated to amplitude 0; `supercritical` says that cycles exist where
-    steady sliding is unstable (a soft onset), False that they exist where it is stable (a hard one).
+    `limit` holds the parameter and ω of the branch, extrapolated to amplitude 0. `supercritical` is True if cycles exist where
+    steady sliding is unstable (a soft onset), and False if they exist where it is stable (a hard onset).
     """
 
     value: float
@@ -52,26 +52,26 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
     belt, model = contact.belts[0], contact.model
     if near is None:
         if not isinstance(flexibility, Fractions):
-            raise InputError(f"a model of {model.size} DOF has no list of modes at hand: start from a cycle (start=cycle, found "
-                             "from that of a reduced model)")
+            raise InputError(f"a Hopf point needs all modes, but {model.size} DOF are too many for that. Start from a cycle: "
+                             "start=cycle, found from that of a reduced model")
         found = critical_slope(model, belt.port)
         if np.isinf(found.slope):
-            raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding never loses its stability, whatever the slope "
-                               "(the belt acts where the damping cannot be overcome)")
+            raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding is stable at every slope. Damping prevails at "
+                               "this place of the belt; move the belt or reduce the damping")
         if len(found.crossing) > 1 and found.slope < 0:
             raise _several(found.slope, found.crossing)
         c, omega, speeds = found.slope, found.omega, contact.W.T @ found.shape
     else:
         c, omega, speeds = _nearest(contact, flexibility, near)
     if c == 0:
-        raise NoCycleError(f"{model.name!r} has undamped modes under the belt: each of them crosses at slope 0, and no "
-                           "branch begins at such a point; add damping")
+        raise NoCycleError(f"{model.name!r} has undamped modes under the belt. All of them cross at slope 0, and no single "
+                           "branch begins there. Add damping")
     return HopfPoint(_value_at(belt, parameter, c, between), omega, c), speeds / speeds[np.argmax(np.abs(speeds))]
 
 
 def _nearest(contact: Sliding, flexibility: Compliance, near: float) -> tuple[float, float, Array]:
     if not isinstance(flexibility, Fractions) or contact.columns > 1:
-        raise InputError("a crossing by frequency is for one column of contact and up to 2,000 DOF; start from a cycle instead")
+        raise InputError("start= as a frequency needs a contact of one column and at most 2,000 DOF. Start from a cycle instead")
     omega, c = crossings(flexibility, 0.0, np.inf)
     if not len(omega):
         raise NoCycleError(f"{contact.model.name!r} has no Hopf point: no pair crosses the imaginary axis at any slope")
@@ -84,9 +84,8 @@ def _nearest(contact: Sliding, flexibility: Compliance, near: float) -> tuple[fl
 
 def _several(c: float, omega: Array) -> NoCycleError:
     places = ", ".join(f"{value:.5g}" for value in omega)
-    return NoCycleError(f"{len(omega)} pairs cross together at F μ' = {c:.6g} (ω = {places}): as many branches begin at this "
-                        "point, and none of them is a simple one; move the belt or the damper apart, or start from a cycle "
-                        "(start=cycle)")
+    return NoCycleError(f"{len(omega)} pairs cross together at F μ' = {c:.6g} (ω = {places}), so several branches begin at this "
+                        "point. Move the belt away from the damper, or start from a cycle (start=cycle)")
 
 
 def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float] | None) -> float:
@@ -97,8 +96,8 @@ def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float]
     if parameter == "force":
         slope = float(belt.law.slope(belt.speed))
         if slope >= 0:
-            raise NoCycleError(f"μ' = {slope:.6g} at the belt's speed is not negative: no normal force makes steady sliding "
-                               "unstable")
+            raise NoCycleError(f"μ' = {slope:.6g} at the belt's speed is not negative, so no normal force makes steady sliding "
+                               "unstable. Change the speed or the law")
         return c / slope
     from scipy.optimize import brentq
 
@@ -107,8 +106,8 @@ def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float]
     excess = belt.force * np.asarray(belt.law.slope(speeds)) - c
     signs = np.flatnonzero(excess[1:] * excess[:-1] < 0)
     if not len(signs):
-        raise NoCycleError(f"no belt speed from {lo:.6g} to {hi:.6g} is a Hopf point: F μ' is never {c:.6g} there; widen "
-                           "between=")
+        raise NoCycleError(f"no belt speed from {lo:.6g} to {hi:.6g} is a Hopf point: F μ' is never {c:.6g} there. "
+                           "Widen between=")
     last = signs[-1] if hi > 0 else signs[0]
     law = belt.law
     return float(brentq(lambda v: belt.force * float(law.slope(v)) - c, speeds[last], speeds[last + 1], xtol=1e-15, rtol=1e-15))
@@ -120,7 +119,7 @@ def limits_of(between: tuple[float, float] | None, parameter: str, value: float,
         return (0.2 * now, 5 * now) if now > 0 else (5 * now, 0.2 * now)
     lo, hi = interval("between", between)
     if parameter == "force" and lo < 0:
-        raise InputError(f"a force must not be negative, but between begins at {lo!r}")
+        raise InputError(f"a force must not be negative, but the range between=(lo, hi) begins at {lo!r}")
     return lo, hi
 
 

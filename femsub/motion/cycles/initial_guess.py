@@ -1,4 +1,4 @@
-"""Where a search for a limit cycle begins: an unstable mode whose amplitude is balanced, or a signal in time.
+"""Initial guesses for limit cycles: an unstable mode with a balanced amplitude, or a signal in time.
 
 With v = a cos ωt the friction has the first harmonic N(a) a/2, N real, and one harmonic alone balances where
 
@@ -26,14 +26,14 @@ from femsub.motion.nonlinear_model import Sliding
 from femsub.quadratic.dense import eigenvalues
 from femsub.quadratic.port_function import PortFunction
 
-WIDE = 0.1  # ε / v0 at which the sharpening begins
+WIDE = 0.1  # ε / v0 of the first, smoothest law
 SHARPER = 0.72  # factor of ε from one level to the next
-PER_EPS = 1.2  # harmonics for each v0/ε at such a level
-SWEPT = 3.0  # amplitudes up to so many belt speeds are tried
+PER_EPS = 1.2  # harmonics per v0/ε at such a level
+SWEPT = 3.0  # largest amplitude tried, in belt speeds
 
 
 def levels(contact: Sliding) -> list[Sliding]:
-    """The contact with laws that get sharper, the last one being its own; one entry where no law has an ε (see `FrictionLaw`)."""
+    """The contact with increasingly sharp laws, the last one its own; one entry if no law has an ε (see `FrictionLaw`)."""
     widths = [width if is_dataclass(belt.law) else np.nan for belt, width in zip(contact.belts, contact.widths, strict=True)]
     speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
     most = max([1.0, *(WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width > 0)])
@@ -49,7 +49,7 @@ def levels(contact: Sliding) -> list[Sliding]:
 
 
 def harmonics_for(contact: Sliding, most: int) -> int:
-    """How many harmonics the sharpest transition of a contact calls for, by experience."""
+    """The number of harmonics needed for the sharpest transition of a contact (empirical)."""
     ratios = [abs(belt.speed or 0.0) / width for belt, width in zip(contact.belts, contact.widths, strict=True)]
     ratio = max((ratio for ratio in ratios if not np.isnan(ratio)), default=10.0)
     return int(np.clip(PER_EPS * ratio, 10, most))
@@ -67,7 +67,7 @@ def gain(contact: Sliding, shape: Array, amplitudes: Array, samples: int = 4096)
 
 
 def unstable_modes(contact: Sliding, flexibility: Fractions) -> Array:
-    """λ with Re λ > 0 of steady sliding, (k,), the one that grows most first; what lies above the model's cut-off left out."""
+    """λ with Re λ > 0 of steady sliding, (k,), the fastest growing first, without those above the model's cut-off."""
     form = flexibility.found.form
     slopes = -contact.tangent(np.zeros(contact.columns))
     values = eigenvalues(form, form.C + (flexibility.w * slopes) @ flexibility.w.T)
@@ -77,9 +77,9 @@ def unstable_modes(contact: Sliding, flexibility: Fractions) -> Array:
 
 
 def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None) -> list[Orbit]:
-    """Orbits of one harmonic: at the crossing next to the mode that grows most, or nearest to a frequency; best first.
+    """Orbits of one harmonic at the crossing next to the fastest growing mode, or nearest to a frequency; best first.
 
-    There are none where steady sliding is stable and no frequency was given, or where no amplitude balances.
+    There is none if steady sliding is stable and no frequency was given, or if no amplitude balances.
     """
     growing = unstable_modes(contact, flexibility)
     if not len(growing) and near is None:
@@ -90,17 +90,17 @@ def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None) -
 
 def _no_seeds(contact: Sliding, flexibility: Fractions, near: float | None) -> NoCycleError:
     if near is None and not len(unstable_modes(contact, flexibility)):
-        return NoCycleError(f"steady sliding is stable{_because(contact)}: no mode of {contact.model.name!r} grows from which a "
-                            "cycle could begin; make the slope of the friction more negative or its force larger (see "
-                            "fs.critical_slope), or give start= where a cycle is known")
+        return NoCycleError(f"steady sliding is stable{_because(contact)}: no mode of {contact.model.name!r} grows, so there is "
+                            "no initial guess for a cycle. Make the slope of the friction more negative or its force larger (see "
+                            "fs.critical_slope), or give start= if a cycle is known")
     return NoCycleError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
                         + (f" near ω = {near:g}" if near else "") +
-                        "; give start=(t, v), a signal in time, or another frequency")
+                        ". Give start=(t, v), a signal in time, or another frequency")
 
 
 def _because(contact: Sliding) -> str:
     if all(belt.speed == 0 for belt in contact.belts):
-        return " (the belt is at rest and brings no energy: give it a speed)"
+        return " (the belt is at rest and supplies no energy: give it a speed)"
     if all(belt.force == 0 for belt in contact.belts):
         return " (the normal force is zero: give it one)"
     slopes = ", ".join(f"F μ' = {belt.force * belt.slope:.4g}" for belt in contact.belts if belt.slope is not None)
@@ -113,15 +113,15 @@ def _sweep(contact: Sliding) -> Array:
 
 
 def port_function(flexibility: Fractions) -> PortFunction:
-    """Im G = 0 at the crossings of a contact of one column, from the decomposition that is there already."""
+    """The port function of a contact of one column (Im G = 0 at crossings), from the existing decomposition."""
     return PortFunction(flexibility.found.form, flexibility.w[:, 0], flexibility.found.values, flexibility.residues[:, 0])
 
 
 def onsets(contact: Sliding, band: tuple[float, float]) -> tuple[Array, Array]:
-    """(ω, c) of the crossings in a band that the belt's slope has passed, F μ' < c < 0, the first one first."""
+    """(ω, c) of the crossings in a band that the belt's slope has passed, F μ' < c < 0, in the order of passing."""
     flexibility = compliance(contact)
     if not isinstance(flexibility, Fractions) or contact.columns > 1:
-        raise InputError("onsets are listed for one column of contact and up to 2,000 DOF")
+        raise InputError("onsets can be listed for a contact of one column and at most 2,000 DOF. Reduce the model first")
     omega, c = crossings(flexibility, band[0], min(band[1], contact.model.cutoff))
     passed = np.flatnonzero(c > -contact.tangent(np.zeros(1))[0])
     order = passed[np.argsort(-c[passed], kind="stable")]
@@ -129,7 +129,7 @@ def onsets(contact: Sliding, band: tuple[float, float]) -> tuple[Array, Array]:
 
 
 def crossings(flexibility: Fractions, lo: float, hi: float) -> tuple[Array, Array]:
-    """(ω, c) of every crossing with lo ≤ ω ≤ hi, ascending in ω: mode by mode, since the search is for the first one only."""
+    """(ω, c) of every crossing with lo ≤ ω ≤ hi, ascending in ω, searched mode by mode."""
     function = port_function(flexibility)
     centres = np.sort(function.poles.imag[(function.poles.imag > lo) & (function.poles.imag < hi)])
     edges = np.unique([lo, *(centres[1:] + centres[:-1]) / 2, min(hi, 2 * float(np.abs(function.poles).max()))])
@@ -159,7 +159,7 @@ def _of_crossings(contact: Sliding, flexibility: Fractions, growing: Array, near
 
 
 def _of_modes(contact: Sliding, flexibility: Fractions, growing: Array, near: float | None) -> list[Orbit]:
-    """Several columns: the mode is followed while the amplitude of its shape grows, until it neither grows nor decays."""
+    """For several columns: the amplitude of the mode is increased until it neither grows nor decays."""
     form, w = flexibility.found.form, flexibility.w
     if not len(growing):
         return []
@@ -179,12 +179,12 @@ def _of_modes(contact: Sliding, flexibility: Fractions, growing: Array, near: fl
 
 
 def of_signal(t: Any, v: Any, columns: int) -> Orbit:
-    """One period of the end of a signal v (m,) or (p, m) at times t (m,): its period by autocorrelation.
+    """The last period of a signal v (m,) or (p, m) at times t (m,); the period comes from the autocorrelation.
 
     Raises
     ------
     InputError
-        Too short, not finite, or nothing in it repeats.
+        The signal is too short, not finite, or not periodic.
     """
     from scipy.signal import find_peaks
 
@@ -193,7 +193,7 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
         raise InputError(f"start=(t, v) takes ascending times (m,) and speeds ({columns}, m), one row per column of the contact, "
                          f"not {np.shape(t)} and {np.shape(v)}")
     if len(time) < 64:
-        raise InputError(f"the signal has {len(time)} samples; at least 64 are needed to see a period")
+        raise InputError(f"the signal has {len(time)} samples, but at least 64 are needed to find a period")
     even = np.linspace(time[len(time) // 2], time[-1], power_of_two(len(time)))
     tail = np.array([np.interp(even, time, row) for row in speed])
     tail = tail - tail.mean(axis=1, keepdims=True)
@@ -201,11 +201,11 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     alike = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=0))[:len(even) // 2] / np.arange(len(even), len(even) // 2, -1)
     low = np.flatnonzero(alike < 0.3 * alike[0])
     if not alike[0] > 0 or not len(low):
-        raise InputError("the signal does not oscillate twice within its second half; give a longer one")
+        raise InputError("the second half of the signal must contain two oscillations, but does not. Give a longer signal")
     tops, _ = find_peaks(alike)
     tops = tops[tops > low[0]]
     if not len(tops) or alike[tops].max() < 0.5 * alike[0]:
-        raise InputError("nothing in the second half of the signal repeats; give a longer one, or another start")
+        raise InputError("the second half of the signal is not periodic. Give a longer signal, or another start")
     top = int(tops[np.flatnonzero(alike[tops] >= 0.98 * alike[tops].max())[0]])
     left, middle, right = alike[top - 1:top + 2]
     period = (top + 0.5 * (left - right) / (left - 2 * middle + right)) * (even[1] - even[0])
@@ -216,18 +216,18 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
 
 
 def orbits(contact: Sliding, flexibility: Compliance, near: float | None) -> Iterator[tuple[list[Sliding], Orbit]]:
-    """Contacts from smooth to sharp with the orbit to begin at: the widest law at which an amplitude balances comes first.
+    """Contacts from smooth to sharp with an initial orbit, beginning with the smoothest law at which an amplitude balances.
 
     Raises
     ------
     InputError
-        The model is too large for its modes.
+        The model is too large to compute all of its modes.
     NoCycleError
         With the belts' own laws steady sliding is stable and no frequency was given, or no amplitude balances.
     """
     if not isinstance(flexibility, Fractions):
-        raise InputError(f"a model of {contact.model.size} DOF has no list of modes to begin at; give start=, e.g. the cycle of "
-                         "a reduced model (start=cycle) or a signal in time (start=(t, v))")
+        raise InputError(f"a model of {contact.model.size} DOF is too large for an automatic start. Give start=, e.g. the cycle "
+                         "of a reduced model (start=cycle) or a signal in time (start=(t, v))")
     sharp = levels(contact)
     for at in range(len(sharp)):
         found = seeds(sharp[at], flexibility, near)

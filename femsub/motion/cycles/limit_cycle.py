@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-MOST_ASKED = 100_000  # harmonics, each some 16 samples of every column
-MOST = 1500  # harmonics beyond which none are added unasked
-ROUGH = 1e-2  # truncation or aliasing above which a cycle is warned of
+MOST_ASKED = 100_000  # largest number of harmonics that may be requested; each needs some 16 samples of every column
+MOST = 1500  # largest number of harmonics that is chosen automatically
+ROUGH = 1e-2  # truncation or aliasing above which there is a warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LimitCycle:
-    """q(t + T) = q(t) of M q̈ + D q̇ + K q = W f(Wᵀq̇), T = 2π/ω, with what proves it.
+    """A limit cycle, made by `harmonic_balance`: q(t + T) = q(t) of M q̈ + D q̇ + K q = W f(Wᵀq̇), T = 2π/ω.
 
     Attributes
     ----------
@@ -46,13 +46,22 @@ class LimitCycle:
     residual : float
         ‖R_k‖ / ‖v‖ over the harmonics kept.
     truncation : float
-        ‖Y(ikω) f_k‖ / ‖v‖ over the harmonics left out: what they would move if they were kept.
+        ‖Y(ikω) f_k‖ / ‖v‖ over the neglected harmonics: an estimate of their effect.
     aliasing : float
         Change of the right-hand side, relative to ‖v‖, with four times as many samples.
     newton : int
         Newton steps, all levels together.
     stability : bool
-        Whether multipliers are computed once something asks for them. `dataclasses.replace(cycle, stability=True)` changes that.
+        Whether `floquet` and `is_stable` compute multipliers. `dataclasses.replace(cycle, stability=True)` changes it.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> model = fs.reduce(fs.chain(10, belt=2), fs.CraigChang(modes=3), ports=True)
+    >>> belt = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    >>> cycle = fs.harmonic_balance(model, belt, harmonics=40)
+    >>> cycle.is_stable, cycle.velocity(0.0).shape
+    (True, ())
     """
 
     contact: Sliding
@@ -82,7 +91,7 @@ class LimitCycle:
 
     @property
     def rms(self) -> float:
-        """Root of the mean square of the speed under the (first column of the) belts over one period."""
+        """Root mean square of the speed under the belt (first column) over one period."""
         return float(np.sqrt(2) * np.linalg.norm(self.orbit.v[:, 0]))
 
     @property
@@ -92,11 +101,11 @@ class LimitCycle:
 
     @cached_property
     def sticking(self) -> float:
-        """Share of the period in which a column sticks, |v0 - v| ≤ 3 ε; NaN where a law has no ε, which says nothing of it."""
+        """Share of the period in which a column sticks, |v0 - v| ≤ 3 ε; NaN if a law has no ε."""
         return np.nan if self.contact.without_eps else float(self.contact.sticks(self._wave).any(axis=0).mean())
 
     def row(self) -> dict[str, Any]:
-        """Its figures by their names, for tables."""
+        """Its numbers by their names, for tables."""
         return {"omega": self.omega, "rms": self.rms, "peak": self.peak, "sticking": self.sticking, "is_stable": self.is_stable,
                 "harmonics": self.orbit.harmonics, "truncation": self.truncation, "residual": self.residual}
 
@@ -129,14 +138,14 @@ class LimitCycle:
 
     @cached_property
     def floquet(self) -> Multipliers | None:
-        """The multipliers; None for a model of more than 2,000 DOF, whose modes are not at hand, and without `stability`."""
+        """The Floquet multipliers; None for a model of more than 2,000 DOF, or without `stability`."""
         if not self.stability or not isinstance(self.flexibility, Fractions):
             return None
         return multipliers(self.contact, self.flexibility, self.orbit)
 
     @property
     def is_stable(self) -> bool | None:
-        """All multipliers but the trivial one inside of the unit circle; None where that is undecided or not computed."""
+        """Whether all multipliers but the trivial one lie inside the unit circle; None if undecided or not computed."""
         return None if self.floquet is None else self.floquet.is_stable
 
     def __repr__(self) -> str:
@@ -150,33 +159,55 @@ class LimitCycle:
 
 def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmonics: int | None = None, start: Any = None,
                      tolerance: float = 1e-4) -> LimitCycle:
-    """v_k = Y(ikω) f_k(v), k = 1 … H: a limit cycle of M q̈ + D q̇ + K q = W f(Wᵀq̇), full and reduced models alike.
+    """A limit cycle of a full or reduced model under its belts, by harmonic balance.
+
+    M q̈ + D q̇ + K q = W f(Wᵀq̇) is solved for its periodic speed under the belts: v_k = Y(ikω) f_k(v), k = 1 … H, with the
+    mobility Y(s) = s Wᵀ(s²M + sD + K)⁻¹W (p, p). The frequency ω is an unknown as well.
 
     Parameters
     ----------
     model : Substructure
+        Full or reduced.
     belts : Belt or sequence of Belt
         With friction laws and speeds.
     harmonics : int, optional
-        H. By default as many as leave out less than `tolerance`.
+        H. By default enough to make the effect of the neglected ones smaller than `tolerance`.
     start : optional
-        Where to begin: nothing for the mode of steady sliding that grows most; a frequency, for the crossing of the linear
-        model nearest to it; a `LimitCycle` of any model under the same belts; a transient, or (t, v) with v the speed under
-        the belts, shape (m,) or (p, m). A cycle of each mode exists as a rule: which is meant is the caller's choice.
+        The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
+        sliding that grows fastest. A frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under
+        the same belts. A `Transient`, or (t, v) with v the speed under the belts, shape (m,) or (p, m).
     tolerance : float
-        What the harmonics left out may move, relative to the cycle.
+        Largest effect of the neglected harmonics, relative to the cycle.
+
+    Returns
+    -------
+    LimitCycle
 
     Raises
     ------
     InputError
-        No friction law, a model that floats, a start that says nothing; steady sliding is stable and no start is given.
+        No friction law, a floating model, an unusable start; steady sliding is stable and no start is given.
     NotConvergedError
-        Newton's method found no cycle; the message holds the figures.
+        Newton's method found no cycle; the message tells how far it came.
 
     Warns
     -----
     FemsubWarning
-        `harmonics` are too few: the message says how many would do.
+        There are too few `harmonics`; the message tells a sufficient number.
+
+    References
+    ----------
+    M. Krack, J. Gross, Harmonic Balance for Nonlinear Vibration Problems, Springer (2019); T. M. Cameron, J. H. Griffin,
+    J. Appl. Mech. 56 (1989) 149.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> model = fs.reduce(fs.chain(10, belt=2), fs.CraigChang(modes=3), ports=True)
+    >>> belt = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    >>> cycle = fs.harmonic_balance(model, belt, harmonics=40)
+    >>> print(f"{cycle.omega:.4f} {cycle.rms:.4f}")
+    0.7305 0.1166
     """
     contact = sliding(model, belts, "harmonic balance")
     if harmonics is not None:
@@ -184,7 +215,7 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
     if not 0 < finite_number("tolerance", tolerance) < 1:
         raise InputError(f"tolerance must lie between 0 and 1, such as 1e-4, not {tolerance!r}")
     if all(belt.force == 0 for belt in contact.belts):
-        raise InputError("the normal force is zero: nothing excites the model, and it has no limit cycle; give the belt a force")
+        raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
     flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
     cycle = refined(contact, flexibility, orbit, harmonics, tolerance, steps)
@@ -193,26 +224,26 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
 
 
 def flexibility_of(contact: Sliding, start: Any) -> Compliance:
-    """That of the cycle to start from, where it is of the same model: a sparse one keeps its responses. Else a new one.
+    """The compliance of the cycle to start from, if it is of the same model (a sparse model keeps its responses); else a new one.
 
     Raises
     ------
     InputError
         The model floats, or the cycle moves another number of columns than the contact has.
     """
-    _ = contact.equilibrium  # refuses what floats
+    _ = contact.equilibrium  # raises an error for a floating model
     if not isinstance(start, LimitCycle):
         return compliance(contact)
     known = start.contact
     if known.columns != contact.columns:
         raise InputError(f"start: the cycle has {known.columns} column(s) of contact, but {contact.model.name!r} has "
-                         f"{contact.columns} under its belts; give a cycle found with the same ports and belts, or none")
+                         f"{contact.columns} under its belts. Give a cycle found with the same ports and belts, or none")
     return start.flexibility if known.model is contact.model and np.array_equal(known.W, contact.W) else compliance(contact)
 
 
 def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: int | None, tolerance: float,
             steps: int = 0) -> LimitCycle:
-    """Newton's method from an orbit that is near, with as many harmonics as it takes, or as many as are asked."""
+    """Newton's method from a nearby orbit, with a given number of harmonics, or as many as needed."""
     balance = Balance(contact, flexibility)
     orbit = orbit.with_harmonics(harmonics or min(orbit.harmonics, MOST))
     while True:
@@ -223,8 +254,8 @@ def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: 
             break
         orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
     if max(truncation, aliasing) > ROUGH:
-        target = 0.1 * truncation if harmonics else 0.5 * tolerance  # for which `enough` was counted
-        warnings.warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}); "
+        target = 0.1 * truncation if harmonics else 0.5 * tolerance  # the truncation with `enough` harmonics
+        warnings.warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}). "
                       f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning, stacklevel=3)
     return LimitCycle(contact, in_phase(orbit), flexibility, residual, truncation, aliasing, steps)
 
@@ -246,14 +277,14 @@ def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) ->
 
 
 def _trimmed(orbit: Orbit, tail: float = 1e-5) -> Orbit:
-    """Without the harmonics that together are less than `tail` of the orbit."""
+    """The orbit without the highest harmonics that together are less than `tail` of it."""
     size = np.linalg.norm(orbit.v, axis=1)
     beyond = np.sqrt(np.cumsum(size[::-1] ** 2)[::-1])
     return orbit.with_harmonics(max(5, int(np.count_nonzero(beyond > tail * beyond[0]))))
 
 
 def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None, most: int) -> tuple[Orbit, int]:
-    """From one harmonic of a smooth law to all harmonics of the belts' own."""
+    """From one harmonic of a smooth law to all harmonics of the belts' own laws, level by level."""
     failed: NotConvergedError | None = None
     for sharp, orbit in orbits(contact, flexibility, near):
         steps, level = 0, 0
@@ -269,4 +300,4 @@ def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None, mo
             failed = failed or error
             continue
         return orbit, steps
-    raise failed or NotConvergedError("no cycle was found; give start=")
+    raise failed or NotConvergedError("no cycle was found. Give start=, e.g. a frequency or a transient")

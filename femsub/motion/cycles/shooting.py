@@ -1,10 +1,10 @@
-"""Shooting: the periodic motion as a fixed point of time integration, which knows nothing of harmonics.
+"""Shooting: a limit cycle as a fixed point of time integration, without harmonics.
 
     F(y, T) = y(T; y) - y = 0,  ẏ(0)·(y - y_0) = 0,   y = (q, q̇) (2n,)
 
-by Newton's method; dF/dy = Φ(T) - I comes from the variational equation, integrated beside y by an explicit Runge-Kutta method
-of order 8 (SciPy's DOP853), and has the Floquet multipliers as its by-product. For models of a few dozen DOF: the cost grows
-with n³. It is there to check harmonic balance, see Peeters et al., Mech. Syst. Signal Process. 23 (2009) 195.
+by Newton's method. dF/dy = Φ(T) - I comes from the variational equation, integrated together with y by an explicit
+Runge-Kutta method of order 8 (SciPy's DOP853). The Floquet multipliers are a by-product. The cost grows with n³, so it is for
+models of a few dozen DOF. Its purpose is to check harmonic balance (Peeters et al., Mech. Syst. Signal Process. 23 (2009) 195).
 """
 
 from __future__ import annotations
@@ -26,29 +26,38 @@ if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
 
 LARGEST = 60  # DOF
-TIGHTEST = 1e-13  # relative tolerance of the integration; below it rounding decides the steps
+TIGHTEST = 1e-13  # smallest relative tolerance of the integration; below it rounding determines the steps
 CLOSED = 1e-8  # ‖y(T) - y‖ / ‖y‖ at which the orbit counts as closed
 SAMPLES = 4096
-LONGEST = 100  # oscillations of the lowest elastic mode in a period
+LONGEST = 100  # largest number of oscillations of the lowest elastic mode in a period
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShotCycle:
-    """A closed orbit found by shooting.
+    """A limit cycle found by `shoot`.
 
     Attributes
     ----------
     state : State
-        Where it begins.
+        Its initial state.
     period : float
     multipliers : ndarray of complex, shape (2n,)
-        All, the largest first; one of them is 1.
+        All Floquet multipliers, the largest first; one of them is 1.
     residual : float
-        ‖y(T) - y(0)‖ / ‖y(0) - mean‖, in the scale of the motion.
+        ‖y(T) - y(0)‖ / ‖y(0) - mean‖, relative to the size of the motion.
     velocity : ndarray, shape (p, m)
         Speeds under the belts at m equidistant times of one period.
     steps : int
         Newton steps.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> model = fs.reduce(fs.chain(10, belt=2), fs.CraigChang(modes=3), ports=True)
+    >>> belt = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    >>> shot = fs.shoot(model, belt, fs.harmonic_balance(model, belt, harmonics=40))
+    >>> shot.is_stable, len(shot.multipliers)
+    (True, 10)
     """
 
     state: State
@@ -64,7 +73,7 @@ class ShotCycle:
 
     @property
     def rms(self) -> float:
-        """Of the first column, over one period."""
+        """Root mean square of the speed under the first column, over one period."""
         return float(np.sqrt(np.mean(self.velocity[0] ** 2)))
 
     @property
@@ -74,7 +83,7 @@ class ShotCycle:
 
     @property
     def is_stable(self) -> bool:
-        """All multipliers but the one nearest to 1 inside of the unit circle."""
+        """Whether all multipliers but the one nearest to 1 lie inside the unit circle."""
         others = np.delete(self.multipliers, np.argmin(np.abs(self.multipliers - 1)))
         return bool(np.abs(others).max(initial=0.0) < 1)
 
@@ -85,7 +94,26 @@ class ShotCycle:
 
 def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle | State, period: float | None = None, *,
           rtol: float = 1e-10, rounds: int = 12) -> ShotCycle:
-    """y(T) = y(0) of M q̈ + D q̇ + K q = W f(Wᵀq̇), from a cycle of the same model, or a state and a period nearby.
+    """A limit cycle by shooting: y(T) = y(0) of M q̈ + D q̇ + K q = W f(Wᵀq̇), y = (q, q̇). A check of `harmonic_balance`.
+
+    Parameters
+    ----------
+    model : Substructure
+        At most 60 DOF.
+    belts : Belt or sequence of Belt
+        With friction laws and speeds.
+    start : LimitCycle or State
+        A cycle of the same model, or a state near the cycle.
+    period : float, optional
+        The approximate period, needed with a state.
+    rtol : float
+        Relative tolerance of the time integration.
+    rounds : int
+        Largest number of Newton steps.
+
+    Returns
+    -------
+    ShotCycle
 
     Raises
     ------
@@ -93,13 +121,26 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
         A model of more than 60 DOF, a state without a period, or of another size.
     NotConvergedError
         The orbit did not close.
+
+    References
+    ----------
+    M. Peeters, R. Viguié, G. Sérandour, G. Kerschen, J.-C. Golinval, Mech. Syst. Signal Process. 23 (2009) 195.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> model = fs.reduce(fs.chain(10, belt=2), fs.CraigChang(modes=3), ports=True)
+    >>> belt = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    >>> cycle = fs.harmonic_balance(model, belt, harmonics=40)
+    >>> abs(fs.shoot(model, belt, cycle).omega - cycle.omega) < 1e-6
+    True
     """
     contact = sliding(model, belts, "shooting")
     if not TIGHTEST <= finite_number("rtol", rtol) <= 1e-2:
         raise InputError(f"rtol must lie between {TIGHTEST:g} and 0.01, not {rtol!r}")
     whole_number("rounds", rounds, least=1)
     if model.size > LARGEST:
-        raise InputError(f"shooting is for models of up to {LARGEST} DOF, and this has {model.size}: use fs.harmonic_balance")
+        raise InputError(f"shooting is for models of up to {LARGEST} DOF, but this one has {model.size}. Use fs.harmonic_balance")
     if isinstance(start, LimitCycle):
         period = start.period if period is None else period
         start = start.state()
@@ -120,10 +161,10 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
         step = np.linalg.solve(J, np.append(-gap, 0.0))
         y, period = y + step[:-1], period + float(step[-1])
         if not 0 < period < np.inf:
-            raise NotConvergedError("shooting lost the cycle: the period became negative; start nearer to it")
+            raise NotConvergedError("shooting lost the cycle: the period became negative. Start nearer to the cycle")
     else:
         raise NotConvergedError(f"shooting did not close the orbit in {rounds} steps: the gap is "
-                                f"{np.linalg.norm(gap) / scale:.1e} of the motion, and {CLOSED:g} is asked")
+                                f"{np.linalg.norm(gap) / scale:.1e} of the motion, above {CLOSED:g}. Start nearer to the cycle")
     values = np.linalg.eigvals(Phi)
     n = model.size
     return ShotCycle(State(y[:n], y[n:]), float(period), values[np.argsort(-np.abs(values))],
@@ -131,12 +172,12 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
 
 
 def _check_period(model: Substructure, period: float) -> None:
-    """Refuses a period in which the lowest elastic mode oscillates more than LONGEST times: it would take for ever."""
+    """Refuse a period in which the lowest elastic mode oscillates more than LONGEST times: it would take too long."""
     modes = all_modes(model.K, model.M)
     turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
     if (turns > LONGEST).any():
-        raise InputError(f"period={period:.6g} holds {turns[0]:.3g} oscillations of the lowest mode; at most {LONGEST} can be: "
-                         "give the period in the model's unit of time")
+        raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most {LONGEST} "
+                         "are allowed. Give the period in the model's unit of time")
 
 
 class _Flow:
@@ -155,7 +196,7 @@ class _Flow:
         return self.A @ y + self.B @ self.contact.force(self.C @ y)
 
     def run(self, y: Array, period: float, samples: int = 0) -> tuple[Array, Array, Array]:
-        """y(T), Φ(T), and v at equidistant times; without Φ where samples are asked."""
+        """y(T), Φ(T), and v at equidistant times; without Φ if samples are requested."""
         from scipy.integrate import solve_ivp
 
         m = len(y)
@@ -173,6 +214,6 @@ class _Flow:
         found = solve_ivp(both, (0, period), np.concatenate([y, np.eye(m).ravel()]), "DOP853", rtol=self.rtol,
                           atol=1e-3 * self.rtol)
         if not found.success:
-            raise NotConvergedError(f"the integration over one period failed: {found.message}")
+            raise NotConvergedError(f"the time integration over one period failed: {found.message}. Start nearer to the cycle")
         last = found.y[:, -1].reshape(m + 1, m)
         return last[0], last[1:].T, np.zeros((0, 0))

@@ -1,8 +1,8 @@
-"""Following a branch of limit cycles, and the points on it where stability changes, located by halving and named.
+"""Following a branch of limit cycles, and locating the points where stability changes.
 
-The key of a cycle is the sign of dp/ds and the number of multipliers outside of the unit circle. Where it changes between two
-neighbours, the step between them is halved until the change is pinned down; the multiplier that passes the circle there names
-the point: +1 at a fold, -1 at a period doubling, a complex pair at a Neimark-Sacker point.
+The key of a cycle is the sign of dp/ds and the number of multipliers outside the unit circle. If it changes between two
+neighbours, the step between them is halved until the change is located. The multiplier that passes the circle gives the
+point its name: +1 at a fold, -1 at a period doubling, a complex pair at a Neimark-Sacker point.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from femsub.motion.cycles.continuation import EASY, HARD, Path, Place
 from femsub.motion.cycles.limit_cycle import LimitCycle
 
 LONGEST, SHORTEST, FIRST = 0.15, 1e-5, 0.01  # scaled steps along a branch
-HALVINGS = 6  # with which a special point is located
-YOUNG = 0.02  # of the belt's speed: below such an amplitude the multiplier of the amplitude is 1 to within its error
-BESIDE = 2e-3  # of the range of the parameter: a multiplier so near to a fold is 1 to within its error
-TURN = 0.85  # the least cosine between the tangents of neighbours
+HALVINGS = 6  # halvings to locate a special point
+YOUNG = 0.02  # amplitude / belt speed below which the amplitude's multiplier is 1 within its error
+BESIDE = 2e-3  # distance from a fold, as a share of the parameter's range, within which a multiplier is 1 within its error
+TURN = 0.85  # smallest cosine between the tangents of neighbours
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class SpecialPoint:
 
 
 class Tracer:
-    """One walk along a path, in one direction: the cycles found, in order, and why there are no more."""
+    """One walk along a path, in one direction: the cycles found, in order, and why it ended."""
 
     def __init__(self, path: Path, direction: float, limits: tuple[float, float], stability: bool) -> None:
         self.path, self.direction, self.limits, self.stability = path, direction, limits, stability
@@ -46,7 +46,7 @@ class Tracer:
         self.ended = ""
 
     def walk(self, first: Place, points: int, tell: Callable[[str], None]) -> Tracer:
-        """From `first` on, until the range, the points or the branch end."""
+        """Walk from `first` on, until the end of the range, of the branch, or of the allowed number of points."""
         place, length = first, FIRST
         cycle = self.cycle(place)
         self._keep(place, cycle)
@@ -75,7 +75,7 @@ class Tracer:
         return self
 
     def cycle(self, place: Place) -> LimitCycle:
-        """What a place is to a user."""
+        """The `LimitCycle` of a place."""
         truncation, aliasing = place.left_out or self.path.left_out(place)
         return LimitCycle(self.path.contact(place.value), in_phase(place.orbit), self.path.flexibility, place.residual,
                           truncation, aliasing, stability=self.stability)
@@ -90,7 +90,7 @@ class Tracer:
         return float(old.tangent @ new.tangent)
 
     def _over(self, old: Place, new: Place, first: Place) -> str:
-        """Why the branch ends at a new place, or nothing."""
+        """Why the branch ends at a new place; empty if it does not."""
         lo, hi = self.limits
         if not lo <= new.value <= hi:
             return f"the range ends at {self.path.parameter} = {lo if new.value < lo else hi:.6g}"
@@ -107,7 +107,7 @@ class Tracer:
         return ""
 
     def _last(self, beyond: Place) -> None:
-        """The cycle at the very end of the range."""
+        """The cycle exactly at the end of the range."""
         lo, hi = self.limits
         if lo <= beyond.value <= hi:
             return
@@ -138,7 +138,7 @@ class Tracer:
             self.special.append(point)
 
     def _told(self, point: SpecialPoint) -> bool:
-        """The multiplier +1 of a fold, seen beside the fold itself because both are known to their errors only."""
+        """Whether the point repeats a known one: a fold is also detected as a multiplier crossing +1 nearby."""
         near = [other for other in self.special if {other.kind, point.kind} == {"fold", "branch point"}
                 and abs(other.value - point.value) <= BESIDE * self.path.scales[2]]
         if point.kind == "fold":
