@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
 from femsub.checks import Array, Matrix, choice, instance, items, mapping, word
 from femsub.errors import InputError, InputTypeError
@@ -111,6 +112,66 @@ class System(Substructure):
                 found |= {f"{name}.{inner}": u for inner, u in part.expand(q).items()}
             else:
                 found[name] = part.expand(q) if isinstance(part, ReducedSubstructure) else q
+        return found
+
+    def collected(self, u: Mapping[str, Array]) -> Array:
+        """The x whose L x comes nearest to given displacements of the parts, as `expand` lists them; shape (n,) or (n, k).
+
+        Raises
+        ------
+        InputError
+            A part is reduced, so that its coordinates are no displacements.
+        """
+        blocks = []
+        for name, part in self.parts.items():
+            if isinstance(part, ReducedSubstructure):
+                raise InputError(f"the part {name!r} is reduced: its coordinates do not follow from displacements")
+            inner = {key.removeprefix(f"{name}."): one for key, one in u.items() if key.startswith(f"{name}.")}
+            blocks.append(part.collected(inner) if isinstance(part, System) else u[name])
+        L = sp.csc_array(self.L)
+        gram, load = sp.csc_array(L.T @ L), L.T @ np.concatenate(blocks)
+        diagonal = gram.diagonal()
+        if gram.nnz == np.count_nonzero(diagonal):  # equal DOF alone
+            return load / diagonal.reshape(-1, *[1] * (load.ndim - 1))
+        return splu(gram).solve(load.real) + (1j * splu(gram).solve(load.imag) if np.iscomplexobj(load) else 0.0)
+
+    def with_parts(self, parts: Mapping[str, Substructure]) -> System:
+        """The same joints between other models of the parts, such as reduced ones; a part that is not named stays.
+
+        The interface is the same, too.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            A name that is no part; see `couple`.
+        """
+        for name in mapping("parts", parts, "names and substructures, as {'disc': rom}"):
+            choice("part", name, self.parts)
+        ends = [(name, self.parts[name].interface_numbers[places]) for name, places in self.open.items() if len(places)]
+        return couple(dict(self.parts) | dict(parts), self.joints, self.name, interface=ends)
+
+    def interface_forces(self, omega: Array, x: Array) -> dict[str, Array]:
+        """The forces g on the interface of each part in undamped motion: Bᵀg = (K - ω²M)q with u_b = Bq, {name: (n_b, k)}.
+
+        On a full part g is what its own elasticity and inertia leave to the joints. Of a reduced part whose interface is spread
+        over generalised coordinates it is the g that comes nearest.
+
+        Parameters
+        ----------
+        omega : array_like, shape (k,)
+            Radians per unit of time.
+        x : array_like, shape (n, k)
+            The system's coordinates.
+        """
+        found = {}
+        for (name, part), rows in zip(self.parts.items(), _blocks(self.parts), strict=True):
+            q = self.L[rows] @ x
+            balance = part.K @ q - (part.M @ q) * np.asarray(omega) ** 2
+            B = part.interface_rows
+            if len(part.interface) == B.shape[0]:
+                found[name] = balance[part.interface]
+            else:
+                found[name] = np.linalg.lstsq((B.toarray() if sp.issparse(B) else B).T, balance, rcond=None)[0]
         return found
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from femsub.checks import Array, Matrix
 from femsub.model.bands import upper, within
+from femsub.model.assembly import System
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
 if TYPE_CHECKING:
@@ -73,6 +74,8 @@ def likeness(full: Substructure, model: Substructure, x: Array, y: Array) -> Arr
 
 
 def _fields(full: Substructure, model: Substructure, y: Array) -> Array | None:
+    if isinstance(full, System) and isinstance(model, System):
+        return full.collected(model.expand(y)) if model is not full else y
     if isinstance(model, ReducedSubstructure) and len(model.V) == full.size:
         return model.V @ y
     return y if model.size == full.size else None

@@ -6,16 +6,17 @@ import logging
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, instance
+from femsub.checks import Array, choice, instance, shown
 from femsub.errors import InputError, InputTypeError, PortWarning
 from femsub.linalg.factor import SMALL
 from femsub.linalg.memory import check_memory
 from femsub.linalg.threads import WORK, one_thread
+from femsub.model.assembly import System
 from femsub.model.estimate import SHARE
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import confirm
@@ -47,8 +48,17 @@ __all__ = ["METHODS", "CraigBampton", "CraigChang", "CraigChangPhysical", "DualC
            "MacNeal", "Method", "Rubin", "reduce"]
 
 
-def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = False,
-           contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure:
+@overload
+def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = ...,
+           contacts: Belt | Sequence[Belt] | None = ...) -> ReducedSubstructure: ...
+
+
+@overload
+def reduce(sub: Substructure, method: Mapping[str, Method], ports: bool = ..., contacts: None = ...) -> System: ...
+
+
+def reduce(sub: Substructure, method: Method | Mapping[str, Method], ports: bool | Sequence[str] = False,
+           contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure | System:
     """Replace a component by a small one: project it onto the basis V of a reduction method.
 
     The result has the matrices VᵀMV, VᵀDV, VᵀKV (r, r) and the ports Vᵀw, with V (n, r) from the method.
@@ -67,7 +77,8 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fals
     sub : Substructure
         Full, or itself reduced.
     method : CraigBampton, CraigChang or another `Method`
-        With its number of modes, or with a band and a tolerance.
+        With its number of modes, or with a band and a tolerance. Of a system it may be a mapping, {'disc': CraigBampton(20)}:
+        these parts are reduced, each by its own method, and joined again; the other parts stay.
     ports : bool or sequence of str
         True, or the names of ports: adds the static responses to these ports to the basis.
     contacts : Belt or sequence of Belt, optional
@@ -75,7 +86,7 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fals
 
     Returns
     -------
-    ReducedSubstructure
+    ReducedSubstructure, or System where the parts were reduced one by one
         A `Substructure` again; ``.expand(q)`` gives the displacements of the full component.
 
     Warns
@@ -100,6 +111,8 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fals
     >>> fs.reduce(sub, fs.CraigBampton(modes=4))
     ReducedSubstructure 'chain': 5 of 10 DOF by Craig-Bampton with 4 fixed-interface modes, cut-off 1.355 rad/time
     """
+    if isinstance(method, Mapping):
+        return _part_by_part(sub, method, ports, contacts)
     task = _checked(sub, method, ports, contacts)
     with one_thread(_work(task) < WORK):
         basis = _basis(task) if len(sub.interior) or not method.held else _whole(task)
@@ -109,6 +122,19 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fals
         rom = _projected(task, basis)
     log.info("%r", rom)
     return rom
+
+
+def _part_by_part(sub: Substructure, methods: Mapping[str, Method], ports: bool | Sequence[str],
+                  contacts: Belt | Sequence[Belt] | None) -> System:
+    system = instance("sub", sub, System, "made by couple, where each part has a method of its own")
+    if not isinstance(ports, bool):
+        raise InputTypeError(f"ports must be True or False where the parts of a system are reduced, not {shown(ports)}")
+    if contacts is not None:
+        raise InputError("contacts belong to one component with a tolerance; where the parts of a system are reduced, leave them "
+                         "out")
+    for name in methods:
+        choice("part", name, system.parts)
+    return system.with_parts({name: reduce(system.parts[name], method, ports) for name, method in methods.items()})
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from femsub.checks import Array, check_band, instance, items, listener, real_arr
 from femsub.errors import CutoffWarning, FemsubError, InputError, PortWarning
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE, release
 from femsub.linalg.timing import timed
+from femsub.model.assembly import System
 from femsub.model.bands import in_band
 from femsub.model.friction import Belt
 from femsub.model.substructure import ReducedSubstructure, Substructure
@@ -22,13 +23,14 @@ from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors, turnover
 from femsub.reduction.reduce import Method, reduce
 from femsub.stability.critical_slope import critical_slope
+from femsub.studies.joint_forces import force_error
 from femsub.studies.results import PHASES, Row, Study, Timing, with_front
 
 Progress = Callable[[str], None]
 SHORT_RUNS = 3  # so often a reduced model is solved in each turn
 
 
-def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float], *,
+def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], band: tuple[float, float], *,
           belt: Belt | None = None, port: str = "belt", ports: bool = False, repeats: int = 5,
           slopes: Sequence[float] | None = None, assembly: float = np.nan, progress: Progress | None = None) -> Study:
     """Reduces `sub` by each method and compares complex modes and critical slope with the full model.
@@ -38,7 +40,9 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
     sub : Substructure
     methods : sequence of CraigBampton, CraigChang or another `Method`
         One entry per reduced model; list the same method with several numbers of modes to see convergence. With a band
-        and a tolerance, the row shows how many modes were chosen (under the belt, if there is one).
+        and a tolerance, the row shows how many modes were chosen (under the belt, if there is one). Of a system an entry may
+        be a mapping, {'disc': CraigBampton(20), 'pad': Rubin(5)}: its parts are reduced one by one, and the forces in the
+        joints are compared as well.
     band : (lo, hi)
         Where the errors count, in radians per unit of time.
     belt : Belt, optional
@@ -69,7 +73,8 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
     lo, hi = check_band(band)
     methods = items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]")
     for method in methods:
-        instance("each of methods", method, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
+        for one in method.values() if isinstance(method, Mapping) else [method]:
+            instance("each of methods", one, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
     if not methods:
         raise InputError("methods is empty: name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)
@@ -95,20 +100,21 @@ def study(sub: Substructure, methods: Sequence[Method], band: tuple[float, float
         growth, stable = _judged(spectra[i], (lo, hi))
         taken = phases[i]
         rows.append(Row(
-            methods[i - 1].key if i else "full", model.modes if isinstance(model, ReducedSubstructure) else 0,
+            _key(methods[i - 1]) if i else "full", sum(kept_modes(model).values()),
             model.size, found.eigenvalue, found.growth, relative_error(slopes[i], slopes[0]), found.missing, slopes[i],
             growth,
             Timing.of([sum(one.values()) for one in taken]), Timing.of(solving[i]),
-            model.port_error.get(place, 0.0) if isinstance(model, ReducedSubstructure) else 0.0, model.cutoff,
+            port_error(model, place), model.cutoff,
             extra_eigenvalues(spectra[0], spectra[i], (lo, hi)),
             frequency_error(own, all_frequencies(model)) if i else 0.0, found.mac,
             {name: Timing.of([one.get(name, 0.0) for one in taken]) for name in PHASES} if i else {}, _megabytes(model),
-            stable=stable, reason=reasons[i]))
+            stable=stable, reason=reasons[i], parts=kept_modes(model) if i and isinstance(model, System) else {},
+            error_force=_force_error(sub, model, (lo, hi))))
     return Study(sub.name, (lo, hi), repeats, rows[0], with_front(rows[1:], hi), assembly)
 
 
-def _measured(sub: Substructure, methods: Sequence[Method], belt: Belt | None, band: tuple[float, float],
-              ports: bool, repeats: int, tell: Progress) -> tuple[list[ReducedSubstructure], list[ComplexModes],
+def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], belt: Belt | None, band: tuple[float, float],
+              ports: bool, repeats: int, tell: Progress) -> tuple[list[Substructure], list[ComplexModes],
                                                                   list[list[dict[str, float]]], list[list[float]]]:
     """Reduced models, all spectra (the full model's first), and the seconds of each run: by phases of reduction, to solve."""
     solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
@@ -120,11 +126,11 @@ def _measured(sub: Substructure, methods: Sequence[Method], belt: Belt | None, b
         spectra[0] = complex_modes(sub, belt, band=band)
     for turn in range(repeats):
         for i, method in enumerate(methods):
-            tell(f"{sub.name}: run {turn + 1} of {repeats}, {method}")
+            tell(f"{sub.name}: run {turn + 1} of {repeats}, {in_words(method)}")
             with warnings.catch_warnings(), timed() as spent:
                 warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
-                models[i], seconds = _clocked(reduce, sub, method, ports=ports,
-                                              contacts=belt if method.band is not None else None)
+                tolerance = not isinstance(method, Mapping) and method.band is not None
+                models[i], seconds = _clocked(reduce, sub, method, ports=ports, contacts=belt if tolerance else None)
             phases[i + 1].append(spent | {"basis": seconds - sum(spent.values())})
         tell(f"{sub.name}: run {turn + 1} of {repeats}, full model")
         found, seconds = _clocked(complex_modes, sub, belt, band=band, certify=False)
@@ -184,7 +190,51 @@ def border_or_reason(model: Substructure, port: str, force: float, band: tuple[f
 
 def _clocked(call: Callable[..., Any], model: Substructure, *arguments: Any, **options: Any) -> tuple[Any, float]:
     """What a call on a model returns, and its seconds where no factor was made before."""
-    release(model)
+    _released(model)
     start = time.perf_counter()
     result = call(model, *arguments, **options)
     return result, time.perf_counter() - start
+
+
+def _force_error(sub: Substructure, model: Substructure, band: tuple[float, float]) -> float:
+    if not isinstance(sub, System) or not isinstance(model, System):
+        return np.nan
+    return 0.0 if model is sub else force_error(sub, model, band)
+
+
+def _released(model: Substructure) -> None:
+    release(model)
+    for part in model.parts.values() if isinstance(model, System) else ():
+        _released(part)
+
+
+def _key(method: Method | Mapping[str, Method]) -> str:
+    """The key of a method, or of that of all parts; 'mixed' where they differ."""
+    keys = {one.key for one in method.values()} if isinstance(method, Mapping) else {method.key}
+    return keys.pop() if len(keys) == 1 else "mixed"
+
+
+def in_words(method: Method | Mapping[str, Method]) -> str:
+    """'Craig-Bampton with 4 modes', or 'disc by Craig-Bampton with 4 modes, pad by Rubin with 2 modes'."""
+    if not isinstance(method, Mapping):
+        return str(method)
+    told = {name: str(one) for name, one in method.items()}
+    if len(set(told.values())) == 1:
+        return f"each part by {next(iter(told.values()))}"
+    return ", ".join(f"{name} by {one}" for name, one in told.items())
+
+
+def kept_modes(model: Substructure) -> dict[str, int]:
+    """The number of elastic modes in a reduced model, by its name, or in each reduced part of a system."""
+    if isinstance(model, System):
+        return {name: sum(kept_modes(part).values()) for name, part in model.parts.items()
+                if isinstance(part, (System, ReducedSubstructure))}
+    return {model.name: model.modes} if isinstance(model, ReducedSubstructure) else {}
+
+
+def port_error(model: Substructure, port: str) -> float:
+    """The static error at a port in the energy norm, of a system that of the part that has the port."""
+    if isinstance(model, System):
+        name, _, rest = port.partition(".")
+        return port_error(model.parts[name], rest) if name in model.parts else 0.0
+    return model.port_error.get(port, 0.0) if isinstance(model, ReducedSubstructure) else 0.0

@@ -79,6 +79,11 @@ class Row:
         The verdict in the band: True, False, or None where it is undecided within the error bars.
     reason : str
         Why there is no critical slope.
+    parts : mapping of str to int
+        Of a system: the modes kept in each of its reduced parts.
+    error_force : float
+        Of a system: max ‖Δg‖ / ‖g‖ over the undamped modes in the band, g the forces of the joints on all parts (`force_error`);
+        NaN where a mode has no counterpart.
     """
 
     method: str
@@ -102,6 +107,8 @@ class Row:
     pareto: bool = False
     stable: bool | None = None
     reason: str = ""
+    parts: Mapping[str, int] = field(default_factory=dict)
+    error_force: float = np.nan
 
     @property
     def label(self) -> str:
@@ -126,7 +133,9 @@ class Row:
         """Plain columns, for CSV and JSON."""
         flat: dict[str, Any] = {}
         for key, value in asdict(self).items():
-            if key == "phases":
+            if key == "parts":
+                flat |= {f"modes_{name}": count for name, count in value.items()}
+            elif key == "phases":
                 flat |= {f"{name}_s": timing["median"] for name, timing in value.items()}
             elif isinstance(value, dict):
                 flat |= {f"{key}_{name}_s": number for name, number in value.items()}
@@ -177,10 +186,13 @@ class Study:
             nearest = "" if near is None else (f"; {near.label} with {near.modes} modes ({near.size} DOF) comes nearest with "
                                                f"{100 * near.error_growth:.2g} %")
             return f"for {where} none of these models will do{nearest}: keep more modes, or lower the band"
+        extent = f"with {row.modes} modes ({row.size} DOF)" if not row.parts else \
+            f"with {_each(row.parts)} ({row.size} DOF in all)"
+        forces = "" if np.isnan(row.error_force) else f"; the forces in the joints are within {100 * row.error_force:.2g} %"
         faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
-        return (f"for {where} take {row.label} with {row.modes} modes ({row.size} DOF): {_seconds(row.reduction.median)} to "
+        return (f"for {where} take {row.label} {extent}: {_seconds(row.reduction.median)} to "
                 f"reduce, {_seconds(row.solution.median)} to solve, {float(f'{faster:.2g}'):g} times faster than the full model"
-                f"{self._verdicts(row)}")
+                f"{forces}{self._verdicts(row)}")
 
     def _verdicts(self, row: Row) -> str:
         if row.stable == self.full.stable:
@@ -191,14 +203,16 @@ class Study:
 
     def __str__(self) -> str:
         built = "" if np.isnan(self.assembly) else f", assembled in {_seconds(self.assembly)}"
-        head = ["  method", "DOF", "err ω", "err λ", "err Re λ", "err slope", "1 - MAC", "missing", "stable", "reduce", "solve",
-                "MB"]
+        forces = bool(self.full.error_force == 0)
+        head = ["  method", "DOF", "err ω", "err λ", "err Re λ", "err slope", *["err force"] * forces, "1 - MAC", "missing",
+                "stable", "reduce", "solve", "MB"]
         rows = [[f"{'*' if row.pareto else ' '} {row.label}", row.size,
-                 *map(known, (row.error_frequency, row.error_eigenvalue, row.error_growth, row.error_slope, 1 - row.mac)),
+                 *map(known, (row.error_frequency, row.error_eigenvalue, row.error_growth, row.error_slope,
+                               *[row.error_force] * forces, 1 - row.mac)),
                  row.missing, VERDICT[row.stable], _seconds(row.reduction.median), _seconds(row.solution.median), row.memory]
                 for row in (self.full, *self.rows)]
         lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time, medians of {self.repeats}{built}",
-                 table(head, rows, ["s", "d", *[".1e"] * 5, "d", "s", "s", "s", ".3g"])]
+                 table(head, rows, ["s", "d", *[".1e"] * (5 + forces), "d", "s", "s", "s", ".3g"])]
         if any(row.pareto for row in self.rows):
             lines.append("* no other is both as quick (or as small, where the runs' times overlap) and as right in Re λ")
         short = [row for row in self.rows if row.cutoff < self.band[1]]
@@ -222,6 +236,14 @@ def with_front(rows: Sequence[Row], hi: float = 0.0) -> tuple[Row, ...]:
     """
     fit = [row for row in rows if row.sound and row.cutoff >= hi]
     return tuple(replace(row, pareto=row in fit and not any(_beats(other, row) for other in fit)) for row in rows)
+
+
+def _each(parts: Mapping[str, int]) -> str:
+    """'4 modes in each part', or '4 modes in disc, 2 in pad'."""
+    if len(set(parts.values())) == 1:
+        return f"{next(iter(parts.values()))} modes in each part"
+    first, *rest = parts.items()
+    return ", ".join([f"{first[1]} modes in {first[0]}", *(f"{count} in {name}" for name, count in rest)])
 
 
 def _beats(other: Row, row: Row) -> bool:

@@ -1,0 +1,105 @@
+"""Systems whose parts are reduced one by one: the same joints, the forces in them, and the study over methods."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_coupling import cut, elastic
+
+import femsub as fs
+from femsub.reduction.reduce import METHODS
+from femsub.studies.joint_forces import force_error
+
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")  # every part has a port
+BAND = (0.0, 0.35)
+ROUNDING = 1e-9
+
+
+def system(pieces: int = 3, n: int = 60) -> fs.System:
+    parts, joints, _ = cut(n, pieces)
+    return fs.couple(parts, joints)
+
+
+def test_parts_are_reduced_one_by_one_and_joined_again() -> None:
+    full = system()
+    rom = fs.reduce(full, {"p0": fs.CraigBampton(3), "p2": fs.Rubin(2)})
+    assert isinstance(rom, fs.System) and rom.parts["p1"] is full.parts["p1"] and rom.joints == full.joints
+    assert isinstance(rom.parts["p0"], fs.ReducedSubstructure) and rom.parts["p2"].modes == 2
+    assert {name: len(places) for name, places in rom.open.items()} == {name: len(places) for name, places in full.open.items()}
+    assert list(rom.ports) == list(full.ports) and rom.cutoff == min(rom.parts[name].cutoff for name in ("p0", "p2"))
+    with pytest.raises(fs.InputError, match="p3"):
+        fs.reduce(full, {"p3": fs.CraigBampton(3)})
+    with pytest.raises(fs.InputTypeError, match="System"):
+        fs.reduce(fs.chain(5), {"chain": fs.CraigBampton(3)})  # type: ignore[call-overload]
+    with pytest.raises(fs.InputError, match="contacts belong to one component"):
+        fs.reduce(full, {"p0": fs.CraigBampton(3)}, contacts=fs.Belt(port="p0.belt", slope=-0.1))  # type: ignore[call-overload]
+
+
+def test_what_is_collected_is_what_was_expanded() -> None:
+    full = system()
+    x = np.random.default_rng(1).standard_normal((full.size, 2)) + 1j
+    np.testing.assert_allclose(full.collected(full.expand(x)), x, atol=1e-12)
+    outer = fs.couple({"front": full, "back": fs.chain(4, fixed=False, interface=[1])},
+                      [fs.Rigid(("front", [int(full.interface[-1])]), ("back", [0]))])
+    x = np.random.default_rng(2).standard_normal((outer.size, 2))
+    np.testing.assert_allclose(outer.collected(outer.expand(x)), x, atol=1e-12)
+    with pytest.raises(fs.InputError, match="the part 'p0' is reduced"):
+        fs.reduce(full, {"p0": fs.CraigBampton(3)}).collected({})
+
+
+def test_forces_in_joints_balance_each_other_and_hold_the_parts() -> None:
+    """Newton's third law at each joint; and of a spring cut in two, the force is k times its stretch."""
+    full = system()
+    modes = fs.normal_modes(full, count=6)
+    found = full.interface_forces(modes.frequencies, modes.shapes)
+    largest = max(np.abs(g).max() for g in found.values())
+    for one, other in (("p0", "p1"), ("p1", "p2")):
+        np.testing.assert_allclose(found[one][1], -found[other][0], atol=ROUNDING * largest)
+    assert np.abs(found["p2"][-1]).max() < ROUNDING * largest  # the free end
+    u = full.expand(modes.shapes)["p1"]
+    part = full.parts["p1"]
+    spring = -part.K[0, 1]
+    np.testing.assert_allclose(found["p1"][0], -part.M[0, 0] * modes.eigenvalues * u[0] + spring * (u[0] - u[1]),
+                               atol=ROUNDING * largest)
+
+
+@pytest.mark.parametrize("key", ["craig-bampton", "craig-chang", "rubin", "dual-craig-bampton", "herting"])
+def test_forces_become_those_of_the_full_system(key: str) -> None:
+    """With more modes the error falls; with all of them it is rounding."""
+    full = system(n=30)
+    made = [fs.reduce(full, dict.fromkeys(full.parts, METHODS[key](count))) for count in (2, 4)]
+    few, more = (force_error(full, rom, BAND) for rom in made)
+    assert more < few / 3
+    whole = {name: METHODS[key](len(part.interior) if METHODS[key].held else part.size - fs.normal_modes(part, count=1).rigid)
+             for name, part in full.parts.items()}
+    complete = fs.reduce(full, whole)
+    np.testing.assert_allclose(elastic(complete), elastic(full), rtol=1e-9)
+    assert force_error(full, complete, BAND) < 1e-7
+    assert force_error(full, full, BAND) < ROUNDING and np.isnan(force_error(full, complete, (100.0, 200.0)))
+
+
+def test_a_study_of_a_system_compares_methods_part_by_part() -> None:
+    full = system()
+    methods = [dict.fromkeys(full.parts, fs.CraigBampton(4)), {"p0": fs.CraigBampton(8), "p1": fs.CraigBampton(6)},
+               {"p0": fs.CraigBampton(3), "p2": fs.Rubin(2)}, fs.CraigBampton(6)]
+    found = fs.study(full, methods, BAND, belt=fs.Belt(port="p0.belt", slope=-0.1), repeats=1)
+    assert [row.method for row in found.rows] == ["craig-bampton", "craig-bampton", "mixed", "craig-bampton"]
+    assert [row.modes for row in found.rows] == [12, 14, 5, 6]
+    assert found.rows[2].parts == {"p0": 3, "p2": 2} and found.rows[3].parts == {}
+    assert found.full.error_force == 0 and all(0 < row.error_force < 1 for row in found.rows[:3])
+    assert np.isnan(found.rows[3].error_force)  # joined first: there are no joints to compare
+    assert all(row.mac > 0.5 and row.error_slope < 0.1 for row in found.rows)
+    assert "err force" in str(found) and found.rows[2].flat()["modes_p2"] == 2
+    words = found.recommendation(0.05)
+    assert "in p0" in words or "in each part" in words
+    assert "the forces in the joints are within" in words
+    with pytest.raises(fs.InputTypeError, match="each of methods"):
+        fs.study(full, [{"p0": 3}], BAND)  # type: ignore[dict-item]
+
+
+def test_frequencies_of_a_system_with_all_modes_have_the_full_ones_shapes() -> None:
+    """A complete model has the full one's number of coordinates, but not its coordinates."""
+    full = system(2, 20)
+    whole = {name: fs.CraigBampton(len(part.interior)) for name, part in full.parts.items()}
+    row = fs.study(full, [whole], (0.0, 1.0), port="p0.belt", repeats=1).rows[0]
+    assert row.size == full.size and row.mac > 1 - 1e-9 and row.error_eigenvalue < 1e-9
