@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from femsub.checks import Array, Matrix
-from femsub.model.bands import upper, within
 from femsub.model.assembly import System
+from femsub.model.bands import upper, within
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
 if TYPE_CHECKING:
