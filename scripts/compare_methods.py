@@ -16,13 +16,11 @@ from __future__ import annotations
 
 import argparse
 import csv
-import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
 import femsub as fs
 from benchmarks import joined
 from femsub.app.figure_style import look, new_figure, render
