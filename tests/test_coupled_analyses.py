@@ -113,6 +113,22 @@ def test_refine(model: fs.Substructure) -> None:
         assert np.abs(reference.eigenvalues - value).min() < 1e-9
 
 
+def test_refine_from_parts_that_were_reduced_one_by_one() -> None:
+    full = form("coupled")
+    assert isinstance(full, fs.System)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.FemsubWarning)
+        rom = full.with_parts({"left": fs.reduce(full.parts["left"], fs.CraigBampton(1)),
+                               "right": fs.reduce(full.parts["right"], fs.CraigChang(2))})
+        rough = fs.complex_modes(rom, belt(rom), band=(0.0, 0.6))
+        found = fs.refine(full, rough, rom, belt(full))
+    exact = fs.complex_modes(whole(), BELT).eigenvalues
+    off = [max(np.abs(exact - value).min() for value in modes.eigenvalues) for modes in (rough, found.modes)]
+    assert len(rough) and off[1] < 1e-9 < 1e-4 < off[0]
+    with pytest.raises(fs.InputError, match="are not those of"):
+        fs.refine(full, rough, fs.couple({"one": full}, []), belt(full))
+
+
 def test_self_excitation(model: fs.Substructure) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.FemsubWarning)

@@ -45,6 +45,8 @@ class System(Substructure):
     multipliers : mapping of str to matrix, shape (m, n)
         Per joint that was assembled by Lagrange multipliers, G with λ = G x. The joint puts the forces -C_pᵀ λ on the interface
         of the part p, C_p of its `Link`.
+    assembly : str
+        As `couple` was asked: 'primal' or 'dual'.
     spurious : int
         Eigenvalues ω² of the dual Craig-Bampton parts' assembly that were negative or infinite. They are not in the system.
     """
@@ -57,14 +59,15 @@ class System(Substructure):
     redundant: int = 0
     multipliers: Mapping[str, Matrix] = field(default_factory=dict)
     spurious: int = 0
+    assembly: str = "primal"
 
     def __init__(self, M: Any, K: Any, D: Any, interface: Any, ports: Mapping[str, Any], name: str, *,
                  parts: Mapping[str, Substructure], joints: Iterable[Joint], L: Matrix, open: Mapping[str, Array],
                  sets: Mapping[str, Array] | None = None, redundant: int = 0,
-                 multipliers: Mapping[str, Matrix] | None = None, spurious: int = 0) -> None:
+                 multipliers: Mapping[str, Matrix] | None = None, spurious: int = 0, assembly: str = "primal") -> None:
         super().__init__(M, K, D, interface, ports, name)
         self._set(parts=dict(parts), joints=tuple(joints), L=L, open=dict(open), redundant=redundant,
-                  multipliers=multipliers or {}, spurious=spurious,
+                  multipliers=multipliers or {}, spurious=spurious, assembly=assembly,
                   sets=checked_sets(sets, sum(map(len, open.values()))), cutoff=min(part.cutoff for part in parts.values()))
 
     def __repr__(self) -> str:
@@ -148,7 +151,7 @@ class System(Substructure):
         for name in mapping("parts", parts, "names and substructures, as {'disc': rom}"):
             choice("part", name, self.parts)
         ends = [(name, self.parts[name].interface_numbers[places]) for name, places in self.open.items() if len(places)]
-        return couple(dict(self.parts) | dict(parts), self.joints, self.name, interface=ends)
+        return couple(dict(self.parts) | dict(parts), self.joints, self.name, assembly=self.assembly, interface=ends)
 
     def interface_forces(self, omega: Array, x: Array) -> dict[str, Array]:
         """The forces g on the interface of each part in undamped motion: Bᵀg = (K - ω²M)q with u_b = Bq, {name: (n_b, k)}.
@@ -259,7 +262,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     ports = {f"{part}.{port}": L[rows].T @ w for (part, sub), rows in zip(parts.items(), _blocks(parts), strict=True)
              for port, w in sub.ports.items()}
     return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=_sets(parts, place),
-                  redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious)
+                  redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly)
 
 
 def _checked_parts(parts: Any) -> dict[str, Substructure]:

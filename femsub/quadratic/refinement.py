@@ -12,6 +12,7 @@ import numpy as np
 from femsub.checks import Array, items, positive_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
 from femsub.linalg.subspace import orthonormal
+from femsub.model.assembly import System
 from femsub.model.matrices import Difference
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import ReducedSubstructure, Substructure
@@ -80,7 +81,7 @@ class Refined:
                 f"{self.modes.backward_error.max(initial=0.0):.0e}")
 
 
-def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
+def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | System,
            contacts: Belt | Sequence[Belt] | None = None, *, which: Sequence[int] | None = None, tol: float = 1e-8,
            steps: int = 20) -> Refined:
     """Refine the complex modes of a reduced model to those of the full model, and tell how far each λ moves.
@@ -97,7 +98,8 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
         The model that was reduced.
     modes : ComplexModes
         `complex_modes(rom, contacts)`, by count or by band.
-    rom : ReducedSubstructure
+    rom : ReducedSubstructure, or System
+        The reduced model; of a full system also the same parts joined, each reduced by a method of its own.
     contacts : Belt or sequence of Belt, optional
         As for `modes`.
     which : sequence of int, optional
@@ -137,18 +139,18 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure,
     >>> refined.modes.shapes.shape
     (30, 4)
     """
-    chosen = _check(full, modes, rom, contacts, which)
+    chosen, V = _check(full, modes, rom, contacts, which)
     positive_number("tol", tol)
     whole_number("steps", steps, least=1)
     rows, mirrored = _representatives(modes, chosen)
     pencil = full.linearised(contacts)
     handle = ShiftInvert(full.K, full.M)
     space = _Space(pencil, handle)
-    values, X = modes.eigenvalues[rows], rom.V @ modes.shapes[:, rows]
+    values, X = modes.eigenvalues[rows], V @ modes.shapes[:, rows]
     down = values.imag < 0
     values, X = np.where(down, values.conj(), values), np.where(down, X.conj(), X)
     still = modes.rigid[rows]
-    space.append(rom.V)
+    space.append(V)
     q = space.coordinates(X)
     start, twin = q, np.full(len(rows), -1)
     error = np.where(still, 0.0, np.inf)
@@ -291,12 +293,22 @@ def _representatives(modes: ComplexModes, chosen: Array) -> tuple[Array, Array]:
     return np.array(rows, dtype=int), np.array(stands, dtype=int)
 
 
-def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> Array:
-    if not isinstance(full, Substructure) or not isinstance(rom, ReducedSubstructure) or not isinstance(modes, ComplexModes):
+def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> tuple[Array, Array]:
+    """The rows of the modes, and V with x = Vq."""
+    if isinstance(full, System) and isinstance(rom, System):
+        if list(full.parts) != list(rom.parts):
+            raise InputError(f"the parts of {rom.name!r} ({', '.join(rom.parts)}) are not those of {full.name!r} "
+                             f"({', '.join(full.parts)})")
+        V = full.collected(rom.expand(np.eye(rom.size)))
+    elif isinstance(full, Substructure) and isinstance(rom, ReducedSubstructure):
+        V = rom.V
+    else:
+        V = None
+    if V is None or not isinstance(modes, ComplexModes):
         raise InputTypeError("refine takes (full, modes, rom): a Substructure, complex_modes(rom, …) and the reduced model, not "
                              f"({type(full).__name__}, {type(modes).__name__}, {type(rom).__name__})")
-    if rom.V.shape[0] != full.size:
-        raise InputError(f"{rom.name!r} was reduced from {rom.V.shape[0]} DOF, but the full model has {full.size}")
+    if V.shape[0] != full.size:
+        raise InputError(f"{rom.name!r} was reduced from {V.shape[0]} DOF, but the full model has {full.size}")
     if modes.shapes.shape[0] != rom.size:
         raise InputError(f"the modes have {modes.shapes.shape[0]} coordinates, but {rom.name!r} has {rom.size}. Give "
                          "complex_modes of the reduced model")
@@ -313,4 +325,4 @@ def _check(full: Any, modes: Any, rom: Any, contacts: Any, which: Any) -> Array:
     if error.max() > BELONGS:
         raise InputError(f"the modes are not those of {rom.name!r} with these contacts: their backward error is "
                          f"{error.max():.1e}. Give the same contacts as to complex_modes")
-    return chosen
+    return chosen, V
