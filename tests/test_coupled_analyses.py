@@ -146,6 +146,16 @@ def test_write_matrices(model: fs.Substructure, tmp_path: Path, format: str) -> 
     assert list(again.ports) == list(model.ports)
 
 
+@pytest.mark.parametrize("method", [None, fs.CraigBampton(3), fs.CraigChang(3)])
+def test_interface_sets_are_written_too(method: object, tmp_path: Path) -> None:
+    part = fs.beam(1.0, 6, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4, interface=["left", 0.5], supports={"right": "clamped"})
+    part = part if method is None else fs.reduce(part, method)
+    fs.write_matrices(tmp_path, part)
+    again = fs.read_component(tmp_path)
+    assert {name: places.tolist() for name, places in again.sets.items()} == {"left": [0, 1], "0.5": [2, 3]}
+    assert fs.couple({"a": again, "b": part}, [fs.Rigid(("a", "left"), ("b", "left"))]).size == 2 * part.size - 2
+
+
 def test_damping(model: fs.Substructure) -> None:
     damped = model.with_damping(0.01 * model.K)
     assert type(damped) is type(model) and fs.complex_modes(damped).is_stable

@@ -42,8 +42,8 @@ def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx")
         'mtx' (Matrix Market, 17 digits) and 'npz' (SciPy; .npy for dense ones) have a file for each matrix; 'mat' (MATLAB)
         has M, D, K, V, ports and interface (counted from 1) in model.mat, 'op4' (Nastran) M, D, K, V and ports in model.op4.
 
-    Beside them stand model.json (interface from 0, names of ports and their number of columns, the kind of each column
-    of V, cut-off, a hash of each file, ...) and, where the model knows it, dofs.csv with node, component, x, y, z of each
+    Beside them stand model.json (interface from 0 and its named sets, names of ports and their number of columns, the kind of
+    each column of V, cut-off, a hash of each file, ...) and, where the model knows it, dofs.csv with node, component, x, y, z of each
     DOF: of a reduced model those of the rows of V. `read_component(folder)` gives the model back to the last digit.
 
     Raises
@@ -77,6 +77,8 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
                                            for port, error in model.port_error.items()},
                             "factorisations": model.factorisations,
                             "estimate": None if model.estimate is None else model.estimate.record()}
+    if model.sets and (isinstance(model, ReducedSubstructure) or len(model.interface)):
+        about["sets"] = {key: places.tolist() for key, places in model.sets.items()}
     if model.ports:
         parts["ports"] = np.column_stack(list(model.ports.values()))
     if dofs is not None:
@@ -168,7 +170,8 @@ def read_model(folder: Path) -> Substructure:
         start += max(width, 1)
     reduced = about.get("reduced")
     if reduced is None:
-        return Substructure(part["M"], part["K"], part["D"], about["interface"], columns, about["name"], found)
+        return Substructure(part["M"], part["K"], part["D"], about["interface"], columns, about["name"], found,
+                            about.get("sets"))
     V = np.array(part["V"])
     interface = np.array(reduced["interface"], dtype=np.intp)
     # older folders have no count
@@ -185,7 +188,7 @@ def read_model(folder: Path) -> Substructure:
         modes=modes, cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"],
         dropped=reduced["dropped"], port_error={port: np.inf if error is None else error
                                                 for port, error in reduced["port_error"].items()},
-        factorisations=reduced["factorisations"], full_dofs=found,
+        factorisations=reduced["factorisations"], full_dofs=found, sets=about.get("sets"),
         estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]))
     if model.interface.tolist() != about["interface"]:
         raise _damaged(path, f"its interface {about['interface']} is not that of V")
@@ -293,6 +296,7 @@ REDUCED: tuple[Check, ...] = (
     ("cutoff", lambda value: value is None or (_is_size(value) and value > 0), "a positive number or null"),
     ("port_error", _is_table(lambda value: value is None or _is_size(value)), "a number for each port"))
 
+SETS: tuple[Check, ...] = (("sets", _is_table(_is_list(_is_count)), "places in the interface for each of its sets"),)
 MAP: tuple[Check, ...] = (("dofs", _is_file, "a file in this folder"), ("labels", _is_list(_is_text), "a list of texts"))
 
 
@@ -314,6 +318,8 @@ def _check(path: Path, about: Any) -> None:
         _check_entries(path, "reduced: ", {"modes": 0} | reduced, REDUCED)
     if "dofs" in about:
         _check_entries(path, "", about, MAP)
+    if "sets" in about:
+        _check_entries(path, "", about, SETS)
     wanted = {"M", "D", "K"} | ({"V"} if reduced is not None else set()) | ({"ports"} if about["ports"] else set())
     if set(about["files"]) != wanted:
         raise _damaged(path, f"'files' must name {', '.join(sorted(wanted))}, but names "
