@@ -86,6 +86,28 @@ def test_complete_parts_by_forces_are_the_chain(pieces: int, fixed: bool) -> Non
     agree(fs.couple({name: by_forces(part) for name, part in parts.items()}, joints), elastic(whole), rigid=0 if fixed else 1)
 
 
+@pytest.mark.parametrize("noise", [1e-16, 1e-13])
+def test_a_residual_flexibility_of_rounding_is_none(noise: float) -> None:
+    """With all modes kept the residual is what a difference leaves: two such joints hold exactly."""
+    parts, joints, whole = cut(21, 3)
+    made = {}
+    for name, part in parts.items():
+        rom, places = by_forces(part), [-2, -1]
+        M, K = rom.M.copy(), rom.K.copy()
+        M[places, places], K[places, places] = noise, [noise, 0.5 * noise]
+        made[name] = fs.ReducedSubstructure(M, K, None, {}, name, V=rom.V, kinds=rom.kinds, full_interface=rom.full_interface,
+                                            cutoff=np.inf, method="forces")
+    agree(fs.couple(made, joints), elastic(whole))
+
+
+def test_rigid_motion_is_told_from_elastic_where_no_interface_is_left() -> None:
+    parts, joints, _ = cut(41, 3, fixed=False)
+    system = fs.couple({name: by_forces(part, 4) for name, part in parts.items()}, joints, interface=[])
+    modes = fs.normal_modes(system, count=3)
+    assert modes.rigid == 1 and modes.frequencies[1] > 0.01
+    assert [bool(rigid) for rigid in fs.complex_modes(system.with_damping(None), count=2).rigid] == [True, True]
+
+
 @pytest.mark.parametrize("mixed", ["craig-bampton", "craig-chang", "full"])
 def test_complete_parts_by_forces_join_any_other(mixed: str) -> None:
     parts, joints, whole = cut(21, 3)

@@ -67,6 +67,18 @@ def test_a_force_on_the_node_has_its_resultant_and_its_moment_on_the_surface() -
         np.testing.assert_allclose(np.cross(points - where, forces).sum(axis=0), load[3:], atol=1e-9, err_msg=SIX[k])
 
 
+def test_the_mean_is_the_rigid_motion_nearest_by_weighted_squares() -> None:
+    weights, where = np.random.default_rng(2).uniform(1, 5, 27), np.array([0.35, 0.08, 0.01])
+    link = fs.Averaged(("hub", "node"), ("bar", "right"), weights=weights).link({"hub": hub(1.0, tuple(where)), "bar": bar()})
+    mean = -link.equations["bar"].toarray()[:, bar().sets["right"]]
+    u = np.random.default_rng(3).standard_normal(27)
+    t, theta = np.split(mean @ u, 2)
+    r = bar().interface_dofs.points[bar().sets["right"]][::3] - where
+    rest = (weights * (u - (t + np.cross(theta, r)).ravel())).reshape(-1, 3)
+    np.testing.assert_allclose(rest.sum(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.cross(r, rest).sum(axis=0), 0.0, atol=1e-9)
+
+
 def test_a_beam_ends_in_a_hub_with_its_slope() -> None:
     beam = fs.beam(1.0, 6, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4, supports={"left": "clamped"}, interface=["right"])
     body = hub(2.0, (1.2, 0.0, 0.0), ("uz", "ry"))

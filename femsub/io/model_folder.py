@@ -43,8 +43,8 @@ def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx")
         has M, D, K, V, ports and interface (counted from 1) in model.mat, 'op4' (Nastran) M, D, K, V and ports in model.op4.
 
     Beside them stand model.json (interface from 0 and its named sets, names of ports and their number of columns, the kind of
-    each column of V, cut-off, a hash of each file, ...) and, where the model knows it, dofs.csv with node, component, x, y, z of each
-    DOF: of a reduced model those of the rows of V. `read_component(folder)` gives the model back to the last digit.
+    each column of V, cut-off, a hash of each file, ...) and, where the model knows it, dofs.csv with node, component, x, y, z of
+    each DOF: of a reduced model those of the rows of V. `read_component(folder)` gives the model back to the last digit.
 
     Raises
     ------
