@@ -344,3 +344,22 @@ def test_an_interface_richer_than_its_part_is_told() -> None:
         full_dofs=plate.dofs, sets=plate.sets) for i, (name, plate) in enumerate(zip("ab", plates, strict=True))}
     with pytest.raises(fs.InputError, match=r"Rigid\(a.right, b.right\): the 12 equations leave no motion to the 4 coordinates"):
         fs.couple(parts, [fs.Rigid(("a", "right"), ("b", "right"))])
+
+
+def test_an_interface_that_stays_spread_can_be_joined_further() -> None:
+    """A part of two shapes with 12 interface DOF: no coordinates of it are these, and a full part's DOF follow it."""
+    mesh = fs.rectangle((1.0, 1.0), (2, 2))
+    plate = fs.plate(mesh, E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01, supports={"left": "clamped"}, interface=["right"])
+    modes = fs.normal_modes(plate, count=2)
+    shapes = fs.ReducedSubstructure(
+        np.eye(2), np.diag(modes.eigenvalues), None, {}, "shapes", V=modes.shapes, kinds=("free",) * 2,
+        full_interface=plate.interface, cutoff=2.0, method="modes", full_dofs=plate.dofs, sets=plate.sets)
+    spring, weld = fs.Spring(("s", "right"), stiffness=10.0), fs.Rigid(("s", "right"), ("p", "right"))
+    inner = fs.couple({"s": shapes}, [spring])
+    assert not len(inner.interface) and inner.interface_rows.shape == (12, 2) and set(inner.sets) == {"s.right"}
+    outer = fs.couple({"in": inner, "p": plate}, [fs.Rigid(("in", "s.right"), ("p", "right"))])
+    direct = fs.couple({"s": shapes, "p": plate}, [spring, weld])
+    assert outer.size == direct.size == plate.size - 12 + 2
+    np.testing.assert_allclose(elastic(outer), elastic(direct), rtol=1e-9)
+    with pytest.raises(fs.InputError, match="no interface DOF"):
+        fs.couple({"in": inner, "p": plate}, [fs.Rigid(("in", [0]), ("p", [0]))])

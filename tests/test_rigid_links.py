@@ -88,6 +88,20 @@ def test_a_beam_ends_in_a_hub_with_its_slope() -> None:
     np.testing.assert_allclose(u["beam"][-2], u["hub"][0] + 0.2 * u["hub"][1], atol=1e-12)
 
 
+def test_a_plate_turns_as_one_with_a_hub() -> None:
+    plate = fs.plate(fs.rectangle((1.0, 0.5), (4, 2)), E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01, interface=["right"])
+    body = hub(2.0, (1.2, 0.25, 0.0), ("uz", "rx", "ry"))
+    system = fs.couple({"plate": plate, "hub": body}, [fs.Kinematic(("hub", "node"), ("plate", "right"))])
+    assert system.size == plate.size - 12 + 3 and fs.normal_modes(system, count=2).rigid == 3
+    motion = system.expand(np.eye(system.size))
+    at = plate.dofs.find(plate.dofs.nodes[plate.interface[0]])
+    w, x, y, twist = (motion["plate"][at[list(plate.dofs.labels).index(label)]] for label in ("w", "w,x", "w,y", "w,xy"))
+    uz, rx, ry = motion["hub"]
+    np.testing.assert_allclose(w, uz - 0.25 * rx + 0.2 * ry, atol=1e-12)
+    for found, wanted in ((x, -ry), (y, rx), (twist, 0 * rx)):
+        np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
 @pytest.mark.parametrize(("joint", "words"), [
     (fs.Kinematic(("three", "node"), ("bar", "right")), "three.node does not determine ux at node .* of 'bar'"),
     (fs.Averaged(("hub", "node"), ("bar", [0, 1, 2])), "does not determine rx at node 1 of 'hub'"),

@@ -30,33 +30,42 @@ STEPS = 20  # of Newton's method, for the place of a point on a face
 
 @dataclass(frozen=True, eq=False)
 class Tied(Joint):
-    """∫ ψ_i (u_a - u_b) dA = 0 for every node i of the first surface: two meshes that do not match are glued (mortar).
+    """Two surfaces of solids whose meshes do not match, glued (mortar method).
 
-    The integrals are taken over the common parts of the faces of both. A state of constant stress passes the glue as it is, and
-    the error falls with the element's order. On linear elements ψ are the dual functions, which keep the equations sparse; on
-    quadratic ones the shape functions.
+    ∫ ψ_i (u_a - u_b) dA = 0 for every node i of the first surface. The integrals are taken over the common parts of the faces
+    of both. A state of constant stress is represented exactly, and the error falls with the order of the elements. For linear
+    elements ψ are dual functions, which keep the equations sparse; for quadratic elements they are the shape functions.
 
     Parameters
     ----------
     first, second : (part, set)
-        Interface sets of two solids. The first follows the second, node by node: take the finer one, or the one that lies
-        within the other. All its faces must lie on the second one.
+        Interface sets of two solids. The nodes of the first follow the second. Give the finer surface first, or the one that
+        lies within the other: all its faces must lie on the second surface.
     meshes : mapping of str to Mesh
-        The meshes of both parts by the parts' names, with sets of nodes of these names.
+        The meshes of both parts, by the names of the parts. They have sets of nodes of the same names.
     tolerance : float, optional
-        How far the surfaces may lie apart, in units of length; by default 0.05 of a face's size.
+        The largest distance of the surfaces, in units of length; by default 0.05 of the size of a face.
     name : str
         For messages and multipliers.
 
     Raises
     ------
     InputError
-        By `couple`: surfaces that lie apart or beside each other; nodes of them that are no interface.
+        By `couple`: surfaces that lie apart, or a first one that reaches beyond the second; nodes that are not interface.
 
     References
     ----------
     B. I. Wohlmuth, SIAM J. Numer. Anal. 38 (2000) 989 (dual functions); M. A. Puso, Int. J. Numer. Meth. Eng. 59 (2004) 315
     (common parts of faces in space).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> steel, fine, coarse = fs.Material(2.1e11, 0.3, 7850.0), fs.block((1, 1, 1), (3, 3, 3)), fs.block((1, 1, 1), (2, 2, 2))
+    >>> parts = {"a": fs.solid(fine, steel, interface=["left"]), "b": fs.solid(coarse, steel, interface=["left"])}
+    >>> system = fs.couple(parts, [fs.Tied(("a", "left"), ("b", "left"), {"a": fine, "b": coarse})])
+    >>> sum(part.size for part in parts.values()) - system.size == 3 * len(fine.sets["left"])
+    True
     """
 
     first: End

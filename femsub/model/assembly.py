@@ -28,27 +28,40 @@ SAME = 1e-9  # of a row of the interface that two rows may differ by which are t
 
 @dataclass(frozen=True, eq=False, repr=False)
 class System(Substructure):
-    """M ẍ + D ẋ + K x = f of joined parts in the coordinates x that the joints leave, shape (n,); made by `couple`.
+    """Joined parts as one substructure: M ẍ + D ẋ + K x = f. `couple` makes it.
 
-    It is used like any other substructure. Its ports are those of the parts, 'disc.belt', and so are its interface sets.
+    x, shape (n,), are the coordinates that the joints leave. A system is used like any other substructure. Its ports and
+    interface sets are those of the parts; their names begin with the part's, as 'disc.belt'.
 
     Attributes
     ----------
     parts : mapping of str to Substructure
     joints : tuple of Joint
     L : sparse, or dense if all parts are, shape (N, n)
-        q = L x, where q holds the coordinates of all parts below each other.
+        q = L x. q stacks the coordinates of all parts.
     open : mapping of str to ndarray of int
-        For each part, the places in its interface that are the system's: in this order, part by part.
+        The system's interface: for each part, positions in the interface of the part.
     redundant : int
-        Equations of the joints that said what the others do.
+        Equations of the joints that follow from the others. They were left out.
     multipliers : mapping of str to matrix, shape (m, n)
-        Per joint that was assembled by Lagrange multipliers, G with λ = G x. The joint puts the forces -C_pᵀ λ on the interface
-        of the part p, C_p of its `Link`.
+        For each joint with Lagrange multipliers, by its name: G with λ = G x. The joint acts with the forces -C_pᵀλ on the
+        interface of the part p; C_p is that of its `Link`.
     assembly : str
-        As `couple` was asked: 'primal' or 'dual'.
+        'primal' or 'dual', as in `couple`.
     spurious : int
-        Eigenvalues ω² of the dual Craig-Bampton parts' assembly that were negative or infinite. They are not in the system.
+        Negative or infinite eigenvalues ω² of the assembly of dual Craig-Bampton parts. The system does not contain them.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> left, right = fs.chain(5, interface=[5]), fs.chain(6, interface=[1], fixed=False)
+    >>> system = fs.couple({"left": left, "right": right}, [fs.Rigid(("left", [4]), ("right", [0]))])
+    >>> system
+    System 'system': 10 DOF of 2 parts (left, right) and 1 joints, sparse, 28 nonzeros in K, 0 interface DOF
+    >>> {name: len(u) for name, u in system.expand([1.0] * 10).items()}
+    {'left': 5, 'right': 6}
+    >>> list(system.ports)
+    ['left.belt', 'right.belt']
     """
 
     dofs: DofMap | None = field(default=None, init=False)
@@ -83,9 +96,15 @@ class System(Substructure):
         """B with u_b = B x, shape (n_b, n)."""
         return super().interface_rows if len(self.interface) else _rows(self.parts, self.L, self.open)
 
+    @property
+    def interface_numbers(self) -> Array:
+        """The coordinates that are the interface, shape (n_b,); -1 where it is spread over many coordinates."""
+        count = sum(map(len, self.open.values()))
+        return self.interface if len(self.interface) == count else np.full(count, -1)
+
     @cached_property
     def interface_dofs(self) -> DofMap | None:
-        """The parts' maps below each other, nodes numbered anew from 1; None where one of the parts has none."""
+        """The maps of all parts in one, with nodes numbered anew from 1; None if a part has no map."""
         maps = [self.parts[name].interface_dofs for name, places in self.open.items() if len(places)]
         if not maps or any(one is None or one.points is None for one in maps):
             return None
@@ -101,9 +120,9 @@ class System(Substructure):
         return DofMap(np.concatenate(nodes), np.concatenate(components), labels, points)
 
     def expand(self, x: Array) -> dict[str, Array]:
-        """The physical DOF of each part, {name: u}, from x of shape (n,) or (n, k); u of shape (n_p,) or (n_p, k).
+        """The displacements of each part, {name: u}, from x of shape (n,) or (n, k); u has the shape (n_p,) or (n_p, k).
 
-        Of a reduced part u = V q. The parts of a part that is a system itself are listed one by one, as 'front.disc'.
+        For a reduced part u = V q. The parts of a system within the system are listed one by one, as 'front.disc'.
         """
         x = np.asarray(x)
         if x.ndim == 0 or x.shape[0] != self.size:
@@ -180,36 +199,40 @@ class System(Substructure):
 
 def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str = "system", *,
            assembly: str = "primal", interface: Sequence[End] | None = None) -> System:
-    """M, D, K = Lᵀ diag(M_p, D_p, K_p) L + Σ Rᵀ(0, c, k)R, q = L x, where L spans all motions that the joints leave.
+    """Join substructures to a system, which is a substructure again.
 
-    The parts may be full, reduced by any method, and systems themselves, in any mix. Equal DOF become one coordinate
-    (L is Boolean there); a full part's DOF that meets a reduced part's generalised coordinates is given by these; what then
-    couples generalised coordinates alone goes through a basis of the null space of the equations (`eliminate`).
+    M, D, K = Lᵀ diag(M_p, D_p, K_p) L + Σ Rᵀ(0, c, k)R with q = L x. L spans all motions that the joints allow; c and k are
+    dampers and springs on the motions R q.
+
+    The parts may be full, reduced by any method, or systems, in any mix. DOF that are equal become one coordinate. A DOF that
+    is equal to a sum of others is replaced by that sum. Equations between generalised coordinates alone (Craig-Chang joined
+    with Craig-Chang) are fulfilled by a basis of their null space. Parts reduced by `DualCraigBampton` are joined weakly, by
+    their interface forces.
 
     Parameters
     ----------
     parts : mapping of str to Substructure
-        Names to parts; names without a dot.
+        The parts by name. A name has no dot.
     joints : sequence of Joint
-        `Rigid`, `Spring`, or a `Joint` of your own.
+        `Rigid`, `Spring`, `Tied`, `Averaged`, `Kinematic`, or a subclass of `femsub.model.joints.Joint`.
     name : str
     assembly : {"primal", "dual"}
-        "dual" keeps the parts' coordinates and adds Lagrange multipliers λ of the joints' equations as coordinates,
-        K = [[K, Aᵀ], [A, 0]], M = diag(M, 0). K is indefinite then. The finite eigenvalues are those of "primal".
+        "dual" keeps the coordinates of the parts and adds the Lagrange multipliers λ of the joints as coordinates:
+        K = [[K, Aᵀ], [A, 0]], M = diag(M, 0). This K is indefinite. The finite eigenvalues are those of "primal".
     interface : sequence of ends, optional
-        Where the system can be joined further: (part, set) or (part, list of DOF), joined DOF as well. By default every
-        interface DOF of the parts that no joint has taken, and of a named set that was joined in part all of it.
+        The interface of the system, for further joints: (part, set) or (part, list of DOF). Joined DOF are allowed. By default
+        all interface DOF of the parts that are not joined. A named set that is joined only in part stays whole.
 
     Returns
     -------
     System
-        A Substructure, with ``.expand(x)`` to the parts.
+        A `Substructure` again; ``.expand(x)`` gives the displacements of each part.
 
     Raises
     ------
     InputError, InputTypeError
-        Parts that are joined to nothing, unknown parts and sets, interfaces that do not meet, an end that is no interface
-        DOF, joints that leave no motion. The message names the part and the joint.
+        A part that is joined to nothing, an unknown part or set, interfaces that do not meet, an end that is not an
+        interface DOF, joints that allow no motion. The message names the part and the joint.
 
     References
     ----------
@@ -217,17 +240,20 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
 
     Examples
     --------
+    >>> import femsub as fs
     >>> left, right = fs.chain(5, interface=[5]), fs.chain(6, interface=[1], fixed=False)
-    >>> fs.couple({"left": left, "right": right}, [fs.Rigid(("left", [4]), ("right", [0]))]).size
-    10
+    >>> rom = fs.reduce(right, fs.CraigChang(modes=3))
+    >>> fs.couple({"left": left, "right": rom}, [fs.Rigid(("left", [4]), ("right", [0]))]).size
+    9
     """
     parts = _checked_parts(parts)
+    choice("assembly", assembly, ("primal", "dual"))
     joints = [instance("each of joints", joint, Joint, "as Rigid(('disc', 'left'), ('pad', 'right'))")  # type: ignore[type-abstract]
               for joint in items("joints", joints, "joints")]
     links = [_linked(joint, parts) for joint in joints]
     _connected(parts, links)
-    weak = [bool(link.equations) and (choice("assembly", assembly, ("primal", "dual")) == "dual"
-                                      or any(by_forces(parts[part]) for part in link.equations)) for link in links]
+    weak = [bool(link.equations) and (assembly == "dual" or any(by_forces(parts[part]) for part in link.equations))
+            for link in links]
     equations = _equations(parts, links, _units(parts), _physical(parts))
 
     def tell(owner: Array) -> str:
@@ -395,8 +421,10 @@ def _listed(parts: Mapping[str, Substructure], ends: Sequence[End]) -> dict[str,
 
 def _distinct(parts: Mapping[str, Substructure], chosen: Mapping[str, Array], L: Matrix,
               unit: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-    """The places chosen without those that are held or the motion of an earlier one; and, for every place of a part's
-    interface, which of the system's it is (-1: none).
+    """The chosen places without those that are held, or equal to an earlier one; and, for every place in the interface of a
+    part, its place in that of the system (-1: none).
+
+    Within one part only equal coordinates count: shapes of a reduced part may move two DOF alike by chance.
     """
     B = sp.csr_array(_rows(parts, L, chosen) @ sp.diags_array(unit))
     size = np.sqrt(B.multiply(B).sum(axis=1))
@@ -406,7 +434,9 @@ def _distinct(parts: Mapping[str, Substructure], chosen: Mapping[str, Array], L:
     value = B @ np.random.default_rng(3).standard_normal(B.shape[1])
     order = np.argsort(np.where(moving, value, np.inf), kind="stable")[:int(moving.sum())]
     one, other = order[:-1], order[1:]
-    close = np.abs(value[other] - value[one]) <= SAME
+    owner = np.repeat(np.arange(len(parts)), [len(chosen[name]) for name in parts])
+    alike = (owner[one] != owner[other]) | (np.diff(B.indptr)[one] == 1)
+    close = alike & (np.abs(value[other] - value[one]) <= SAME) & (np.abs(size[other] - size[one]) <= SAME * size[one])
     one, other = one[close], other[close]
     same = abs(B[one] - B[other]).max(axis=1).toarray().ravel() <= SAME if len(one) else np.zeros(0, dtype=bool)
     graph = sp.csr_array((np.ones(int(same.sum())), (one[same], other[same])), shape=(B.shape[0],) * 2)
@@ -428,11 +458,11 @@ def _distinct(parts: Mapping[str, Substructure], chosen: Mapping[str, Array], L:
 
 
 def _sets(parts: Mapping[str, Substructure], place: Mapping[str, Array]) -> dict[str, Array]:
-    """The parts' sets as far as they are the system's interface as a whole, 'disc.left'; held DOF are left out."""
+    """The sets of the parts, 'disc.left', that are whole in the interface of the system."""
     found = {}
     for name, part in parts.items():
         for key, places in part.sets.items():
-            at = place[name][places]
+            at = np.array(list(dict.fromkeys(place[name][places].tolist())), dtype=np.intp)  # DOF may have become one
             if len(at) and (at >= 0).all():
                 found[f"{name}.{key}"] = at
     return found

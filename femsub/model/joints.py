@@ -186,20 +186,31 @@ def nearest(points: Array, others: Array, labels: Sequence[str], kinds: Sequence
 
 
 class Rigid(Joint):
-    """u_a = u_b = ... on two or more ends, or u_a = 0 with 'ground' among them.
+    """Equal motion of two or more ends, u_a = u_b = ...; with 'ground' among them u_a = 0.
 
-    Two named sets whose DOF have known places are matched by motion and place, whatever their order. Lists of DOF, and sets
-    without places, are matched in their order.
+    Two named sets with known coordinates are matched by direction and place; their order does not matter. Lists of DOF, and
+    sets without coordinates, are matched in their order.
 
     Parameters
     ----------
     *ends : (part, set), (part, list of DOF) or 'ground'
         Two or more.
     tolerance : float, optional
-        How far DOF that meet may lie apart, in units of length; by default 1e-6 of the largest coordinate. inf: places are not
-        looked at, and DOF are matched in their order.
+        The largest distance of DOF that meet, in units of length; by default 1e-6 of the largest coordinate. With inf, DOF are
+        matched in their order, wherever they are.
     name : str
         For messages and multipliers.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Fewer than two ends; by `couple`: ends that do not meet or have different numbers of DOF.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.Rigid(("disc", "rim"), ("pad", "back"), tolerance=1e-4)
+    Rigid(disc.rim, pad.back)
     """
 
     ends: tuple[End, ...]
@@ -251,18 +262,31 @@ def stacked(*blocks: Sequence[tuple[str, Matrix]]) -> dict[str, Matrix]:
 
 @dataclass(frozen=True, eq=False)
 class Spring(Joint):
-    """f = k d + c ḋ on the motion d of one end relative to another, or to the ground.
+    """Springs and dampers between two ends, or to the ground: f = k d + c ḋ with the relative motion d.
 
     Parameters
     ----------
     first, second : (part, port), (part, set), (part, list of DOF); the second also 'ground'
-        Ports are the columns w, d = w_aᵀu_a - w_bᵀu_b; sets are matched as by `Rigid`.
+        For ports d = w_aᵀu_a - w_bᵀu_b. Sets are matched as in `Rigid`.
     stiffness, damping : float or array_like, shape (p, p)
-        For each of the p motions the same, or a matrix: the stiffness symmetric and not negative, the damping any real one.
+        A number for each of the p motions, or a matrix. The stiffness is symmetric and not negative; the damping is any real
+        matrix.
     tolerance : float, optional
-        As for `Rigid`.
+        As in `Rigid`.
     name : str
         For messages.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        No stiffness and no damping, a negative or unsymmetric stiffness; by `couple`: ends of different numbers of motions.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> parts = {"a": fs.chain(4, interface=[4]), "b": fs.chain(3, belt=1, fixed=False)}
+    >>> fs.couple(parts, [fs.Spring(("a", [3]), ("b", "belt"), stiffness=1.0, damping=0.05)]).size
+    7
     """
 
     first: End

@@ -18,6 +18,7 @@ LOST = 1e-9  # of a motion of unit size that may be missing before it counts as 
 TRANSLATIONS = {"ux": 0, "uy": 1, "uz": 2, "w": 2}
 #: the rotation that a motion is, and its sign: the slopes of a deflection w are ∂w/∂x = -θ_y and ∂w/∂y = θ_x
 ROTATIONS = {"rx": (0, 1.0), "ry": (1, 1.0), "rz": (2, 1.0), "w,x": (1, -1.0), "w,y": (0, 1.0)}
+STILL = ("w,xy",)  # motions that are 0 in rigid motion
 
 
 def rigid_rows(dofs: DofMap, origin: Array) -> Array:
@@ -26,12 +27,12 @@ def rigid_rows(dofs: DofMap, origin: Array) -> Array:
     Raises
     ------
     InputError
-        A motion that is none of ux, uy, uz, w, their slopes and rotations.
+        A motion that is none of ux, uy, uz, w, slopes and rotations.
     """
-    strange = [label for label in dofs.labels if label not in TRANSLATIONS and label not in ROTATIONS]
+    strange = [label for label in dofs.labels if label not in (*TRANSLATIONS, *ROTATIONS, *STILL)]
     if strange:
         raise InputError(f"the motion {strange[0]!r} has no known part in a rigid motion; those of "
-                         f"{', '.join((*TRANSLATIONS, *ROTATIONS))} have")
+                         f"{', '.join((*TRANSLATIONS, *ROTATIONS, *STILL))} have")
     assert dofs.points is not None
     r = spatial(dofs.points) - origin
     # row a of the cross product θ × r, as coefficients of θ
@@ -44,7 +45,7 @@ def rigid_rows(dofs: DofMap, origin: Array) -> Array:
         if label in TRANSLATIONS:
             axis = TRANSLATIONS[label]
             R[at, axis], R[at, 3:] = 1.0, turn[at, axis]
-        else:
+        elif label in ROTATIONS:
             axis, sign = ROTATIONS[label]
             R[at, 3 + axis] = sign
     return R
@@ -90,7 +91,7 @@ def _missing(rows: Array, known: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Kinematic(Joint):
-    """u_s = R g: every DOF of a surface follows the rigid motion g of one node (RBE2, kinematic coupling).
+    """A surface that moves as a rigid body with one node (RBE2, kinematic coupling): u_s = R g, g the motion of the node.
 
     Parameters
     ----------
@@ -104,7 +105,13 @@ class Kinematic(Joint):
     Raises
     ------
     InputError
-        By `couple`: DOF without known places; a reference node that lacks a rotation that the surface needs.
+        By `couple`: DOF without coordinates; a reference node without a rotation that the surface needs.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.Kinematic(("hub", "node"), ("disc", "bore"))
+    Kinematic(hub.node, disc.bore)
     """
 
     reference: End
@@ -130,9 +137,10 @@ class Kinematic(Joint):
 
 @dataclass(frozen=True, eq=False)
 class Averaged(Joint):
-    """u_r = R_r g, g the rigid motion with the least Σ w_i |u_i - R_i g|²: one node moves as a surface does on average (RBE3).
+    """A node that moves as a surface does on average (RBE3, distributing coupling).
 
-    The surface stays as soft as it is. A force on the node is spread over the surface with the same resultant and moment.
+    u_r = R_r g with the rigid motion g that minimises Σ w_i |u_i - R_i g|² over the surface. The joint does not stiffen the
+    surface. A force on the node acts on the surface with the same resultant and moment.
 
     Parameters
     ----------
@@ -148,8 +156,14 @@ class Averaged(Joint):
     Raises
     ------
     InputError
-        By `couple`: DOF without known places; a surface that does not determine a motion of the node, such as the rotation about
+        By `couple`: DOF without coordinates; a surface that does not determine a motion of the node, such as the rotation about
         the line on which all its nodes lie.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.Averaged(("hub", "node"), ("disc", "bore"))
+    Averaged(hub.node, disc.bore)
     """
 
     reference: End
