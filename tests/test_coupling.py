@@ -200,6 +200,28 @@ def test_a_beam_of_beams_is_a_beam(how: dict[int, str]) -> None:
     agree(fs.couple(parts, joints), elastic(fs.beam(1.0, 12, **STEEL, supports={"left": "clamped"})))
 
 
+MM = {"E": 2.1e5, "I": 1e4, "rho": 7.85e-9, "A": 100.0}  # the same steel in t, mm, s
+
+
+@pytest.mark.parametrize("method", [None, fs.CraigBampton(4), fs.CraigChang(4), fs.DualCraigBampton(4), fs.MacNeal(4)])
+def test_units_change_nothing(method: object) -> None:
+    found = []
+    for length, steel in ((1.0, STEEL), (1e3, MM)):
+        parts = {"a": fs.beam(length, 8, **steel, supports={"left": "clamped"}, interface=["right"]),
+                 "b": fs.beam(length, 10, **steel, interface=["left", "right"])}
+        parts = parts if method is None else {name: fs.reduce(part, method) for name, part in parts.items()}
+        found.append(fs.couple(parts, [fs.Rigid(("a", "right"), ("b", "left"), tolerance=np.inf)]))
+    assert found[0].size == found[1].size and found[0].spurious == found[1].spurious
+    modes = [fs.normal_modes(system, count=6).frequencies for system in found]
+    np.testing.assert_allclose(modes[1], modes[0], rtol=1e-8)
+
+
+def test_unsymmetric_damping_stays_unsymmetric() -> None:
+    part = fs.chain(3, interface=[3]).with_damping(np.diag([0.1, 0.0], 1))
+    system = fs.couple({"a": part, "b": fs.chain(2, interface=[1], fixed=False)}, [fs.Rigid(("a", [2]), ("b", [0]))])
+    assert system.D[0, 1] == 0.1 and system.D[1, 0] == 0.0 and not system.pencil.symmetric[1]
+
+
 def test_the_cutoff_is_the_least() -> None:
     parts, joints, _ = cut(20, 2)
     made = {name: fs.reduce(part, fs.CraigBampton(3 + i), ports=True) for i, (name, part) in enumerate(parts.items())}

@@ -88,6 +88,17 @@ def test_a_beam_ends_in_a_hub_with_its_slope() -> None:
     np.testing.assert_allclose(u["beam"][-2], u["hub"][0] + 0.2 * u["hub"][1], atol=1e-12)
 
 
+@pytest.mark.parametrize("scale", [1.0, 1e3])
+def test_long_arms_keep_the_joint_sparse_in_any_unit(scale: float) -> None:
+    mesh = fs.block((0.3 * scale, 0.1 * scale, 0.1 * scale), (3, 2, 2), "hexahedron")
+    part = fs.solid(mesh, fs.Material(2.1e11 * scale**-2, 0.3, 7850.0 * scale**-4), interface=["right"])
+    body = hub(1.0, (8.0 * scale, 0.0, 0.0))
+    system = fs.couple({"hub": body, "bar": part}, [fs.Kinematic(("hub", "node"), ("bar", "right"))])
+    # the coordinates of the hub, and those of the bar that do not follow it, as they were
+    assert np.count_nonzero(np.diff(system.L[-part.size:].indptr) == 1) >= part.size - 27
+    assert sorted(np.diff(sp.csc_array(system.L[:6]).indptr))[-6:] == [1] * 6
+
+
 def test_a_plate_turns_as_one_with_a_hub() -> None:
     plate = fs.plate(fs.rectangle((1.0, 0.5), (4, 2)), E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01, interface=["right"])
     body = hub(2.0, (1.2, 0.25, 0.0), ("uz", "rx", "ry"))

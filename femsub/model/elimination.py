@@ -15,7 +15,7 @@ from femsub.model.matrices import is_symmetric
 
 ROUNDING = 1e-13  # of the largest entry of an equation: less is what is left where two entries cancel
 DEPENDENT = 1e-10  # of the largest pivot: an equation with less beside the others says nothing new
-PIVOT = 1e-3  # of the largest entry of an equation that the entry of a DOF of its own must have, at least
+PIVOT = 1e-5  # of the largest entry of an equation that the entry of a DOF of its own must have, at least (arms are in mm)
 SPREAD_PIVOT = 0.1  # the same for a generalised coordinate, in units of energy
 
 
