@@ -18,7 +18,7 @@ from femsub.reduction.statics import Partition, Statics
 if TYPE_CHECKING:
     from femsub.modes.shift_invert import ShiftInvert
 
-CLEAR = 1e-3  # of an interface DOF's motion at unit energy that a residual shape must have of its own to be solved for
+CLEAR = 1e-2  # of an interface DOF's motion at unit energy that a residual shape must have of its own to be solved for
 NOTHING = 1e-10  # the same for any shape: with less it moves no further interface DOF
 
 
