@@ -25,6 +25,9 @@ class MacNeal(FreeInterface):
     not, so that frequencies of a system need not lie above those of the full model. Where the modes leave no residual in
     some direction, modes are solved for in its place (`recovered`) and keep their mass.
 
+    Friction at the interface is not for this model: a falling characteristic on a DOF without mass is unstable at once, with
+    a large real λ. `critical_slope` and motion in time need a regular M.
+
     Parameters
     ----------
     modes : int
