@@ -1,14 +1,22 @@
-"""Guyan: static condensation on the interface."""
+"""Guyan: static condensation on the interface and further master DOF."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from femsub.errors import InputError, NotConvergedError
-from femsub.reduction.basis import Kept
+import numpy as np
+import scipy.linalg as la
+
+from femsub.checks import Array
+from femsub.errors import NotConvergedError
+from femsub.model.substructure import Substructure
+from femsub.modes.normal_modes import lowest_modes
+from femsub.reduction.basis import Basis, Kept, Responses
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.statics import Statics
+from femsub.reduction.mode_selection import lowest
+from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
@@ -16,22 +24,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Guyan(CraigBampton):
-    """Static condensation: the interior follows the interface without inertia of its own.
+    """Static condensation: all DOF follow the masters without inertia of their own.
 
-    V = [I; Ψ], Ψ = -K_ii⁻¹ K_ib (n_i, n_b), shown in the order (interface, interior). That is Craig-Bampton without
-    modes. The interface DOF are the "masters": put further DOF into the interface to refine the model. Statics are exact.
-    Frequencies are good far below the first frequency with the interface fixed, which is the model's cut-off.
+    V = [I; Ψ], Ψ = -K_ss⁻¹ K_sm, shown in the order (masters m, slaves s). Without further masters that is Craig-Bampton
+    without modes. Statics are exact. Frequencies are good far below the first frequency with all masters fixed, which is the
+    model's cut-off.
 
     Parameters
     ----------
     modes : int, optional
-        0, the default: there are none.
+        Number of master DOF besides the interface, by default none. Masters are no modes, but as many coordinates: they are
+        the DOF at which as many fixed-interface modes can best be told apart (by QR with pivots, in units of sqrt(m_ii)).
+        To choose masters yourself, put them into the interface.
     band : (lo, hi), with tol : float
-        Checks that the condensed model is within `tol` in the band; a `NotConvergedError` says how many modes it would take.
+        Checks that condensation on the interface is within `tol` in the band; a `NotConvergedError` says how many modes it would
+        take beside it.
 
     References
     ----------
-    R. J. Guyan, AIAA J. 3 (1965) 380; B. Irons, AIAA J. 3 (1965) 961.
+    R. J. Guyan, AIAA J. 3 (1965) 380; B. Irons, AIAA J. 3 (1965) 961. Masters: D. C. Kammer, J. Guid. Control Dyn. 14 (1991)
+    251 (by independence of modes); Z. Drmač, S. Gugercin, SIAM J. Sci. Comput. 38 (2016) A631 (by QR).
 
     Examples
     --------
@@ -46,23 +58,39 @@ class Guyan(CraigBampton):
         if self.modes is None and self.band is None and self.tol is None:
             object.__setattr__(self, "modes", 0)
         super().__post_init__()
-        if self.modes:
-            raise InputError(f"Guyan keeps no modes, but modes={self.modes} was asked for: give modes=0 and put more DOF into "
-                             "the interface, or use CraigBampton")
 
     def __str__(self) -> str:
-        return self.label if self.band is None else super().__str__()
+        return super().__str__() if self.modes is None else self.title(0)
 
     def title(self, modes: int) -> str:
-        return self.label
+        return f"{self.label} with {self.modes} further masters" if self.modes else self.label
+
+    def part(self, sub: Substructure) -> Partition:
+        """The slaves, with the interface and the further masters held."""
+        held = super().part(sub)
+        if not self.modes:
+            return held
+        handle = held.factored()
+        found = lowest_modes(handle, max(self.modes - handle.rigid.shape[1], 0))
+        weighted = np.sqrt(handle.M.diagonal())[:, None] * found.shapes[:, :self.modes]
+        masters = np.arange(sub.size)[held.rows][la.qr(weighted.T, mode="r", pivoting=True)[1][:self.modes]]
+        handle.release()
+        more = Substructure(sub.M, sub.K, sub.D, [*sub.interface, *masters], sub.ports, sub.name)
+        return replace(Partition.of(more, True), factorisations=found.factorisations)
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """No modes; with a band and a tolerance, only if none are needed."""
+        if self.band is None:
+            return lowest(statics, 0)
         found = super().kept(statics, pencil)
         if found.elastic:
-            assert self.band is not None
             raise NotConvergedError(
                 f"{statics.part.sub.name!r} cannot be condensed to {self.tol:g} up to {self.band[1]:.5g} rad/time: it takes "
-                f"{found.elastic} modes with the interface fixed; use CraigBampton(modes={found.elastic}), or put more DOF into "
+                f"{found.elastic} modes with the interface fixed. Use CraigBampton(modes={found.elastic}), or put more DOF into "
                 "the interface")
         return found
+
+    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
+        """That of Craig-Bampton without modes."""
+        found = super().basis(statics, kept, responses, ports)
+        return replace(found, factorisations=found.factorisations + statics.part.factorisations)

@@ -17,6 +17,7 @@ from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
+    from femsub.model.substructure import Substructure
     from femsub.modes.shift_invert import ShiftInvert
 
 METHODS: dict[str, type[Method]] = {}  #: every method by its key
@@ -48,6 +49,8 @@ class Method(ABC):
        the forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part.
     5. The later steps may be overridden one by one: `kept` finds the modes, `responses` the static responses, and `basis`
        assembles V, M and K. Each step gets the results of the earlier ones. It must not change them or the factor.
+    6. `unestimated` says why a band and a tolerance have no estimate, where that is so; they are refused then. `title` is the
+       line that names a model with so many modes.
 
     `reduce` checks the arguments, makes the part and its factor, runs the four steps, and projects D and the ports.
     """
@@ -100,6 +103,10 @@ class Method(ABC):
     def title(self, modes: int) -> str:
         """'Craig-Bampton with 4 fixed-interface modes': the model with so many of them."""
         return f"{self.label} with {modes} {self.mode_kind} modes"
+
+    def part(self, sub: Substructure) -> Partition:
+        """The part of the component that the factor and the modes are those of."""
+        return Partition.of(sub, self.held)
 
     @abstractmethod
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:

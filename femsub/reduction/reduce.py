@@ -115,7 +115,8 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method], ports: bool
         return _part_by_part(sub, method, ports, contacts)
     task = _checked(sub, method, ports, contacts)
     with one_thread(_work(task) < WORK):
-        basis = _basis(task) if len(sub.interior) or not method.held else _whole(task)
+        part = method.part(sub)
+        basis = _basis(task, part) if len(part.sub.interior) or not method.held else _whole(task, part)
         if not basis.V.shape[1]:
             raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
                              "name interface DOF")
@@ -181,10 +182,9 @@ def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
     return _Task(sub, method, columns, extra, pencil)
 
 
-def _basis(task: _Task) -> Basis:
+def _basis(task: _Task, part: Partition) -> Basis:
     """The four steps; a method may override each."""
     method = task.method
-    part = Partition.of(task.sub, method.held)
     statics = method.statics(part, part.factored(), task.extra)
     kept = method.kept(statics, task.pencil)
     responses = method.responses(statics, kept, task.ports)
@@ -193,10 +193,10 @@ def _basis(task: _Task) -> Basis:
     return method.basis(statics, kept, responses, task.ports)
 
 
-def _whole(task: _Task) -> Basis:
+def _whole(task: _Task, part: Partition) -> Basis:
     """The basis of a component whose DOF are all interface: the identity, nothing is left out."""
-    sub, method, b = task.sub, task.method, task.sub.interface
-    if method.modes:
+    sub, method, b = part.sub, task.method, part.sub.interface
+    if method.modes and sub is task.sub:
         raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface, so there are "
                          "none. Use modes=0, or a smaller interface")
     estimate = None if method.band is None else unreduced(sub.K, sub.M, method.band, method.tol, task.pencil)

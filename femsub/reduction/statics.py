@@ -21,10 +21,14 @@ COLUMNS = 64  # columns of V that are processed at a time
 
 @dataclass(frozen=True, eq=False)
 class Partition:
-    """The part of a component whose modes are kept: the `rows` of the interior, with the interface held, or all."""
+    """The part of a component whose modes are kept: the `rows` of the interior, with the interface held, or all.
+
+    `factorisations` were made to choose it.
+    """
 
     sub: Substructure
     rows: Array | slice
+    factorisations: int = 0
 
     @classmethod
     def of(cls, sub: Substructure, held: bool) -> Partition:
