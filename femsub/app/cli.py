@@ -129,8 +129,8 @@ def _completion(options: argparse.Namespace) -> str:
     preamble = {
         "bash": f"""_femsub_scene() {{ compgen -W "{names}" -- "$1"; }}
 _femsub_scene_or_file() {{ _femsub_scene "$1"; compgen -f -X '!*.toml' -- "$1"; compgen -d -S / -- "$1"; }}""",
-        "zsh": f"""_femsub_scene() {{ compadd {names} }}
-_femsub_scene_or_file() {{ _femsub_scene; _files -g '*.toml' }}"""}
+        "zsh": f"""_femsub_scene() {{ compadd {names}; }}
+_femsub_scene_or_file() {{ _femsub_scene; _files -g '*.toml'; }}"""}
     return shtab.complete(_parser(), options.shell, preamble=preamble)
 
 
