@@ -1,4 +1,4 @@
-"""Error against run time: reduced models next to the full one, in one run, in alternating order."""
+"""Error against run time: reduced models and the full model, measured in one run in alternating order."""
 
 from __future__ import annotations
 
@@ -27,45 +27,60 @@ from femsub.studies.joint_forces import force_error
 from femsub.studies.results import PHASES, Row, Study, Timing, with_front
 
 Progress = Callable[[str], None]
-SHORT_RUNS = 3  # so often a reduced model is solved in each turn
+SHORT_RUNS = 3  # solutions of a reduced model per turn
 
 
 def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], band: tuple[float, float], *,
           belt: Belt | None = None, port: str = "belt", ports: bool = False, repeats: int = 5,
           slopes: Sequence[float] | None = None, assembly: float = np.nan, progress: Progress | None = None) -> Study:
-    """Reduces `sub` by each method and compares complex modes and critical slope with the full model.
+    """Reduce a component by several methods, and compare errors and run times with the full model.
+
+    Compared are undamped frequencies, complex modes and the critical slope.
 
     Parameters
     ----------
     sub : Substructure
+        The full model.
     methods : sequence of CraigBampton, CraigChang or another `Method`
         One entry per reduced model; list the same method with several numbers of modes to see convergence. With a band
         and a tolerance, the row shows how many modes were chosen (under the belt, if there is one). Of a system an entry may
         be a mapping, {'disc': CraigBampton(20), 'pad': Rubin(5)}: its parts are reduced one by one, and the forces in the
         joints are compared as well.
     band : (lo, hi)
-        Where the errors count, in radians per unit of time.
+        The band in which errors are measured, in radians per unit of time.
     belt : Belt, optional
-        The contact under which complex modes are compared; without one the models' own damping.
+        The contact under which complex modes are compared; without one only the models' own damping acts.
     port : str
-        For the critical slope (the belt's port, if a belt is given).
+        The port for the critical slope (if a belt is given, its port is used).
     ports : bool
         Passed to `reduce`: static port columns join each basis.
     repeats : int
-        Each time is a median over so many runs (solutions of reduced models: three times as many); models take turns, so
-        that a slow spell hits all of them.
+        Number of runs; each time is the median (reduced models are solved three times as often). Models take turns, so that
+        a slow phase of the machine affects all of them.
     slopes : sequence of float, optional
-        The critical slopes of the full model and of each reduced one, where they are known already.
+        The critical slopes of the full model and of each reduced one, if they are known already.
     assembly : float
-        Seconds that it took to build `sub`, for the record.
+        Seconds for building `sub`, for the record.
     progress : callable, optional
-        Told in a few words what is being done.
+        Called with a short text about the current step.
 
     Returns
     -------
     Study
-        The seconds of the full model are those of the eigensolver alone: where the number of its eigenvalues in the band
-        is confirmed by an independent count (up to 2,000 DOF), that is done once and not timed.
+        The times of the full model are those of the eigensolver alone. If an independent count confirms the number of its
+        eigenvalues in the band (up to 2,000 DOF), this is done once and not timed.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        No method, an unknown port, a bad band; `slopes` of the wrong length.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> found = fs.study(fs.chain(10, belt=1), [fs.CraigBampton(3), fs.CraigChang(3)], band=(0.0, 0.5), repeats=1)
+    >>> [row.label for row in found.rows], found.recommended(tolerance=0.1) is not None
+    (['Craig-Bampton', 'Craig-Chang'], True)
     """
     instance("sub", sub, Substructure)
     if belt is not None:
@@ -76,10 +91,10 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
         for one in method.values() if isinstance(method, Mapping) else [method]:
             instance("each of methods", one, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
     if not methods:
-        raise InputError("methods is empty: name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
+        raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)
     place, force = (belt.port, belt.force) if belt is not None else (port, 1.0)
-    if sub.ports:  # without any there is no critical slope, and that is all
+    if sub.ports:  # without a port there is no critical slope
         sub.port(place)
     tell = listener("progress", progress)
     roms, spectra, phases, solving = _measured(sub, methods, belt, (lo, hi), ports, repeats, tell)
@@ -116,7 +131,7 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
 def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], belt: Belt | None, band: tuple[float, float],
               ports: bool, repeats: int, tell: Progress) -> tuple[list[Substructure], list[ComplexModes],
                                                                   list[list[dict[str, float]]], list[list[float]]]:
-    """Reduced models, all spectra (the full model's first), and the seconds of each run: by phases of reduction, to solve."""
+    """Reduced models, all spectra (the full model's first), and for each run the seconds by phase of reduction, and to solve."""
     solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
     phases: list[list[dict[str, float]]] = [[{}], *([] for _ in methods)]
     models: list[Any] = [None] * len(methods)
@@ -128,7 +143,7 @@ def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]
         for i, method in enumerate(methods):
             tell(f"{sub.name}: run {turn + 1} of {repeats}, {in_words(method)}")
             with warnings.catch_warnings(), timed() as spent:
-                warnings.simplefilter("ignore", PortWarning)  # the figure is in the row
+                warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
                 tolerance = not isinstance(method, Mapping) and method.band is not None
                 models[i], seconds = _clocked(reduce, sub, method, ports=ports, contacts=belt if tolerance else None)
             phases[i + 1].append(spent | {"basis": seconds - sum(spent.values())})
@@ -136,8 +151,8 @@ def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]
         found, seconds = _clocked(complex_modes, sub, belt, band=band, certify=False)
         spectra[0] = found if spectra[0] is None else spectra[0]
         solving[0].append(seconds)
-        for i, model in enumerate(models, start=1):  # of a small dense model all of it costs what the band would
-            for _ in range(SHORT_RUNS):  # threads of BLAS that wake up, or wait for a core, cost as much as the work
+        for i, model in enumerate(models, start=1):  # for a small dense model the whole spectrum costs no more than the band
+            for _ in range(SHORT_RUNS):  # waking BLAS threads may cost as much as the work
                 spectra[i], seconds = _clocked(complex_modes, model, belt, band=None if model.size <= WIDE else band,
                                                 certify=False)
                 solving[i].append(seconds)
@@ -167,7 +182,7 @@ def _megabytes(model: Substructure) -> float:
 
 
 def _judged(modes: ComplexModes, band: tuple[float, float]) -> tuple[float, bool | None]:
-    """The largest Re λ in a band and below the cut-off, and whether what is there is stable."""
+    """The largest Re λ in a band and below the cut-off, and whether the modes there are stable."""
     keep = np.flatnonzero(~modes.rigid & ~modes.above_cutoff & in_band(modes.eigenvalues, band))
     votes = [modes.stable[i] for i in keep]
     stable = False if False in votes else (True if votes and None not in votes else None)
@@ -175,13 +190,13 @@ def _judged(modes: ComplexModes, band: tuple[float, float]) -> tuple[float, bool
 
 
 def border_or_reason(model: Substructure, port: str, force: float, band: tuple[float, float]) -> tuple[float, float, str]:
-    """Critical slope and its ω; or NaN and the reason why there is none to be had, such as a band that the model does not reach.
+    """Critical slope and its ω; or NaN and the reason why there is none, e.g. a band above the model's cut-off.
 
-    For tables of many models, in which one that has no answer must not take those of the others away.
+    For tables of many models, where one failure must not prevent the results of the others.
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", CutoffWarning)  # the error is measured beside it
+            warnings.simplefilter("ignore", CutoffWarning)  # the error is measured anyway
             found = critical_slope(model, port, force=force, band=band)
             return found.slope, found.omega, ""
     except FemsubError as error:
@@ -189,7 +204,7 @@ def border_or_reason(model: Substructure, port: str, force: float, band: tuple[f
 
 
 def _clocked(call: Callable[..., Any], model: Substructure, *arguments: Any, **options: Any) -> tuple[Any, float]:
-    """What a call on a model returns, and its seconds where no factor was made before."""
+    """The result of a call on a model, and its seconds without any factor made before."""
     _released(model)
     start = time.perf_counter()
     result = call(model, *arguments, **options)

@@ -1,4 +1,4 @@
-"""What a study has found: a row for each model, what may be recommended, and the table in which it is shown."""
+"""The results of a study: a row for each model, the recommendation, and the table."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from femsub.checks import positive_number
 from femsub.reduction.reduce import METHODS
 from femsub.studies.tables import known, table
 
-APART = 1.25  # factor in time, beyond the spread of the runs, below which two models are equally quick
+APART = 1.25  # two models count as equally fast if their times, beyond the spread of the runs, differ by less
 VERDICT = {True: "yes", False: "no", None: "?"}
 PHASES = ("factorisation", "basis", "certificate", "projection")  # of a reduction
 
@@ -41,15 +41,14 @@ class Row:
     error_eigenvalue : float
         max |λ_reduced - λ_full| / |λ_full| over matched pairs.
     error_growth : float
-        max |Re λ_reduced - Re λ_full| over the rate at which the full model's damping takes power from the mode and the belt
-        feeds it (`matching.turnover`), the same pairs: of Re λ, their difference, the share would be without bound at the
-        border of stability. Without a belt it is |Re λ_full|.
+        max |Re λ_reduced - Re λ_full| over the same pairs, relative to the sum of the rates at which the full model's damping
+        dissipates energy and the belt supplies it (`matching.turnover`). An error relative to Re λ itself would be unbounded
+        at the stability border. Without a belt it is relative to |Re λ_full|.
     error_slope : float
-        |c_reduced - c_full| / |c_full| of the critical slope; NaN where the model's cut-off is below the band, or no slope
-        was to be had (see `reason`).
+        |c_reduced - c_full| / |c_full| of the critical slope; NaN if the model's cut-off is below the end of the band, or if
+        there is no slope (see `reason`).
     missing : int
-        Eigenvalues of the full model in the band whose counterpart is more than half of |λ| away; they have no part in
-        the errors.
+        Eigenvalues of the full model in the band without a counterpart within half of |λ|. The errors do not include them.
     slope : float
         The critical slope.
     growth : float
@@ -59,24 +58,24 @@ class Row:
     port_error : float
         Static error at the port in the energy norm.
     cutoff : float
-        Above this frequency the reduced model's modes decide nothing (inf for a complete one and for the full model).
+        Modes above this frequency must not decide about stability (inf for a complete basis and for the full model).
     extra : int
         Eigenvalues in the band and below the cut-off that have no counterpart in the full model.
     error_frequency : float
         max |Δω| / ω over the undamped frequencies in the band.
     mac : float
-        The smallest MAC of the matched complex modes (of subspaces, where they cluster).
+        The smallest MAC of the matched complex modes (of subspaces for clusters).
     phases : mapping of str to Timing
-        What `reduction` consists of: factorisation; basis (modes and static shapes); certificate (the second factorisation
+        The parts of `reduction`: factorisation; basis (modes and static shapes); certificate (the second factorisation
         that counts the modes of a large model); projection.
     memory : float
-        MB that the model's matrices take (M, D, K and V).
+        MB of the model's matrices (M, D, K and V).
     pareto : bool
-        No other reduced model is both as quick and as right (error_growth). One is quicker than another if its
-        slowest run (reduction and solution) is by a quarter quicker than the other's quickest; else the one of fewer DOF is,
-        since noise of milliseconds decides nothing.
+        No other reduced model is both as fast and as accurate (error_growth). One is faster than another if its slowest run
+        (reduction and solution) is a quarter faster than the other's fastest run. Otherwise the one with fewer DOF counts
+        as faster, since differences of milliseconds are noise.
     stable : bool or None
-        The verdict in the band: True, False, or None where it is undecided within the error bars.
+        The verdict in the band: True, False, or None if the error bars leave it undecided.
     reason : str
         Why there is no critical slope.
     parts : mapping of str to int
@@ -121,12 +120,12 @@ class Row:
         return self.reduction.median + self.solution.median
 
     def quicker(self, other: Row) -> bool:
-        """Whether its slowest run, reduction and solution, is by a quarter quicker than the other's quickest."""
+        """Whether its slowest run (reduction and solution) is a quarter faster than the other's fastest."""
         return APART * (self.reduction.most + self.solution.most) < other.reduction.least + other.solution.least
 
     @property
     def sound(self) -> bool:
-        """Nothing missing and nothing extra in the band."""
+        """Whether no eigenvalue is missing and none is extra in the band."""
         return self.missing == self.extra == 0
 
     def flat(self) -> dict[str, Any]:
@@ -146,7 +145,17 @@ class Row:
 
 @dataclass(frozen=True, repr=False)
 class Study:
-    """The full model's row and one for each reduced model; `assembly` is the seconds to build it, where they are known."""
+    """The results of `study`: a row for the full model and one for each reduced model; `print` shows them as a table.
+
+    `assembly` is the seconds for building the full model, if known.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> found = fs.study(fs.chain(10, belt=1), [fs.CraigChang(4)], band=(0.0, 0.5), repeats=1)
+    >>> found.rows[0].size, found.rows[0].error_eigenvalue < 1e-3
+    (5, True)
+    """
 
     name: str
     band: tuple[float, float]
@@ -161,12 +170,11 @@ class Study:
         return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{told}"
 
     def recommended(self, tolerance: float = 1e-3) -> Row | None:
-        """The smallest reduced model that may stand in for the full one, or None.
+        """The smallest reduced model that may replace the full one, or None.
 
-        That is error_growth ≤ tolerance, nothing missing, nothing in the band that the full model has not, and the whole
-        band below its cut-off (above it, modes decide nothing). Of these the fewest DOF: they are solved soonest, and
-        that does not hang on the noise of the clock. Among equals the one with the smallest error, unless it clearly takes
-        longer.
+        The conditions are: error_growth ≤ tolerance; no missing and no spurious eigenvalue in the band; the whole band below
+        the cut-off. Of these models the one with the fewest DOF is taken: it is solved fastest, and the choice does not depend
+        on timing noise. Among models of equal size the one with the smallest error is taken, unless it clearly takes longer.
         """
         positive_number("tolerance", tolerance)
         fit = [row for row in self.rows if row.error_growth <= tolerance and row.sound and row.cutoff >= self.band[1]]
@@ -185,7 +193,7 @@ class Study:
             near = min(whole, key=lambda row: row.error_growth, default=None)
             nearest = "" if near is None else (f"; {near.label} with {near.modes} modes ({near.size} DOF) comes nearest with "
                                                f"{100 * near.error_growth:.2g} %")
-            return f"for {where} none of these models will do{nearest}: keep more modes, or lower the band"
+            return f"for {where} none of these models is accurate enough{nearest}. Keep more modes, or lower the band"
         extent = f"with {row.modes} modes ({row.size} DOF)" if not row.parts else \
             f"with {_each(row.parts)} ({row.size} DOF in all)"
         forces = "" if np.isnan(row.error_force) else f"; the forces in the joints are within {100 * row.error_force:.2g} %"
@@ -214,7 +222,7 @@ class Study:
         lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time, medians of {self.repeats}{built}",
                  table(head, rows, ["s", "d", *[".1e"] * (5 + forces), "d", "s", "s", "s", ".3g"])]
         if any(row.pareto for row in self.rows):
-            lines.append("* no other is both as quick (or as small, where the runs' times overlap) and as right in Re λ")
+            lines.append("* no other is both as fast (or as small, where the runs' times overlap) and as accurate in Re λ")
         short = [row for row in self.rows if row.cutoff < self.band[1]]
         if short:
             lines.append(f"no critical slope where the band reaches above the cut-off: {reaching(short)}")
@@ -231,8 +239,9 @@ def reaching(rows: Sequence[Row]) -> str:
 
 
 def with_front(rows: Sequence[Row], hi: float = 0.0) -> tuple[Row, ...]:
-    """The rows with `pareto` set: of those in which nothing is missing and whose cut-off is not below the band's upper end
-    `hi`, the ones that no other beats in time or size and in error.
+    """The rows with `pareto` set for those that no other row beats in time (or size) and in error.
+
+    Only rows without missing eigenvalues and with a cut-off not below the band's upper end `hi` take part.
     """
     fit = [row for row in rows if row.sound and row.cutoff >= hi]
     return tuple(replace(row, pareto=row in fit and not any(_beats(other, row) for other in fit)) for row in rows)

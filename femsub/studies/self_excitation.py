@@ -1,7 +1,7 @@
-"""What linear data say about the self-excited motion of a reduced model: growing modes that it lacks or makes up, the
-error of those it has, and the compliance h(iω) = Wᵀ(-ω²M + iωD + K)⁻¹W that the contact feels.
+"""Linear criteria for the self-excited motion of a reduced model: missing and spurious growing modes, errors of the others,
+and the error of the compliance h(iω) = Wᵀ(-ω²M + iωD + K)⁻¹W at the contact.
 
-Linear analysis of a reduced model leaves out what lies above its cut-off; an integrator does not. So all modes count here.
+Linear analysis of a reduced model ignores modes above its cut-off, but time integration does not. So all modes count here.
 """
 
 from __future__ import annotations
@@ -22,40 +22,50 @@ from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import likeness, listed, match
 from femsub.quadratic.port_function import port_responses
 
-NEAR = 0.05  # |Δλ| / |λ| up to which a mode of a reduced model can stand for one of the full model
-ALIKE = 0.9  # and the MAC of the two shapes from which on it does
-DENSE_POINTS, SPARSE_POINTS = 400, 40  # frequencies at which compliances are compared; each is a solve
-SMALL = 150  # up to so many DOF it is DENSE_POINTS
-FAIR = 0.1  # an error of growth rates or compliance up to which the verdict has nothing to say against a model
-MANY = 0.3  # with a larger share missing no start of a reduced chain ended where the full one's do (scripts/attractors.py)
+NEAR = 0.05  # |Δλ| / |λ| up to which a mode of a reduced model may match one of the full model
+ALIKE = 0.9  # smallest MAC of the two shapes for a match
+DENSE_POINTS, SPARSE_POINTS = 400, 40  # frequencies at which compliances are compared; each needs a solve
+SMALL = 150  # DOF up to which DENSE_POINTS are used
+FAIR = 0.1  # error of growth rates or compliance up to which the verdict is favourable
+MANY = 0.3  # reduced chains that lack a larger share never reached the full model's motion (scripts/attractors.py)
 CRITERIA = ("missing_share", "spurious_share", "growth_error", "frequency_error", "growth_distance", "projection_loss",
             "compliance_static", "compliance_max", "compliance_mean")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SelfExcitation:
-    """Growing modes and port compliance of a reduced model against those of the full one; k modes of the full one grow.
+    """Growing modes and port compliance of a reduced model compared with the full model, made by `self_excitation`.
+
+    The full model has k growing modes.
 
     Attributes
     ----------
     growing : ndarray of complex, shape (k,)
         λ of the full model with Re λ > 0 and Im λ ≥ 0, by ascending Im λ.
     counterpart : ndarray of complex, shape (k,)
-        λ of the reduced model that stands for it, growing or not: within 5 % of |λ|, and with a MAC of at least 0.9 where
-        shapes can be compared; NaN where there is none.
+        The matching λ of the reduced model, growing or not: within 5 % of |λ|, and with a MAC of at least 0.9 if shapes can be
+        compared; NaN if there is none.
     mac : ndarray, shape (k,)
-        See `matching.likeness`, with the mode assigned, fit or not; NaN where none is, or neither a basis V nor the same DOF.
+        The MAC with the mode assigned (`matching.likeness`), whether it matches or not; NaN if shapes cannot be compared.
     loss : ndarray, shape (k,)
-        The share of xᴴMx that the basis cannot do; NaN without a basis.
+        The share of xᴴMx that the basis cannot represent; NaN without a basis.
     spurious : ndarray of complex
-        λ of the reduced model that grow and stand for none of the full model.
+        Growing λ of the reduced model that match none of the full model.
     compliance_static, compliance_max, compliance_mean : float
         ‖Δh‖ / ‖h‖ at ω = 0; the largest ‖Δh‖ over the largest ‖h‖; the mean of ‖Δh‖ / (‖h‖ + ‖h_r‖), which lies between
-        0 and 1 and is not ruled by resonances. Each with the models' own D.
+        0 and 1 and is not dominated by resonances. Each with the models' own D.
     omega : ndarray
-        Where compliances were compared.
+        Frequencies at which compliances were compared.
     band : (lo, hi) or None
-        Where eigenvalues were compared; None for all.
+        The band in which eigenvalues were compared; None for all.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> full = fs.chain(10, belt=2)
+    >>> found = fs.self_excitation(full, fs.reduce(full, fs.CraigChang(6), ports=True), fs.Belt(slope=-0.03))
+    >>> len(found.growing), len(found.missing), len(found.spurious)
+    (2, 1, 0)
     """
 
     growing: Array
@@ -71,17 +81,17 @@ class SelfExcitation:
 
     @property
     def missing(self) -> Array:
-        """λ of growing modes of the full model that the reduced one does not have, or has as decaying ones."""
+        """λ of growing modes of the full model that are missing in the reduced model, or decay there."""
         return self.growing[~(self.counterpart.real > 0)]
 
     @property
     def missing_share(self) -> float:
-        """Missing ones among the growing modes of the full model (0 where none grows)."""
+        """The share of the full model's growing modes that are missing (0 if none grows)."""
         return len(self.missing) / len(self.growing) if len(self.growing) else 0.0
 
     @property
     def spurious_share(self) -> float:
-        """Σ Re λ of spurious modes over Σ Re λ of the full model's growing ones (inf where none of these is)."""
+        """Σ Re λ of spurious modes over Σ Re λ of the full model's growing modes (inf if only spurious modes grow)."""
         return _share(self.spurious.real.sum(), self.growing.real.sum())
 
     @property
@@ -112,26 +122,26 @@ class SelfExcitation:
 
     @property
     def verdict(self) -> str:
-        """What to expect of a transient, in words; FAIR and MANY say where the lines are drawn."""
+        """What to expect of a transient, in words; the limits are FAIR and MANY."""
         if not len(self.growing) and not len(self.spurious):
             return "nothing grows, in either model"
         found = [f"{len(self.missing)} of {len(self.growing)} growing modes are missing (ω = {_list(self.missing)})"
                  if len(self.missing) else f"all {len(self.growing)} growing modes are there"]
         if len(self.spurious):
-            found.append(f"{len(self.spurious)} that the full model has not grow{'s' * (len(self.spurious) == 1)} "
-                         f"(ω = {_list(self.spurious)})")
+            found.append(f"{len(self.spurious)} spurious mode{'s' * (len(self.spurious) > 1)} "
+                         f"grow{'s' * (len(self.spurious) == 1)} (ω = {_list(self.spurious)})")
         found.append(f"growth rates within {100 * self.growth_error:.2g} %")
-        found.append(f"the contact feels a compliance {100 * self.compliance_mean:.2g} % off on average")
+        found.append(f"compliance at the contact {100 * self.compliance_mean:.2g} % off on average")
         if self.missing_share > MANY or not len(self.growing):
             expected = "other motions are to be expected"
         elif len(self.missing) or len(self.spurious) or max(self.growth_error, self.compliance_mean) > FAIR:
-            expected = "the main motion may be the same, not all that coexist"
+            expected = "the main motion may be the same, but not all coexisting ones"
         else:
             expected = "the same motions are to be expected"
         return f"{expected}: {', '.join(found)}"
 
     def flat(self) -> dict[str, float]:
-        """The criteria by name (those of CRITERIA), with the numbers of growing modes, for tables, CSV and JSON."""
+        """The criteria by name (those of CRITERIA) and the numbers of growing modes, for tables, CSV and JSON."""
         return {"growing": len(self.growing), "missing": len(self.missing), "spurious": len(self.spurious),
                 **{name: float(getattr(self, name)) for name in CRITERIA}}
 
@@ -144,21 +154,29 @@ class SelfExcitation:
 def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substructure], belts: Belt | Sequence[Belt], *,
                     band: tuple[float, float] | None = None, count: int | None = None,
                     omega: Any = None, harmonics: float = 3.0) -> SelfExcitation | tuple[SelfExcitation, ...]:
-    """Growing modes and port compliance of reduced models against the full one; a tuple for a sequence of models.
+    """Check by linear criteria whether a reduced model can show the full model's self-excited motion.
+
+    Growing modes and the port compliance h(iω) = Wᵀ(-ω²M + iωD + K)⁻¹W are compared. A sequence of models gives a tuple.
 
     Parameters
     ----------
-    full, reduced : Substructure
-        Reduced ones with a basis V (`reduce`) are compared in their shapes too. The full model is solved once.
+    full : Substructure
+        Solved once.
+    reduced : Substructure or sequence of Substructure
+        Shapes are compared as well if the model has a basis V (from `reduce`).
     belts : Belt or sequence of Belt
     band, count
-        As for `complex_modes`: what of a sparse full model's spectrum is looked at. With either, modes of the reduced models
-        beyond it are not judged.
+        As for `complex_modes`: the part of a sparse full model's spectrum that is computed. Modes of the reduced models
+        outside it are not judged.
     omega : array_like, optional
-        Where compliances are compared, in radians per unit of time. Default: evenly from 0 to `harmonics` times the highest
-        growing frequency (of all, where none grows), 400 points, and 40 for a full model of more than 150 DOF.
+        Frequencies at which compliances are compared, in radians per unit of time. Default: evenly from 0 to `harmonics` times
+        the highest growing frequency (the highest of all if none grows); 400 points, or 40 for more than 150 DOF.
     harmonics : float
-        Friction is a harsh function of speed: it answers a frequency with its harmonics.
+        See `omega`. Friction is strongly nonlinear and excites harmonics of the growing frequencies.
+
+    Returns
+    -------
+    SelfExcitation or tuple of SelfExcitation
 
     Raises
     ------
@@ -166,6 +184,15 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         An unknown port, a basis of another model, a sparse full model without band or count, bad frequencies.
     SingularMatrixError
         A model's dynamic stiffness is singular at one of the frequencies: an undamped resonance.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> full = fs.chain(10, belt=2)
+    >>> few, many = (fs.reduce(full, fs.CraigChang(modes), ports=True) for modes in (2, 6))
+    >>> found = fs.self_excitation(full, [few, many], fs.Belt(slope=-0.2))
+    >>> found[0].missing_share > found[1].missing_share
+    True
     """
     several = not isinstance(reduced, Substructure)
     models = tuple(reduced) if isinstance(reduced, Sequence) else (reduced,)
@@ -173,10 +200,11 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
     for model in models:
         instance("reduced", model, Substructure)
         if isinstance(model, ReducedSubstructure) and len(model.V) != full.size:
-            raise InputError(f"the basis of {model.name!r} has {len(model.V)} rows, but the full model {full.size} DOF")
+            raise InputError(f"the basis of {model.name!r} has {len(model.V)} rows, but the full model has {full.size} DOF. Give "
+                             "models reduced from it")
     contacts = [belts] if isinstance(belts, Belt) else items("belts", belts, "Belts")
     if not contacts:
-        raise InputError("self_excitation needs at least one Belt: without contact nothing feeds the motion")
+        raise InputError("self_excitation needs at least one Belt: without a contact nothing excites the motion")
     modes = complex_modes(full, contacts, band=band, count=count)
     values, _, grows = ours = _upper(modes)
     limits = band
@@ -192,13 +220,13 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
 
 def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Belt | Sequence[Belt],
                measured: Sequence[Mapping[str, Any]], **options: Any) -> list[dict[str, Any]]:
-    """One flat dict per reduced model: method, size, the criteria, the verdict, and what was measured of that model.
+    """One flat dict per reduced model: method, size, the criteria, the verdict, and the measured errors.
 
-    `measured` holds for each model its errors by name, such as those of frequency and amplitude of a transient or a limit
-    cycle, or the distance of shares; `options` are those of `self_excitation`.
+    `measured` holds the errors of each model by name, e.g. those of frequency and amplitude of a transient or a limit cycle.
+    `options` are those of `self_excitation`.
     """
     if len(measured) != len(reduced):
-        raise InputError(f"measured must be as many as there are reduced models, {len(reduced)}, not {len(measured)}")
+        raise InputError(f"measured must have one entry per reduced model, {len(reduced)}, not {len(measured)}")
     found = self_excitation(full, tuple(reduced), belts, **options)
     return [{"method": getattr(model, "method", model.name), "size": model.size, **one.flat(), "verdict": one.verdict, **errors}
             for model, one, errors in zip(reduced, found, measured, strict=True)]  # type: ignore[arg-type]
@@ -208,7 +236,7 @@ Spectrum = tuple[Array, Array, Array]
 
 
 def _upper(modes: ComplexModes) -> Spectrum:
-    """λ with Im λ ≥ 0 that belong to no rigid motion, ascending; their shapes; which grow for certain, cut-off or not."""
+    """λ with Im λ ≥ 0 without rigid motion, ascending; their shapes; which certainly grow, even above the cut-off."""
     keep = np.flatnonzero(listed(modes))
     keep = keep[np.argsort(modes.eigenvalues[keep].imag, kind="stable")]
     grows = np.array([modes.stable[i] is False for i in keep], dtype=bool)
@@ -229,7 +257,7 @@ def _compare(full: Substructure, model: Substructure, ours: Spectrum, theirs: Sp
     counterpart, mac = np.full(len(values), complex(np.nan, np.nan)), np.full(len(values), np.nan)
     counterpart[at[fit]] = others[to[fit]]
     mac[at] = alike[at, to]
-    # A growing mode that stands for a decaying one is as spurious as one that stands for none.
+    # A growing mode that matches a decaying one is as spurious as one that matches none.
     extra = increase.copy()
     extra[to[fit & grows[at]]] = False
     if limits is not None:
@@ -263,8 +291,8 @@ def _compliance(model: Substructure, belts: Sequence[Belt], grid: Array) -> Arra
         try:
             found[row] = W.T @ port_responses(pencil, 1j * value, W)[0]
         except SingularMatrixError:
-            raise SingularMatrixError(f"the dynamic stiffness of {model.name!r} is singular at ω = {value:.6g}; give omega "
-                                      "without this frequency, or damping") from None
+            raise SingularMatrixError(f"the dynamic stiffness of {model.name!r} is singular at ω = {value:.6g}, an undamped "
+                                      "resonance. Give omega without this frequency, or add damping") from None
     return found
 
 

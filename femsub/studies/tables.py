@@ -23,5 +23,5 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[
 
 
 def known(value: float) -> float | None:
-    """A figure, or None, which a table shows as "-", where there is none."""
+    """The value, or None for NaN, which a table shows as "-"."""
     return None if np.isnan(value) else value
