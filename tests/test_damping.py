@@ -95,14 +95,14 @@ def test_kinds_add_up_and_so_do_calls() -> None:
 
 @pytest.mark.parametrize(("arguments", "words"), [
     ({}, "at least one of rayleigh"), ({"rayleigh": (0.1, -1e-3)}, "beta of rayleigh must not be negative"),
-    ({"rayleigh": 0.1}, "must be a pair"), ({"rayleigh": (1, 0), "ratios": ((1, 0.1), (2, 0.1))}, "give one of them"),
+    ({"rayleigh": 0.1}, "must be a pair"), ({"rayleigh": (1, 0), "ratios": ((1, 0.1), (2, 0.1))}, "Give only one of them"),
     ({"ratios": ((1.0, -0.1), (2.0, 0.1))}, "zeta of ratios must not be negative"),
     ({"ratios": ((2.0, 0.1), (2.0, 0.2))}, "two different positive frequencies"),
-    ({"ratios": ((1.0, 0.02), (4.0, 0.1))}, "the second can be 0.005 to 0.08"), ({"ratios": (1.0, 0.1)}, "each point of ratios"),
+    ({"ratios": ((1.0, 0.02), (4.0, 0.1))}, "second ζ can be 0.005 to 0.08"), ({"ratios": (1.0, 0.1)}, "each point of ratios"),
     ({"modal": -0.01}, "modal must not be negative"), ({"modal": [0.01, -0.02]}, r"modal\[1\] must not be negative"),
     ({"modal": "all"}, "must be a ratio"), ({"modal": [0.01] * 99}, "99 elastic modes were asked for"),
     ({"dashpots": {"belt": -1.0}}, "dashpot 'belt' must not be negative"), ({"dashpots": {"bolt": 1.0}}, "did you mean 'belt'"),
-    ({"dashpots": {99: 1.0}}, "there is no DOF 99"), ({"dashpots": {(1, 1): 1.0}}, "a DOF and itself"),
+    ({"dashpots": {99: 1.0}}, "there is no DOF 99"), ({"dashpots": {(1, 1): 1.0}}, "has the same DOF at both ends"),
     ({"dashpots": {(1, 2, 3): 1.0}}, "at one DOF or between two"), ({"dashpots": [1.0]}, "dashpots must map"),
     ({"dashpots": {1.5: 1.0}}, "must be a whole number"),
 ])
@@ -112,7 +112,7 @@ def test_damped_refuses(arguments: dict, words: str) -> None:
 
 
 def test_modal_damping_of_a_large_sparse_model_is_refused() -> None:
-    with pytest.raises(fs.InputError, match="give it to the reduced model"):
+    with pytest.raises(fs.InputError, match="Apply it to the reduced model"):
         fs.damped(membrane(50), modal=0.01)
     with pytest.raises(fs.InputTypeError, match="takes a Substructure"):
         fs.damped(fs.Pencil([[1.0]], None, [[1.0]]), modal=0.01)  # type: ignore[type-var]

@@ -241,8 +241,8 @@ SOLID = fs.Mesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]], "tetra")
 @pytest.mark.parametrize(("arguments", "words"), [
     ({"thickness": -1.0}, "thickness must be positive"), ({"E": 0.0}, "E must be positive"), ({"nu": 0.5}, "between -1 and 0.5"),
     ({"nu": -1.0}, "between -1 and 0.5"), ({"rho": float("nan")}, "rho must be a finite number"),
-    ({"mesh": SOLID}, "meshed with triangle or quad cells, but 'mesh' has tetra"), ({"mesh": "disc.msh"}, "must be a Mesh"),
-    ({"mesh": SKEWED}, "1 quads of 'mesh' are no axis-parallel rectangles, .* triangles"),
+    ({"mesh": SOLID}, "a plate needs triangle or quad cells, but 'mesh' has tetra"), ({"mesh": "disc.msh"}, "must be a Mesh"),
+    ({"mesh": SKEWED}, "1 quads of 'mesh' are not axis-parallel rectangles.* triangles"),
     ({"mesh": fs.Mesh([[0, 0], [1, 0], [2, 0]], [[0, 1, 2]], "triangle")}, "1 triangles of 'mesh' are flat"),
     ({"mesh": fs.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 1]], [[0, 1, 2]], "triangle")}, "plane of constant z"),
     ({"mesh": fs.Mesh([[0, 0], [1, 0], [0, 1], [5, 5]], [[0, 1, 2]], "triangle")}, "1 nodes of 'mesh' belong to no cell"),

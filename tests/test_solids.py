@@ -206,7 +206,7 @@ def test_more_bad_input() -> None:
         fs.Material(1.0, 0.3, -1.0)
     with pytest.raises(InputTypeError, match="mesh must be a Mesh"):
         fs.solid("mesh.inp", STEEL["SI"][0])
-    with pytest.raises(InputError, match="quad cells, which are 2D; a solid needs"):
+    with pytest.raises(InputError, match="quad cells, which are 2D, but a solid needs"):
         fs.solid(fs.rectangle((1.0, 1.0), (2, 2), "quad"), STEEL["SI"][0])
     turned = fs.Mesh(mesh.points, mesh.cells[:, [4, 5, 6, 7, 0, 1, 2, 3]], "hexahedron")
     with pytest.raises(InputError, match=r"8 cells are inverted or have no volume, one of them at \(0.25, 0.25, 0.25\)"):

@@ -15,7 +15,7 @@ from femsub.linalg.memory import check_room
 from femsub.model.dof_map import DofMap
 from femsub.model.substructure import Substructure
 
-BYTES = 2000.0  # that an element takes while the matrices are made
+BYTES = 2000.0  # memory per element while the matrices are made
 ROUNDING = 0.05  # see `tell_rounding`: 540 equal elements
 LABELS = ("w", "w,x")
 #: which of w and w,x a support holds
@@ -26,47 +26,54 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
          foundation: Any = 0.0, supports: Mapping[Any, str] | None = None, interface: Sequence[Any] = (),
          ports: Mapping[str, Any] | None = None, rayleigh: tuple[float, float] | None = None,
          name: str = "beam") -> Substructure:
-    """K = Σ_e ∫ EI N''N''ᵀ + k_f NNᵀ dx, M = Σ_e ∫ ρA NNᵀ dx with the cubics N of (w, w,x) at both ends, (n, n).
+    """A straight Euler-Bernoulli beam of cubic (Hermite) elements, with supports and an elastic foundation.
 
-    Bending in one plane, without rotary inertia and shear: EI w'''' + k_f w + ρA ẅ = 0. Each node has the DOF w and
-    w,x (labels of the DOF map; nodes count from 1, from the left end at x = 0). Held DOF are taken out. A pinned
-    beam has ω_k² = (kπ/L)⁴ EI/ρA + k_f/ρA; the error of ω² falls with the fourth power of the element's length.
+    K = Σ_e ∫ EI N''N''ᵀ + k_f NNᵀ dx, M = Σ_e ∫ ρA NNᵀ dx with the cubics N of (w, w,x) at both ends, (n, n).
+    This is bending in one plane, without rotary inertia and shear: EI w'''' + k_f w + ρA ẅ = 0. Each node has the DOF w and
+    w,x (labels of the DOF map). Nodes count from 1, from the left end at x = 0. Held DOF are removed. A pinned beam has
+    ω_k² = (kπ/L)⁴ EI/ρA + k_f/ρA; the error of ω² falls with the fourth power of the element's length.
 
-    Units are any consistent ones: m, kg, s with E in Pa, or mm, t, s with E in MPa, rho in t/mm³ (steel: 7.85e-9),
-    I in mm⁴, A in mm²; ω is in rad/s in both.
+    Any consistent units: m, kg, s with E in Pa; or mm, t, s with E in MPa, rho in t/mm³ (steel: 7.85e-9), I in mm⁴,
+    A in mm². ω is in rad/s in both.
 
     Parameters
     ----------
     length : float
     elements : int or sequence of float
-        The number of equal elements, or the places of all nodes, ascending from 0 to `length`.
+        The number of equal elements, or the positions x of all nodes, ascending from 0 to `length`.
     E, I, rho, A : float or array_like, one per element
         Young's modulus, second moment of area, density, area; all positive.
     foundation : float or array_like, one per element
         Stiffness k_f of an elastic (Winkler) foundation per length: force / length².
     supports : mapping of place to str
-        'clamped', 'pinned', 'guided' (w,x held, w free) or 'free', at 'left', 'right' or the x of a node. Free without.
+        'clamped', 'pinned', 'guided' (w,x held, w free) or 'free', at 'left', 'right' or the x of a node. Default: free.
     interface : sequence of places
-        The DOF of these nodes, as far as they are not held; each place names an interface set, 'left' or '0.3'.
+        The DOF of these nodes that are not held. Each place names an interface set, 'left' or '0.3'.
     ports : mapping of str to place, or to (place, label)
-        The deflection w there, or with the label 'w,x' the slope.
+        The deflection w at the place, or the slope with the label 'w,x'.
     rayleigh : (alpha, beta), optional
-        D = αM + βK; every other damping by `damped`.
+        D = αM + βK; use `damped` for any other damping.
 
     Warns
     -----
     ConditionWarning
-        Elements are so short that rounding may take 1e-6 of the lowest frequencies or more: how much.
+        Elements are so short that rounding may change the lowest frequencies by a relative 1e-6 or more.
 
     Raises
     ------
     InputError, InputTypeError
-        A size that is not positive, places of nodes that do not ascend, no node at a place, an unknown support, an
+        A size that is not positive, positions that do not ascend, no node at a place, an unknown support, an
         interface or a port that is held.
 
     References
     ----------
     Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, sec. 14.3 (the element matrices).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.beam(1.0, 4, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4, supports={"left": "clamped"}, interface=["right"])
+    Substructure 'beam': 8 DOF, sparse, 40 nonzeros in K, 2 interface DOF, no ports
     """
     supports = optional_mapping("supports", supports, "places and kinds, as {'left': 'clamped'}")
     ports = optional_mapping("ports", ports, "names and places, as {'belt': 0.3}")
@@ -75,7 +82,7 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     bending = per_part("E", E, m, "element") * per_part("I", I, m, "element")
     mass = per_part("rho", rho, m, "element") * per_part("A", A, m, "element")
     bed = per_part("foundation", foundation, m, "element", zero=True)
-    h = np.diff(x) if np.ndim(elements) else np.full(m, x[-1] / m)  # one number for all, which differences are not
+    h = np.diff(x) if np.ndim(elements) else np.full(m, x[-1] / m)  # exactly equal, unlike differences of x
 
     def matrices(part: slice) -> tuple[Array, Array]:
         stiffness, unit = hermite_matrices(h[part])
@@ -105,7 +112,8 @@ def _nodes(length: Any, elements: Any) -> Array:
     if isinstance(elements, (Sequence, np.ndarray)) and not isinstance(elements, str):
         x = real_array("the places of nodes (elements)", elements, finite=False)
         if x.ndim != 1 or len(x) < 2 or x[0] != 0 or not np.isclose(x[-1], size, rtol=1e-9) or not (np.diff(x) > 0).all():
-            raise InputError(f"the places of nodes (elements) must ascend from 0 to the length {size:.6g}, not {elements!r:.80}")
+            raise InputError(f"elements, the positions of the nodes, must ascend from 0 to the length {size:.6g}, not "
+                             f"{elements!r:.80}")
         return x
     count = whole_number("elements", elements, least=1)
     check_room(f"a beam of {count:.3g} elements", BYTES * float(count))
@@ -118,7 +126,7 @@ def _node(x: Array, place: Any, what: str) -> int:
     where = finite_number(f"a place in {what}", place)
     nearest = int(np.argmin(np.abs(x - where)))
     if abs(x[nearest] - where) > 1e-6 * np.diff(x).min():
-        raise InputError(f"{what}: there is no node at x = {where:.9g}; the nearest is at x = {x[nearest]:.9g}")
+        raise InputError(f"{what}: there is no node at x = {where:.9g}. The nearest is at x = {x[nearest]:.9g}")
     return nearest
 
 

@@ -19,8 +19,8 @@ OPPOSITE = ((1, 2), (2, 0), (0, 1))
 def hermite() -> dict[tuple[int, int], Array]:
     """A_ab = ∫ N⁽ᵃ⁾ N⁽ᵇ⁾ᵀ dξ over [0, 1], (4, 4), for the cubics N of the DOF (w, w') at 0 and (w, w') at 1.
 
-    All are multiples of 1/420. They are rounded to that, so that rigid motion costs nothing to the last digit: the
-    frequencies of a fine beam hang on it, for its K cancels by the fourth power of the number of elements.
+    All are multiples of 1/420 and are rounded to these, so that rigid motion has exactly zero energy. A fine beam needs this:
+    cancellation in its K grows with the fourth power of the number of elements.
     """
     fem = skfem()
     basis = fem.Basis(fem.MeshLine(np.array([0.0, 1.0])), fem.ElementLineHermite(), intorder=6)
@@ -43,7 +43,7 @@ def hermite_matrices(lengths: Array) -> tuple[Array, Array]:
     return hermite()[2, 2] / h**3 * scale, hermite()[0, 0] * h * scale
 
 
-# DOF (w, w,x, w,y, w,xy) of a corner: the place among the four of the line in x and of that in y
+# DOF (w, w,x, w,y, w,xy) of a corner: their indices among the four DOF of the line in x and of that in y
 _X = np.array([2 * i + a for i, _ in CORNERS for a in (0, 1, 0, 1)])
 _Y = np.array([2 * j + b for _, j in CORNERS for b in (0, 0, 1, 1)])
 
@@ -82,7 +82,7 @@ def bfs_integrals(sides: Array) -> Array:
 
 
 def _slopes(sides: Array) -> Array:
-    """What a unit of each DOF is on the unit square, (m, 16)."""
+    """The factors from the DOF to those on the unit square, (m, 16)."""
     a, b = sides[:, 0], sides[:, 1]
     return np.tile(np.stack([np.ones_like(a), a, b, a * b], axis=1), (1, 4))
 
@@ -106,9 +106,9 @@ def morley_matrices(corners: Array, normals: Array, nu: float) -> tuple[Array, A
         edge i is    (λ_i - λ_i²) / (n·∇λ_i)
         corner j is  λ_j + 2 λ_k λ_l + Σ_{i = k, l} (∇λ_k·∇λ_l / |∇λ_i|²)(λ_i - λ_i²)
 
-    (Ming and Xu, Numer. Math. 103 (2006); λ_i - λ_i² is level in the middle of the edges that meet at corner i).
-    scikit-fem gets the same functions by inverting a matrix of powers of the global coordinates, which loses digits
-    with the square of the plate's size over the cell's.
+    (Ming and Xu, Numer. Math. 103 (2006); λ_i - λ_i² has zero slope in the middle of the edges that meet at corner i).
+    scikit-fem computes the same functions by inverting a matrix of powers of the global coordinates. That loses digits
+    with the square of the ratio of plate size to cell size.
     """
     C, gradient, double = _morley_functions(corners, normals)
     outer = np.stack([gradient[:, k, :, None] * gradient[:, m, None, :] for k, m in OPPOSITE], axis=1)
@@ -142,7 +142,7 @@ def _morley_functions(corners: Array, normals: Array) -> tuple[Array, Array, Arr
     double = span[:, 0, 0] * span[:, 1, 1] - span[:, 0, 1] * span[:, 1, 0]
     gradient = np.stack([-span[..., 1], span[..., 0]], axis=-1) / double[:, None, None]
     square = np.einsum("mid,mid->mi", gradient, gradient)
-    # λ_i - λ_i² = λ_iλ_k + λ_iλ_l: of the products, numbered by the corner they leave out, the two others
+    # λ_i - λ_i² = λ_iλ_k + λ_iλ_l: products are numbered by the missing corner, so these are the other two
     bubble = 1.0 - np.eye(3)
     C = np.zeros((len(corners), 6, 6))
     for j, (k, m) in enumerate(OPPOSITE):

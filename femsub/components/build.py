@@ -1,4 +1,4 @@
-"""From element matrices to a `Substructure`: summed into CSR chunk by chunk, held DOF taken out."""
+"""From element matrices to a `Substructure`: summation into CSR chunk by chunk, removal of held DOF."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from femsub.model.dof_map import DofMap
 
 CHUNK = 4_000_000  # entries of element matrices held at a time
-TOLD = 1e-6  # of the lowest frequencies that rounding may take before it is warned of
-LOSS = 2.0**-46  # of sqrt(K_ii K_jj) that an entry may be rounded to: more would cost the turning motion its digits
+TOLD = 1e-6  # relative error of the lowest frequencies by rounding above which there is a warning
+LOSS = 2.0**-46  # entries are rounded to at most this share of sqrt(K_ii K_jj); more would damage rotations
 
 
 def optional_mapping(name: str, value: Any, of: str) -> Mapping[Any, Any]:
-    """A dict of an argument that may be left out (None)."""
+    """The mapping of an optional argument; empty for None."""
     return {} if value is None else mapping(name, value, of)
 
 
 def per_part(name: str, value: Any, count: int, part: str, zero: bool = False) -> Array:
-    """One positive number (or 0, with `zero`) for each element or mass, shape (count,), from one for all or one for each."""
+    """One positive number (or 0, with `zero`) per element or mass, shape (count,), from a single number or one per part."""
     try:
         values = np.broadcast_to(real_array(name, value, finite=False), (count,))
     except ValueError:
@@ -43,8 +43,8 @@ def per_part(name: str, value: Any, count: int, part: str, zero: bool = False) -
 def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ...]]) -> tuple[Matrix, ...]:
     """Σ_e of the element matrices, as (K_e, M_e), that `matrices` gives for a slice of the elements, as CSR (size, size).
 
-    `dofs` (m, k) numbers the DOF of each element. The two triangles are added up in the same order, so that symmetric
-    element matrices give sums that are symmetric to the last digit.
+    `dofs` (m, k) numbers the DOF of each element. Both triangles are added up in the same order, so that symmetric
+    element matrices give exactly symmetric sums.
     """
     step = max(1, CHUNK // dofs.shape[1] ** 2)
     total: list[Matrix] = []
@@ -64,13 +64,13 @@ def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ..
 
 
 def free_to_lift(K: Matrix, lift: Array) -> Matrix:
-    """K with Σ_j K_ij = 0 to the last digit over the DOF that `lift` marks, the deflections: lifting the part costs nothing.
+    """K with Σ_j K_ij = 0 exactly over the deflection DOF (marked by `lift`): translation has exactly zero energy.
 
-    K is a free part's in bending, symmetric, and annihilates that motion but for rounding. Rounding puts a spring of
-    EPS · K_ii under each deflection, which of the lowest ω² of n elements in a row takes a share EPS · n⁴. Here the entries of a
-    row are rounded to one power of two, so small that their sum is exact, and the largest takes up what is left: what
-    rounding then changes is the cost of relative motion, a share EPS · n². Entries that would lose more than LOSS,
-    between elements of very different length, are left as they are, and with them rounding in that row.
+    K is the symmetric matrix of a free part in bending; it annihilates the translation up to rounding. Rounding acts like
+    a spring of EPS · K_ii under each deflection, a relative change EPS · n⁴ of the lowest ω² of n elements in a row. Here
+    the entries of a row are rounded to multiples of one power of two, so that their sum is exact, and the largest entry
+    takes the remainder. Then rounding changes only the energy of relative motion, by a share EPS · n². Entries that would
+    lose more than LOSS, between elements of very different length, are not changed, so that row keeps its rounding.
     """
     K = K.copy()
     K.sort_indices()
@@ -94,15 +94,16 @@ def free_to_lift(K: Matrix, lift: Array) -> Matrix:
 
 
 def tell_rounding(K: Matrix, lift: Array, whole: float, share: float, name: str, advice: str) -> None:
-    """Warns where solving with K may take more than TOLD of the lowest frequencies by rounding.
+    """Warn if rounding in solves with K may change the lowest frequencies by a relative TOLD or more.
 
-    A factorisation leaves a spring of about EPS · K_ii, at random, under each deflection (`lift`), against the stiffness of the
-    `whole` part; with n elements in a row that is a share n^3.5 EPS. `share` of it was seen at most.
+    A factorisation has errors like a random spring of about EPS · K_ii under each deflection (`lift`). Compared with the
+    stiffness of the `whole` part, with n elements in a row, this is a share n^3.5 EPS. The largest observed error is
+    `share` times that.
     """
     rounding = min(share * EPS * float(np.linalg.norm(K.diagonal()[lift])) / whole, 1.0)
     if rounding > TOLD:
-        warnings.warn(f"{name!r}: rounding may take {rounding:.0e} of the lowest frequencies: its smallest elements are so much "
-                      f"stiffer than the whole; {advice}", ConditionWarning, stacklevel=3)
+        warnings.warn(f"{name!r}: rounding may take {rounding:.0e} of the lowest frequencies, because its smallest elements are "
+                      f"much stiffer than the whole. Remedy: {advice}", ConditionWarning, stacklevel=3)
 
 
 def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array], ports: Mapping[str, Array], dofs: DofMap,
@@ -115,7 +116,7 @@ def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array],
     loose[held] = False
     free = np.flatnonzero(loose)
     if not len(free):
-        raise InputError(f"supports hold every DOF of {name!r}: nothing is left to move")
+        raise InputError(f"supports hold every DOF of {name!r}, so nothing can move. Leave some of them out")
     number = np.cumsum(loose) - 1
     sets = {place: rows[loose[rows]] for place, rows in interface.items()}
     lost = [place for place, rows in sets.items() if not len(rows)]
@@ -124,7 +125,7 @@ def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array],
                          "other")
     for port, w in ports.items():
         if not np.any(w[free]):
-            raise InputError(f"port {port!r} of {name!r} sits on DOF that the supports hold")
+            raise InputError(f"port {port!r} of {name!r} sits on DOF that the supports hold. Move the port or the support")
     joined = np.concatenate([*sets.values(), np.zeros(0, dtype=np.intp)]).astype(np.intp)
     joined, first = np.unique(joined, return_index=True)
     order = np.arange(len(joined)) if by_node else np.argsort(first)

@@ -14,15 +14,16 @@ from femsub.components.damping import not_negative
 from femsub.linalg.memory import check_room
 from femsub.model.substructure import Substructure
 
-BYTES = 200.0  # that a mass takes while the matrices are made
+BYTES = 200.0  # memory per mass while the matrices are made
 
 
 def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0, springs: Any = 1.0,
           interface: Sequence[int] = (1,), fixed: bool = True, name: str = "chain") -> Substructure:
-    """M = diag(m), K tridiagonal with k_j + k_{j+1} and -k_{j+1}, D = d1 e1 e1ᵀ, all (n, n); port "belt" w = e_b.
+    """The paper's chain of masses and springs, with a dashpot at the first mass and a belt under one of them.
 
-    Spring k_1 ties mass m_1 to the wall, spring k_j ties m_{j-1} to m_j; the right end is free. The dashpot d1 stays
-    at m_1 wherever the belt is. With unit masses and springs the undamped frequencies are
+    M = diag(m), K tridiagonal with k_j + k_{j+1} and -k_{j+1}, D = d1 e1 e1ᵀ, all (n, n); port "belt" w = e_b.
+    Spring k_1 connects mass m_1 to the wall, spring k_j connects m_{j-1} to m_j; the right end is free. The dashpot d1
+    stays at m_1 wherever the belt is. With unit masses and springs the undamped frequencies are
     ω_j = 2 sin((2j - 1)π / (4n + 2)).
 
     Parameters
@@ -38,7 +39,7 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     interface : sequence of int
         Interface masses, counted from 1 (they become DOF counted from 0).
     fixed : bool
-        False leaves the wall out: k_1 is then not used, and the chain floats with one rigid-body mode.
+        False removes the wall: k_1 is not used, and the chain floats with one rigid-body mode.
 
     Raises
     ------
@@ -47,8 +48,14 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
 
     References
     ----------
-    The conference paper in which HCB and CC are compared on n = 10 (its Fig. 1 and eqs. (4), (5)); it prints neither
-    d1 nor F. d1 = 0.1 and F = 1 reproduce the axes of its Fig. 4.
+    The conference paper that compares HCB and CC for n = 10 (its Fig. 1 and eqs. (4), (5)). It gives neither d1 nor F;
+    d1 = 0.1 and F = 1 reproduce the axes of its Fig. 4.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.chain(10, belt=2, damping=0.1)
+    Substructure 'chain': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
     n = whole_number("n", n, least=1)
     check_room(f"a chain of {n:.3g} masses", BYTES * float(n))
@@ -70,7 +77,21 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
 
 
 def chain_frequencies(n: int, count: int | None = None) -> Array:
-    """ω_j = 2 sin((2j - 1)π / (4n + 2)), j = 1 … count: the undamped chain of unit masses and springs, fixed at m_1."""
+    """The exact frequencies of the undamped chain of unit masses and springs: ω_j = 2 sin((2j - 1)π / (4n + 2)), j = 1 … count.
+
+    The chain is the one of `chain(n)`, with its wall. All n frequencies without `count`.
+
+    Raises
+    ------
+    InputError
+        n or count below 1, or count above n.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.chain_frequencies(10, 2).round(6)
+    array([0.14946 , 0.445042])
+    """
     n = whole_number("n", n, least=1)
     count = n if count is None else whole_number("count", count, 0, n)
     check_room(f"a list of {count:.3g} frequencies", 24.0 * count)

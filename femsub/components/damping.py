@@ -21,21 +21,22 @@ Model = TypeVar("Model", bound=Substructure)
 def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
            ratios: tuple[tuple[float, float], tuple[float, float]] | None = None, modal: float | Sequence[float] | None = None,
            dashpots: Mapping[Any, float] | None = None) -> Model:
-    """The same model with D + αM + βK + MΦ diag(2ζω) ΦᵀM + Σ c w wᵀ, all (n, n), instead of D.
+    """A copy of a model with more damping: Rayleigh, modal, and dashpots.
 
-    What is given is added up, and to the damping that is there (`sub.with_damping(None)` takes that away).
+    D becomes D + αM + βK + MΦ diag(2ζω) ΦᵀM + Σ c w wᵀ, all (n, n). Everything given is added to the existing damping
+    (`sub.with_damping(None)` removes that).
 
     Parameters
     ----------
     sub : Substructure
         Full or reduced.
     rayleigh : (alpha, beta)
-        α in 1/time, β in time; a mode then has ζ = α/(2ω) + βω/2.
+        α in 1/time, β in time. A mode then has ζ = α/(2ω) + βω/2.
     ratios : ((omega1, zeta1), (omega2, zeta2))
         Rayleigh damping that has these ratios at these frequencies (radians per unit of time).
     modal : float or sequence of float
-        ζ of every elastic mode, or of the lowest ones by frequency (the others get none); rigid-body modes stay
-        undamped. It fills D: for a sparse model of more than 2,000 DOF, give it to the reduced one.
+        ζ of every elastic mode, or of the lowest ones by frequency (the others get none). Rigid-body modes stay undamped. D
+        becomes a full matrix, so apply it to the reduced model if a sparse one has more than 2,000 DOF.
     dashpots : mapping to float
         c in force × time / length (a port's own unit), by the name of a port, by a DOF counted from 0 (to the
         ground), or by a pair of DOF (between the two). For a reduced model the DOF are those of the component it
@@ -51,13 +52,20 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
     ----------
     Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, sec. 10.3 (proportional damping; modal damping, with
     D = MΦ diag(2ζω) ΦᵀM for ΦᵀMΦ = I).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub = fs.damped(fs.chain(5, damping=0.0), modal=0.01)
+    >>> fs.complex_modes(sub).damping_ratios[:2].round(4)
+    array([0.01, 0.01])
     """
     if not isinstance(sub, Substructure):
         raise InputTypeError(f"damped takes a Substructure, not {type(sub).__name__}")
     if rayleigh is None and ratios is None and modal is None and dashpots is None:
         raise InputError("damped needs at least one of rayleigh, ratios, modal and dashpots")
     if rayleigh is not None and ratios is not None:
-        raise InputError("rayleigh and ratios say the same thing in two ways: give one of them")
+        raise InputError("rayleigh and ratios both define Rayleigh damping. Give only one of them")
     D = sub.D
     if ratios is not None:
         rayleigh = _through(ratios)
@@ -77,7 +85,7 @@ def not_negative(name: str, value: Any) -> float:
     """A finite number that is zero or more."""
     number = finite_number(name, value)
     if number < 0:
-        raise InputError(f"{name} must not be negative, but is {number:.6g}; what feeds in energy is a contact's affair")
+        raise InputError(f"{name} must not be negative, but is {number:.6g}. Only a contact may supply energy")
     return number
 
 
@@ -97,9 +105,8 @@ def _through(ratios: Any) -> tuple[float, float]:
         raise InputError(f"ratios needs two different positive frequencies, not {low:.6g} and {high:.6g}")
     mass, stiffness = zeta * high - other * low, other * high - zeta * low
     if min(mass, stiffness) < -1e-12 * max(zeta, other) * high:
-        raise InputError(f"ratios: no Rayleigh damping without a negative part has ζ = {zeta:.4g} at ω = {low:.6g} and "
-                         f"{other:.4g} at {high:.6g}; with the first, the second can be {zeta * low / high:.4g} to "
-                         f"{zeta * high / low:.4g}")
+        raise InputError(f"ratios: ζ = {zeta:.4g} at ω = {low:.6g} and {other:.4g} at {high:.6g} would need a negative α or β. "
+                         f"With the first point, the second ζ can be {zeta * low / high:.4g} to {zeta * high / low:.4g}")
     span = high**2 - low**2
     return 2 * low * high * max(mass, 0.0) / span, 2 * max(stiffness, 0.0) / span
 
@@ -107,8 +114,8 @@ def _through(ratios: Any) -> tuple[float, float]:
 def _modal(sub: Substructure, modal: Any) -> Matrix:
     """MΦ diag(2ζω) ΦᵀM, dense."""
     if sp.issparse(sub.K) and sub.size > FILLED:
-        raise InputError(f"modal damping fills D, and {sub.name!r} has {sub.size} DOF (at most {FILLED}): give it to the "
-                         "reduced model, damped(reduce(...), modal=...), or use ratios=")
+        raise InputError(f"modal damping makes D a full matrix, but {sub.name!r} has {sub.size} DOF (at most {FILLED}). Apply it "
+                         "to the reduced model, damped(reduce(...), modal=...), or use ratios=")
     if isinstance(modal, str) or not isinstance(modal, (int, float, np.number, Sequence, np.ndarray)):
         raise InputTypeError(f"modal must be a ratio or a sequence of them, not {modal!r:.80}")
     if isinstance(modal, (Sequence, np.ndarray)):
@@ -142,17 +149,17 @@ def _column(sub: Substructure, key: Any) -> Matrix:
         return sp.csr_array(sub.port(key).reshape(sub.size, -1))
     pair = key if isinstance(key, tuple) else (key,)
     if not 1 <= len(pair) <= 2:
-        raise InputError(f"a dashpot sits at one DOF or between two, not at {key!r}")
+        raise InputError(f"a dashpot acts at one DOF or between two, not at {key!r}")
     rows = [_row(sub, whole_number("the DOF of a dashpot", dof)) for dof in pair]
     if len(set(pair)) < len(pair):
-        raise InputError(f"the dashpot {key!r} sits between a DOF and itself")
+        raise InputError(f"the dashpot {key!r} has the same DOF at both ends. Give two different DOF")
     return sp.csr_array((rows[0] if len(rows) == 1 else rows[0] - rows[1]).reshape(-1, 1))
 
 
 def _row(sub: Substructure, dof: int) -> Array:
     size = len(sub.V) if isinstance(sub, ReducedSubstructure) else sub.size
     if not 0 <= dof < size:
-        raise InputError(f"dashpot: there is no DOF {dof}; {sub.name!r} has {size}, counted from 0")
+        raise InputError(f"dashpot: there is no DOF {dof}. {sub.name!r} has {size}, counted from 0")
     if isinstance(sub, ReducedSubstructure):
         return sub.V[dof]
     row = np.zeros(size)

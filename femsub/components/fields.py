@@ -9,28 +9,38 @@ from femsub.components.mesh import Mesh
 from femsub.errors import InputError, InputTypeError
 from femsub.model.dof_map import DofMap
 
-#: which coordinate of the displacement a motion is; all others (slopes) are not displacements
+#: the coordinate of the displacement for each label; other labels (slopes) are not displacements
 COMPONENTS = {"ux": 0, "uy": 1, "uz": 2, "w": 2}
 
 
 def displacements(mesh: Mesh, dofs: DofMap, u: Array) -> Array:
-    """The displacement of each node, shape (nodes, 3), from u (n,), or (nodes, 3, k) from u (n, k); 0 where it is held.
+    """The displacement of each node of a mesh: shape (nodes, 3) from u (n,), or (nodes, 3, k) from u (n, k).
 
-    ux, uy, uz of a solid; w of a beam or a plate is the third coordinate. Slopes are left out. Of a reduced model take
-    `rom.expand(q)` with `rom.full_dofs`. The result is what `write_mesh` takes as a shape, real and imaginary part apart.
+    Held DOF are 0. A solid has ux, uy, uz. The w of a beam or a plate is the third coordinate; slopes are left out. For a
+    reduced model use `rom.expand(q)` with `rom.full_dofs`. `write_mesh` takes the result as a shape; give the real and the
+    imaginary part separately.
 
     Parameters
     ----------
     mesh : Mesh
-        That of the component; of a beam a mesh of 'line' cells whose nodes count from 1.
+        The component's mesh; for a beam a mesh of 'line' cells whose nodes count from 1.
     dofs : DofMap
-        The component's.
+        The component's DOF map.
     u : array_like, shape (n,) or (n, k), real or complex
+        Displacements of the DOF.
 
     Raises
     ------
     InputError
-        Rows that do not fit the map, or a node of the map that the mesh has not.
+        Rows that do not fit the map, or a node of the map that is not in the mesh.
+
+    Examples
+    --------
+    >>> import femsub as fs, numpy as np
+    >>> mesh = fs.rectangle((1.0, 1.0), (2, 2))
+    >>> sub = fs.plate(mesh, E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01, supports={"left": "clamped"})
+    >>> fs.displacements(mesh, sub.dofs, np.zeros(sub.size)).shape
+    (9, 3)
     """
     instance("mesh", mesh, Mesh)
     instance("dofs", dofs, DofMap)
@@ -53,6 +63,6 @@ def node_rows(mesh: Mesh, numbers: Array) -> Array:
     place = np.minimum(np.searchsorted(ordered, numbers), len(ordered) - 1)
     strange = ordered[place] != numbers
     if strange.any():
-        raise InputError(f"the mesh {mesh.name!r} has no node {numbers[np.argmax(strange)]}: it is not the one that the DOF map "
-                         "belongs to")
+        raise InputError(f"the mesh {mesh.name!r} has no node {numbers[np.argmax(strange)]}, so the DOF map belongs to another "
+                         "mesh. Give the component's own mesh")
     return order[place]

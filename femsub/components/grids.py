@@ -13,11 +13,11 @@ from femsub.components.solid_elements import box
 from femsub.errors import InputError
 from femsub.linalg.memory import check_room
 
-BYTES = 1000.0  # that a cell takes while its mesh is made
+BYTES = 1000.0  # memory per cell while the mesh is made
 
 
 def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedron20", name: str = "block") -> Mesh:
-    """The block [0, lx] x [0, ly] x [0, lz], nx x ny x nz bricks (six tetrahedra to each, if `kind` is one).
+    """A mesh of the block [0, lx] x [0, ly] x [0, lz] with nx x ny x nz bricks, or six tetrahedra in place of each brick.
 
     Parameters
     ----------
@@ -37,7 +37,14 @@ def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedr
     Raises
     ------
     InputError
-        A length that is not positive, a count below 1, a kind that is none of these.
+        A length that is not positive, a count below 1, an unknown kind.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh = fs.block((1.0, 0.2, 0.1), (4, 1, 1), "hexahedron")
+    >>> len(mesh.points), len(mesh.cells), len(mesh.nodes("left"))
+    (20, 4, 4)
     """
     sizes, bricks = _lengths("lengths", lengths, 3), _counts(counts, 3)
     grid, cells = box(bricks, bricks, kind)  # of edge 1: coordinates are whole and half numbers, exactly
@@ -46,7 +53,7 @@ def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedr
 
 def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] = (4, 48, 2), kind: str = "hexahedron20",
             name: str = "annulus") -> Mesh:
-    """The disc with a hole, inner ≤ √(x² + y²) ≤ outer, 0 ≤ z ≤ thickness; middle nodes lie on the circles.
+    """A mesh of a disc with a hole: inner ≤ √(x² + y²) ≤ outer, 0 ≤ z ≤ thickness. Midside nodes lie on the circles.
 
     Parameters
     ----------
@@ -66,7 +73,14 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
     Raises
     ------
     InputError
-        inner ≥ outer, a length that is not positive, a count below 1 (around: 3), a kind that is none of these.
+        inner ≥ outer, a length that is not positive, a count below 1 (around: 3), an unknown kind.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh = fs.annulus(0.1, 0.2, 0.02, (1, 12, 1), "hexahedron")
+    >>> len(mesh.points), len(mesh.cells), len(mesh.nodes("outer"))
+    (48, 12, 24)
     """
     low, high, height = _lengths("inner, outer and thickness", (inner, outer, thickness), 3)
     if low >= high:
@@ -76,7 +90,7 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
         raise InputError(f"counts: an annulus needs at least 3 bricks around, not {bricks[1]}")
     grid, cells = box(bricks, bricks, kind)
     half = np.rint(2 * grid).astype(np.intp)
-    half[:, 1] %= 2 * bricks[1]  # where the ring closes, the last nodes are the first ones
+    half[:, 1] %= 2 * bricks[1]  # the ring is closed: the last nodes are the first ones
     place = np.ravel_multi_index(tuple(half.T), tuple(2 * bricks + 1))
     _, first, number = np.unique(place, return_index=True, return_inverse=True)
     grid, cells = grid[first], number[cells]
@@ -88,7 +102,7 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
 
 
 def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad", name: str = "rectangle") -> Mesh:
-    """The rectangle [0, lx] x [0, ly], nx x ny quadrilaterals, or two triangles in the place of each.
+    """A plane mesh of the rectangle [0, lx] x [0, ly] with nx x ny quadrilaterals, or two triangles in place of each.
 
     Parameters
     ----------
@@ -103,13 +117,20 @@ def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad
     Returns
     -------
     Mesh
-        Points of two coordinates; sets of nodes: left and right (x = 0, lx), front and back (y = 0, ly), and edge,
+        Points have two coordinates. Sets of nodes: left and right (x = 0, lx), front and back (y = 0, ly), and edge,
         which is all four.
 
     Raises
     ------
     InputError
-        A length that is not positive, a count below 1, another kind.
+        A length that is not positive, a count below 1, an unknown kind.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh = fs.rectangle((2.0, 1.0), (4, 2), "triangle")
+    >>> len(mesh.points), len(mesh.cells), len(mesh.nodes("edge"))
+    (15, 16, 12)
     """
     choice("kind of cell of a rectangle", kind, ("quad", "triangle"))
     sizes, quads = _lengths("lengths", lengths, 2), _counts(counts, 2)

@@ -1,4 +1,4 @@
-"""`Mesh`: points, cells of one kind, and named sets of nodes and of cells; the faces of its surface."""
+"""`Mesh`: points, cells of one kind, named sets of nodes and of cells; the faces of its surface."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CELLS = {"line": (1, 2), "triangle": (2, 3), "quad": (2, 4), "tetra": (3, 4), "t
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh(Frozen):
-    """Points (n, d), cells (m, k) of one kind, and sets of nodes and of cells by name.
+    """A mesh: points (n, d), cells (m, k) of one kind, and named sets of nodes and of cells.
 
     Parameters
     ----------
@@ -35,16 +35,22 @@ class Mesh(Frozen):
     groups : mapping of str to array_like of int
         Named sets of cells, as rows of `cells`.
     numbers : array_like of int, shape (n,), optional
-        What the source calls the nodes, each another number; 1 to n without it.
+        Unique node numbers of the source (e.g. a mesh file); default 1 to n.
     repairs : sequence of str
-        What was mended when the mesh was read.
+        The repairs made when the mesh was read.
     name : str
 
     Raises
     ------
     InputError, InputTypeError
         Shapes that do not fit, a node or cell that does not exist, coordinates that are not finite or not real, numbers
-        that are not whole or come twice, names that are no texts.
+        that are not whole or not unique, names that are not strings.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.Mesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], "triangle", sets={"bottom": [0, 1]})
+    Mesh 'mesh': 3 nodes, 1 triangle, sets bottom
     """
 
     points: Array
@@ -88,18 +94,19 @@ class Mesh(Frozen):
 
     @property
     def dimension(self) -> int:
-        """Of the cells: 1, 2 or 3."""
+        """The dimension of the cells: 1, 2 or 3."""
         return CELLS[self.kind][0]
 
     def nodes(self, name: str) -> Array:
         """The nodes of a set, ascending; an unknown or an empty one is an InputError."""
         if not len(self.sets[choice(f"set of nodes of the mesh {self.name!r}:", name, self.sets)]):
-            raise InputError(f"the set {name!r} of the mesh {self.name!r} is empty")
+            raise InputError(f"the set {name!r} of the mesh {self.name!r} is empty. Name a set with nodes")
         return self.sets[name]
 
     def with_sets(self, **sets: Any) -> Mesh:
-        """A copy with more (or other) sets of nodes, each as rows of `points`, as n truth values, or as a function of the
-        points (n, d) that returns either.
+        """A copy with additional (or replaced) sets of nodes.
+
+        Each set is given as rows of `points`, as n booleans, or as a function of the points (n, d) that returns either.
         """
         found = {name: chosen(self.points) if callable(chosen) else chosen for name, chosen in sets.items()}
         return replace(self, sets={**self.sets, **found})
@@ -111,7 +118,7 @@ def corners_of(mesh: Mesh) -> Array:
 
 
 def boundary_faces(mesh: Mesh) -> tuple[Array, Array]:
-    """The faces that belong to one cell only: their cells (f,) and which of the cell's faces each is (f,)."""
+    """The faces that belong to one cell only: their cells (f,), and their index among the cell's faces (f,)."""
     faces = np.array(reference(mesh.kind).faces)
     corners = np.sort(mesh.cells[:, faces].reshape(-1, faces.shape[1]), axis=1)
     order = np.lexsort(corners.T)
@@ -124,7 +131,7 @@ def boundary_faces(mesh: Mesh) -> tuple[Array, Array]:
 
 
 def corner_nodes(mesh: Mesh, cells: Array, sides: Array) -> Array:
-    """The corners of faces as rows of `points`, seen from outside anticlockwise, shape (f, 3 or 4)."""
+    """The corners of faces as rows of `points`, anticlockwise seen from outside, shape (f, 3 or 4)."""
     return np.take_along_axis(mesh.cells[cells], np.array(reference(mesh.kind).faces)[sides], axis=1)
 
 
@@ -133,7 +140,7 @@ def _named(what: str, values: Any) -> list[tuple[str, Any]]:
         raise InputTypeError(f"{what} must map names to rows, e.g. {{'left': [0, 3]}}, not {type(values).__name__}")
     for name in values or {}:
         if not isinstance(name, str):
-            raise InputTypeError(f"the names of {what} must be texts, such as {str(name)!r}, not {name!r}")
+            raise InputTypeError(f"the names of {what} must be strings, such as {str(name)!r}, not {name!r}")
     return list((values or {}).items())
 
 
@@ -147,7 +154,7 @@ def _node_numbers(values: Any, count: int) -> Array:
     ordered = np.sort(named)
     again = ordered[1:][ordered[1:] == ordered[:-1]]
     if len(again):
-        raise InputError(f"numbers must be another one for each node, but {int(again[0])} comes twice")
+        raise InputError(f"numbers must be unique, but {int(again[0])} comes twice")
     return named.astype(np.int64)
 
 
@@ -161,5 +168,5 @@ def _within(what: str, values: Any, count: int) -> Array:
         raise InputError(f"{what} must hold whole numbers, not {raw.dtype}")
     if raw.min() < 0 or raw.max() >= count:
         bad = raw.min() if raw.min() < 0 else raw.max()
-        raise InputError(f"{what} names number {bad}, but there are {count}, counted from 0")
+        raise InputError(f"{what} contains number {bad}, but there are {count}, counted from 0")
     return raw.astype(np.intp)

@@ -1,4 +1,4 @@
-"""What a mesh must be before it is computed with: cells that are sound, nodes that are used, and a word on the rest."""
+"""Checks and repairs of a mesh before it is used: valid cells, no unused nodes; notes on everything else."""
 
 from __future__ import annotations
 
@@ -15,63 +15,64 @@ from femsub.components.mesh import Mesh, corners_of
 from femsub.components.solid_elements import KINDS, jacobians, quadrature, reference, shape_functions
 from femsub.errors import InputError
 
-FLAT = 1e-6  # a volume below this fraction of the product of its edges is none
-APART = 1e-3  # nodes nearer than this fraction of the shortest edge coincide
+FLAT = 1e-6  # a cell with a volume below this fraction of the product of its edges is flat
+APART = 1e-3  # nodes closer than this fraction of the shortest edge coincide
 CHUNK = 1 << 25  # bytes of Jacobians held at a time
 
 _PLANE = {"triangle": np.array([[0, 1, 2]]), "quad": np.array([[0, 1, 3], [1, 2, 0], [2, 3, 1], [3, 0, 2]])}
 
 
 def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
-    """The mesh, all of whose cells have det ∂x/∂X > 0 at the points of quadrature and ≥ 0 at the corners.
+    """The checked mesh: all cells have det ∂x/∂X > 0 at the quadrature points and ≥ 0 at the corners.
 
-    Mended, and told in `repairs`: cells whose nodes are listed in mirrored order, cells given twice, nodes of no cell.
-    Only told: nodes that coincide (parts that were not merged), a mesh of several pieces. Surfaces in space (3D points
-    that lie in no plane z = const) are checked for flat and concave cells only.
+    Repaired, and noted in `repairs`: cells whose nodes are listed in mirrored order, cells given twice, nodes of no cell.
+    Only noted: nodes that coincide (parts that were not merged), a mesh of several pieces. Surfaces in space (3D points
+    not in a plane z = const) are checked for flat and concave cells only.
 
     Parameters
     ----------
     mesh : Mesh
     cell_numbers : ndarray, shape (m,), optional
-        What to call the cells in messages; rows of `cells` without it.
+        Numbers of the cells in messages; default: rows of `cells`.
 
     Raises
     ------
     InputError
-        A node twice in a cell; tangled or flat cells; cells folded into their neighbours: how many, which and where.
+        A node twice in a cell; tangled or flat cells; cells folded into their neighbours. The message tells how many, which
+        and where.
     """
     labels = np.arange(len(mesh.cells)) if cell_numbers is None else np.asarray(cell_numbers)
     ordered = np.sort(mesh.cells, axis=1)
     _refuse(mesh, (ordered[:, 1:] == ordered[:, :-1]).any(axis=1), labels, "name a node twice (collapsed cells)",
-            "mesh that part with other cells")
+            "Mesh that part with other cells")
     mesh, labels = _once(mesh, labels)
     mesh = _oriented(_used(mesh), labels)
     return replace(mesh, repairs=tuple(dict.fromkeys((*mesh.repairs, *_notes(mesh)))))
 
 
 def refuse_spoilt(mesh: Mesh) -> None:
-    """Refuses what `checked` mends in a mesh that is read, and would give wrong matrices: double cells, nodes of none.
+    """Refuse cells given twice and nodes of no cell, which would give wrong matrices. (`checked` repairs them.)
 
     Raises
     ------
     InputError
-        Their numbers.
+        There are some; the message tells their numbers.
     """
     first = _first_alike(mesh)
     again = np.flatnonzero(first != np.arange(len(first)))
     if len(again):
-        raise InputError(f"{len(again)} cells of {mesh.name!r} are given twice, the first is cell {again[0]}, which is cell "
-                         f"{first[again[0]]} again (counted from 0): its mass would count twice, leave it out")
+        raise InputError(f"{len(again)} cells of {mesh.name!r} are given twice. The first is cell {again[0]}, which is cell "
+                         f"{first[again[0]]} again (counted from 0). Its mass would count twice; leave it out")
     unused = ~_in_cells(mesh)
     if unused.any():
         raise InputError(f"{np.count_nonzero(unused)} nodes of {mesh.name!r} belong to no cell: number "
-                         f"{listed(mesh.numbers[unused])}; they would have no mass and no stiffness, leave them out")
+                         f"{listed(mesh.numbers[unused])}. They would have no mass and no stiffness; leave them out")
 
 
 def _first_alike(mesh: Mesh) -> Array:
-    """For each cell the first one of the same nodes: itself, unless it is given twice."""
+    """For each cell the first cell with the same nodes: itself, unless it is given twice."""
     weights = np.random.default_rng(0).integers(1 << 62, size=len(mesh.points), dtype=np.uint64)
-    keys = weights[mesh.cells].sum(axis=1)  # the same for the same nodes in any order; sorting numbers is cheap
+    keys = weights[mesh.cells].sum(axis=1)  # the same key for the same nodes in any order; sorting numbers is fast
     _, first, number = np.unique(keys, return_index=True, return_inverse=True)
     first = first[number]
     again = np.flatnonzero(first != np.arange(len(first)))
@@ -94,7 +95,7 @@ def _refuse(mesh: Mesh, bad: Array, labels: Array, what: str, advice: str) -> No
         where = "; ".join(f"cell {labels[row]} around ({', '.join(f'{x:.4g}' for x in place)})"
                           for row, place in zip(rows, places, strict=False))
         raise InputError(f"{len(rows)} of {len(bad)} {mesh.kind} cells of the mesh {mesh.name!r} {what}: {where}"
-                         f"{'; ...' if len(rows) > 3 else ''}; {advice}")
+                         f"{'; ...' if len(rows) > 3 else ''}. {advice}")
 
 
 def listed(numbers: Array) -> str:
@@ -149,7 +150,7 @@ def _oriented(mesh: Mesh, labels: Array) -> Mesh:
 
 
 def _volumes(mesh: Mesh) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Least and greatest det ∂x/∂X over the product of the edge lengths, at points of quadrature and at corners."""
+    """Smallest and largest det ∂x/∂X over the product of the edge lengths, at quadrature points and at corners."""
     if mesh.kind == "line":
         length = np.linalg.norm(mesh.points[mesh.cells[:, 1]] - mesh.points[mesh.cells[:, 0]], axis=1)
         share = length / max(length.max(), np.finfo(float).tiny)
@@ -170,7 +171,7 @@ def _volumes(mesh: Mesh) -> Iterator[tuple[Array, Array, Array, Array]]:
 
 
 def _areas(mesh: Mesh) -> tuple[Array, Array, Array, Array]:
-    """The same for plane cells: signed where all lie in one plane z = const, else against the cell's own normal."""
+    """The same for plane cells: signed if all lie in one plane z = const, else relative to the cell's own normal."""
     points = np.zeros((len(mesh.points), 3))
     points[:, :mesh.points.shape[1]] = mesh.points
     corners = points[mesh.cells[:, _PLANE[mesh.kind]]]
@@ -196,7 +197,7 @@ def _mirror(kind: str) -> Array:
 
 
 def _folded(mesh: Mesh) -> Array:
-    """Cells that lie on the same side of a face as a neighbour: both run around the face in the same sense."""
+    """Cells on the same side of a face as a neighbour: both list the face's corners in the same sense."""
     sides = reference(mesh.kind).faces if mesh.kind in KINDS else [(i, (i + 1) % mesh.cells.shape[1])
                                                                    for i in range(mesh.cells.shape[1])]
     faces = np.array(sides)

@@ -1,4 +1,4 @@
-"""What a port on a named set acts on: the cells, faces, edges or nodes the set is made of; the mean over them in a solid."""
+"""The cells, faces, edges or nodes that a port on a named set acts on; the mean over them in a solid."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from femsub.errors import InputError, PortWarning, unknown_name
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """The parts of a mesh that make up a set, each of its nodes belonging to one of them.
+    """The parts of a mesh that make up a set; each node of the set belongs to one of them.
 
     Attributes
     ----------
     kind : str
         'cells', 'faces' (of the surface of a solid), 'edges' or 'nodes'.
     nodes : ndarray, shape (k,)
-        The set's, as rows of `points`.
+        The nodes of the set, as rows of `points`.
     cells, sides : ndarray, shape (f,)
-        The cells; or the cells that have the faces or edges, and which of theirs these are (`sides_of`). None for nodes.
+        The cells; or the cells of the faces or edges with the index of the face or edge (`sides_of`). None for nodes.
     share : ndarray, shape (f,)
-        1; an edge, which is listed for every cell that has it, counts one over their number.
+        1. An edge is listed for every cell that has it, each with one over their number.
     """
 
     kind: str
@@ -38,29 +38,29 @@ class Patch:
 
 
 def patch(mesh: Mesh, name: str, what: str) -> Patch:
-    """What a group of cells or a set of nodes means, told by its kind.
+    """The cells, faces, edges or nodes that a group of cells or a set of nodes stands for.
 
-    A group is its cells. A set of nodes is the faces of a solid's surface within it if they have all its nodes, else the
-    cells within it if these do, else its edges (between two nodes of the border only those of the border), and nodes if
-    no edge is within it. A set of the same name as a group and of the same nodes is the group. Corners decide: middle
-    nodes beyond the whole faces (cells, edges), as a choice by coordinates has, do not count.
+    A group stands for its cells. For a set of nodes the first of these that contains all its nodes is taken: the faces of a
+    solid's surface within the set, the cells within it, its edges (between two nodes of the border only those of the
+    border). Without any edge within it, the set stands for its nodes. If a group has the same name and the same nodes, the
+    set means the group. Corners decide: midside nodes that are not part of a whole face (cell, edge) are ignored.
 
     Parameters
     ----------
     mesh : Mesh
         Of plane or solid cells.
     what : str
-        Whose set it is, for messages, e.g. "port 'belt'".
+        The owner of the set, for messages, e.g. "port 'belt'".
 
     Warns
     -----
     PortWarning
-        Middle nodes that do not count.
+        Midside nodes are ignored.
 
     Raises
     ------
     InputError
-        No such set; or one of several kinds, whose mean would leave out some of its nodes.
+        No such set; or a mixed set, whose mean would leave out some of its nodes.
     """
     every = np.arange(len(mesh.cells))
     group = mesh.groups.get(name, every[:0])
@@ -82,17 +82,17 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
     for one, left in zip(found, lefts, strict=True):
         if not np.isin(left, corners).any():
             warnings.warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number "
-                          f"{listed(mesh.numbers[left])}) are middle nodes of {one.kind} that the set does not hold to their "
-                          f"corners; the mean is over the whole {one.kind} without these", PortWarning, stacklevel=6)
+                          f"{listed(mesh.numbers[left])}) are midside nodes of {one.kind} whose corners are not all in the set. "
+                          f"The mean is taken over the complete {one.kind} only", PortWarning, stacklevel=6)
             return one
     kind, left = found[0].kind, lefts[0]
-    raise InputError(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} belong to none of the {kind} that lie "
-                     f"within it (number {listed(mesh.numbers[left])}), and a mean over {kind} would leave them out: take them "
-                     f"out of the set, add the nodes that complete their {kind}, or name a group of cells")
+    raise InputError(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} belong to none of the {kind} within it "
+                     f"(number {listed(mesh.numbers[left])}), so a mean over {kind} would leave them out. Take them out of the "
+                     f"set, add the nodes that complete their {kind}, or name a group of cells")
 
 
 def _candidates(mesh: Mesh, nodes: Array, marked: Array) -> list[Patch]:
-    """The faces, the cells and the edges within a set, of each kind that there is, as `patch` prefers them."""
+    """The faces, the cells and the edges within a set, as far as there are any, in `patch`'s order of preference."""
     every = np.arange(len(mesh.cells))
     ways = [("cells", every, np.zeros_like(every), corners_of(mesh))]
     if mesh.dimension == 3:
@@ -104,7 +104,7 @@ def _candidates(mesh: Mesh, nodes: Array, marked: Array) -> list[Patch]:
         if inside.any():
             found.append(_patch(kind, nodes, cells[inside], sides[inside]))
     cells, sides, share, border = _edges(mesh, marked)
-    # a row of nodes along the border of a plane mesh may hold a whole cell in a corner
+    # a row of nodes along the border of a plane mesh may contain a whole cell in a corner
     if len(cells) and (not found or (mesh.dimension == 2 and bool(border.all()))):
         found.append(Patch("edges", nodes, cells, sides, share))
     return found
@@ -131,8 +131,8 @@ def sides_of(kind: str, what: str) -> Array:
 def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
     """a_i = ∫ N_i / ∫ 1 over the patch, so that a·u is the mean over its volume, area or length, and n, its mean normal.
 
-    Of single nodes it is the mean. n is the average outward unit normal of faces; it is 0 for every other kind, and for
-    a surface closed in itself.
+    For single nodes a·u is their mean. n is the average outward unit normal of faces; it is 0 for every other kind, and for
+    a closed surface.
 
     Returns
     -------
@@ -156,7 +156,7 @@ def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
         if found.kind == "faces":
             normal += (vector * w[:, None]).sum(axis=(0, 1))
     length, whole = float(np.linalg.norm(normal)), float(average.sum())
-    # faces that surround a hole or a body cancel: what is left is rounding and no direction
+    # normals of a closed surface cancel: the remainder is rounding, not a direction
     return average / whole, normal / length if length > 1e-6 * whole else np.zeros(3)
 
 
@@ -179,9 +179,9 @@ def _patch(kind: str, nodes: Array, cells: Array, sides: Array | None = None) ->
 
 
 def _edges(mesh: Mesh, marked: Array) -> tuple[Array, Array, Array, Array]:
-    """Edges with both ends marked, once for each cell that has them: cells, sides, shares, whether of the border.
+    """Edges with both ends marked, once for each cell that has them: cells, sides, shares, and whether they are on the border.
 
-    Between two nodes of the border (of a plane mesh) or of the surface (of a solid) only those count that lie in it.
+    Between two nodes of the border (of a plane mesh) or of the surface (of a solid) only edges that lie in it count.
     """
     table = sides_of(mesh.kind, "edges")[:, :2]
     ends = np.sort(mesh.cells[:, table], axis=2).reshape(-1, 2)

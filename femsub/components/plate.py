@@ -30,64 +30,72 @@ from femsub.model.substructure import Substructure
 
 SUPPORTS = ("free", "simply supported", "clamped")
 ROUNDING = 0.7  # see `tell_rounding`
-SKEW = 1e-6  # so much of its side may a corner lie off the rectangle
+SKEW = 1e-6  # largest deviation of a corner from the rectangle, relative to the side
 
 
 def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supports: Mapping[str, str] | None = None,
           interface: Sequence[str] = (), ports: Mapping[str, Any] | None = None,
           rayleigh: tuple[float, float] | None = None, name: str = "plate") -> Substructure:
-    """K = Σ_e ∫ B (w,xx² + w,yy² + 2ν w,xx w,yy + 2(1 - ν) w,xy²) dA, M = Σ_e ∫ ρh w² dA as matrices (n, n).
+    """A thin (Kirchhoff) plate in bending, of Morley triangles or of conforming rectangles.
 
-    Bending of a thin plate, B = Eh³/12(1 - ν²), without rotary inertia and shear: B ΔΔw + ρh ẅ = 0. A rectangle
-    a x b, simply supported all round, has ω² = π⁴ (j²/a² + k²/b²)² B/ρh; the error of ω² falls with the fourth power of
-    the cell size for rectangles (and comes from above), with its square for triangles (of which the Morley element
-    does not conform: the error may have either sign).
+    K = Σ_e ∫ B (w,xx² + w,yy² + 2ν w,xx w,yy + 2(1 - ν) w,xy²) dA, M = Σ_e ∫ ρh w² dA as matrices (n, n), with
+    B = Eh³/12(1 - ν²), without rotary inertia and shear: B ΔΔw + ρh ẅ = 0. A simply supported rectangle a x b has
+    ω² = π⁴ (j²/a² + k²/b²)² B/ρh. For rectangles ω² is too high, and its error falls with the fourth power of the cell size.
+    For triangles the error falls with the square and may have either sign (the Morley element is nonconforming).
 
     Rectangles (kind 'quad', axis-parallel) have the DOF w, w,x, w,y, w,xy at each node. Triangles have w at each node
-    and w,n in the middle of each edge; n points to +x, or to +y where the edge lies along x, for every mesh alike.
-    In the DOF map the edges follow the nodes, numbered on from the largest node number.
+    and w,n in the middle of each edge; n points to +x, or to +y if the edge is parallel to x. In the DOF map the edges
+    follow the nodes and continue the node numbers.
 
-    Units are any consistent ones: m, kg, s with E in Pa, or mm, t, s with E in MPa, rho in t/mm³ (steel: 7.85e-9);
-    ω is in rad/s in both.
+    Any consistent units: m, kg, s with E in Pa; or mm, t, s with E in MPa, rho in t/mm³ (steel: 7.85e-9). ω is in rad/s
+    in both.
 
     Parameters
     ----------
     mesh : Mesh
-        'triangle' or 'quad', in a plane of constant z if it has one.
+        'triangle' or 'quad' cells; 3D points must lie in a plane of constant z.
     E, nu, rho, thickness : float
         Young's modulus, Poisson's ratio in (-1, 0.5), density, thickness h.
     supports : mapping of set name to str
         'simply supported' (w = 0 along the set), 'clamped' (the slopes too) or 'free'. The edges of a set are those
-        with both nodes in it, as far as they lie on the border or lead inside.
+        with both nodes in it; between two nodes of the border only edges of the border count.
     interface : sequence of set names
-        All DOF of these nodes (and edges) that are not held; each set names an interface set.
+        All DOF of these nodes (and edges) that are not held. Each set names an interface set.
     ports : mapping of str to set name, or to the place (x, y) of a node
-        The mean of w over what the set is made of, or w at the node. Of a set of nodes that is the cells within it, if
-        they have all its nodes; else its edges (of two nodes of the border only those of the border); else single nodes,
-        of which the mean is taken. A group of cells is its cells. A set of several of these is refused. Means over
-        cells and edges are integrals of the element's own functions, slopes included.
+        The mean of w over a set, or w at the node. For a set of nodes the mean is taken over the cells within it, if they
+        contain all its nodes; else over its edges (between two nodes of the border only those of the border); else over its
+        nodes. For a group of cells it is taken over the cells. A mixed set is refused. Means over cells and edges are
+        integrals of the element's shape functions, slopes included.
     rayleigh : (alpha, beta), optional
-        D = αM + βK; every other damping by `damped`.
+        D = αM + βK; use `damped` for any other damping.
 
     Warns
     -----
     ConditionWarning
-        Cells are so small or narrow that rounding may take 1e-6 of the lowest frequencies or more: how much.
+        Cells are so small or narrow that rounding may change the lowest frequencies by a relative 1e-6 or more.
 
     Raises
     ------
     InputError, InputTypeError
-        Another kind of mesh, quads that are no axis-parallel rectangles, flat triangles, nodes without a cell, an
+        Another kind of mesh, quads that are not axis-parallel rectangles, flat triangles, nodes without a cell, an
         unknown set or support, a constant out of range, an interface or a port that is held.
 
     References
     ----------
     Bogner, Fox and Schmit, Proc. Conf. Matrix Methods in Structural Mechanics, 1965 (rectangle); Morley, Aero. Quart.
     19 (1968) (triangle).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh = fs.rectangle((1.0, 0.5), (4, 2))
+    >>> plate = fs.plate(mesh, E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01, supports={"edge": "simply supported"})
+    >>> print(f"{fs.normal_modes(plate, 1).frequencies[0]:.0f} rad/s")
+    774 rad/s
     """
     instance("mesh", mesh, Mesh)
     if mesh.kind not in ("triangle", "quad"):
-        raise InputError(f"a plate is meshed with triangle or quad cells, but {mesh.name!r} has {mesh.kind}")
+        raise InputError(f"a plate needs triangle or quad cells, but {mesh.name!r} has {mesh.kind}")
     steel, h = Material(E, nu, rho), positive_number("thickness", thickness)
     refuse_spoilt(mesh)
     layout = _Layout(mesh)
@@ -107,7 +115,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
 
 
 class _Layout:
-    """Which DOF belong to which node, at `plane` (n, 2), and edge of a mesh; edges and borders are those of `grid`."""
+    """The DOF of each node, at `plane` (n, 2), and of each edge of a mesh; edges and borders come from `grid`."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh, self.plane = mesh, mesh.points[:, :2]
@@ -140,14 +148,14 @@ class _Layout:
         area = np.abs(span[:, 0, 0] * span[:, 1, 1] - span[:, 0, 1] * span[:, 1, 0])
         flat = area <= 1e-9 * np.einsum("mid,mid->mi", span, span).max(axis=1)
         if flat.any():
-            raise InputError(f"{int(flat.sum())} triangles of {self.mesh.name!r} are flat, the first is cell "
-                             f"{int(flat.argmax())}, counted from 0")
+            raise InputError(f"{int(flat.sum())} triangles of {self.mesh.name!r} are flat. The first is cell "
+                             f"{int(flat.argmax())}, counted from 0. Mesh that part anew")
         normals = self._normals()[edges]
         return gathered(np.hstack([cells, len(self.plane) + edges]), self.size,
                         lambda part: morley_matrices(corners[part], normals[part], nu))
 
     def _normals(self) -> Array:
-        """(f, 2): to +x, or to +y where the edge lies along x."""
+        """Unit normals of the edges (f, 2), pointing to +x, or to +y if the edge is parallel to x."""
         along = self.plane[self.grid.facets[1]] - self.plane[self.grid.facets[0]]
         along = along / np.linalg.norm(along, axis=1)[:, None]
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
@@ -162,19 +170,19 @@ class _Layout:
         with np.errstate(divide="ignore", invalid="ignore"):
             place = (corners - low[:, None, :]) / sides[:, None, :]
         nearest = np.rint(place)
-        right = np.abs(place - nearest).max(axis=(1, 2)) <= SKEW  # false for a side of zero, too
+        right = np.abs(place - nearest).max(axis=(1, 2)) <= SKEW  # also False for a side of length 0
         code = nearest[..., 0] * 2 + nearest[..., 1]
         order = np.argsort(code, axis=1)
         right &= (np.sort(code, axis=1) == np.arange(4)).all(axis=1)
         if not right.all():
-            raise InputError(f"{int((~right).sum())} quads of {self.mesh.name!r} are no axis-parallel rectangles, the first is "
-                             f"cell {int(right.argmin())}, counted from 0: mesh the plate with triangles, or turn it")
+            raise InputError(f"{int((~right).sum())} quads of {self.mesh.name!r} are not axis-parallel rectangles. The first is "
+                             f"cell {int(right.argmin())}, counted from 0. Mesh the plate with triangles, or rotate it")
         order = order[:, [2 * i + j for i, j in CORNERS]]
         cells = np.take_along_axis(self.mesh.cells, order, axis=1)
         return (4 * cells[:, :, None] + np.arange(4)).reshape(len(cells), 16), sides
 
     def edges(self, nodes: Array) -> Array:
-        """The edges with both nodes in a set; one between two nodes of the border only if it is of the border itself."""
+        """The edges with both nodes in a set. An edge between two nodes of the border counts only if it is on the border."""
         facets, border = self.grid.facets, self.grid.boundary_facets()
         member, outer, on_border = (np.zeros(count, dtype=bool) for count in (len(self.plane), len(self.plane), facets.shape[1]))
         member[nodes], outer[facets[:, border]], on_border[border] = True, True, True
@@ -190,7 +198,7 @@ class _Layout:
             return nodes
         edges = self.edges(nodes)
         ends = self.grid.facets[:, edges]
-        along = np.abs(self.plane[ends[1]] - self.plane[ends[0]]).argmax(axis=1)  # 0: in x, so that w,x is zero, too
+        along = np.abs(self.plane[ends[1]] - self.plane[ends[0]]).argmax(axis=1)  # 0: along x, so w,x is zero as well
         return np.concatenate([4 * nodes, (4 * ends + 1 + along).ravel()])
 
     def all_of(self, nodes: Array) -> Array:
@@ -208,7 +216,7 @@ class _Layout:
                 w[step * found.nodes] = 1.0
             elif found.kind == "cells":
                 self._over_cells(found.cells, w)
-            elif not np.isin(step * found.nodes, held).all():  # along a support w is 0; a triangle's is so at nodes only
+            elif not np.isin(step * found.nodes, held).all():  # along a support w is 0 (for triangles at nodes only)
                 (self._along_triangles if self.triangles else self._along_rectangles)(found, w)
             lift = w[:step * len(self.plane):step].sum()  # of w = 1 everywhere
             return w / lift if lift else w
@@ -218,13 +226,13 @@ class _Layout:
         apart = np.hypot(*(self.plane - (x, y)).T)
         nearest = int(apart.argmin())
         if apart[nearest] > SKEW * np.ptp(self.plane, axis=0).max():
-            raise InputError(f"port {port!r}: there is no node at ({x:.9g}, {y:.9g}); the nearest is number "
+            raise InputError(f"port {port!r}: there is no node at ({x:.9g}, {y:.9g}). The nearest is number "
                              f"{self.mesh.numbers[nearest]} at ({self.plane[nearest, 0]:.9g}, {self.plane[nearest, 1]:.9g})")
         w[step * nearest] = 1.0
         return w
 
     def _over_cells(self, cells: Array, w: Array) -> None:
-        """Adds ∫ φ dA over cells to a column."""
+        """Add ∫ φ dA over cells to a column."""
         if self.triangles:
             corners, edges = (part[cells] for part in self._triangles)
             integrals = morley_integrals(self.plane[corners], self._normals()[edges])
@@ -234,14 +242,14 @@ class _Layout:
             np.add.at(w, dofs, bfs_integrals(sides))
 
     def _along_triangles(self, found: Patch, w: Array) -> None:
-        """Adds ∫ φ ds along edges; the mean of both sides' where two triangles meet, whose functions differ there."""
+        """Add ∫ φ ds along edges. Between two triangles, whose functions differ there, it is the mean of both sides."""
         corners, edges = (part[found.cells] for part in self._triangles)
         lone = self.mesh.cells[found.cells, (found.sides + 2) % 3]
         integrals = morley_edge_integrals(self.plane[corners], self._normals()[edges], (corners == lone[:, None]).argmax(axis=1))
         np.add.at(w, np.hstack([corners, len(self.plane) + edges]), found.share[:, None] * integrals)
 
     def _along_rectangles(self, found: Patch, w: Array) -> None:
-        """Adds ∫ φ ds along edges, with a cubic on each."""
+        """Add ∫ φ ds along edges, with a cubic on each."""
         ends = self.mesh.cells[found.cells[:, None], sides_of("quad", "edges")[found.sides]]
         along = self.plane[ends[:, 1]] - self.plane[ends[:, 0]]
         axis = np.abs(along).argmax(axis=1)
@@ -253,7 +261,7 @@ class _Layout:
         np.add.at(w, dofs, parts)
 
     def dofs(self) -> DofMap:
-        """Labels w, w,x, w,y, w,xy at nodes; or w at nodes and w,n in the middle of edges, numbered on."""
+        """The DOF map: w, w,x, w,y, w,xy at nodes; or w at nodes and w,n in the middle of edges, whose numbers follow."""
         numbers = self.mesh.numbers.astype(np.int64)
         if not self.triangles:
             return DofMap(np.repeat(numbers, 4), np.tile(np.arange(4), len(numbers)), ("w", "w,x", "w,y", "w,xy"),

@@ -26,44 +26,57 @@ DIRECTIONS = tuple(sign + axis for axis in (*"xyz", "normal") for sign in ("", "
 def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] | None = (),
           interface: Mapping[str, str] | Sequence[str] | None = (), ports: Mapping[str, tuple[str, Direction]] | None = None,
           rayleigh: tuple[float, float] | None = None, name: str = "") -> Substructure:
-    """M ü + D u̇ + K u = f, K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, three DOF (x, y, z) to each node.
+    """A solid component of linear elasticity, of hexahedra or tetrahedra.
 
-    K and M are exact where the cells are affine; see `stiffness_and_mass`. The DOF of supports are left out.
+    M ü + D u̇ + K u = f with K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, and three DOF (x, y, z) per node. K and M
+    are exact for affine cells; see `stiffness_and_mass`. The DOF of supports are removed.
 
-    Bricks of 8 nodes lock in bending: of a part of thickness t with elements of length a, ω comes out about sqrt(1 + a²/2t²)
-    times too high (88 times for a/t = 125), however many layers there are. Those of 20 and 27 nodes do not.
+    Bricks of 8 nodes lock in bending. For a part of thickness t with elements of length a, ω is about sqrt(1 + a²/2t²)
+    times too high (88 times for a/t = 125), for any number of layers. Bricks of 20 and 27 nodes do not lock.
 
     Parameters
     ----------
     mesh : Mesh
         Of 'hexahedron', 'hexahedron20', 'hexahedron27', 'tetra' or 'tetra10'; `read_mesh` or `block` make one.
     material : Material, or mapping of str to Material
-        One for all cells, or one for each group of cells, which together must cover all.
+        One for all cells, or one for each group of cells; the groups must cover all cells.
     supports, interface : sequence of str, or mapping of str to str
-        Sets of nodes that are held, and those through which the component is joined: all three motions, or those
-        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, as far as they are not held;
-        the sets keep their names as interface sets.
+        Sets of nodes that are held, and sets through which the component is joined: all three motions, or those
+        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, without held ones. The sets
+        keep their names as interface sets.
     ports : mapping of str to (set, direction)
-        Where a belt or a force acts: w with wᵀu the average motion of a set along 'x', 'y', 'z', 'normal', against one of
-        them ('-x', '-normal', ...), or along a vector, which is brought to unit length. The average is over what the set is
-        made of: the faces of the surface within a set of nodes; if these lack some of the nodes, the cells within it; else
-        its edges; single nodes. A group of cells is averaged over its volume. A set of several of these is refused.
+        Where a belt or a force acts: w, such that wᵀu is the average motion of a set in a direction. The direction is 'x',
+        'y', 'z', 'normal', the opposite of one ('-x', '-normal', ...), or a vector, which is normalised. For a set of nodes
+        the average is taken over the faces of the surface within it; if these lack some of the nodes, over the cells
+        within it; else over its edges; else over its nodes. For a group of cells it is taken over the volume. A mixed set
+        is refused.
     rayleigh : (alpha, beta), optional
-        α in 1 per unit of time, β in units of time; every other damping by `damped`.
+        α in 1 per unit of time, β in units of time; use `damped` for any other damping.
     name : str
-        The mesh's, if empty.
+        Default: the name of the mesh.
 
     Raises
     ------
     InputError
-        A set or group that the mesh has not, plane cells, inverted cells, cells given twice, nodes of no cell, a direction
-        that is none, an interface or a port that is held.
+        A set or group that is not in the mesh, plane cells, inverted cells, cells given twice, nodes of no cell, an unknown
+        direction, an interface or a port that is held.
     InputTypeError
         An argument of another kind.
+
+    References
+    ----------
+    K.-J. Bathe, Finite Element Procedures (1996), ch. 5.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh = fs.block((1.0, 0.1, 0.1), (4, 1, 1), "hexahedron")
+    >>> fs.solid(mesh, fs.Material(E=2.1e11, nu=0.3, rho=7850.0), supports=["left"], ports={"belt": ("right", "y")})
+    Substructure 'block': 48 DOF, sparse, 1440 nonzeros in K, 0 interface DOF, ports belt
     """
     instance("mesh", mesh, Mesh, "see read_mesh, block")
     if mesh.kind not in KINDS:
-        raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D; a solid needs one of "
+        raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D, but a solid needs one of "
                          f"{', '.join(KINDS)}")
     refuse_spoilt(mesh)
     interface = () if interface is None else interface
@@ -92,12 +105,12 @@ def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[
         parts.append((one, cells))
     if (covered != 1).any():
         raise InputError(f"material: {np.count_nonzero(covered == 0)} cells of {mesh.name!r} have none, and "
-                         f"{np.count_nonzero(covered > 1)} have several; each cell needs just one")
+                         f"{np.count_nonzero(covered > 1)} have several. Each cell needs exactly one")
     return parts
 
 
 def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | None) -> dict[str, Array]:
-    """DOF of all nodes, node by node, of each set named."""
+    """The DOF of each named set, node by node."""
     if isinstance(named, str):
         named = [named]
     if not isinstance(named, Mapping):
@@ -136,5 +149,5 @@ def _port(mesh: Mesh, name: str, value: tuple[str, Direction]) -> Array:
         why = "three numbers, not all 0, are needed"
         if isinstance(direction, str):
             why = f"only faces of the surface have a normal, and {place!r} holds none, or is closed in itself"
-        raise InputError(f"port {name!r}: {direction!r} is no direction: {why}")
+        raise InputError(f"port {name!r}: {direction!r} is not a direction: {why}")
     return np.outer(average, vector / length).ravel()

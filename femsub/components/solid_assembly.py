@@ -1,4 +1,4 @@
-"""Stiffness and mass of solid elements: batched products over all elements of a chunk, summed straight into CSR."""
+"""Stiffness and mass of solid elements: batched products over all elements of a chunk, summed directly into CSR."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from femsub.components.solid_elements import jacobians, quadrature, reference, s
 from femsub.errors import InputError
 
 CHUNK = 1 << 27  # bytes of element matrices held at a time
-AFFINE = 1e-10  # a Jacobian that varies by less, relatively, within a cell is constant
+AFFINE = 1e-10  # relative variation of the Jacobian in a cell below which the cell is affine
 
 
 @dataclass(frozen=True)
 class Material:
-    """σ = λ tr(ε) I + 2μ ε, λ = Eν/((1 + ν)(1 - 2ν)), μ = E/(2(1 + ν)): linear, isotropic.
+    """A linear elastic, isotropic material: σ = λ tr(ε) I + 2μ ε, λ = Eν/((1 + ν)(1 - 2ν)), μ = E/(2(1 + ν)).
 
     Parameters
     ----------
@@ -29,6 +29,17 @@ class Material:
         Poisson's ratio, -1 < ν < 0.5.
     rho : float
         Density, mass per length³: kg/m³, or tonne/mm³ (steel: 7.85e-9).
+
+    Raises
+    ------
+    InputError, InputTypeError
+        E or rho not positive, ν outside (-1, 0.5).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.Material(E=2.1e11, nu=0.3, rho=7850.0)
+    Material(E=210000000000.0, nu=0.3, rho=7850.0)
     """
 
     E: float
@@ -48,21 +59,21 @@ class Material:
 
 
 def stiffness_and_mass(mesh: Mesh, materials: list[tuple[Material, Array]], degree: int | None = None) -> tuple[Matrix, Matrix]:
-    """K and M, CSR of shape (3n, 3n), DOF 3i + a for the motion of node i along axis a, from all cells in one pass:
+    """K and M, CSR of shape (3n, 3n), from all cells in one pass; DOF 3i + a is the motion of node i along axis a.
 
         K_ia,jc = Σ_e ∫ c_abcd ∂N_i/∂x_b ∂N_j/∂x_d dV,   M_ia,jc = δ_ac Σ_e ∫ ρ N_i N_j dV.
 
-    Both are symmetric to the last digit.
+    Both are exactly symmetric.
 
     Parameters
     ----------
     mesh : Mesh
-        Of solid cells, isoparametric.
+        Of isoparametric solid cells.
     materials : list of (Material, cells)
-        The cells made of each.
+        Each material with its cells.
     degree : int, optional
-        Of the quadrature (in each direction, for hexahedra). By default all is integrated exactly where the cells are
-        affine, and the mass also where their edges are straight.
+        Degree of the quadrature (in each direction, for hexahedra). By default the integrals are exact for affine cells, and
+        the mass is exact for straight edges.
 
     References
     ----------
@@ -77,7 +88,7 @@ def stiffness_and_mass(mesh: Mesh, materials: list[tuple[Material, Array]], degr
             keep, at = pattern.pairs(cells)
             pairs, single = _cells(mesh.points, mesh.cells[cells], N, dN, w)
             low, high = int(at.min()), int(at.max()) + 1
-            # a column for each pair, a row for each block: the product adds up what meets in a block
+            # a column for each pair, a row for each block: the product adds up the entries of a block
             add = sp.csc_array((np.ones(len(at)), at - low, np.arange(len(at) + 1)), shape=(high - low, len(at)))
             stiffness[low:high] += add @ (pairs.reshape(-1, 9)[keep] @ _moduli(material))
             mass[low:high] += add @ (material.rho * single.reshape(-1)[keep])
@@ -113,7 +124,7 @@ def _cells(points: Array, cells: Array, N: Array, dN: Array, w: Array) -> tuple[
     if det.min() <= 0:
         bad = np.flatnonzero((det <= 0).any(axis=1))
         centre = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
-        raise InputError(f"{len(bad)} cells are inverted or have no volume, one of them at ({centre}); check the order of "
+        raise InputError(f"{len(bad)} cells are inverted or have no volume, one of them at ({centre}). Check the order of "
                          "their nodes")
     m, (q, k) = len(cells), N.shape
     root = np.sqrt(det * w)
@@ -140,7 +151,7 @@ def _moduli(material: Material) -> Array:
 
 
 class _Pattern:
-    """The 3 x 3 blocks (i, j), i ≤ j, in which K can be other than zero, in order, and how pairs of nodes find theirs."""
+    """The nonzero 3 x 3 blocks (i, j), i ≤ j, of K in order, and the block of each pair of nodes."""
 
     def __init__(self, cells: Array, nodes: int) -> None:
         self.cells, self.nodes = cells, nodes
@@ -154,7 +165,7 @@ class _Pattern:
         self.size = len(self.keys)
 
     def pairs(self, members: Array) -> tuple[Array, Array]:
-        """For some cells: which of their k² pairs have i ≤ j (flat), and the block of each of those."""
+        """For some cells: which of their k² pairs have i ≤ j (flat), and the block of each."""
         cells = self.cells[members]
         i, j = np.broadcast_arrays(cells[:, :, None], cells[:, None, :])
         keep = np.flatnonzero((i <= j).ravel())
@@ -162,7 +173,7 @@ class _Pattern:
         return keep, np.searchsorted(self.keys, keys)
 
     def _both(self) -> tuple[Array, Array, Array, Array]:
-        """CSR structure of both triangles, and for each of its blocks its place in the upper one, and if it is mirrored."""
+        """CSR structure of both triangles; for each block its index in the upper triangle, and whether it is mirrored."""
         off = np.flatnonzero(self.rows != self.columns)
         rows, columns = np.concatenate([self.rows, self.columns[off]]), np.concatenate([self.columns, self.rows[off]])
         source = np.concatenate([np.arange(self.size), off])
@@ -182,6 +193,6 @@ class _Pattern:
         return sp.csr_array(sp.bsr_array((data, columns, indptr), shape=(3 * self.nodes,) * 2))
 
     def spread_diagonal(self, values: Array) -> Matrix:
-        """CSR (3n, 3n) from one number (size,) for each upper block, which stands for so many times the identity."""
+        """CSR (3n, 3n) from one number (size,) for each upper block, which is that multiple of the identity."""
         indptr, columns, source, _ = self._both()
         return sp.kron(sp.csr_array((values[source], columns, indptr), shape=(self.nodes,) * 2), sp.eye_array(3), format="csr")

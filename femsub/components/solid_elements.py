@@ -1,7 +1,7 @@
 """Reference elements of solids: scikit-fem's shape functions and quadrature, in the node order of mesh files.
 
-Kinds and node orders are meshio's (VTK's). Which of scikit-fem's local functions belongs to which node is found by the
-place of the node, not from a table.
+Kinds and node orders are meshio's (VTK's). scikit-fem's local functions are assigned to nodes by the nodes' coordinates, not
+by a table.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ _HEX_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 
 _TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
 _TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 _TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))  # outward
-#: six tetrahedra that fill a brick and fit those of its neighbours: one for each way along the axes (Kuhn)
+#: six tetrahedra that fill a brick and fit those of its neighbours: one for each order of the axes (Kuhn)
 _SIXTHS = np.array([[0, 1, 2, 6], [0, 5, 1, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 4, 5, 6], [0, 7, 4, 6]])
 
-#: kind: (scikit-fem's element, corners, groups of corners in whose middle the other nodes lie, faces, degree)
+#: kind: (scikit-fem's element, corners, groups of corners whose centres are the other nodes, faces, degree)
 _TABLE: dict[str, tuple[str, Array, tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...], int]] = {
     "hexahedron": ("ElementHex1", _HEX, (), _HEX_FACES, 1),
     "hexahedron20": ("ElementHexS2", _HEX, _HEX_EDGES, _HEX_FACES, 2),
@@ -46,11 +46,11 @@ class Reference:
     nodes : ndarray, shape (k, 3)
         Corners first, in the order of mesh files, in [0, 1]³.
     middles : tuple of tuple of int
-        For each node that is no corner, the corners in whose middle it lies.
+        For each node that is not a corner, the corners whose centre it is.
     faces : tuple of tuple of int
-        The corners of each face, seen from outside anticlockwise.
+        The corners of each face, anticlockwise seen from outside.
     degree : int
-        Of the shape functions (in each direction, for hexahedra).
+        Degree of the shape functions (in each direction, for hexahedra).
     """
 
     kind: str
@@ -71,7 +71,7 @@ class Reference:
 
 
 def skfem() -> Any:
-    """The package, or an error that says how to get it."""
+    """The package scikit-fem, or an error that tells how to install it."""
     return package("skfem", "finite elements need scikit-fem and meshio: pip install femsub[fe]")
 
 
@@ -101,7 +101,7 @@ def shape_functions(kind: str, X: Array) -> tuple[Array, Array]:
 def quadrature(kind: str, degree: int) -> tuple[Array, Array]:
     """Points (q, 3) and positive weights (q,), exact for polynomials of `degree` (in each direction, for hexahedra)."""
     X, w = skfem().quadrature.get_quadrature(_skfem_element(kind)[0].refdom, degree)
-    if w.min() < 0:  # some rules for tetrahedra have a negative weight, with which a mass may become negative
+    if w.min() < 0:  # some rules for tetrahedra have a negative weight, which may give a negative mass
         return quadrature(kind, degree + 1)
     return X.T, w
 
@@ -139,7 +139,7 @@ def box(lengths: Sequence[float] | Array, counts: Sequence[int] | Array, kind: s
 
 
 def raised(points: Array, cells: Array, kind: str) -> tuple[Array, Array]:
-    """Adds the middle nodes that a kind has besides its corners, each once; cells (m, corners) become (m, k)."""
+    """Add the midside nodes of a kind, each once; cells (m, corners) become (m, k)."""
     for size in sorted({len(group) for group in reference(kind).middles}):
         groups = np.array([group for group in reference(kind).middles if len(group) == size])
         keys = np.sort(cells[:, groups].reshape(-1, size), axis=1)

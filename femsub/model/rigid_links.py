@@ -98,7 +98,7 @@ class Kinematic(Joint):
     reference : (part, set) or (part, list of DOF)
         DOF of one node: 'ux', 'uy', 'uz' and the rotations 'rx', 'ry', 'rz', or 'w' with its slopes.
     surface : (part, set) or (part, list of DOF)
-        What follows it.
+        The DOF that follow it.
     name : str
         For messages and multipliers.
 
@@ -147,7 +147,7 @@ class Averaged(Joint):
     reference : (part, set) or (part, list of DOF)
         DOF of one node, as for `Kinematic`; it may have fewer.
     surface : (part, set) or (part, list of DOF)
-        Its displacements count, and no rotations.
+        Its displacements count, its rotations do not.
     weights : sequence of float, optional
         One per DOF of the surface, in its order; by default all the same.
     name : str

@@ -33,7 +33,7 @@ class CraigChangPhysical(Rubin):
     Examples
     --------
     >>> import femsub as fs
-    >>> fs.reduce(fs.chain(10, interface=[10]), fs.CraigChangPhysical(modes=2)).interface
+    >>> fs.reduce(fs.chain(10, belt=10, interface=[10]), fs.CraigChangPhysical(modes=2)).interface
     array([0])
     """
 

@@ -46,7 +46,7 @@ class MacNeal(FreeInterface):
     Examples
     --------
     >>> import femsub as fs
-    >>> fs.reduce(fs.chain(10, interface=[10]), fs.MacNeal(modes=2)).M.diagonal()
+    >>> fs.reduce(fs.chain(10, belt=10, interface=[10]), fs.MacNeal(modes=2)).M.diagonal()
     array([0., 1., 1.])
     """
 
