@@ -28,6 +28,10 @@ SMALL = {
     "beam": 'elements = 40\nmodes = [8]\nrepeats = 1\nunits = "SI"\n',
     "plate": 'elements = [8, 6]\nmodes = [8]\nrepeats = 1\n',
     "solid": 'mesh = "part.inp"\nsupports = ["left"]\ninterface = ["right:y"]\ncontact = "top"\nmodes = [8]\nrepeats = 1\n',
+    "chain-parts": 'n = 12\nparts = [2]\nmodes = [2]\nmethods = ["HCB", "rubin"]\nrepeats = 1\n',
+    "own-parts": 'methods = ["CC"]\nmodes = [3]\nband = [0.0, 0.4]\nslope = -0.1\nrepeats = 1\n[[parts]]\nname = "a"\n'
+                 'M = "M.npz"\nK = "model.mat:K"\ninterface = [19]\nport = 1\n[[parts]]\nname = "b"\nM = "M.npz"\n'
+                 'K = "model.mat:K"\ninterface = [19]\n[[joints]]\nbetween = ["a", "b"]\n',
     "chain-transient": 'time = [0, 300]\nwindow = [100, 300]\nlength = 100\n',
     "solid-transient": 'elements = [2, 12, 1]\nmodes = [20]\nmethods = ["CC"]\nperiods = 20\ncompared = 4\n'
                        'outputs = ["spectrum"]\n',
@@ -42,7 +46,7 @@ CLOCK = {"date", "sentence", "seconds", "seconds_per_period", "speedup", "recomm
 def scene_file(folder: Path, name: str, text: str | None = None) -> str:
     """A scene file with the files it names."""
     folder.mkdir(exist_ok=True)
-    if name == "matrices":
+    if name in ("matrices", "own-parts"):
         chain = fs.chain(20, belt=2)
         scipy.sparse.save_npz(folder / "M.npz", scipy.sparse.csc_matrix(chain.M))
         scipy.io.savemat(folder / "model.mat", {"K": scipy.sparse.csc_matrix(chain.K), "other": np.eye(2)})
@@ -70,6 +74,14 @@ def difference(one: Any, other: Any, where: str = "") -> list[str]:
     return [] if same else [f"{where}: {one} {other}"]
 
 
+def without_folders(inputs: Any) -> Any:
+    if isinstance(inputs, list):
+        return [without_folders(one) for one in inputs]
+    if not isinstance(inputs, dict):
+        return inputs
+    return {key: Path(value).name if key in ("mesh", "M", "K") else without_folders(value) for key, value in inputs.items()}
+
+
 @pytest.mark.parametrize("name", SMALL)
 def test_a_run_is_repeated_from_its_results(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_file(tmp_path / "here", name)
@@ -80,7 +92,7 @@ def test_a_run_is_repeated_from_its_results(tmp_path: Path, name: str, monkeypat
     for told in (first, second):  # seen from another folder
         for item in told["files"]:
             item["path"] = Path(item["path"]).name
-        told["inputs"] = {key: Path(value).name if key in ("mesh", "M", "K") else value for key, value in told["inputs"].items()}
+        told["inputs"] = without_folders(told["inputs"])
     assert not difference(first, second)
     assert first["inputs"]["scene"] == name and len(first["written"]) > 1
 

@@ -103,3 +103,14 @@ def test_frequencies_of_a_system_with_all_modes_have_the_full_ones_shapes() -> N
     whole = {name: fs.CraigBampton(len(part.interior)) for name, part in full.parts.items()}
     row = fs.study(full, [whole], (0.0, 1.0), port="p0.belt", repeats=1).rows[0]
     assert row.size == full.size and row.mac > 1 - 1e-9 and row.error_eigenvalue < 1e-9
+
+
+def test_a_mode_that_leaves_the_joint_unloaded_is_no_error_of_100_percent() -> None:
+    """Two equal parts: in symmetric modes nothing goes through the joint, and rounding is no force."""
+    half = fs.chain(20, interface=[20], damping=0.0)
+    full = fs.couple({"a": half, "b": half}, [fs.Rigid(("a", [19]), ("b", [19]))])
+    modes = fs.normal_modes(full, count=4)
+    load = np.abs(full.interface_forces(modes.frequencies, modes.shapes)["a"][0])
+    assert (load[[0, 2]] < 1e-9 * load.max()).all() or (load[[1, 3]] < 1e-9 * load.max()).all()
+    few, more = (force_error(full, fs.reduce(full, dict.fromkeys("ab", fs.CraigChang(count))), (0.0, 0.3)) for count in (3, 6))
+    assert more < few < 0.2

@@ -68,6 +68,17 @@ def new_figure(width: float, height: float) -> Any:
     return figure
 
 
+def few_decades(axis: Any) -> None:
+    """Ticks at 1, 2 and 5 where a logarithmic time axis spans less than two decades, and no crowd of minor labels."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    lo, hi = axis.get_xlim()
+    if hi < 100 * lo:
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
+
+
 def _matplotlib() -> Any:
     try:
         import matplotlib.backends.backend_agg

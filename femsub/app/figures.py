@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from femsub import Study
-from femsub.app.figure_style import look, new_figure
+from femsub.app.figure_style import few_decades, look, new_figure
 
 FLOOR = 1e-16  # where an error of zero is drawn on a logarithmic axis
 
@@ -133,24 +133,13 @@ def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
         axes[0, column].set_title(label)
     for axis in axes[:, 0]:
         axis.set_ylabel("relative error  [-]")
-    _few_decades(axes[0, 0])
+    few_decades(axes[0, 0])
     figure.legend(*axes[1, -1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     found = studies[0][1]
     figure.suptitle(f"{found.name}, band {found.band[0]:g} to {found.band[1]:.4g} rad/time\n"
                     f"numbers are DOF; medians of {found.repeats} runs, bars from least to most; circled: no other is both as "
                     "quick (both phases) and as right in Re λ", fontsize=9)
     return figure
-
-
-def _few_decades(axis: Any) -> None:
-    """Ticks at 1, 2 and 5 where a logarithmic time axis spans less than two decades, and no crowd of minor labels."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    lo, hi = axis.get_xlim()
-    if hi < 100 * lo:
-        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _error_line(axis: Any, rows: Sequence[Any], kind: str, phase: str, lift: int) -> None:

@@ -30,6 +30,8 @@ SCENES = {
     "beam": ("beam", "a steel beam on a belt: modes, critical slope, eigenvalues, error against run time"),
     "plate": ("plate", "a thin plate, made or from a mesh file: the same, with pictures and VTU files of shapes"),
     "solid": ("solid", "a solid, a brake's disc or your own mesh: the same"),
+    "chain-parts": ("chain_parts", "the chain cut into 2, 3 and 5 parts, each reduced by every method, and joined again"),
+    "own-parts": ("own_parts", "your own parts, from matrices and meshes, joined: methods compared part by part"),
     "chain-transient": ("chain_transient", "the chain in time: full and reduced, spectrograms (Fig. 5)"),
     "solid-transient": ("solid_transient", "a disc in time: limit cycle, full against reduced, time per period"),
     "chain-limit-cycle": ("chain_cycles", "the chain's limit cycles, full and reduced: table, branches, stability"),
@@ -48,13 +50,13 @@ def _laws(_: object) -> Iterable[str]:
     return LAWS
 
 
-def _methods(_: object) -> Iterable[str]:
+def method_keys(_: object) -> Iterable[str]:
     from femsub.reduction.reduce import METHODS
 
     return sorted(METHODS)
 
 
-def _other_method_names() -> list[str]:
+def other_method_names() -> list[str]:
     from femsub.reduction.reduce import METHODS
 
     return [*(name.upper() for name in SHORT_NAMES if "-" not in name), *sorted(method.__name__ for method in METHODS.values())]
@@ -73,7 +75,7 @@ class Scene:
     speed: float = key(0.19113, "the belt's speed v0", unit="length/time")
     force: float = key(1.0, "the normal force with which the belt presses", unit="force", least=0)
     methods: list[str] = key(["craig-bampton", "craig-chang"], "reduction methods; short names (HCB, CC) and those of the Python "
-                             "classes will do", choices=_methods, also=_other_method_names)
+                             "classes will do", choices=method_keys, also=other_method_names)
     outputs: list[str] = key([], "what is computed; nothing else is", choices=lambda scene: scene.OUTPUTS + scene.ON_REQUEST)
     figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
     repeats: int = key(5, "runs per time that is measured", least=1, most=MOST_REPEATS)

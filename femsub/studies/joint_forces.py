@@ -11,30 +11,35 @@ from femsub.model.bands import in_band
 from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes
 
 SAME = 0.1  # of the largest share: modes of the reduced system with less are no counterpart of a mode (they may be a cluster)
+NEAR = 0.5  # of ω: a mode that lies further away is no counterpart
 HELD = 0.5  # of a mode's energy that its counterparts must have
 
 
 def force_error(full: System, reduced: System, band: tuple[float, float]) -> float:
-    """max over the undamped elastic modes in the band of ‖g_r - g‖ / ‖g‖, g the forces on the interfaces of all parts.
+    """max_j (‖g_j - ḡ_j‖ / ω_j) / max_k (‖g_k‖ / ω_k) over the undamped elastic modes in the band; ḡ of the reduced system.
 
-    Both are taken at a mode of unit modal mass; a mode of a cluster is compared with what comes nearest to it among the
-    cluster's. NaN if the full system has no mode there, or one of them no counterpart.
+    g are the forces on the interfaces of all parts in a mode of unit modal mass. They grow with ω; in some modes, such as the
+    symmetric ones of two equal parts, the joints carry nothing, so that one scale serves all. A mode of a cluster is compared
+    with what comes nearest to it among the cluster's. NaN if the full system has no mode there, or one of them no counterpart.
     """
     ours = normal_modes(full, band=band) if full.size > SMALL else all_modes(full.K, full.M)
     theirs = all_modes(reduced.K, reduced.M)
     at = np.flatnonzero(in_band(ours.frequencies, band) & (np.arange(len(ours.frequencies)) >= ours.rigid))
     if not len(at):
         return np.nan
-    x = ours.shapes[:, at]
-    share = x.T @ (full.M @ full.collected(reduced.expand(theirs.shapes)))
+    x, y = ours.shapes[:, at], full.collected(reduced.expand(theirs.shapes))
+    size = np.sqrt(np.einsum("ij,ij->j", y, full.M @ y))  # 1 but for methods that change the mass, such as MacNeal's
+    share = x.T @ (full.M @ y) / size
+    omega = ours.frequencies[at, None]
+    share[np.abs(theirs.frequencies - omega) > NEAR * omega] = 0.0
     share[np.abs(share) < SAME * np.abs(share).max(axis=1, keepdims=True)] = 0.0
     if ((share**2).sum(axis=1) < HELD).any():
         return np.nan
     own = _forces(full, ours, at)
-    found = _forces(reduced, theirs, np.arange(len(theirs.frequencies))) @ share.T
-    scale = np.linalg.norm(own, axis=0)
+    found = _forces(reduced, theirs, np.arange(len(theirs.frequencies))) @ (share / size).T
+    scale = ours.frequencies[at] * (np.linalg.norm(own, axis=0) / ours.frequencies[at]).max()
     error = np.linalg.norm(found - own, axis=0)
-    return float(np.divide(error, scale, out=np.zeros_like(error), where=scale > 0).max())
+    return float((error / scale).max()) if scale.any() else np.nan
 
 
 def _forces(system: System, modes: NormalModes, at: Array) -> Array:

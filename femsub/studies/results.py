@@ -81,8 +81,8 @@ class Row:
     parts : mapping of str to int
         Of a system: the modes kept in each of its reduced parts.
     error_force : float
-        Of a system: max ‖Δg‖ / ‖g‖ over the undamped modes in the band, g the forces of the joints on all parts (`force_error`);
-        NaN where a mode has no counterpart.
+        Of a system: the error of the forces in the joints over the undamped modes in the band, relative to the largest
+        (`force_error`); NaN where a mode has no counterpart.
     """
 
     method: str

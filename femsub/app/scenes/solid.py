@@ -60,7 +60,7 @@ class SolidScene(ComponentScene):
 
     def component(self) -> tuple[Substructure, Mesh]:
         mesh = self._mesh()
-        sub = solid(mesh, self._material(), supports=_motions(self.supports), interface=_motions(self.interface),
+        sub = solid(mesh, self._material(), supports=motions(self.supports), interface=motions(self.interface),
                     ports={"belt": (self.contact, self.direction)}, rayleigh=(self.rayleigh[0], self.rayleigh[1]), name=self.name)
         return sub, mesh
 
@@ -93,7 +93,7 @@ class SolidScene(ComponentScene):
 SCENE, run = SolidScene, run_component
 
 
-def _motions(names: list[str]) -> dict[str, str]:
+def motions(names: list[str]) -> dict[str, str]:
     """{"inner": "xyz", "symmetry": "x"} of ["inner", "symmetry:x"]."""
     pairs = (name.rpartition(":") if ":" in name else (name, ":", "xyz") for name in names)
     return {name: axes for name, _, axes in pairs}

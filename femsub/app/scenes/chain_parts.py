@@ -1,0 +1,61 @@
+"""The paper's chain cut into parts, each reduced, and joined again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from femsub import couple
+from femsub.app.keys import key
+from femsub.app.scene import Progress, Result, run_outputs
+from femsub.app.scenes.joined_parts import JoinedScene, compared
+from femsub.components.chain import cut_chain
+from femsub.errors import InputError
+
+MOST = 10**6  # masses
+
+
+@dataclass(frozen=True)
+class ChainPartsScene(JoinedScene):
+    """The paper's chain in several parts. A mass at a cut belongs to both parts, half to each."""
+
+    n: int = key(10, "number of masses", least=3, most=MOST)
+    masses: float | list[float] = key(1.0, "masses: one for all, or n of them", unit="mass", above=0)
+    springs: float | list[float] = key(1.0, "springs: one for all, or n of them", unit="force/length", above=0)
+    damping: float = key(0.1, "the dashpot d1 at mass 1", unit="force time/length", least=0)
+    belt: int = key(2, "the mass under the belt, counted from 1", least=1)
+    parts: list[int] = key([2, 3, 5], "numbers of parts to cut it into", least=2, distinct=True)
+    band: list[float] = key([], "the frequencies in which models are compared", unit="rad/time", least=0, form="[lo, hi]",
+                            otherwise="the lowest three of a chain of equal masses and springs", example=[0.0, 0.8])
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("methods",)
+
+    def __post_init__(self) -> None:
+        if not self.band:
+            object.__setattr__(self, "band", [0.0, float(2 * np.sin(6 * np.pi / (4 * self.n + 2)))])
+        super().__post_init__()
+        if self.belt > self.n:
+            raise InputError(f"belt must be at least 1 and at most {self.n}, the number of masses, but is {self.belt}")
+        for count in self.parts:
+            if count >= self.n:
+                raise InputError(f"parts: a chain of {self.n} masses can be cut into {self.n - 1} parts at most, not {count}")
+
+
+SCENE = ChainPartsScene
+
+
+def run(scene: ChainPartsScene, progress: Progress) -> Result:
+    """The study over methods for each number of parts."""
+    data = {"n": scene.n, "belt": scene.belt, "band": scene.band, **scene.friction}
+    text = [f"{scene.name}: {scene.n} masses, dashpot {scene.damping:g} at m1, belt under m{scene.belt}, {scene.friction_words}"]
+
+    def compute(output: str) -> Result:
+        count = int(output.split()[0])
+        parts, joints, port = cut_chain(scene.n, count, scene.belt, scene.damping, masses=scene.masses, springs=scene.springs)
+        system = couple(parts, joints, f"{scene.name} in {count}")
+        return compared(scene, system, replace(scene.linear_belt, port=port), f"{scene.name} in {count} parts",
+                        f"methods-{count}-parts", progress)
+
+    return run_outputs([f"{count} parts" for count in scene.parts], compute, data, text)

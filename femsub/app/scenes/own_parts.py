@@ -1,0 +1,170 @@
+"""Your own parts, from matrices and meshes, joined: reduced by several methods, or each by one of its own."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from femsub import Material, Mesh, Rigid, Spring, Substructure, couple, read_component, read_mesh, solid
+from femsub.app.keys import key
+from femsub.app.scene import Progress, Result, other_method_names, run_outputs
+from femsub.app.scenes.joined_parts import Choice, JoinedScene, compared
+from femsub.app.scenes.solid import motions
+from femsub.components.solid import DIRECTIONS
+from femsub.components.ties import Tied
+from femsub.errors import InputError, unknown_name
+from femsub.model.joints import Joint
+from femsub.reduction.reduce import METHODS
+
+GROUND, FULL, ALL = "ground", "full", "interface"
+KINDS = ("rigid", "spring", "tied")
+
+
+@dataclass(frozen=True)
+class PartKeys:
+    """One part: matrices M, D, K from files, or a solid from a mesh."""
+
+    name: str = key("", "the part's name, a word without a dot", required=True, example="disc")
+    M: str = key("", "the file of the mass matrix, relative to the scene file", otherwise="the part comes from its mesh",
+                 example="disc-M.mtx", file=True)
+    K: str = key("", "the file of the stiffness matrix", otherwise="the part comes from its mesh", required_with="M",
+                 example="disc-K.mtx", file=True)
+    D: str = key("", "the file of the damping matrix", otherwise="no damping", example="disc-D.mtx", file=True)
+    dofs: str = key("", "the file of the DOF map, where the matrices do not carry it in themselves", example="disc-K.dof",
+                    otherwise="none", file=True)
+    massless: bool = key(False, "whether M may leave out DOF of K")
+    mesh: str = key("", "a mesh file of hexahedra or tetrahedra, instead of matrices", example="pad.msh", file=True,
+                    otherwise="the part comes from its matrices")
+    E: float = key(2.1e11, "Young's modulus of a mesh", unit="Pa", above=0)
+    nu: float = key(0.3, "Poisson's ratio of a mesh", above=-1, below=0.5)
+    rho: float = key(7850.0, "density of a mesh", unit="kg/m³", above=0)
+    rayleigh: list[float] = key([0.0, 0.0], "[alpha, beta] of the damping D = αM + βK of a mesh", unit="1/s, s",
+                                form="[alpha, beta]")
+    supports: list[str] = key([], "sets of the mesh that are held, in all directions or as 'set:xy' in some", otherwise="none",
+                              example=["back"])
+    interface: list[int | str] = key([], "where the part is joined: sets of the mesh; of matrices DOF, counted from 0, or by the "
+                                     "map as '12:uz' or '12:*'", least=0, required=True, example=["front"])
+    contact: str = key("", "the set of the mesh under the belt", otherwise="none", example="rubbing")
+    direction: str | list[float] = key("y", "along which the contact slides: an axis, the surface's normal, or a vector",
+                                       form="[x, y, z]", choices=lambda _: DIRECTIONS)
+    port: list[int | str] = key([], "of matrices the DOF under the belt, as for interface", least=0, example=[1],
+                                otherwise="none")
+    method: str = key("", "the method for this part in every model; 'full' keeps it as it is", example=FULL,
+                      otherwise="each of methods in turn", choices=lambda _: [FULL, *METHODS], also=other_method_names)
+    modes: list[int] = key([], "numbers of modes for this part, model by model", least=0, otherwise="modes of the scene",
+                           example=[5, 10])
+
+    def _check(self) -> None:
+        if bool(self.M) == bool(self.mesh):
+            found = "both are given" if self.M else "neither is given"
+            raise InputError(f"the part {self.name!r} needs either the matrices M and K, or a mesh, but {found}")
+        if self.mesh and self.port:
+            raise InputError(f"the part {self.name!r} has a mesh: name its contact, not a port")
+        if not self.mesh and self.contact:
+            raise InputError(f"the part {self.name!r} has matrices: name its port, not a contact")
+
+    def model(self, folder: str) -> tuple[Substructure, Mesh | None]:
+        """The part, with the port "belt" if it has a contact, and its mesh. Of matrices the interface is the set 'interface'."""
+        self._check()
+        if self.mesh:
+            mesh = read_mesh(Path(folder) / self.mesh)
+            return solid(mesh, Material(self.E, self.nu, self.rho), supports=motions(self.supports), name=self.name,
+                         interface=motions([str(one) for one in self.interface]), rayleigh=(self.rayleigh[0], self.rayleigh[1]),
+                         ports={"belt": (self.contact, self.direction)} if self.contact else {}), mesh
+        paths = {name: Path(folder) / getattr(self, name) for name in ("M", "K", "D", "dofs") if getattr(self, name)}
+        found = read_component(paths["M"], paths["K"], paths.get("D"), dofs=paths.get("dofs"), interface=self.interface,
+                               ports={"belt": self.port} if self.port else {}, name=self.name, massless=self.massless)
+        return Substructure(found.M, found.K, found.D, {ALL: found.interface}, found.ports, self.name, found.dofs), None
+
+
+@dataclass(frozen=True)
+class JointKeys:
+    """One joint. Its ends are 'part.set', 'part' for the whole interface of a part of matrices, 'part:0,4,5' for its DOF,
+    'part.belt' for a spring at a port, or 'ground'.
+    """
+
+    between: list[str] = key([], "the ends: 'part.set', 'part' (all of its interface), 'part:0,4,5' (DOF) or 'ground'; "
+                             "of a rigid joint two or more", required=True, example=["disc.front", "pad.back"])
+    kind: str = key("rigid", "rigid: equal motion; spring: stiffness and damping between the ends; tied: surfaces of meshes that "
+                    "do not match", choices=lambda _: KINDS)
+    stiffness: float = key(0.0, "of a spring", unit="force/length", least=0)
+    damping: float = key(0.0, "of a spring", unit="force time/length", least=0)
+    tolerance: float = key(0.0, "how far places that meet may lie apart", unit="length", least=0,
+                           otherwise="a small share of the distance of neighbours")
+
+    def made(self, parts: dict[str, Substructure], meshes: dict[str, Mesh]) -> Joint:
+        """The joint between the parts."""
+        ends = [_end(one, parts) for one in self.between]
+        tolerance = self.tolerance or None
+        if self.kind == "rigid":
+            return Rigid(*ends, tolerance=tolerance)
+        if len(ends) != 2:
+            raise InputError(f"a {self.kind} joint has two ends, but between names {len(ends)}: {', '.join(self.between)}")
+        if self.kind == "spring":
+            return Spring(ends[0], ends[1], stiffness=self.stiffness, damping=self.damping)
+        for end in ends:
+            if end == GROUND or end[0] not in meshes:
+                raise InputError(f"a tied joint glues surfaces of meshes, but {self.between[ends.index(end)]!r} is none")
+        return Tied(ends[0], ends[1], {end[0]: meshes[end[0]] for end in ends}, tolerance=tolerance)
+
+
+@dataclass(frozen=True)
+class OwnPartsScene(JoinedScene):
+    """Parts that are joined, and one of them under a belt: full, and reduced part by part."""
+
+    parts: list[PartKeys] = key([], "the parts", required=True, example=[
+        PartKeys("disc", M="disc-M.mtx", K="disc-K.mtx", interface=[0, 4], port=[2]),
+        PartKeys("pad", mesh="pad.msh", interface=["back"])])
+    joints: list[JointKeys] = key([], "the joints", required=True, example=[JointKeys(["disc", "pad.back"])])
+    belt: str = key("", "the part under the belt", otherwise="the first one with a port or a contact; none", example="disc")
+    folder: str = "."
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("methods",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = [part.name for part in self.parts]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise InputError(f"parts: the name {twice[0]!r} is given {names.count(twice[0])} times; names tell parts apart")
+        if self.belt and self.belt not in names:
+            raise unknown_name("part", self.belt, names)
+
+
+SCENE = OwnPartsScene
+
+
+def run(scene: OwnPartsScene, progress: Progress) -> Result:
+    """The study over methods."""
+    progress(f"{scene.name}: reading the parts")
+    made = {part.name: part.model(scene.folder) for part in scene.parts}
+    parts = {name: sub for name, (sub, _) in made.items()}
+    meshes = {name: mesh for name, (_, mesh) in made.items() if mesh is not None}
+    system = couple(parts, [joint.made(parts, meshes) for joint in scene.joints], scene.name)
+    rubbing = scene.belt or next((name for name, sub in parts.items() if sub.ports), "")
+    if scene.belt and not parts[scene.belt].ports:
+        raise InputError(f"belt: the part {scene.belt!r} has no port; give it a port (of matrices) or a contact (of a mesh)")
+    belt = replace(scene.linear_belt, port=f"{rubbing}.belt") if rubbing else None
+    choices = {part.name: Choice(part.method, part.modes) for part in scene.parts if part.method or part.modes}
+    data: dict[str, Any] = {"band": scene.band, "belt": rubbing, **(scene.friction if rubbing else {})}
+    text = [f"{scene.name}: {len(parts)} parts, {len(scene.joints)} joints" + (f", {scene.friction_words}" if rubbing else "")]
+    text += [repr(sub) for sub in parts.values()]
+    return run_outputs(scene.outputs, lambda output: compared(scene, system, belt, scene.name, output, progress, choices), data,
+                       text)
+
+
+def _end(said: str, parts: dict[str, Substructure]) -> Any:
+    """'ground', or (part, set), (part, DOF): what `couple` takes."""
+    if said == GROUND:
+        return GROUND
+    name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", said).groups()  # type: ignore[union-attr]
+    if name not in parts:
+        raise unknown_name("part", name, parts)
+    if mark == ":":
+        if not re.fullmatch(r"\s*\d+(\s*,\s*\d+)*\s*", rest):
+            raise InputError(f"the end {said!r} must list DOF of {name!r} behind the colon, counted from 0, as '{name}:0,4,5'")
+        return name, [int(number) for number in rest.split(",")]
+    if mark or ALL in parts[name].sets:
+        return name, rest or ALL
+    return name, parts[name].interface.tolist()

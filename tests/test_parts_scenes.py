@@ -1,0 +1,188 @@
+"""The scenes of joined parts: the chain in pieces, and parts from matrices and meshes."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+
+import femsub as fs
+from femsub.app.cli import main
+from femsub.components.chain import cut_chain
+from femsub.modes.normal_modes import all_modes
+
+CHAIN = 'scene = "chain-parts"\nn = 24\nbelt = 5\nparts = [2, 4]\nmodes = [1, 3]\nrepeats = 1\n'
+OWN = """
+scene = "own-parts"
+slope = -0.1
+band = [0.0, 0.3]
+methods = ["hcb", "rubin"]
+modes = [2, 5]
+repeats = 1
+[[parts]]
+name = "front"
+M = "front-M.mtx"
+K = "front-K.mtx"
+interface = [0, 7]
+port = 2
+[[parts]]
+name = "back"
+M = "back-M.mtx"
+K = "back-K.mtx"
+interface = 0
+method = "full"
+[[joints]]
+between = ["front:7", "back"]
+[[joints]]
+kind = "spring"
+between = ["front:0", "ground"]
+stiffness = 0.5
+"""
+
+
+def run(folder: Path, text: str) -> dict[str, Any]:
+    (folder / "scene.toml").write_text(text, encoding="utf-8")
+    assert main(["run", str(folder / "scene.toml"), "--out", str(folder / "out"), "--no-figures"]) == 0
+    found: dict[str, Any] = json.loads((folder / "out" / "results.json").read_text())
+    return found
+
+
+def written(folder: Path) -> tuple[fs.Substructure, fs.Substructure]:
+    """Two chains, their matrices in files."""
+    front, back = fs.chain(8, fixed=False, damping=0.0), fs.chain(9, fixed=False, damping=0.0, masses=2.0)
+    for name, part in (("front", front), ("back", back)):
+        for key in "MK":
+            scipy.io.mmwrite(folder / f"{name}-{key}.mtx", getattr(part, key))
+    return front, back
+
+
+@pytest.mark.parametrize("pieces", [2, 3, 5, 9])
+@pytest.mark.parametrize("belt", [1, 4, 10])
+def test_the_pieces_of_the_chain_are_the_chain(pieces: int, belt: int) -> None:
+    masses = np.linspace(1.0, 2.0, 10)
+    parts, joints, port = cut_chain(10, pieces, belt, masses=masses, springs=masses[::-1])
+    system, whole = fs.couple(parts, joints), fs.chain(10, belt, masses=masses, springs=masses[::-1])
+    assert list(system.ports) == [port] and len(parts) == pieces
+    np.testing.assert_allclose(all_modes(system.K, system.M).eigenvalues, all_modes(whole.K, whole.M).eigenvalues, rtol=1e-11)
+    band = (0.0, 3.0)
+    slope = float(fs.critical_slope(whole, band=band))
+    assert float(fs.critical_slope(system, port, band=band)) == pytest.approx(slope, rel=1e-8, abs=1e-12)
+
+
+def test_the_chain_in_parts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = run(tmp_path, CHAIN)
+    for count in (2, 4):
+        rows = data[f"methods-{count}-parts"]["rows"]
+        assert rows[0]["size"] == 24 and rows[0]["error_force"] == 0
+        bampton = [row for row in rows if row["method"] == "craig-bampton"]
+        assert [row["modes"] for row in bampton] == [count, 3 * count]
+        assert bampton[1]["error_frequency"] < bampton[0]["error_frequency"]
+        assert bampton[1]["error_force"] < bampton[0]["error_force"]
+        assert sum(row["method"] == "guyan" for row in rows) == 1  # whatever number of modes is asked
+        assert (tmp_path / "out" / f"methods-{count}-parts.csv").exists()
+        assert data[f"methods-{count}-parts"]["recommendation"] in capsys.readouterr().out or count == 4
+
+
+def test_own_parts_are_joined_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    front, back = written(tmp_path)
+    data = run(tmp_path, OWN)
+    rows = data["methods"]["rows"]
+    assert [(row["method"], row["modes"], row["size"]) for row in rows[1:]] == [
+        ("craig-bampton", 2, 12), ("craig-bampton", 5, 15), ("rubin", 2, 13), ("rubin", 5, 16)]
+    assert all(row["modes_front"] == row["modes"] and "modes_back" not in row for row in rows[1:])
+    assert rows[4]["error_frequency"] < rows[3]["error_frequency"] < 0.1
+    # the same by hand: the chains end to end, held by a spring
+    K = np.zeros((16, 16))
+    M = np.zeros((16, 16))
+    for part, at in ((front, slice(0, 8)), (back, slice(7, 16))):
+        K[at, at] += part.K.toarray()
+        M[at, at] += part.M.toarray()
+    K[0, 0] += 0.5
+    w = np.eye(16)[2]
+    slope = float(fs.critical_slope(fs.Substructure(M, K, ports={"belt": w}), band=(0.0, 0.3)))
+    assert rows[0]["slope"] == pytest.approx(slope, abs=1e-12) and rows[0]["size"] == 16
+    assert "joined" not in capsys.readouterr().err
+
+
+def test_a_mesh_is_tied_to_another(tmp_path: Path) -> None:
+    pytest.importorskip("meshio")
+    for name, start, counts in (("left", 0.0, (3, 2, 2)), ("right", 0.2, (2, 1, 1))):
+        mesh = fs.block((0.2, 0.05, 0.05), counts, "hexahedron20")
+        fs.write_mesh(tmp_path / f"{name}.vtu", fs.Mesh(mesh.points + np.array([start, 0, 0]), mesh.cells, mesh.kind, mesh.sets))
+    data = run(tmp_path, """
+scene = "own-parts"
+band = [1.0, 6e4]
+methods = ["craig-bampton", "craig-chang"]
+modes = [12]
+repeats = 1
+force = 100.0
+units = "SI"
+[[parts]]
+name = "held"
+mesh = "left.vtu"
+supports = ["left"]
+interface = ["right"]
+rayleigh = [5.0, 1e-7]
+[[parts]]
+name = "loose"
+mesh = "right.vtu"
+interface = ["left"]
+contact = "right"
+rayleigh = [5.0, 1e-7]
+[[joints]]
+kind = "tied"
+between = ["held.right", "loose.left"]
+""")
+    rows = data["methods"]["rows"]
+    assert data["belt"] == "loose" and len(rows) == 3 and rows[0]["missing"] == 0
+    assert all(row["error_frequency"] < 0.02 and row["error_force"] < 0.1 for row in rows[1:])
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (("front:7", "front:3"), "DOF 3 of 'front' is no interface DOF"),
+    (("front:7", "frnt:7"), "unknown part 'frnt'; did you mean 'front'"),
+    (("front:7", "front:x"), "must list DOF of 'front' behind the colon"),
+    (('between = ["front:7", "back"]\n[[joints]]', ""), "joined to nothing"),
+    (('name = "back"', 'name = "front"'), "the name 'front' is given 2 times"),
+    (('M = "front-M.mtx"\n', ""), "needs either the matrices M and K, or a mesh, but neither"),
+    (('method = "full"', 'method = "ful"'), "did you mean 'full'"),
+    (("slope = -0.1", 'slope = -0.1\nbelt = "back"'), "the part 'back' has no port"),
+    (("slope = -0.1", 'slope = -0.1\nbelt = "bck"'), "unknown part 'bck'; did you mean 'back'"),
+    (('kind = "spring"\n', 'kind = "tied"\n'), "a tied joint glues surfaces of meshes"),
+    (("port = 2", "port = 2\ncontact = 'top'"), "has matrices: name its port"),
+    (("stiffness", "stifness"), r"did you mean 'joints\[2\].stiffness'"),
+])
+def test_what_does_not_fit_is_told(change: tuple[str, str], words: str, tmp_path: Path,
+                                   capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path)
+    assert change[0] in OWN
+    (tmp_path / "scene.toml").write_text(OWN.replace(*change, 1), encoding="utf-8")
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert re.search(words, said) and said.startswith("femsub: ") and said.count("\n") == 1, said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_method_that_a_part_does_not_take_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A part that floats with its interface held has no constraint modes; the other methods are compared all the same."""
+    written(tmp_path)
+    two = fs.chain(8, fixed=False, damping=0.0)
+    K = np.zeros((16, 16))
+    K[:8, :8] = K[8:, 8:] = two.K.toarray()
+    scipy.io.mmwrite(tmp_path / "front-K.mtx", K)
+    scipy.io.mmwrite(tmp_path / "front-M.mtx", np.eye(16))
+    data = run(tmp_path, OWN)
+    assert {row["method"] for row in data["methods"]["rows"]} == {"full", "rubin"}
+    assert "Craig-Bampton is left out" in capsys.readouterr().out and "'front'" in data["methods"]["left_out"][0]
+
+
+def test_figures_of_parts_are_drawn(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    (tmp_path / "scene.toml").write_text(CHAIN.replace("parts = [2, 4]", "parts = [2]"), encoding="utf-8")
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "methods-2-parts.png").read_bytes().startswith(b"\x89PNG")
