@@ -110,7 +110,7 @@ def test_guyan_takes_further_masters_in_place_of_modes(name: str) -> None:
         n_b = len(sub.interface)
         assert rom.size == n_b + masters and rom.modes == 0
         assert rom.method == str(fs.Guyan(masters)) == f"Guyan with {masters} further masters"
-        rows = [int(np.flatnonzero(np.all(rom.V == unit, axis=1))[0]) for unit in np.eye(rom.size)]  # all are DOF
+        rows = [int(np.flatnonzero(np.all(unit == rom.V, axis=1))[0]) for unit in np.eye(rom.size)]  # all are DOF
         assert np.array_equal(rows[:n_b], sub.interface) and np.array_equal(rom.interface, np.arange(n_b))
         statics = sub.K @ rom.V  # no force on any other
         assert np.abs(np.delete(statics, rows, axis=0)).max(initial=0.0) < 1e-9

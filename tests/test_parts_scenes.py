@@ -83,7 +83,6 @@ def test_the_chain_in_parts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         assert [row["modes"] for row in bampton] == [count, 3 * count]
         assert bampton[1]["error_frequency"] < bampton[0]["error_frequency"]
         assert bampton[1]["error_force"] < bampton[0]["error_force"]
-        assert sum(row["method"] == "guyan" for row in rows) == 1  # whatever number of modes is asked
         assert (tmp_path / "out" / f"methods-{count}-parts.csv").exists()
         assert data[f"methods-{count}-parts"]["recommendation"] in capsys.readouterr().out or count == 4
 

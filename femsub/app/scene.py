@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
-from femsub.app.keys import check_keys, key, values_of
+from femsub.app.keys import check_keys, key, keys_of, values_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
 from femsub.checks import choice
 from femsub.errors import FemsubError, InputError, unknown_name
@@ -252,10 +252,11 @@ def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
 def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
     values = dict(table)
     kind = choice("scene", values.pop("scene", "chain"), SCENES)
-    if kind == "matrices" and not values:
-        raise InputError("the scene 'matrices' needs a scene file that names them: scene = \"matrices\", M = \"M.mtx\", "
-                         "K = \"K.mtx\", port = 0, band = [0.0, 1000.0]")
     scene_type, run = scene_of(kind)
+    needed = [name for name, one in keys_of(scene_type).items() if one.key.required]
+    if needed and not values:
+        raise InputError(f"the scene {kind!r} needs a scene file with {', '.join(needed)}; to begin one: femsub new {kind} > "
+                         "my.toml")
     values = values_of(scene_type, values)
     if any(item.name == "folder" for item in fields(scene_type)):
         values["folder"] = str(folder)

@@ -53,7 +53,6 @@ class Guyan(CraigBampton):
     """
 
     key, label, colour, marker = "guyan", "Guyan", "#7a7a7a", "v"
-    modal = False
 
     def __post_init__(self) -> None:
         if self.modes is None and self.band is None and self.tol is None:

@@ -64,7 +64,6 @@ class Method(ABC):
     colour: ClassVar[str]
     marker: ClassVar[str]
     held: ClassVar[bool]
-    modal: ClassVar[bool] = True  #: False: it keeps no modes, whatever the part
     unestimated: ClassVar[str] = ""  #: why no estimate can be had for a band and a tolerance, where that is so
 
     def __init_subclass__(cls) -> None:

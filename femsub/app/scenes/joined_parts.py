@@ -81,8 +81,6 @@ def _methods(scene: JoinedScene, system: System, choices: Mapping[str, Choice],
 def _made(part: Substructure, key: str, modes: int) -> Method:
     """The method with so many modes, or with all that the part has."""
     kind = METHODS[key]
-    if not kind.modal:
-        return kind(0)
     if kind.held:
         return kind(min(modes, len(part.interior)))
     room = part.size - (normal_modes(part, count=min(1, part.size)).rigid if modes > part.size - RIGID else RIGID)
