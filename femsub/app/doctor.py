@@ -89,7 +89,7 @@ def _petsc(found: Findings) -> None:
     if not there["MUMPS"]:
         found.wrong.append("this PETSc has no MUMPS, which symmetric indefinite and unsymmetric matrices need. " + petsc.INSTALL)
     if not there["CHOLMOD"]:
-        found.add("", "MUMPS factorises positive definite matrices as well, PETSc itself those of chains and beams")
+        found.add("", "MUMPS factorises positive definite matrices instead, and PETSc itself those of chains and beams")
     n = 400
     A = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
     kinds: dict[petsc.Kind, float] = {"definite": 0.0, "symmetric": 0.5, "general": 0.5}

@@ -74,7 +74,7 @@ def leaves_first(A: Matrix) -> Array | None:
 
 
 def slender(A: Matrix) -> bool:
-    """Whether A is a narrow band in the order of Cuthill and McKee, as chains, beams and shafts of few branches are."""
+    """Whether A has a narrow band in reverse Cuthill-McKee order: chains, beams, shafts with few branches."""
     A, n = sp.csr_array(A), A.shape[0]
     if A.nnz > SLENDER * n:
         return False

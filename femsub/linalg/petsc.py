@@ -2,10 +2,10 @@
 
 Arrays and scipy matrices go in, arrays come out; no PETSc object leaves this file, and each is destroyed here.
 
-Which factorisation is chosen by what the matrix is: CHOLMOD where it is positive definite (or MUMPS' Cholesky, in a PETSc without
-CHOLMOD), MUMPS LDLᵀ where it is symmetric, MUMPS LU else. Without CHOLMOD, PETSc itself factorises chains, beams and shafts,
-from end to end: as right as CHOLMOD, where MUMPS is worse by up to 10⁶. MUMPS calls singular matrices solved; each of its factors
-is therefore probed with a random right-hand side.
+The matrix decides the factorisation: CHOLMOD for a positive definite one, MUMPS LDLᵀ for a symmetric one, MUMPS LU for any other.
+In a PETSc without CHOLMOD, MUMPS takes the positive definite ones too. Chains and beams are the exception: PETSc factorises them
+itself, from end to end. There it is as accurate as CHOLMOD, while MUMPS loses up to five digits (docs/performance.md).
+MUMPS reports no error for a singular matrix. So each of its factors is tested with a random right-hand side.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from femsub.linalg.shared import FACTOR_BYTES, drop
 from femsub.model.matrices import Difference, equilibrated, upper
 
 Kind = Literal["definite", "symmetric", "general"]
-CHOLMOD = True  # is taken if PETSc has it; tests set False to see what MUMPS makes of their models
+CHOLMOD = True  # use it if PETSc has it; tests and scripts/factors.py set False
 MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules a setMumpsIcntl(7)
 ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
-WHEEL = "dolfinx_solver"  # the module to import before the petsc4py that lies beside it
-INSTALL = ('"pip install femsub[solvers]" brings both where Python is 3.12 or later; scripts/setup takes Debian\'s packages, and '
-           "scripts/setup-from-source compiles them")
+WHEEL = "dolfinx_solver"  # to be imported before the petsc4py of the same folder
+INSTALL = ('With Python 3.12 or later: pip install "femsub[solvers]". With root rights on Debian: scripts/setup. Else: '
+           "scripts/setup-from-source, or see docs/install.md")
 BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
 
 
 def _load_wheel() -> None:
-    """The wheels `dolfinx-solver-…` bring a petsc4py that finds its libraries only once they have loaded their MPI."""
+    """Imports the module of the `dolfinx-solver` wheels, which loads MPI; their petsc4py fails to import without it."""
     ours, wheel = (find_spec(name) for name in ("petsc4py", WHEEL))
     if ours and wheel and Path(str(ours.origin)).parent.parent == Path(str(wheel.origin)).parent.parent:
         import_module(WHEEL)
@@ -98,7 +98,7 @@ def has_cholmod() -> bool:
 
 
 def package(kind: Kind, A: Matrix) -> str:
-    """What factorises a sparse A of that kind: 'cholmod', 'mumps', or 'petsc' by itself.
+    """Which package factorises a sparse A of that kind: 'cholmod', 'mumps' or 'petsc', its own.
 
     Raises
     ------
@@ -202,9 +202,9 @@ class Factor:
         pc.setType("lu" if self.kind == "general" else "cholesky")
         pc.setFactorSolverType(self.package)
         if self.package == "petsc":
-            self._ksp.setErrorIfNotConverged(True)  # a pivot that is zero is an error, a small one is not
+            self._ksp.setErrorIfNotConverged(True)  # only a pivot of exactly zero is an error
             pc.setFactorPivot(0.0)
-            pc.setFactorOrdering("rcm")  # Cuthill and McKee's, from end to end
+            pc.setFactorOrdering("rcm")  # reverse Cuthill-McKee: from end to end
         pc.setFactorSetUpSolverType()
         self._factor = self._hold(pc.getFactorMatrix())
         if self.package != "mumps":
@@ -363,7 +363,7 @@ def _solve(solver: Any, count: int, tol: float, wanted: str, advice: str) -> int
     PETSc, _ = _load()
     try:
         solver.solve()
-    except (PETSc.Error, SystemError) as error:  # slepc4py 3.25 lets Python wrap the one in the other
+    except (PETSc.Error, SystemError) as error:  # slepc4py 3.25 raises the second from the first
         raise BreakdownError(f"{type(solver).__name__} failed ({_last_line(error.__cause__ or error)})") from None
     found = int(solver.getConverged())
     if found < count:
