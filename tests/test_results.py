@@ -174,6 +174,7 @@ def test_a_json_file_that_is_no_run_ends_in_one_line(tmp_path: Path, capsys: pyt
     assert "does not hold the inputs of a run" in said and said.count("\n") == 1
 
 
+@pytest.mark.skipif(not shutil.which("git"), reason="there is no git here")
 def test_the_commit_is_that_of_the_clone_the_folder_is_part_of(tmp_path: Path) -> None:
     assert commit(tmp_path) is None
     git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=b@c"]

@@ -112,6 +112,7 @@ def test_certificates_cost_less_than_what_they_certify(tmp_path: Path) -> None:
     ("effectivity", ["--only", "chain 10, stable", "--out", "{out}"], "8 reductions to a tolerance: 0 miss it"),
     ("cycle_cost", ["--modes", "8", "--repeats", "1", "--harmonics", "30"], "chain"),
     ("integrators", ["--time", "1", "--numbers", "10"], "LSODA"),
+    ("factors", ["--models", "beam", "--repeats", "1"], "petsc"),
     ("clusters", ["--models", "4"], "{'right': 4}")])
 def test_others_on_their_smallest_case(name: str, options: list[str], printed: str, tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "scripts" / f"{name}.py"), *(option.format(out=tmp_path) for option in options)]
