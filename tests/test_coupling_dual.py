@@ -160,3 +160,25 @@ def test_what_is_left_open_can_be_joined_again() -> None:
     assert len(front.interface) == 2
     system = fs.couple({"front": front, "p2": made["p2"]}, [fs.Rigid(("front", [int(front.interface[1])]), ("p2", [0]))])
     np.testing.assert_allclose(np.sqrt(elastic(system)[:8]), np.sqrt(elastic(whole)[:8]), rtol=1e-3)
+
+
+@pytest.mark.parametrize("assembly", ["primal", "dual"])
+def test_parts_by_forces_take_the_ground_springs_and_either_assembly(assembly: str) -> None:
+    springs = np.linspace(1, 2, 21)
+    whole = fs.chain(21, springs=springs)
+    left = fs.chain(11, springs=[1.0, *springs[:10]], masses=[1.0] * 10 + [0.5], interface=[1, 11], fixed=False, damping=0.0)
+    right = fs.chain(12, springs=[1.0, *springs[10:]], masses=[0.5] + [1.0] * 11, interface=[1], fixed=False, damping=0.0)
+    joints = [fs.Rigid(("l", [0]), "ground"), fs.Rigid(("l", [10]), ("r", [0])), fs.Spring(("r", [0]), damping=0.1)]
+    parts = {"l": by_forces(left, 5), "r": by_forces(right, 5)}
+    system = fs.couple(parts, joints, assembly=assembly)
+    np.testing.assert_allclose(np.sqrt(elastic(system)[:6]), np.sqrt(elastic(whole)[:6]), rtol=3e-3)
+    assert system.spurious == 2 and fs.complex_modes(system).is_stable is True
+
+
+def test_an_indefinite_system_is_told_by_normal_modes() -> None:
+    parts, joints, _ = cut(17, 2)
+    with pytest.raises(fs.SingularMatrixError, match=r"multipliers \(assembly='primal' has the same modes\)"):
+        fs.normal_modes(fs.couple(parts, joints, assembly="dual"), count=3)
+    walls = [fs.Rigid((name, [place]), "ground", name="wall") for name, place in (("p0", 0), ("p1", 8))]
+    with pytest.raises(fs.InputError, match=r"two joints are called 'wall'.* give each a name="):
+        fs.couple(parts, [*joints, *walls], assembly="dual")
