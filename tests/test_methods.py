@@ -276,6 +276,10 @@ def test_tolerances_and_what_has_no_estimate() -> None:
     for key, like in (("hurty", "craig-bampton"), ("rubin", "craig-chang"), ("dual-craig-bampton", "craig-chang")):
         rom = reduced_to(sub, METHODS[key], band)
         assert rom.estimate is not None and rom.estimate.met and rom.modes == expected[like].modes
+    damped, belt = fs.chain(60, belt=4, interface=(1, 60), damping=0.1), fs.Belt(port="belt", slope=-0.002)
+    cc, rubin = (reduced_to(damped, kind, band, belt) for kind in (fs.CraigChang, fs.Rubin))
+    assert rubin.modes == cc.modes and rubin.estimate is not None and cc.estimate is not None
+    assert rubin.estimate.met and len(rubin.estimate.eigenvalues) == len(cc.estimate.eigenvalues) > 0
     for kind in (fs.MacNeal, fs.Herting):
         with pytest.raises(fs.InputError, match=f"{kind.__name__} takes a number of modes only.*no estimate can be had"):
             kind(band=band, tol=1e-3)
@@ -286,10 +290,11 @@ def test_tolerances_and_what_has_no_estimate() -> None:
     assert condensed.estimate is not None and condensed.estimate.met and condensed.size == 30
 
 
-def reduced_to(sub: fs.Substructure, kind: type, band: tuple[float, float]) -> fs.ReducedSubstructure:
+def reduced_to(sub: fs.Substructure, kind: type, band: tuple[float, float],
+               contacts: fs.Belt | None = None) -> fs.ReducedSubstructure:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.PortWarning)
-        return fs.reduce(sub, kind(band=band, tol=1e-3))
+        return fs.reduce(sub, kind(band=band, tol=1e-3), contacts=contacts)
 
 
 def test_nearly_complete_bases_keep_their_digits() -> None:
