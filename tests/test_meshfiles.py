@@ -61,7 +61,7 @@ def test_inp_files_name_elements_that_calculix_has() -> None:
     ("m", {}, "not as 'a file without suffix'"),
     ("m.vtu", {"mode": np.zeros((3, 3))}, "'mode' must be finite, of shape"),
     ("m.vtu", {"mode": np.full(152, np.nan)}, "'mode' must be finite"),
-    ("m.vtu", {"mode": np.zeros(152, complex)}, "give real and imaginary parts apart"),
+    ("m.vtu", {"mode": np.zeros(152, complex)}, "Give the real and the imaginary part separately"),
     ("m.vtu", {"set:top": np.zeros(152)}, "taken for sets"),
     ("m.inp", {"mode": np.zeros(152)}, "hold no shapes"),
     ("/dev/null/m.vtu", {}, "the mesh file /dev/null/m.vtu cannot be written"),

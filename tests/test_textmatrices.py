@@ -48,7 +48,7 @@ def test_held_and_massless_dof_of_abaqus(tmp_path: Path, sub: fs.Substructure) -
     paths = abaqus(tmp_path / "M.mtx", sp.csr_array(sp.diags_array(M)), sub.dofs), abaqus(tmp_path / "K.mtx", K, sub.dofs)
     lines = paths[0].read_text().splitlines(keepends=True)
     paths[0].write_text("".join(line for line in lines if float(line.split(",")[-1])))
-    with pytest.raises(fs.InputError, match=r"K has 1 DOF that M has not, first DOF 2 of node 17 .*say massless=True"):
+    with pytest.raises(fs.InputError, match=r"K has 1 DOF that are not in M, first DOF 2 of node 17 .*give massless=True"):
         fs.read_component(*paths)
     read = fs.read_component(*paths, massless=True)
     kept = np.setdiff1d(np.arange(sub.size), [2, 7])
@@ -106,12 +106,12 @@ def test_dof_map_as_text(tmp_path: Path, text: str, name: str, label: str) -> No
     ("sti", K3.replace("3 3", "4 4"), "has entries, but none on the diagonal, for 1 of 4 DOF, first row 3"),
     ("sti", K3 + "4 4 1.0\n", "K is 4 x 4, but"),
     ("mtx", N3 + "3,1, 2,1, -1.0\n", "lists an entry twice: node 3, DOF 1 with node 2, DOF 1"),
-    ("mtx", N3 + "1,1, 2,1, -1.0\n", "1 above, 1 of them without the entry across"),
-    ("mtx", N3.replace("3,1", "4,1"), "M has 1 DOF that K has not, first DOF 1 of node 3"),
-    ("mtx", N3 + "4,1, 4,1, 1.0\n", "K has 1 DOF that M has not, first DOF 1 of node 4"),
+    ("mtx", N3 + "1,1, 2,1, -1.0\n", "1 above, 1 of them without the transposed entry"),
+    ("mtx", N3.replace("3,1", "4,1"), "M has 1 DOF that are not in K, first DOF 1 of node 3"),
+    ("mtx", N3 + "4,1, 4,1, 1.0\n", "K has 1 DOF that are not in M, first DOF 1 of node 4"),
     ("mtx", N3.replace(",1, 1,1,", ",1, 1,-1,"), "must be DOF such as 1 to 6"),
     ("mtx", "*MATRIX,TYPE=STIFFNESS\n1.0,\n", "holds keywords (*MATRIX,TYPE=STIFFNESS)"),
-    ("mtx", K3, "do not go together: one names node and DOF of each entry, the other counts rows"),
+    ("mtx", K3, "do not go together: one has node and DOF of each entry, the other only row numbers"),
     ("mtx", N3 + "1,1, 2,1, -3.0\n2,1, 3,1, -1.0\n", "K is not symmetric: K[0, 1] = -3"),
     ("mtx", "%%MatrixMarket matrix coordinate real general\n3 3 2\n1 1 1.0\n2 2 1.0e", "does not end"),
     ("mtx", "%%MatrixMarket matrix coordinate real general\n3 3 3\n1 1 1.0\n2 2 1.0\n", "Truncated file"),
@@ -142,9 +142,9 @@ def test_bad_text(tmp_path: Path, ending: str, text: str, words: str) -> None:
     ({"dofs": "node,component\n"}, "is empty"),
     ({"dofs": "1.1\n1.2\n2.1\n", "interface": ["2:uy"]}, "interface: there is no uy at node 2"),
     ({"dofs": "1.1\n1.2\n2.1\n", "interface": ["2:vy"]}, "interface: unknown motion 'vy'"),
-    ({"dofs": "1.1\n1.2\n2.1\n", "interface": ["2"]}, "interface: '2' is no DOF; write a number from 0, or node and motion"),
+    ({"dofs": "1.1\n1.2\n2.1\n", "interface": ["2"]}, "interface: '2' is not a DOF. Give a number from 0, or node and motion"),
     ({"dofs": "1.1\n1.2\n2.1\n", "ports": {"belt": (2, "uy")}}, "port 'belt': there is no uy at node 2"),
-    ({"interface": ["2:uy"]}, "names a node, but there is no DOF map; give dofs"),
+    ({"interface": ["2:uy"]}, "names a node, but there is no DOF map. Give dofs"),
     ({"interface": [3]}, "interface: there is no DOF 3; the model has 3"),
     ({"ports": {"belt": -1}}, "port 'belt': there is no DOF -1"),
 ])

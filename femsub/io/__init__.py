@@ -1,4 +1,4 @@
-"""Files of matrices, meshes and models, each read whole and checked, and written whole or not at all.
+"""Files of matrices, meshes and models. Every file is checked when it is read, and written completely or not at all.
 
-In: a path. Out: matrices, a `Mesh` or a `Substructure`; and the same the other way.
+In: a path. Out: matrices, a `Mesh` or a `Substructure`; and the reverse for writing.
 """

@@ -1,4 +1,4 @@
-"""The text formats of Abaqus and CalculiX: sparse matrices line by line, and which row is which motion of which node."""
+"""The text formats of Abaqus and CalculiX: sparse matrices line by line, and the node and direction of each row."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from femsub.model.dof_map import LARGEST, DofMap
 
 #: directions 1 to 6 of Abaqus, CalculiX and Nastran; others (8 pressure, 11 temperature, ...) are called 'dof8'
 DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
-HELD = 1e36  # what Abaqus writes on the diagonal of K for a DOF that a boundary condition holds
+HELD = 1e36  # Abaqus' diagonal entry in K for a DOF that a boundary condition holds
 AS_WRITTEN = "*MATRIX OUTPUT with FORMAT=MATRIX INPUT or COORDINATE"
 
 
 @dataclass(frozen=True)
 class TextMatrix:
-    """A matrix, shape (n, n), and (node, direction) of each row where the file says so, shape (n, 2), ascending."""
+    """A matrix, shape (n, n), and the (node, direction) of each row if the file has them, shape (n, 2), ascending."""
 
     matrix: Matrix
     labels: Array | None
@@ -96,7 +96,7 @@ def _unfolded(path: Path, rows: Array, columns: Array, values: Array, size: int,
     below, above = int((rows > columns).sum()), int((rows < columns).sum())
     ones = sp.csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
     paired = int(ones.multiply(ones.T).nnz) - int((rows == columns).sum()) if below and above else 0
-    # By node and DOF each pair may stand in either order: which row comes first is Abaqus' own business.
+    # by node and DOF each pair may be in either order: Abaqus chooses which row comes first
     if not paired and (not below or not above or labels is not None):
         _check_diagonal(path, rows, columns, size, labels)
         return sp.csr_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
@@ -104,12 +104,13 @@ def _unfolded(path: Path, rows: Array, columns: Array, values: Array, size: int,
         _check_diagonal(path, rows, columns, size, labels)
     if paired < below + above:
         raise InputError(f"{path} is neither one triangle nor a full matrix: {below} entries below the diagonal and {above} "
-                         f"above, {below + above - paired} of them without the entry across; it may be cut short, write it again")
+                         f"above, {below + above - paired} of them without the transposed entry. Write it again: it may be "
+                         "cut short")
     return matrix
 
 
 def _check_diagonal(path: Path, rows: Array, columns: Array, size: int, labels: Array | None) -> None:
-    """The last line of these files is on the diagonal: where it is gone, its row still has entries beside the diagonal."""
+    """Refuse a missing diagonal entry: the last line of these files is on the diagonal, so a file cut short lacks it."""
     on = rows == columns
     empty = np.setdiff1d(np.concatenate([rows[~on], columns[~on]]), rows[on])
     if labels is not None:
@@ -134,7 +135,7 @@ def _table(path: Path) -> Array:
     delimiter = "," if "," in first else None
     try:
         table = _by_numpy(path, delimiter, skip=heading)
-    except ValueError:  # NumPy knows no comments between the lines and no exponents of Fortran
+    except ValueError:  # NumPy cannot read comments between the lines or Fortran's exponents
         table = np.zeros((0, 0))
     return table if table.size else _loaded(path, _tidied(path, heading), delimiter)
 
@@ -147,14 +148,14 @@ def _tidied(path: Path, heading: int) -> Iterator[str]:
 
 
 def fortran_mended(text: bytes) -> bytes:
-    """2.5D+03 and 2.5+103 as 2.5e+03 and 2.5e+103; of three digits Fortran leaves out the letter."""
+    """Fortran's 2.5D+03 and 2.5+103 as 2.5e+03 and 2.5e+103; it omits the letter before exponents of three digits."""
     text = re.sub(rb"(?<=[\d.])[dD](?=[+-]?\d)", b"e", text)
     return re.sub(rb"(\d\.\d*|\.\d+)([+-]\d{3})(?!\d)", rb"\1e\2", text)
 
 
 def _by_numpy(source: Any, delimiter: str | None, dtype: Any = float, skip: int = 0) -> Array:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # a file without data: the caller tells
+        warnings.simplefilter("ignore", UserWarning)  # a file without data: the caller raises an error
         return np.loadtxt(source, dtype=dtype, delimiter=delimiter, ndmin=2 if dtype is float else 1, encoding="utf-8",
                           skiprows=skip, comments=None, quotechar=None if dtype is float else '"')
 
@@ -190,8 +191,8 @@ def read_dofs(path: Path, labels: tuple[str, ...] | None = None) -> DofMap:
     """A DOF map from text, one line per DOF: 'node.direction' (CalculiX' .dof) or 'node,component[,x[,y[,z]]]'.
 
     Components are names ('uz') or directions from 1 (3); a first line that starts with 'node' is a heading. Refused are a
-    node or direction that is no whole number, a place that is no finite number, and the same motion of a node twice. Whether
-    lines are gone, only the size of the matrices tells.
+    node or direction that is not a whole number, a coordinate that is not finite, and the same motion of a node twice. Missing
+    lines are detected by the size of the matrices only.
 
     Raises
     ------
@@ -243,13 +244,13 @@ def read_dofs(path: Path, labels: tuple[str, ...] | None = None) -> DofMap:
 
 
 def _text_type(text: str) -> str:
-    """NumPy's type for words as long as the longest line: shorter ones would lose their ends in silence."""
+    """NumPy's type for words as long as the longest line; a shorter type would silently truncate words."""
     return f"U{max(8, max(map(len, text.splitlines()), default=0))}"
 
 
 def _whole(path: Path, cells: Array) -> Array:
     try:
-        plain = np.char.strip(cells).astype("S")  # Python takes digits of other scripts, and 1_0, for numbers
+        plain = np.char.strip(cells).astype("S")  # Python's int() accepts digits of other scripts, and 1_0
         if (np.char.find(plain, b"_") < 0).all():
             found = plain.astype(np.int64)
             if (np.abs(found) < LARGEST).all():
@@ -262,7 +263,7 @@ def _whole(path: Path, cells: Array) -> Array:
 
 
 def write_dofs(file: BinaryIO, dofs: DofMap) -> None:
-    """The map as CSV with a heading: node, component and, where they are known, x, y, z with every digit."""
+    """Write the map as CSV with a heading: node, component and, if known, x, y, z with all digits."""
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     columns = [dofs.nodes.tolist(), np.array(dofs.labels)[dofs.components].tolist()]
     columns += [] if dofs.points is None else dofs.points.T.tolist()

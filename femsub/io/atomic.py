@@ -1,4 +1,4 @@
-"""Files on the disk: each whole or not at all."""
+"""Atomic writing: a file is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content in
 
 
 def content_hash(file: BinaryIO) -> str:
-    """SHA-256 of what an open file holds from its start on."""
+    """SHA-256 of the whole content of an open file."""
     file.seek(0)
     return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
-    """Writes files (names relative to `folder`, which is made), and renames them only when all are on the disk.
+    """Write files (names relative to `folder`, which is created) to temporary names, and rename them when all are on the disk.
 
     Raises
     ------
     OSError
-        The folder cannot be written; what stood there before still stands there.
+        The folder cannot be written; existing files are unchanged.
     """
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     waiting: list[tuple[Path, Path]] = []

@@ -21,43 +21,57 @@ from femsub.model.substructure import Substructure
 def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | None = None, *,
                    dofs: DofMap | str | Path | None = None, interface: Iterable[Any] = (),
                    ports: Mapping[str, Any] | None = None, name: str | None = None, massless: bool = False) -> Substructure:
-    """M ü + D u̇ + K u = Σ w_p f_p with M, K, D of shape (n, n) from files; or a model that `write_matrices` wrote.
+    """Read a component from the matrix files of another program, or a model that `write_matrices` wrote.
+
+    The component is M ü + D u̇ + K u = Σ w_p f_p with M, K, D of shape (n, n).
 
     Parameters
     ----------
     M, K, D : str or Path
-        Files as `read_matrix` takes them. Where a .mat, .npz or .op4 file holds several matrices, the one called M, K or D
-        is taken, or the one named behind a colon: 'model.mat:Kff'. M alone is a folder of `write_matrices`: all that
-        it wrote comes back to the last digit, a reduced model as a reduced one.
+        Files as for `read_matrix`. If a .mat, .npz or .op4 file holds several matrices, the one called M, K or D is taken, or
+        the one named after a colon: 'model.mat:Kff'. M alone may be a folder of `write_matrices`: the model is restored
+        exactly, a reduced model as a reduced one.
     dofs : DofMap, str or Path, optional
         The map, or its file: CalculiX' .dof ('12.3' a line) or text with 'node,component[,x,y,z]' a line. Abaqus' files of
-        FORMAT=MATRIX INPUT carry it in themselves.
+        FORMAT=MATRIX INPUT contain it.
     interface : sequence
         DOF: numbers from 0, or by the map '12:uz', '12.3' (node and direction), '12:*' (all of a node), (12, 'uz').
     ports : mapping of str
         For each port such a DOF, a sequence of them (w is 1 there), a mapping of DOF to weight, or the column(s) w as an
         array of floats, shape (n,) or (n, p).
     name : str, optional
-        The name of K's file without it.
+        Default: the name of K's file.
     massless : bool
-        Whether M may leave out DOF of K, as Abaqus does for those without mass. Else that is taken for a file cut short.
+        Whether M may lack DOF of K, as Abaqus' files do for DOF without mass. Otherwise the file counts as cut short.
 
-    DOF that an Abaqus boundary condition holds (1e36 on the diagonal of K) are taken out; the rest keeps its names.
+    Returns
+    -------
+    Substructure
+        DOF that an Abaqus boundary condition holds (1e36 on the diagonal of K) are removed; the others keep their names.
 
-    What each kind of file may hold, what is refused and what no reader can know stands at `read_matrix`, of a folder at
-    `femsub.io.model_folder.read_model`.
+    Notes
+    -----
+    What each kind of file may contain, what is refused, and what no reader can detect is listed at `read_matrix`; for a folder
+    at `femsub.io.model_folder.read_model`.
 
     Raises
     ------
     InputError
         A file that cannot be read, is cut short or belongs to another model, a DOF that does not exist, matrices that are
         not a component (see `Substructure`). The message names the file.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> files = fs.write_matrices("model", fs.chain(10, belt=2))
+    >>> fs.read_component("model/M.mtx", "model/K.mtx", interface=[0], ports={"belt": 1})
+    Substructure 'K': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
     ports = None if ports is None else mapping("ports", ports, "names and columns")
     if K is None:
         if dofs is not None or ports is not None or not (isinstance(interface, Sized) and len(interface) == 0):
-            raise InputError(f"K is missing: name its file (or, of a folder of write_matrices, {M} alone, which tells interface, "
-                             "ports and DOF map itself)")
+            raise InputError(f"K is missing: name its file. If {M} is a folder of write_matrices, give it alone: it contains "
+                             "interface, ports and DOF map")
         return read_model(path_of("M", M))
     named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
     paths = {key: Path(path) for key, path in named.items()}
@@ -70,7 +84,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     matrices, found = _aligned(paths, read, massless)
     size = matrices["K"].shape[0]
     if dofs is not None and found is not None:
-        raise InputError(f"dofs: {paths['K']} names node and DOF of each entry itself; leave the map out")
+        raise InputError(f"dofs: {paths['K']} already contains node and DOF of each entry. Leave the map out")
     if dofs is not None:
         found = dofs if isinstance(dofs, DofMap) else read_dofs(path_of("dofs", dofs))
         if found.size != size:
@@ -91,8 +105,8 @@ def _aligned(paths: Mapping[str, Any], read: Mapping[str, TextMatrix], massless:
     """All matrices on the rows of K, without those that Abaqus holds."""
     unlike = [key for key, item in read.items() if (item.labels is None) != (read["K"].labels is None)]
     if unlike:
-        raise InputError(f"{paths['K']} and {paths[unlike[0]]} do not go together: one names node and DOF of each entry, the "
-                         "other counts rows; write both with the same FORMAT")
+        raise InputError(f"{paths['K']} and {paths[unlike[0]]} do not go together: one has node and DOF of each entry, the "
+                         "other only row numbers. Write both with the same FORMAT")
     target = read["K"].labels
     if target is None:
         return {key: item.matrix for key, item in read.items()}, None
@@ -111,12 +125,12 @@ def _aligned(paths: Mapping[str, Any], read: Mapping[str, TextMatrix], massless:
         place = np.minimum(np.searchsorted(keys, own), len(keys) - 1)
         strange = keys[place] != own
         if strange.any():
-            raise InputError(f"{key} has {int(strange.sum())} DOF that K has not, first {_named(item.labels[strange][0])} "
-                             f"({paths[key]}, {paths['K']}): both must be whole, and of the same step of the same model")
+            raise InputError(f"{key} has {int(strange.sum())} DOF that are not in K, first {_named(item.labels[strange][0])} "
+                             f"({paths[key]}, {paths['K']}). Both must be complete, and of the same step of the same model")
         missing = np.setdiff1d(np.flatnonzero(~held), place)
         if key == "M" and len(missing) and not massless:
-            raise InputError(f"K has {len(missing)} DOF that M has not, first {_named(target[missing[0]])} ({paths['K']}, "
-                             f"{paths['M']}): M may be cut short; if those DOF have no mass, say massless=True")
+            raise InputError(f"K has {len(missing)} DOF that are not in M, first {_named(target[missing[0]])} ({paths['K']}, "
+                             f"{paths['M']}). M may be cut short. If those DOF have no mass, give massless=True")
         entries = item.matrix.tocoo()
         whole = sp.csr_array((entries.data, (place[entries.row], place[entries.col])), shape=(len(keys), len(keys)))
         matrices[key] = whole[rows][:, rows] if held.any() else whole
@@ -150,11 +164,11 @@ def _rows(what: str, reference: Any, size: int, dofs: DofMap | None) -> list[int
     elif isinstance(reference, tuple) and len(reference) == 2:
         node, motion = str(reference[0]), str(reference[1])
     else:
-        raise InputTypeError(f"{what}: {reference!r} is no DOF; write a number from 0, '12:uz', '12.3' or (12, 'uz')")
+        raise InputTypeError(f"{what}: {reference!r} is not a DOF. Give a number from 0, '12:uz', '12.3' or (12, 'uz')")
     if not node.lstrip("-").isdecimal() or not motion:
-        raise InputError(f"{what}: {reference!r} is no DOF; write a number from 0, or node and motion: '12:uz', '12.3', '12:*'")
+        raise InputError(f"{what}: {reference!r} is not a DOF. Give a number from 0, or node and motion: '12:uz', '12.3', '12:*'")
     if dofs is None:
-        raise InputError(f"{what}: {reference!r} names a node, but there is no DOF map; give dofs, or the number of the DOF")
+        raise InputError(f"{what}: {reference!r} names a node, but there is no DOF map. Give dofs, or the number of the DOF")
     if motion.isdecimal():
         motion = DIRECTIONS[int(motion) - 1] if 1 <= int(motion) <= len(DIRECTIONS) else f"dof{motion}"
     try:

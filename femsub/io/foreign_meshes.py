@@ -1,4 +1,4 @@
-"""Mesh files that meshio reads for us: made to end, and held to the counts in their own headers; TetGen's two files besides."""
+"""Mesh files that are read by meshio, with checks against the counts in their headers; and TetGen's pair of files."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from femsub.errors import InputError
 from femsub.io.damage import THROWN, check_end
 from femsub.io.mesh_text import as_numbers, text_of
 
-MOST = 200_000_000  # points of a grid that a VTK file gives by its dimensions only
+MOST = 200_000_000  # largest number of points of a grid that a VTK file defines by its dimensions only
 _VTK_COUNTS = re.compile(rb"^(POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKUP_TABLE|DIMENSIONS|[XYZ]_COORDINATES|SCALARS|"
                          rb"\S+ \d+ \d+ (?=[a-zA-Z]))([^\n]*)", re.MULTILINE | re.IGNORECASE)
 
 
 def meshio() -> Any:
-    """The package, or an error that says how to get it."""
+    """The package meshio, or an error that tells how to install it."""
     return package("meshio", "mesh files need meshio: pip install femsub[fe]")
 
 
 def read_foreign(path: Path) -> tuple[Any, list[str]]:
-    """What meshio makes of a file, and what it said meanwhile.
+    """A file read by meshio, and meshio's messages.
 
     ==============  ==========================================================================================================
     reads           what meshio reads: VTU, VTK, MED, XDMF, SU2, Ansys .msh, Medit, ...
@@ -64,21 +64,21 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
 
 
 def quietly(act: Callable[[], Any], what: str) -> tuple[Any, str]:
-    """The result and what was printed; whatever meshio raises, SystemExit included, becomes one line."""
-    said, own = io.StringIO(), meshio()._exceptions  # of which it exports two only
+    """The result and the printed text. Any exception of meshio, including SystemExit, becomes an InputError of one line."""
+    said, own = io.StringIO(), meshio()._exceptions  # meshio exports only two of them
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return act(), " ".join(said.getvalue().split())
     except (*THROWN, own.ReadError, own.WriteError, own.CorruptionError, SystemExit) as error:
         text = " ".join(said.getvalue().split()) if isinstance(error, SystemExit) else " ".join(str(error).split())
-        if isinstance(error, (LookupError, AssertionError)):  # whose text alone says little
+        if isinstance(error, (LookupError, AssertionError)):  # their text alone is not clear
             text = f"{text} ({type(error).__name__}); is it cut short or damaged?".strip()
         raise InputError(f"{what}: {text or 'is it cut short or damaged?'}") from None
 
 
 class _Ending(io.BufferedReader):
-    """A file that says so when its end is read again and again, as by meshio's loops that wait for a bracket."""
+    """A file that raises an error if its end is read repeatedly, as in meshio's loops that wait for a bracket."""
 
     empty = 0
 
@@ -101,7 +101,7 @@ def _is_ansys(path: Path) -> bool:
 
 
 def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
-    """Points and cells that the header of a legacy VTK file promises; no size in it may be beyond the file's."""
+    """Points and cells announced in the header of a legacy VTK file; no size in it may exceed the file's size."""
     if b"ASCII" in [line.strip().upper() for line in raw.split(b"\n", 3)[2:3]]:
         check_end(path)
         _all_numbers(path, raw[raw.find(b"\nDATASET"):])
@@ -117,7 +117,7 @@ def _vtk(path: Path, raw: bytes) -> tuple[int | None, int | None]:
     return counts.get(b"POINTS"), counts.get(b"CELL_TYPES")
 
 
-#: begins as a number, but is none
+#: begins like a number, but is not one
 _NO_NUMBER = re.compile(rb"(?<!\S)(?=[+\-.]?[+\-.\d])(?![+-]?[nNiI])(?![+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?!\S))\S+"
                         rb"|(?<!\S)(?:[+\-.?#](?!\S)|[\x80-\xff]\S*)")
 
@@ -137,7 +137,7 @@ def _su2(path: Path, raw: bytes) -> tuple[int | None, int | None]:
 
 
 def _all_numbers(path: Path, data: bytes) -> None:
-    """NumPy takes 1 for 1e and 0 for 0x10, and drops what is behind: whatever begins as a number must be one."""
+    """Refuse words that only begin like a number: NumPy reads 1e as 1 and 0x10 as 0, and drops the rest."""
     for word in _NO_NUMBER.finditer(data):
         line = data[data.rfind(b"\n", 0, word.start()) + 1:(data.find(b"\n", word.start()) + 1 or len(data) + 1) - 1].strip()
         if not re.match(rb"[a-zA-Z%]|\S+ \d+ \d+ [a-zA-Z]", line):  # a keyword or the name of an array
@@ -149,7 +149,7 @@ def _xml(path: Path, raw: bytes) -> tuple[int | None, int | None]:
         if re.search(rb'format="(ascii|xml)"', head, flags=re.IGNORECASE):
             _all_numbers(path, data)
     if raw.count(b"<Piece ") > 1:
-        raise InputError(f"{path} holds several pieces, of which meshio keeps one: merge them (ParaView: Merge Blocks)")
+        raise InputError(f"{path} holds several pieces, but meshio would keep only one. Merge them (ParaView: Merge Blocks)")
     piece = re.search(rb"<Piece [^>]*>", raw)
     found = [re.search(name + rb'="\s*(\d{1,18})\s*"', piece[0]) if piece else None
              for name in (b"NumberOfPoints", b"NumberOfCells")]
@@ -158,7 +158,7 @@ def _xml(path: Path, raw: bytes) -> tuple[int | None, int | None]:
 
 
 def read_tetgen(path: Path) -> tuple[Any, list[str]]:
-    """TetGen's .node and .ele, which lie beside each other under one name, as a meshio.Mesh.
+    """TetGen's files .node and .ele, of the same name in one folder, as a meshio.Mesh.
 
     ==============  ==========================================================================================================
     reads           tetrahedra of 4 nodes; numbers from 0 or 1; comments; attributes and markers are passed over
@@ -180,7 +180,7 @@ def read_tetgen(path: Path) -> tuple[Any, list[str]]:
 
 
 def _tetgen(path: Path, header: int, width: int) -> Array:
-    """Rows of number, `width` columns, and what the header counts besides."""
+    """Rows of a number, `width` columns, and the further columns announced in the header."""
     if not path.is_file():
         raise InputError(f"there is no file {path}, which the other of TetGen's two files needs")
     check_end(path, b"#")

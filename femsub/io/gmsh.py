@@ -1,7 +1,7 @@
 """Gmsh's .msh of versions 2 and 4, in text and in binary: nodes, elements and physical groups, each counted.
 
-meshio reads these too, but keeps one physical group of an entity that has several without names, takes UTF-8 only, and believes
-whatever the file says of its sizes.
+meshio reads these too. But it keeps only one unnamed physical group per entity, reads UTF-8 only, and does not check the sizes
+in the file.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _ORDER = {"tetra10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8], "hexahedron20": _HEXA, "hex
 
 
 def is_gmsh(path: Path) -> bool:
-    """Whether a .msh is Gmsh's: Ansys has others of that name."""
+    """Whether a .msh file is Gmsh's; Ansys uses the same suffix."""
     with path.open("rb") as file:
         return b"$MeshFormat" in file.read(4096)
 
@@ -62,7 +62,7 @@ def read_gmsh(path: Path) -> tuple[Any, list[str]]:
     return _assembled(found), []
 
 
-# ---- what has been read so far, and its numbers, of which none is taken that is not there
+# ---- the content read so far, and its numbers
 
 @dataclass
 class _Found:
@@ -84,7 +84,7 @@ class _Found:
 
 
 class _Numbers:
-    """Takes numbers one after the other from a section, and never more than there are."""
+    """Reads numbers from a section, one after the other, and never more than there are."""
 
     def __init__(self, found: _Found, section: str, raw: bytes, start: int, kind: type = float) -> None:
         self.found, self.section, self.raw, self.place = found, section, raw, start
@@ -162,7 +162,7 @@ def _skipped(found: _Found, section: str, raw: bytes, start: int) -> int:
 
 
 def _end(found: _Found, section: str, raw: bytes, start: int) -> int:
-    """Where a section's end is marked."""
+    """The position of a section's end mark."""
     end = raw.find(b"$End" + section.encode("latin-1"), start)
     if end < 0:
         raise found.wrong(f"${section} does not end: is it cut short?")
@@ -205,10 +205,10 @@ def _entities(found: _Found, section: str, raw: bytes, start: int) -> int:
     for dimension, count in enumerate(numbers.take("n", 4).tolist()):
         for _ in range(count):
             tag = numbers.one("i")
-            numbers.take("d", 3 if dimension == 0 and found.version != "4.0" else 6)  # where it is
+            numbers.take("d", 3 if dimension == 0 and found.version != "4.0" else 6)  # its extent
             found.entities[dimension, tag] = np.abs(numbers.take("i", numbers.one("n"))).tolist()
             if dimension:
-                numbers.take("i", numbers.one("n"))  # what bounds it
+                numbers.take("i", numbers.one("n"))  # its boundary
     return numbers.done()
 
 
@@ -316,7 +316,7 @@ def _runs_binary(found: _Found, numbers: _Numbers, total: int) -> Iterator[tuple
 
 
 def _data(found: _Found, section: str, raw: bytes, start: int) -> int:
-    """$NodeData and $ElementData of `write_mesh`; those of others are passed over."""
+    """$NodeData and $ElementData of `write_mesh`; those of other programs are skipped."""
     place, lists = start, list[list[str]]()
     for _ in range(3):  # names, real numbers (time), whole numbers (step, components, rows)
         place, word = _line(found, section, raw, place)
@@ -330,7 +330,7 @@ def _data(found: _Found, section: str, raw: bytes, start: int) -> int:
     if not name.startswith(("set:", "group:", "number")):
         return _skipped(found, section, raw, place)
     if len(lists[2]) < 3 or lists[2][1] != "1" or not lists[2][2].isdecimal():
-        raise found.wrong(f"${section} {name!r} has not one number for each row")
+        raise found.wrong(f"${section} {name!r} must have one number for each row, but does not")
     numbers, count = _Numbers(found, section, raw, place), int(lists[2][2])
     (found.point_data if section == "NodeData" else found.cell_data)[name] = numbers.rows(count, 1)
     return numbers.done()

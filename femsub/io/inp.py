@@ -1,8 +1,7 @@
 """Abaqus and CalculiX input files (.inp): nodes, elements and sets, with the numbers that the file gives them.
 
-meshio reads these too, but keeps no numbers, takes only the last of several *NODE blocks, and mixes up the sets that
-*ELEMENT lines name. What is read here is handed on as meshio's readers do it, with the numbers as its Nastran reader
-names them.
+meshio reads these too. But it keeps no numbers, reads only the last of several *NODE blocks, and confuses the sets that
+*ELEMENT lines name. The result is a meshio.Mesh; its numbers are named as in meshio's Nastran reader.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.io.mesh_text import as_numbers, as_table, fields, once, rows_of, text_of, with_included
 
-#: keywords with data from which a mesh is made
+#: keywords whose data define the mesh
 _MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 #: keywords that change a mesh in ways that are not read
 _CHANGING = ("IMPERFECTION", "IMPORT", "IMPORT ELSET", "IMPORT NSET", "SYMMETRIC MODEL GENERATION", "REFINE MESH", "PARAMETER")
-_MADE = 50_000_000  # nodes or elements that one line may make, at most
+_MADE = 50_000_000  # largest number of nodes or elements that one line may generate
 _ITEM = re.compile(r'(?:[^,"]|"[^"]*"?)+')
 _PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9", 65: "triangle6"}
 #: how the name of an element begins, and what the number after that means
@@ -118,7 +117,7 @@ def _collect(path: Path, found: Found) -> None:
                 found.add("EL" if keyword.startswith("EL") else "N", options[option], part)
 
 
-# ---- what has been read so far, by the file's numbers
+# ---- the content read so far, by the file's numbers
 
 class Range(NamedTuple):
     first: int
@@ -135,7 +134,7 @@ Part: TypeAlias = "Array | Range | NodesOf"
 
 @dataclass
 class Found:
-    """What a file holds, by the file's numbers."""
+    """The content of a file, by the file's numbers."""
 
     path: Path
     nodes: list[tuple[Array, Array]] = field(default_factory=list)
@@ -148,12 +147,12 @@ class Found:
     apart: set[str] = field(default_factory=set)
 
     def add(self, sort: str, name: str, members: Part) -> None:
-        """Names are the same in capitals and small letters, and a set that comes again grows."""
+        """Add members to a set. Names are not case-sensitive; a set that appears again grows."""
         self.spelling.setdefault((sort, name.upper()), name)
         self.sets.setdefault((sort, name.upper()), []).append(members)
 
     def all_nodes(self) -> tuple[Array, Array]:
-        """Numbers, ascending, and points; a number that comes twice is an error."""
+        """Numbers, ascending, and points; a repeated number is an error."""
         if not self.nodes:
             raise InputError(f"{self.path} has no *NODE data where they are needed")
         if len(self.nodes) > 1 or not (np.diff(self.nodes[0][0]) > 0).all():
@@ -224,7 +223,7 @@ def _integer(what: str, options: Mapping[str, str], name: str) -> int:
     return int(options[name])
 
 
-# ---- keywords; what *INCLUDE and INPUT= bring in stands where it belongs
+# ---- keywords, with the content of *INCLUDE and INPUT= inserted
 
 class Block(NamedTuple):
     """A keyword, its options in capitals (quotes taken off the values), and the lines of data below it."""
@@ -256,15 +255,15 @@ def _blocks(path: Path) -> Iterator[Block]:
         _refuse(path, keyword, options)
         for name in re.findall(r'SET\s*=\s*"([^"]*)"', head, flags=re.IGNORECASE):
             if quoted.setdefault(name.upper(), name) != name:
-                raise InputError(f"{path} has sets {quoted[name.upper()]!r} and {name!r}, which differ in capitals only and "
-                                 "would become one: rename one of them")
+                raise InputError(f"{path} has sets {quoted[name.upper()]!r} and {name!r}, which differ only in upper and lower "
+                                 "case. They would become one; rename one of them")
         if keyword in _MESH and "INPUT" in options:
             data = _input(path, keyword, options["INPUT"]) + data
         yield Block(keyword, options, data)
 
 
 def _names(data: str) -> list[str]:
-    """What stands between commas and ends of lines, without the blanks around it; quotes stay."""
+    """The words between commas and line ends, without surrounding blanks; quotes stay."""
     return [word for line in data.split("\n") for item in _ITEM.findall(line) if (word := item.strip())]
 
 
@@ -274,8 +273,8 @@ def _unquoted(value: str) -> str:
 
 def _refuse(path: Path, keyword: str, options: Mapping[str, str]) -> None:
     if keyword in _CHANGING or (keyword == "MODEL CHANGE" and options.get("TYPE", "ELEMENT").upper() == "ELEMENT"):
-        raise InputError(f"{path} has *{keyword}, which changes the mesh in a way that femsub does not read: write the mesh as "
-                         "it is after it")
+        raise InputError(f"{path} has *{keyword}, which changes the mesh in a way that femsub does not support. Write the mesh "
+                         "after this change")
     near = get_close_matches(keyword.replace(" ", ""), _MESH, n=1, cutoff=0.8)
     if near and keyword not in _MESH:
         raise InputError(f"{path} has the unknown keyword *{keyword}; did you mean *{near[0]}?")
@@ -303,7 +302,7 @@ def _input(path: Path, keyword: str, name: str) -> str:
 
 
 def _ended(path: Path, text: str, alone: bool) -> None:
-    """Refuses a last line without an end where mesh data, or a keyword that brings some, may be cut in it."""
+    """Refuse a last line without an end if it may contain incomplete mesh data."""
     if text.endswith("\n") or not text:
         return
     heads = re.findall(r"^[ \t]*\*(?!\*)([^\n,]*)", text, flags=re.MULTILINE)
@@ -358,14 +357,14 @@ def _elements(found: Found, keyword: str, options: Mapping[str, str], data: str)
     table = values.reshape(-1, width)
     if not begins[::width].all():
         number = table[begins[::width].argmin(), 0]
-        raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: what should be element {number} begins within a line; a line "
-                         f"above it has not {width} numbers")
+        raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: element {number} begins within a line, so a line above it does "
+                         f"not have {width} numbers")
     found.elements.append((kind, _whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
     yield table[:, 0]
 
 
 def _skip(found: Found, kind: str, data: str) -> Array:
-    """The numbers of elements that are no cells."""
+    """The numbers of elements that are not cells."""
     lines = [line for line in data.split("\n") if line.strip()]
     heads = [line.split(",")[0] for line, above in zip(lines, ["", *lines], strict=False) if not above.rstrip().endswith(",")]
     numbers = as_numbers(f"{found.path}: the numbers of *ELEMENT, TYPE={kind}", " ".join(heads))
@@ -408,7 +407,7 @@ def _set(found: Found, keyword: str, options: Mapping[str, str], data: str) -> I
     yield np.array(members, dtype=np.int64)
 
 
-# ---- what is made; what each line means stands in the Abaqus Keywords Reference Guide, under the keyword
+# ---- generated nodes and elements; for the lines see the Abaqus Keywords Reference Guide, under the keyword
 
 def _line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
     """Nodes between two, on a straight line or (LINE=C) on an arc about a third.
@@ -449,7 +448,7 @@ def _line_of_nodes(found: Found, keyword: str, options: Mapping[str, str], data:
 
 
 def _nodes_between(found: Found, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
-    """Equal intervals from each node of a set to that of another in the same place of the order."""
+    """Equal intervals from each node of one set to the node of another with the same index."""
     what = f"{found.path}: *NFILL"
     for line in filter(str.strip, data.split("\n")):
         first, last, *rest = (*_names(line), "", "")
@@ -490,7 +489,7 @@ def _unit(what: str, vector: Array) -> Array:
 
 
 def _moved(what: str, rows: Array, points: Array) -> Array:
-    """A translation (first line), then a turn about the axis from a to b by an angle in degrees (second)."""
+    """A translation (first line), then a rotation about the axis from a to b by an angle in degrees (second line)."""
     points = points + rows[0, :3]
     if not rows[1, 6]:
         return points
@@ -564,7 +563,7 @@ def _copied_elements(found: Found, keyword: str, options: Mapping[str, str], dat
 
 
 def _copy_elements(found: Found, what: str, old: Array, node: Array, element: Array) -> None:
-    """Copies of elements, one for each pair of what is added to the numbers of nodes and of the element."""
+    """Copies of elements, one for each pair of increments of node numbers and element number."""
     left = np.setdiff1d(old, np.concatenate([np.zeros(0, dtype=np.int64), *(numbers for _, numbers, _ in found.elements)]))
     if len(left):
         raise InputError(f"{what} copies element {left[0]}, which is not above it")

@@ -1,7 +1,7 @@
 """MATLAB's .mat files of versions 4, 5 to 7, and 7.3: their real and sparse matrices, each size checked before it is used.
 
-SciPy's reader takes the interpreter down on damaged files (texts, cells, indices of sparse matrices); this one passes over all
-that is no matrix, and trusts no number of the file.
+SciPy's reader may crash the interpreter on damaged files (strings, cells, indices of sparse matrices). This one skips everything
+but matrices, and checks every number of the file.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
     found: dict[str, Matrix] = {}
     for name, matrix in pairs:
         if name in found:
-            raise InputError(f"{path} holds two matrices called {name!r}; give each a name of its own")
+            raise InputError(f"{path} holds two matrices called {name!r}. Give them different names")
         found[name] = matrix
     return found
 
@@ -150,7 +150,7 @@ def _version_5(path: Path, content: bytes) -> Iterator[tuple[str, Matrix]]:
 
 
 def _element(path: Path, view: memoryview, place: int, order: str) -> tuple[_Item, int]:
-    """The data element at a place and where the next begins; up to four bytes of data stand in the head itself."""
+    """The data element at a position, and the position of the next; up to four bytes of data may be in its header."""
     if place + 8 > len(view):
         raise InputError(f"{path} is cut short or damaged: an element has no head; write it again")
     kind, size = struct.unpack_from(f"{order}2I", view, place)
@@ -168,7 +168,7 @@ def _element(path: Path, view: memoryview, place: int, order: str) -> tuple[_Ite
 
 
 def _unpacked(path: Path, data: memoryview, order: str) -> _Item:
-    """A packed element, whole with its checksum; of what is no matrix, the beginning only."""
+    """A compressed element, complete and with its checksum; only the beginning if it is not a matrix."""
     stream = zlib.decompressobj()
     try:
         head = stream.decompress(data, 64)
@@ -194,7 +194,7 @@ def _wanted(data: bytes | memoryview, order: str) -> bool:
 
 
 def _array(path: Path, data: memoryview, order: str) -> tuple[str, Matrix] | None:
-    """Name and matrix of an array; None of one that is no matrix."""
+    """Name and matrix of an array; None if it is not a matrix."""
     if len(data) < 16 or struct.unpack_from(f"{order}2I", data) != (6, 8):
         raise InputError(f"{path} is damaged: an array does not begin with its flags")
     if not _wanted(data, order):
@@ -268,7 +268,7 @@ def _read_hdf(path: Path) -> dict[str, Matrix]:
             if rows is not None:
                 if not isinstance(item, h5py.Group) or "jc" not in item or np.size(rows) != 1 \
                         or ("data" in item) != ("ir" in item):
-                    raise InputError(f"{path}: the sparse matrix {name!r} has not all its parts; it is damaged")
+                    raise InputError(f"{path}: the sparse matrix {name!r} lacks some of its parts; it is damaged")
                 starts = numbers(name, item["jc"])
                 data, index = (numbers(name, item[part]) if part in item else np.zeros(0) for part in ("data", "ir"))
                 shape = int(np.ravel(rows)[0]), starts.size - 1

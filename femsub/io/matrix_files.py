@@ -24,7 +24,7 @@ ENDINGS = ".mtx (Matrix Market or Abaqus), .sti and .mas (CalculiX), .npz, .npy,
 
 
 def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
-    """A, shape (n, m), sparse (CSR) or dense as its file holds it.
+    """Read a matrix from a file of MATLAB, SciPy, Nastran, Abaqus, CalculiX or Matrix Market.
 
     Parameters
     ----------
@@ -32,17 +32,23 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
         .mtx (Matrix Market, or what Abaqus writes with *MATRIX OUTPUT: it uses the same ending), .sti and .mas (CalculiX,
         SOLVER=MATRIXSTORAGE), .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed), .op4 (Nastran, needs pyyeti).
     variable : str, optional
-        Which one, where a .mat, .npz or .op4 file holds several matrices.
+        The name of the matrix, if a .mat, .npz or .op4 file holds several.
 
-    Abaqus numbers rows by node and DOF: they are in ascending order here. `read_component` keeps their names.
+    Returns
+    -------
+    ndarray or csr_array, shape (n, m)
+        Dense or sparse as in the file. Abaqus numbers rows by node and DOF; they are in ascending order here, and
+        `read_component` keeps their names.
 
-    What each reader takes and refuses, and what it cannot know, stands with it: `femsub.io.matrix_market.read_market` (Matrix
-    Market), `femsub.io.abaqus_calculix.read_text_matrix` (Abaqus, CalculiX), `femsub.io.matlab.read_matlab`,
-    `femsub.io.op4.read_op4`, and for NumPy's and SciPy's own:
+    Notes
+    -----
+    Each reader's docstring lists what it reads, what it refuses and what it cannot detect:
+    `femsub.io.matrix_market.read_market` (Matrix Market), `femsub.io.abaqus_calculix.read_text_matrix` (Abaqus, CalculiX),
+    `femsub.io.matlab.read_matlab`, `femsub.io.op4.read_op4`. For files of NumPy and SciPy:
 
     ===================  =======================================================================================
-    .npy, .npz read      real, integer, complex and logical arrays; all formats of `scipy.sparse.save_npz`, whose
-                         entries that stand twice are added as SciPy does
+    .npy, .npz read      real, integer, complex and logical arrays; all formats of `scipy.sparse.save_npz`;
+                         repeated entries are added, as SciPy does
     they refuse          dates, text, records, objects; three and more dimensions; more or fewer bytes than
                          announced; sparse indices out of range; a wrong checksum of a .npz file
     they cannot know     whether a number of a .npy file is wrong: it has no checksum
@@ -51,15 +57,22 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     Raises
     ------
     InputError
-        No such file, an unknown ending, a file that is cut short or not what its ending says, several matrices and none named.
+        No such file, an unknown suffix, a file that is cut short or not what its suffix says, several matrices and none named.
     MissingPackageError
         .op4 without pyyeti, MATLAB 7.3 without h5py.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> files = fs.write_matrices("model", fs.chain(10))
+    >>> fs.read_matrix("model/K.mtx").shape
+    (10, 10)
     """
     return read_labelled(path, variable).matrix
 
 
 def read_labelled(path: str | Path, variable: str | None = None, usual: str = "") -> TextMatrix:
-    """`read_matrix` with the (node, DOF) labels of the rows; of several matrices the one called `usual` is taken."""
+    """`read_matrix` with the (node, DOF) labels of the rows; from several matrices the one called `usual` is taken."""
     path, wanted = path_of("path", path), None if variable is None else word("variable", variable)
     if not path.is_file() and wanted is None and ":" in path.name:
         name, _, wanted = path.name.rpartition(":")
@@ -83,7 +96,7 @@ def _content(path: Path, names: list[str | None]) -> TextMatrix | dict[str, Matr
     if ending in (*TEXT, ".mtx"):
         named = [name for name in names if name is not None]
         if named:
-            raise InputError(f"{path} holds one matrix and no names; leave {named[0]!r} out")
+            raise InputError(f"{path} holds one matrix without a name. Leave {named[0]!r} out")
         if ending in TEXT or not _starts(path, b"%%matrixmarket"):
             return read_text_matrix(path)
         return TextMatrix(_guarded(path, read_market), None)
@@ -151,7 +164,7 @@ def _kind_name(kind: np.dtype[Any]) -> str:
 
 
 def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    """Shape and type that the head of a .npy file tells, and how many bytes the file must have."""
+    """Shape and type from the header of a .npy file, and the number of bytes the file must have."""
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version == (3, 0):  # only for names of records in Unicode
@@ -186,7 +199,7 @@ def _npz(path: Path) -> Any:
 
 
 def _checked_sparse(path: Path, file: Any, kinds: Mapping[str, np.dtype[Any]]) -> Matrix:
-    """A matrix of `scipy.sparse.save_npz`; SciPy itself looks at few of the indices, and converting wrong ones crashes."""
+    """A matrix of `scipy.sparse.save_npz`. SciPy checks few of the indices, and converting wrong ones crashes."""
     wrong = [name for name, kind in kinds.items() if kind.kind not in {"format": "SU", "data": NUMBERS, "_is_array": "b"}.get(
         name, "iu")]
     shape = file["shape"] if not wrong else np.zeros(0)

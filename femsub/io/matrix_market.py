@@ -1,4 +1,4 @@
-"""Matrix Market files, every character checked: SciPy's reader takes the beginning of a word for the number."""
+"""Matrix Market files. Every character is checked, since SciPy's reader accepts words that only begin with a number."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ class _Header(NamedTuple):
     field: str
     symmetry: str
     shape: tuple[int, int]
-    entries: int  # and as many lines behind the header
-    start: int  # of the first byte behind it
-    lines: int  # up to there
+    entries: int  # number of lines after the header
+    start: int  # first byte after the header
+    lines: int  # lines of the header
 
 
 def read_market(path: Path) -> Matrix:
@@ -84,7 +84,7 @@ def read_market(path: Path) -> Matrix:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}; it may be cut short or damaged, write it again") \
             from None
     finite = np.isfinite(found.data if sp.issparse(found) else found)
-    # NaN that a program wrote is left to who uses the matrix; a number that is too large is not Inf
+    # NaN is left to the user of the matrix; a number too large for a double must not become Inf
     if not finite.all() and (mended is None or not re.search(rb"(?i)nan|inf", mended.getbuffer()[header.start:])):
         row, column = (int(found.row[np.argmin(finite)]), int(found.col[np.argmin(finite)])) if sp.issparse(found) else \
             np.argwhere(~finite)[0].tolist()
@@ -101,7 +101,7 @@ def read_market(path: Path) -> Matrix:
 
 
 def _by_scipy(source: Path | io.BytesIO) -> Any:
-    """SciPy's reading, asked for an array where it can be: 1.18 warns who leaves the kind open, 1.12 knows of one only."""
+    """Read by SciPy, as an array if that can be chosen: 1.18 warns if it is not, 1.12 has no such option."""
     from scipy.io import mmread
 
     return mmread(source, **({"spmatrix": False} if "spmatrix" in signature(mmread).parameters else {}))
@@ -116,7 +116,7 @@ def _header(path: Path) -> _Header:
                              f"{banner.decode('ascii', 'replace').strip()!r:.100}")
         layout, field, symmetry = words[2:]
         if field == "pattern":
-            raise InputError(f"{path} is a pattern: it tells the places of entries, no values; write it with field real")
+            raise InputError(f"{path} is a pattern: it has the positions of entries, but no values. Write it with field real")
         for what, word, known in (("layout", layout, LAYOUTS), ("field", field, FIELDS), ("symmetry", symmetry, SYMMETRIES)):
             if word not in known:
                 raise InputError(f"{path}: {unknown_name(what, word, known)}")
@@ -145,7 +145,7 @@ def _header(path: Path) -> _Header:
 
 
 def _checked(path: Path, header: _Header, mend: bool = False) -> io.BytesIO | None:
-    """Checks each word behind the header. None if SciPy can read the file, else it mended, with exponents as SciPy knows them."""
+    """Check each word after the header. None if SciPy can read the file, else the file with exponents that SciPy can read."""
     found, line, mended = 0, header.lines, io.BytesIO()
     with open(path, "rb") as file:
         mended.write(file.read(header.start))
@@ -167,7 +167,7 @@ def _checked(path: Path, header: _Header, mend: bool = False) -> io.BytesIO | No
 
 
 def _tidy(block: bytes) -> bytes:
-    """Without carriage returns and blanks at the end of a line."""
+    """The block without carriage returns and blanks at line ends."""
     if b"\r" in block:
         block = block.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return re.sub(rb"[ \t]+\n", b"\n", block) if b" \n" in block or b"\t\n" in block else block
@@ -178,9 +178,9 @@ def _without_plus(block: bytes) -> bytes:
 
 
 def _lines_of_numbers(block: bytes, header: _Header) -> int | None:
-    """How many lines of numbers a block has, or None where any of its words is not the number that should stand there.
+    """The number of lines of numbers in a block, or None if any word is not a valid number.
 
-    No line is looked at on its own: neighbouring characters tell most, and what is left without digits is of few shapes.
+    Lines are not checked one by one: pairs of neighbouring characters decide most cases, and without digits few shapes remain.
     """
     if header.field == "complex":
         return None
@@ -202,7 +202,7 @@ def _neighbours(kinds: bytes) -> bytes:
 
 
 def _line_by_line(path: Path, block: bytes, header: _Header, line: int) -> int:
-    """The same, slowly, to name the word that is wrong."""
+    """The same check line by line, to find the wrong word for the message."""
     value = [_WHOLE if header.field == "integer" else _REAL] * FIELDS[header.field]
     wanted = [re.compile(word) for word in ([_WHOLE] * 2 if header.layout == "coordinate" else []) + value]
     count = 0

@@ -1,4 +1,4 @@
-"""Mesh files: whatever is read becomes a checked `Mesh` with its names; VTU and a few others are written."""
+"""Mesh files: reading gives a checked `Mesh` with its named sets; VTU and a few other formats are written."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from femsub.io.gmsh import BODIES, is_gmsh, read_gmsh
 from femsub.io.inp import read_inp
 from femsub.io.nastran import read_nastran
 
-_SET, _GROUP, _NUMBER = "set:", "group:", "number"  # what our own files call sets, groups and node numbers
-#: cell data that number the groups, and what we call a group without a name, for each dimension
+_SET, _GROUP, _NUMBER = "set:", "group:", "number"  # names of sets, groups and node numbers in femsub's files
+#: cell data that number the groups, and the names of unnamed groups, for each dimension
 _TAGS = {"nastran:ref": ("property",) * 4, "gmsh:physical": BODIES, "medit:ref": BODIES}
 #: suffix: meshio's writer, and whether it takes data at the nodes
 _WRITERS = {".vtu": ("vtu", True), ".vtk": ("vtk", True), ".msh": ("gmsh", True), ".inp": ("abaqus", False)}
@@ -42,12 +42,12 @@ class _Block(NamedTuple):
 
 
 def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = None) -> Mesh:
-    """The cells of the highest dimension in a mesh file, with its named sets, checked (see `mesh_checks.checked`).
+    """Read a mesh file: the cells of the highest dimension with their named sets, checked (see `mesh_checks.checked`).
 
-    Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh and TetGen have readers of their own, the rest is read by meshio and
-    counted: what each reads, refuses and cannot know stands in a table in `femsub.io.inp.read_inp`, `femsub.io.nastran.
-    read_nastran`, `femsub.io.gmsh.read_gmsh`, `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension
-    only define sets. Coordinates are taken as they are, in the file's unit of length.
+    Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh and TetGen have their own readers; meshio reads all other formats. Tables
+    of what each reads, refuses and cannot detect are in `femsub.io.inp.read_inp`, `femsub.io.nastran.read_nastran`,
+    `femsub.io.gmsh.read_gmsh`, `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension only define
+    sets. Coordinates are not converted; they are in the file's unit of length.
 
     ============================  =====================  ==============================================
     file                          sets of nodes          groups of cells
@@ -58,22 +58,22 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     VTU, VTK of `write_mesh`      point data set:NAME    cell data group:NAME
     ============================  =====================  ==============================================
 
-    A group without a name (Gmsh, Medit) is called by its tag: volume-1, surface-2, line-3, point-4. A group of the same
-    name as a set of nodes leaves that as it is.
+    A group without a name (Gmsh, Medit) is named by its tag: volume-1, surface-2, line-3, point-4. A set of nodes with the
+    same name as a group is kept.
 
     Parameters
     ----------
     path : str or Path
     kind : str, optional
-        Takes only the cells of this kind, and tells in `repairs` what was dropped; needed where kinds are mixed.
+        Take only the cells of this kind, and note in `repairs` what was dropped. Needed for a mesh of mixed kinds.
     name : str, optional
-        The file's name without suffix by default.
+        Default: the file's name without suffix.
 
     Returns
     -------
     Mesh
-        `numbers` are the file's node numbers in .inp, .bdf and our own VTU; else they count from 1 as the file lists
-        the nodes. `repairs` tells what was mended or looks odd.
+        `numbers` are the file's node numbers for .inp, .bdf and femsub's VTU; else they count from 1 in the file's order.
+        `repairs` lists repairs and anything unusual.
 
     Raises
     ------
@@ -81,6 +81,13 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
         No such file; cut short or no mesh; kinds that are mixed or not supported; tangled or flat cells.
     MissingPackageError
         meshio or scikit-fem is not installed.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> path = fs.write_mesh("block.vtu", fs.block((1.0, 1.0, 1.0), (2, 2, 2), "hexahedron"))
+    >>> fs.read_mesh(path)
+    Mesh 'block': 27 nodes, 8 hexahedron, sets left, right, front, back, bottom, top
     """
     place = path_of("path", path)
     if not place.is_file():
@@ -105,7 +112,7 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
 
 
 def _sort(found: Any, blocks: list[_Block], chosen: str) -> tuple[dict[str, Array], dict[str, Array], dict[str, int]]:
-    """Sets of nodes, groups of the cells chosen, and how many cells of lower dimension are in none."""
+    """Sets of nodes, groups of the chosen cells, and the number of cells of lower dimension that are in no set."""
     sets: dict[str, list[Array]] = {}
     groups: dict[str, list[Array]] = {}
     named = [np.zeros(len(block.nodes), dtype=bool) for block in blocks]
@@ -126,7 +133,7 @@ def _sort(found: Any, blocks: list[_Block], chosen: str) -> tuple[dict[str, Arra
 
 
 def _found(path: Path) -> tuple[Any, list[str]]:
-    """What the file's reader makes of it as a meshio.Mesh, and notes."""
+    """The file as a meshio.Mesh, by its reader, and notes."""
     meshio()
     suffix = path.suffix.lower()
     own = read_gmsh if suffix == ".msh" and is_gmsh(path) else _OWN.get(suffix, read_foreign)
@@ -144,7 +151,7 @@ def _several(counts: Mapping[str, int]) -> str:
 
 
 def _choose(path: Path, found: Any, kind: str | None) -> tuple[str, dict[str, int]]:
-    """The kind to take, and how many cells of other kinds of its dimension or above are left."""
+    """The kind to take, and the numbers of cells of other kinds of its dimension or above, which are dropped."""
     counts: dict[int, Counter[str]] = {}
     for block in found.cells:
         dimension = 3 if block.type.startswith("polyhedron") else int(block.dim)
@@ -205,7 +212,7 @@ def _node_numbers(found: Any) -> Array | None:
 
 
 def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str = ".vtu") -> bytes:
-    """What `write_mesh` puts into a file with that suffix."""
+    """The content of `write_mesh`'s file with this suffix."""
     instance("mesh", mesh, Mesh)
     shapes = {} if shapes is None else mapping("shapes", shapes, "names and arrays")
     for key in shapes:
@@ -238,12 +245,12 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
         place = Path(folder) / f"mesh{suffix.lower()}"
         quietly(lambda: whole.write(place, file_format=form), f"the mesh {mesh.name!r} cannot be written as {suffix}")
         content = place.read_bytes()
-    # meshio takes the last name it knows for a kind, such as C3D20RH, which CalculiX has not
+    # meshio writes the last name it knows for a kind, such as C3D20RH, which CalculiX does not have
     return re.sub(rb"(?<=\*ELEMENT, TYPE=)\w+", _ABAQUS[mesh.kind], content, count=1) if form == "abaqus" else content
 
 
 def _writable(suffix: str, names: Iterable[str], groups: Iterable[str]) -> None:
-    """Refuses names that would not be read again, or not as they are."""
+    """Refuse names that could not be read back unchanged."""
     for each in (list(names), list(groups)):
         for name in each:
             spoilt = any(ord(letter) < 32 or ord(letter) == 127 for letter in name)
@@ -257,17 +264,18 @@ def _writable(suffix: str, names: Iterable[str], groups: Iterable[str]) -> None:
 
 
 def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = None) -> Path:
-    """Writes a mesh whole or not at all, the folder too if there is none: .vtu (ParaView opens it), .vtk, .msh or .inp.
+    """Write a mesh to a file: .vtu (for ParaView), .vtk, .msh or .inp. The file is written completely or not at all.
 
     Sets become the point data "set:NAME" (0 or 1), groups the cell data "group:NAME", node numbers the point data
-    "number", so that `read_mesh` finds them again; .inp has \\*NSET and \\*ELSET instead, and numbers from 1.
+    "number", so that `read_mesh` can read them. .inp has \\*NSET and \\*ELSET instead, and numbers from 1. A missing folder is
+    created.
 
     Parameters
     ----------
     path : str or Path
     mesh : Mesh
     shapes : mapping of str to array_like, shape (n, 3), (n, 2) or (n,), optional
-        Real point data by name: mode shapes, displacements. Of a complex shape, give the real and the imaginary part.
+        Real point data by name: mode shapes, displacements. For a complex shape give the real and the imaginary part.
 
     Returns
     -------
@@ -276,8 +284,14 @@ def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = 
     Raises
     ------
     InputError
-        Another suffix, a shape that does not fit the nodes, a name that would not be read again as it is, a folder that cannot be
-        written.
+        Another suffix, a shape that does not fit the nodes, a name that could not be read back unchanged, a folder that cannot
+        be written.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> fs.write_mesh("block.vtu", fs.block((1.0, 1.0, 1.0), (2, 2, 2))).name
+    'block.vtu'
     """
     place = path_of("path", path)
     content = mesh_bytes(mesh, shapes, place.suffix)
@@ -300,7 +314,7 @@ def _shape(key: str, values: Any, count: int) -> Array:
         raise InputError(f"a shape cannot be called {key!r}: that name is taken for sets, groups and node numbers")
     found: Array = np.asarray(values)
     if np.iscomplexobj(found) or found.dtype.kind not in "fiub":
-        raise InputError(f"the shape {key!r} must be real numbers, not {found.dtype}; give real and imaginary parts apart")
+        raise InputError(f"the shape {key!r} must be real, not {found.dtype}. Give the real and the imaginary part separately")
     if found.shape not in ((count,), (count, 2), (count, 3)) or not np.isfinite(found).all():
         raise InputError(f"the shape {key!r} must be finite, of shape ({count}, 3), ({count}, 2) or ({count},), one row per "
                          f"node; it is {found.shape}")

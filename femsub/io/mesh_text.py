@@ -1,4 +1,4 @@
-"""Text of mesh files: decoded, its fields as numbers, a million lines as fast as one, and numbers that name nodes and cells."""
+"""Text of mesh files: decoding, fast conversion of fields to numbers, and lookup of node and cell numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.errors import InputError
 
-DEEPEST = 9  # files included by files
+DEEPEST = 9  # largest depth of nested includes
 _asked: ContextVar[list[Path] | None] = ContextVar("femsub_texts", default=None)
 
 
@@ -44,10 +44,10 @@ def text_of(path: Path) -> str:
 
 def with_included(path: Path, pattern: str, named: Callable[[str], str],
                   check: Callable[[Path, str, bool], None] = lambda path, text, alone: None, depth: int = 0) -> str:
-    """The text with the files it includes, as if they had been typed there.
+    """The text with the content of included files inserted.
 
-    `pattern` finds a line that includes one, `named` the file's name in what the pattern's group caught; `check` sees each text,
-    and whether it is the file's own.
+    `pattern` finds a line that includes a file. `named` extracts the file's name from the pattern's group. `check` gets each
+    text, and whether it is the file's own.
     """
     text = text_of(path)
     check(path, text, depth == 0)
@@ -66,13 +66,13 @@ def as_numbers(what: str, data: str, kind: type = np.int64) -> Array:
     Raises
     ------
     InputError
-        Something else is among them.
+        Something that is not a number is among them.
     """
     if kind is float:
         data = re.sub(r"[dD](?=[+-]?\d)", "e", data)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy warns of text that is no number, and stops there
+            warnings.simplefilter("error")  # NumPy warns about text that is not a number, and stops there
             values: Array = np.fromstring(data.replace(",", " "), dtype=kind, sep=" ")
     except (DeprecationWarning, ValueError):
         raise InputError(f"{what} are not all numbers") from None
@@ -82,9 +82,9 @@ def as_numbers(what: str, data: str, kind: type = np.int64) -> Array:
 
 
 def fields(what: str, data: str, kind: type = np.int64) -> tuple[Array, Array]:
-    """The numbers of comma-separated lines, blank fields as 0, and how many there are on each line that is not empty.
+    """The numbers of comma-separated lines, blank fields as 0, and their count on each line that is not empty.
 
-    A comma at the end of a line has a blank field behind it.
+    A comma at the end of a line is followed by a blank field.
     """
     data = re.sub(r"\n[ \t]*(?=\n)", "", f"\n{data}\n")[1:] if re.search(r"^[ \t]*\n", data, re.MULTILINE) else data
     if not data.strip():
@@ -102,7 +102,7 @@ def fields(what: str, data: str, kind: type = np.int64) -> tuple[Array, Array]:
 
 
 def as_table(values: Array, counts: Array) -> Array:
-    """(lines, most fields on a line), what is left out as 0."""
+    """A table (lines, largest number of fields); missing fields are 0."""
     width = int(counts.max(initial=0))
     if (counts == width).all():
         return values.reshape(len(counts), width)
@@ -120,7 +120,7 @@ def once(path: Path, what: str, numbers: Array) -> Array:
 
 
 def rows_of(path: Path, what: str, sort: str, numbers: Array, wanted: Array) -> Array:
-    """Where the numbers wanted are among the ascending `numbers`."""
+    """The indices of the wanted numbers in the ascending `numbers`."""
     rows = np.minimum(np.searchsorted(numbers, wanted), len(numbers) - 1)
     missing = wanted[numbers[rows] != wanted] if len(numbers) else wanted
     if missing.size:

@@ -1,4 +1,4 @@
-"""`write_matrices`: a model, full or reduced, into files that MATLAB, SciPy, Nastran and others read, and back."""
+"""`write_matrices`: write a full or reduced model to files that MATLAB, SciPy, Nastran and others can read; and read it back."""
 
 from __future__ import annotations
 
@@ -26,33 +26,44 @@ from femsub.model.substructure import ReducedSubstructure, Substructure
 FORMATS = ("mtx", "npz", "mat", "op4")
 INDEX = "model.json"
 VERSION = 1
-HASHES = "sha256"  # the key of {file: hash}: which files belong together
+HASHES = "sha256"  # the key of {file: hash}, which shows that the files belong together
 
 
 def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx") -> list[Path]:
-    """M, D, K, shape (n, n), and of a reduced model V, shape (n_full, r), into files; returns what was written.
+    """Write a model to files: M, D, K of shape (n, n), and for a reduced model V of shape (n_full, r).
 
     Parameters
     ----------
     folder : str or Path
-        It is made if it is not there.
+        Created if it does not exist.
     model : Substructure
         Full or reduced.
     format : str
         'mtx' (Matrix Market, 17 digits) and 'npz' (SciPy; .npy for dense ones) have a file for each matrix; 'mat' (MATLAB)
         has M, D, K, V, ports and interface (counted from 1) in model.mat, 'op4' (Nastran) M, D, K, V and ports in model.op4.
 
-    Beside them stand model.json (interface from 0 and its named sets, names of ports and their number of columns, the kind of
-    each column of V, cut-off, a hash of each file, ...) and, where the model knows it, dofs.csv with node, component, x, y, z of
-    each DOF: of a reduced model those of the rows of V. `read_component(folder)` gives the model back to the last digit.
+    Returns
+    -------
+    list of Path
+        The files written. model.json holds the interface (counted from 0) and its named sets, names of ports and their number
+        of columns, the kind of each column of V, cut-off, a hash of each file, etc. If the model has a DOF map, dofs.csv
+        holds node, component, x, y, z of each DOF (for a reduced model: of each row of V). `read_component(folder)` restores
+        the model exactly.
 
     Raises
     ------
     InputError
-        An unknown format, or a folder that cannot be written. Each file is written whole or not at all; where the process
-        is killed between two of them, `read_component` refuses the folder, since model.json has the hash of each file.
+        An unknown format, or a folder that cannot be written. Each file is written completely or not at all. If the process
+        is killed between two files, `read_component` refuses the folder, since model.json has the hash of each file.
     MissingPackageError
         'op4' without pyyeti.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> rom = fs.reduce(fs.chain(10, belt=1), fs.CraigBampton(3))
+    >>> sorted(path.name for path in fs.write_matrices("model", rom))
+    ['D.mtx', 'K.mtx', 'M.mtx', 'V.mtx', 'model.json', 'ports.mtx']
     """
     target = path_of("folder", folder)
     try:
@@ -98,7 +109,7 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
         writers["dofs.csv"] = partial(write_dofs, dofs=dofs)
     hashes: dict[str, str] = {}
 
-    def write_index(file: BinaryIO) -> None:  # the last: it tells which files belong together
+    def write_index(file: BinaryIO) -> None:  # written last: it has the hashes of the others
         text = json.dumps(about | {HASHES: hashes}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         file.write(text.encode())
 
@@ -107,7 +118,7 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
 
 
 def _write_hashed(file: BinaryIO, name: str, writer: Writer, hashes: dict[str, str]) -> None:
-    """Writes, and notes the hash of what was written."""
+    """Write, and store the hash of the content."""
     writer(file)
     hashes[name] = content_hash(file)
 
@@ -132,7 +143,7 @@ def _write_matlab(file: BinaryIO, model: Substructure, parts: Mapping[str, Matri
 
 
 def _write_op4(file: BinaryIO, op4: Any, parts: Mapping[str, Matrix]) -> None:
-    with tempfile.TemporaryDirectory() as folder:  # pyyeti wants a name, and closes what it opens
+    with tempfile.TemporaryDirectory() as folder:  # pyyeti needs a file name, and closes the file
         path = Path(folder) / "model.op4"
         op4.write(str(path), dict(parts))
         with path.open("rb") as whole:
@@ -140,7 +151,7 @@ def _write_op4(file: BinaryIO, op4: Any, parts: Mapping[str, Matrix]) -> None:
 
 
 def read_model(folder: Path) -> Substructure:
-    """What `write_matrices` wrote into a folder, to the last digit.
+    """Read a model that `write_matrices` wrote, exactly.
 
     ===================  =======================================================================================
     it reads             folders of this version, in each of the four formats, full and reduced models
@@ -158,7 +169,7 @@ def read_model(folder: Path) -> Substructure:
     """
     path = folder / INDEX
     if not path.is_file():
-        raise InputError(f"K is missing: name its file (and {folder} is no folder of write_matrices: it holds no {INDEX})")
+        raise InputError(f"K is missing: name its file. {folder} is not a folder of write_matrices, since it has no {INDEX}")
     about = _index(path)
     part = _matrices(folder, about["files"])
     found = read_dofs(folder / about["dofs"], tuple(about["labels"])) if "dofs" in about else None
@@ -222,16 +233,16 @@ def _matrices(folder: Path, places: Mapping[str, str]) -> dict[str, Matrix]:
     return part
 
 
-# ---- model.json: what a folder says of itself, checked entry by entry and against the files
+# ---- model.json, checked entry by entry and against the files
 
 def _index(path: Path) -> dict[str, Any]:
-    """What model.json tells, every entry of the kind it should be, and every file it names the one it was written with.
+    """The content of model.json. The type of every entry is checked, and the hash of every file.
 
     Raises
     ------
     InputError
-        An entry that is missing, twice or of another kind; another version; a file outside the folder, missing, or changed
-        since: also where a write was stopped between two files, so that they are of two models.
+        An entry that is missing, repeated or of the wrong type; another version; a file outside the folder, missing, or
+        changed, e.g. because a write was stopped between two files.
     """
     try:
         about = json.loads(path.read_bytes().decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_number)
@@ -308,7 +319,7 @@ def _check(path: Path, about: Any) -> None:
         raise InputError(f"{path} has the version {version!r} ('femsub'), but this femsub reads {VERSION}; write the model "
                          "with this version, or read its matrices one by one")
     if HASHES not in about:
-        raise InputError(f"{path} has no hashes of its files, as an older femsub wrote it: write the model again, or read its "
+        raise InputError(f"{path} has no hashes of its files, since an older femsub wrote it. Write the model again, or read its "
                          "matrices one by one, read_component('M.mtx', 'K.mtx')")
     _check_entries(path, "", about, CHECKS)
     reduced = about.get("reduced")
@@ -346,5 +357,5 @@ def _check_files(path: Path, about: Mapping[str, Any]) -> None:
         with open(file, "rb") as content:
             found = content_hash(content)
         if found != expected:
-            raise InputError(f"{file} is not the file that {path.name} was written with: a write was stopped on the way, or it "
-                             "was changed; write the model again (a file that you changed yourself can be read by its own name)")
+            raise InputError(f"{file} is not the file that {path.name} was written with. Either a write was stopped, or the file "
+                             "was changed. Write the model again, or read a file that you changed yourself by its own name")

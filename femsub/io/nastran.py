@@ -1,7 +1,7 @@
 """Nastran bulk data (.bdf, .nas, .fem): grid points and elements, fixed fields of 8 and 16 columns and free ones alike.
 
-meshio reads these too, but passes over INCLUDE and GRDSET, takes angles and offsets of shells for nodes, and stops at free
-continuations, blank fields and small letters.
+meshio reads these too. But it ignores INCLUDE and GRDSET, reads angles and offsets of shells as nodes, and fails at free
+continuations, blank fields and lower case.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from femsub.checks import Array
 from femsub.errors import InputError
 from femsub.io.mesh_text import as_numbers, once, rows_of, with_included
 
-CHUNK = 400_000  # lines taken apart at a time
+CHUNK = 400_000  # lines split at a time
 
 _HEXA20 = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]  # Nastran has the upright edges before those of the top
 _WEDGE15 = [*range(9), 12, 13, 14, 9, 10, 11]
@@ -32,7 +32,7 @@ _CELLS: dict[str, dict[int, str]] = {
     "CROD": {2: "line"}, "CTUBE": {2: "line"}, "CBAR": {2: "line"}, "CBEAM": {2: "line"}, "CBUSH": {2: "line"},
     "CBUSH1D": {2: "line"}, "CGAP": {2: "line"}}
 _ORDER = {("CHEXA", 20): _HEXA20, ("CPENTA", 15): _WEDGE15, ("CTRIAX6", 6): [0, 2, 4, 1, 3, 5]}
-#: elements that are no cells: told, and left out
+#: elements that are not cells: skipped, with a note
 _SKIPPED = re.compile(r"CONM[12]|CMASS\d|CELAS\d|CDAMP\d|CVISC|CONROD|CWELD|CFAST|CSEAM|CBEND|CHBDY.|RBE\d|RBAR|RROD|RJOINT|"
                       r"PLOTEL|GENEL")
 _HARMLESS = ("CBARAO", "CORD1R", "CORD2R", "CORD1C", "CORD2C", "CORD1S", "CORD2S", "GRID", "GRDSET")

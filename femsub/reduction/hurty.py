@@ -22,9 +22,9 @@ FREE = 1e-14  # of the interface's largest stiffness: below it is 0 but for roun
 class Hurty(CraigBampton):
     """Constraint modes split into rigid-body modes and redundant constraint modes, with fixed-interface modes.
 
-    The interface is b = (r, c). The DOF r just hold the part; the DOF c are redundant. V = [Φ_R Ψ_c Φ] where Φ_R (n, n_r) are
-    rigid motions that move one DOF of r by 1, Ψ_c (n, n_c) are static shapes that move one DOF of c by 1 with all of r and
-    the rest of c fixed, and Φ are the fixed-interface modes:
+    The interface is b = (r, c). The DOF r just hold the part; the DOF c are redundant. V = [Φ_R Ψ_c Φ]. Φ_R (n, n_r) are
+    rigid motions that move one DOF of r by 1. Ψ_c (n, n_c) are static shapes that move one DOF of c by 1, with all of r and
+    the rest of c fixed. Φ are the fixed-interface modes:
 
         Φ_R = Ψ_r + Ψ_c R,   R (n_c, n_r) the rigid motion at c, Ψ = [Ψ_r Ψ_c] the constraint modes of Craig-Bampton.
 
