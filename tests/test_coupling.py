@@ -385,3 +385,15 @@ def test_an_interface_that_stays_spread_can_be_joined_further() -> None:
     np.testing.assert_allclose(elastic(outer), elastic(direct), rtol=1e-9)
     with pytest.raises(fs.InputError, match="no interface DOF"):
         fs.couple({"in": inner, "p": plate}, [fs.Rigid(("in", [0]), ("p", [0]))])
+
+
+@pytest.mark.parametrize("how", list(HOW))
+def test_a_part_joined_to_itself_is_a_ring(how: str) -> None:
+    n = 12
+    part = HOW[how](fs.chain(n + 1, masses=[0.5] + [1.0] * (n - 1) + [0.5], interface=[1, n + 1], fixed=False))
+    ring = np.sort(2 * np.sin(np.pi * np.arange(n) / n))
+    found = fs.couple({"a": part}, [fs.Rigid(("a", [0]), ("a", [n]))])
+    np.testing.assert_allclose(np.sqrt(np.abs(elastic(found)))[1:], ring[1:], rtol=1e-9)
+    # a stiff spring instead: nearly so, and as one more DOF
+    found = fs.couple({"a": part}, [fs.Spring(("a", [0]), ("a", [n]), stiffness=1e9)])
+    np.testing.assert_allclose(np.sqrt(np.abs(elastic(found)))[1:n], ring[1:], rtol=1e-6)

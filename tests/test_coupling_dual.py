@@ -182,3 +182,10 @@ def test_an_indefinite_system_is_told_by_normal_modes() -> None:
     walls = [fs.Rigid((name, [place]), "ground", name="wall") for name, place in (("p0", 0), ("p1", 8))]
     with pytest.raises(fs.InputError, match=r"two joints are called 'wall'.* give each a name="):
         fs.couple(parts, [*joints, *walls], assembly="dual")
+
+
+def test_a_system_too_large_for_interface_forces_is_told() -> None:
+    parts, joints, _ = cut(9000, 2)
+    parts["p0"] = fs.reduce(parts["p0"], fs.DualCraigBampton(4), ports=True)
+    with pytest.raises(fs.InputError, match="Dual Craig-Bampton parts take a decomposition of all of them, up to 4000"):
+        fs.couple(parts, joints)

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 from femsub.checks import Array, Matrix, choice, instance, items, mapping, word
 from femsub.errors import InputError, InputTypeError
 from femsub.model.dof_map import DofMap
-from femsub.model.dual import FORCE, Multiplied, by_forces, finite_span, multiplied
+from femsub.model.dual import FORCE, Multiplied, by_forces, check_span, finite_span, multiplied
 from femsub.model.elimination import Equations, congruent, eliminate, recovered
 from femsub.model.joints import End, Joint, Link, site, spatial
 from femsub.model.matrices import is_symmetric
@@ -272,9 +272,11 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
         joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, tell)
         redundant += int(dual.sum()) - len(joined.owner)
         weakly = bool(forces.nnz)
+        if weakly:
+            check_span(joined.S.shape[1], name)
     matrices = _matrices(parts, links, joined, dense or weakly)
     if weakly:
-        X, unit, matrices, spurious = finite_span(*matrices, name)
+        X, unit, matrices, spurious = finite_span(*matrices)
         joined = joined.through(X, unit)
     chosen = _unjoined(parts, links) if interface is None else _listed(parts, interface)
     open_, place = _distinct(parts, chosen, joined.S, joined.unit)

@@ -113,7 +113,14 @@ def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: A
     return Multiplied(S, G, A, np.append(unit, np.ones(turn.shape[1])), owner)
 
 
-def finite_span(M: Array, D: Array, K: Array, name: str) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
+def check_span(size: int, name: str) -> None:
+    """An InputError where a system is too large for `finite_span`, before anything is made dense for it."""
+    if size > MOST:
+        raise InputError(f"{name!r} has {size} coordinates. Dual Craig-Bampton parts take a decomposition of all of them, up to "
+                         f"{MOST}: reduce the other parts too, or reduce those by CraigChang, which spans the same space")
+
+
+def finite_span(M: Array, D: Array, K: Array) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
     """X (n, k) of the eigenvectors with finite ω² ≥ 0 of K x = ω² M x, XᵀMX = I, and how many others there are.
 
     K is indefinite: the weak joints of dual Craig-Bampton parts give as many negative or infinite ω² as multipliers. M is
@@ -127,15 +134,7 @@ def finite_span(M: Array, D: Array, K: Array, name: str) -> tuple[Matrix, Array,
     matrices : (M, D, K)
         XᵀMX, XᵀDX, XᵀKX, where rigid motion costs exactly nothing.
     spurious : int
-
-    Raises
-    ------
-    InputError
-        The system is too large to be decomposed as a whole.
     """
-    if len(M) > MOST:
-        raise InputError(f"{name!r} has {len(M)} coordinates. Dual Craig-Bampton parts take a decomposition of all of them, up "
-                         f"to {MOST}: reduce the other parts too, or reduce those by CraigChang, which spans the same space")
     unit = np.abs(K.diagonal())
     unit = np.where(unit > 0, unit, np.median(unit[unit > 0])) ** -0.5
     stiffness, inertia = unit[:, None] * K * unit, unit[:, None] * M * unit
