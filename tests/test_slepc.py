@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.checks import EPS
 from femsub.errors import MissingPackageError, SingularMatrixError
 from femsub.linalg import petsc
 from femsub.linalg.factor import ComplexFactor, factorise
@@ -100,6 +101,12 @@ def test_without_cholmod_a_floating_part_is_found_to_float(no_cholmod: None) -> 
         assert modes.rigid == rigid and modes.residual.max() < 1e-10
         with pytest.raises(fs.SingularMatrixError):
             Factor(sub.K, "definite")
+
+
+def test_without_cholmod_a_matrix_that_is_definite_by_rounding_only_is_refused(no_cholmod: None) -> None:
+    K = lattice(14, 12).K
+    with pytest.raises(fs.SingularMatrixError, match="singular"):
+        Factor(K + EPS * abs(K).max() * sp.eye_array(K.shape[0], format="csr"), "definite")
 
 
 def test_without_cholmod_slender_models_keep_their_digits(no_cholmod: None) -> None:
