@@ -1,8 +1,8 @@
-"""The words of all rooms (`Array`, `Matrix`, `EPS`, the qualities of evidence), and the checks of arguments.
+"""The vocabulary of all rooms (`Array`, `Matrix`, `EPS`, the kinds of evidence), and the checks of arguments.
 
-Each check returns the value in the type that the code works with, or names what was found and what would do. Nothing here
-converts a value that merely looks right: '3', True and 2.0 are no whole numbers. NumPy is imported for arrays only: a scene
-that is misspelt should not wait for it.
+Each check returns the value in the type that the code needs, or raises an error that tells what was found and what is valid.
+No value is converted just because it looks right: '3', True and 2.0 are not whole numbers. NumPy is imported for arrays only,
+so that an error in a scene is reported without waiting for it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ T = TypeVar("T")
 
 
 def shown(value: Any) -> str:
-    """A value in at most 60 characters of a message; of an array its shape and type."""
+    """A value in at most 60 characters for a message; for an array its shape and type."""
     if hasattr(value, "dtype") and getattr(value, "shape", None):
         return f"an array of {value.dtype} of shape {value.shape}"
     text = repr(value)
@@ -46,7 +46,7 @@ def shown(value: Any) -> str:
 
 
 def package(name: str, why: str) -> Any:
-    """An optional package, or an error that says what it is needed for and how to get it."""
+    """An optional package, or an error that tells what it is needed for and how to install it."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -155,7 +155,7 @@ def check_band(band: object) -> tuple[float, float]:
 
 
 def real_array(name: str, value: Any, finite: bool = True) -> np.ndarray:
-    """An array of float64, a copy only where the type asks for it; `finite`: no NaN or Inf in it."""
+    """An array of float64, copied only if the type differs; `finite`: without NaN or Inf."""
     import numpy as np
 
     raw = rows(name, value)
@@ -188,7 +188,7 @@ def path_of(name: str, value: Any) -> Path:
 
 
 def listener(name: str, value: Any) -> Callable[[str], None]:
-    """A function that is told of progress; None is one that does nothing."""
+    """A function that reports progress; for None one that does nothing."""
     if value is None:
         return lambda _: None
     if not callable(value):

@@ -11,7 +11,7 @@ class FemsubError(Exception):
 
 
 class InputError(FemsubError, ValueError):
-    """An argument has the wrong value: the message names it, what was found and what would do."""
+    """An argument has a wrong value. The message names it, what was found, and what is valid."""
 
 
 class InputTypeError(FemsubError, TypeError):
@@ -19,51 +19,51 @@ class InputTypeError(FemsubError, TypeError):
 
 
 class SingularMatrixError(FemsubError, ArithmeticError):
-    """A factorisation met a singular or (where it must not be) indefinite matrix."""
+    """A matrix to be factorised is singular, or indefinite where it must be definite."""
 
 
 class NotConvergedError(FemsubError, ArithmeticError):
-    """An iteration stopped before its tolerance; the message holds both figures."""
+    """An iteration stopped before it reached its tolerance. The message tells the error reached and the tolerance."""
 
 
 class BreakdownError(NotConvergedError):
-    """An eigensolver broke off within an iteration. That depends on its start vector: with another one it may succeed."""
+    """An eigensolver failed within an iteration. It may succeed with another start vector."""
 
 
 class NoCycleError(InputError):
-    """There is no limit cycle of the kind that was asked for: no mode grows, no simple Hopf point, no amplitude that balances."""
+    """There is no such limit cycle: no mode grows, there is no simple Hopf point, or no amplitude balances."""
 
 
 class MissedModesError(FemsubError, ArithmeticError):
-    """Fewer modes were found than an independent count says there are."""
+    """Fewer modes were found than an independent count gives."""
 
 
 class UnstableModelError(FemsubError, ArithmeticError, ValueError):
-    """The model is unstable before the friction acts, so that no border can be sought."""
+    """The model is unstable without friction, so there is no critical slope."""
 
 
 class NotEnoughMemoryError(FemsubError, MemoryError):
-    """What was asked needs more memory than there is; nothing was begun."""
+    """A computation would need more memory than is available. It was not started."""
 
 
 class MissingPackageError(FemsubError, ImportError):
-    """An optional package is needed for what was asked."""
+    """An optional package is needed, but not installed. The message tells how to install it."""
 
 
 class FemsubWarning(UserWarning):
-    """Root of femsub's warnings: a figure is less trustworthy than it looks, and the text says by how much."""
+    """Root of femsub's warnings: a result is less accurate than it looks. The message tells by how much."""
 
 
 class PortWarning(FemsubWarning):
-    """A port is poorly represented: its static response by a reduction basis, or its set by the faces or cells it holds."""
+    """A port is poorly represented: its static response by a reduction basis, or its set of nodes by faces or cells."""
 
 
 class CutoffWarning(FemsubWarning):
-    """An answer of a reduced model rests on modes so near to its cut-off that they may be far from the component's."""
+    """A result of a reduced model depends on modes near its cut-off, which may be inaccurate."""
 
 
 class ConditionWarning(FemsubWarning):
-    """Rounding has taken so much of a result that it deserves no trust."""
+    """A result is inaccurate because of rounding."""
 
 
 def unknown_name(kind: str, found: object, valid: Iterable[str]) -> InputError:

@@ -6,7 +6,7 @@
 Several motions coexist, so one trajectory proves nothing. Every model gets the same physical starts, projected M-orthogonally:
 random ones around the sliding equilibrium, from small kicks to sticking (`random_start` in benchmarks/attractor_runs.py), and
 besides an impulse and a start from rest, which are only listed. Each trajectory is followed until two successive windows show
-one motion; what has not settled by then is a class of its own. Motions of all models are told apart by
+one motion; trajectories that have not settled by then form a separate class. Motions of all models are distinguished by
 `benchmarks/attractor_states.py`: both periodic or both not, rms within 10 %, 80 % of the power on lines within 1.5 %.
 
 From where the full model has ended in each of its states, every reduced model starts once more: the states in which it
@@ -65,7 +65,7 @@ def evaluate(settings: runs.Settings, records: Sequence[Row]) -> dict[str, Any]:
     labels = np.full(len(records), -1)
     labels[steady] = attractor_states.states([motions[at] for at in steady])
     count = int(labels.max()) + 2
-    labels[labels < 0] = count - 1  # what has not settled is a class of its own
+    labels[labels < 0] = count - 1  # trajectories that have not settled form a separate class
     groups: dict[tuple[Model, str], list[int]] = {}
     for at, line in enumerate(records):
         groups.setdefault(((line["method"], line["size"], tuple(line["interface"])), line["family"]), []).append(at)

@@ -1,4 +1,4 @@
-"""Nastran's .op4 files: their structure checked record by record, then read by pyyeti, which trusts every number."""
+"""Nastran's .op4 files: the structure is checked record by record, then pyyeti reads them (it checks no number)."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def read_op4(path: Path) -> dict[str, Matrix]:
     found: dict[str, Matrix] = {}
     for name, matrix in zip(names, matrices, strict=True):
         if name in found:
-            raise InputError(f"{path} holds two matrices called {name!r}; give each a name of its own")
+            raise InputError(f"{path} holds two matrices called {name!r}. Give them different names")
         found[name] = matrix
         if sp.issparse(matrix):
             found[name] = sp.csr_array(matrix)
@@ -78,7 +78,7 @@ def read_op4(path: Path) -> dict[str, Matrix]:
 
 
 def _check(path: Path, source: _Binary | _Text) -> None:
-    """Walks through all matrices of a file, column by column: nothing may leave its record, column or matrix."""
+    """Check all matrices of a file, column by column: nothing may exceed its record, column or matrix."""
     while (what := source.matrix()) is not None:
         if what.columns < 1 or not what.rows or what.kind not in (1, 2, 3, 4):
             raise InputError(f"{path} is no OP4 file or damaged, {source.here()}: {what.columns} columns, {abs(what.rows)} rows, "
@@ -123,7 +123,7 @@ def _damaged(path: Path, place: str) -> InputError:
 
 
 class _Binary:
-    """A binary file, record by record; the length of each stands before and behind it."""
+    """A binary file, record by record; the length of each record is stored before and after it."""
 
     def __init__(self, path: Path, content: mmap.mmap) -> None:
         self.path, self.content, self.start, self.place, self.after = path, content, 0, 0, 0
@@ -136,7 +136,7 @@ class _Binary:
         return f"at byte {self.start}"
 
     def _record(self) -> int:
-        """Begins the next record, of this length."""
+        """Begin the next record; returns its length."""
         self.start = self.after
         if self.start + 8 > len(self.content):
             raise _damaged(self.path, self.here())
@@ -175,7 +175,7 @@ class _Binary:
 
 
 class _Text:
-    """A text file, line by line; its numbers are kept until their matrix ends, and then looked at all at once."""
+    """A text file, line by line; its numbers are collected and checked at the end of each matrix."""
 
     wide = False
 
@@ -219,7 +219,7 @@ class _Text:
     def column(self, what: _Matrix) -> tuple[int, ...]:
         column, row, words = self.integers(3)
         if column > what.columns:
-            self._next()  # a number that stands for nothing
+            self._next()  # a dummy number
         return column, row, words if row == 0 or what.kind % 2 else 2 * words  # of a dense matrix the text counts numbers
 
     def integers(self, count: int) -> tuple[int, ...]:
@@ -244,7 +244,7 @@ class _Text:
     def end(self) -> None:
         text, digits = b"".join(self.cells), self.digits
         try:
-            if b"_" in text:  # Python takes 1_0 for 10
+            if b"_" in text:  # Python reads 1_0 as 10
                 raise ValueError
             if not np.isfinite(np.frombuffer(text.upper().replace(b"D", b"E"), dtype=f"S{digits}").astype(float)).all():
                 raise ValueError

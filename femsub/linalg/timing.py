@@ -1,11 +1,11 @@
-"""Long work: what its seconds went into, and what is left of it after Ctrl-C.
+"""Timing of phases, and interruption of long work by Ctrl-C.
 
-Phases are named where the work is done, and added up by whoever asks.
+Phases are named where the work is done, and summed where the times are needed.
 
     @phase("factorisation")              with timed() as seconds:
     def _factorise(...): ...                 reduce(sub, method)        # seconds["factorisation"], ...
 
-A phase within another is taken out of it. Where nobody asks, a phase costs a look at one variable.
+The time of an inner phase is not counted in the outer one. Without `timed()` a phase costs only the test of one variable.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _asked: ContextVar[tuple[dict[str, float], list[float]] | None] = ContextVar("fe
 
 
 class Interruptible:
-    """Ctrl-C ends the block, and not the program: what it has done by then is kept, and `complete` is False.
+    """Ctrl-C ends the block but not the program: results so far are kept, and `complete` is False.
 
     with Interruptible() as work:
         for model in models:
@@ -44,7 +44,7 @@ class Interruptible:
 
 @contextmanager
 def timed() -> Iterator[dict[str, float]]:
-    """Seconds by phase of what runs inside; a phase that did not occur is not in it."""
+    """Seconds by phase of the code that runs inside; only phases that occur are listed."""
     seconds: dict[str, float] = {}
     token = _asked.set((seconds, []))
     try:
@@ -54,7 +54,7 @@ def timed() -> Iterator[dict[str, float]]:
 
 
 def phase(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Gives the seconds of each call to the phase `name`, less those of phases within."""
+    """Decorator: add the seconds of each call to the phase `name`, without those of inner phases."""
 
     def mark(call: Callable[P, R]) -> Callable[P, R]:
         @wraps(call)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PortFunction:
-    """G of a dense model in modal form with the port's modal amplitudes w (n,); its poles λ_k and residues."""
+    """The function G of a dense model in modal form: the port's modal amplitudes w (n,), poles λ_k and residues."""
 
     form: ModalForm
     w: Array

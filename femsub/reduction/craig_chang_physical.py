@@ -23,7 +23,7 @@ class CraigChangPhysical(Rubin):
     modes : int
         Number of elastic free modes; the rigid-body modes of a floating part come on top.
     band : (lo, hi), with tol : float
-        As in `CraigChang`; the estimate is for the part by itself.
+        As in `CraigChang`; the estimate holds for the uncoupled part.
 
     References
     ----------

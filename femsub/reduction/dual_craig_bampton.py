@@ -36,7 +36,7 @@ class DualCraigBampton(FreeInterface):
     modes : int
         Number of elastic free modes; the rigid-body modes of a floating part come on top.
     band : (lo, hi), with tol : float
-        As in `CraigChang`; the estimate is for the part by itself.
+        As in `CraigChang`; the estimate holds for the uncoupled part.
 
     References
     ----------

@@ -31,7 +31,7 @@ class Rubin(FreeInterface):
     modes : int
         Number of elastic free modes; the rigid-body modes of a floating part come on top.
     band : (lo, hi), with tol : float
-        As in `CraigChang`; the estimate is for the part by itself.
+        As in `CraigChang`; the estimate holds for the uncoupled part.
 
     References
     ----------
