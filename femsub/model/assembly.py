@@ -5,25 +5,33 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from femsub.checks import Array, Matrix, choice, instance, items, mapping, word
-from femsub.errors import InputError, InputTypeError
+from femsub.checks import Array, Matrix, choice, instance, items, mapping
+from femsub.errors import InputError
 from femsub.model.dof_map import DofMap
-from femsub.model.dual import FORCE, Multiplied, by_forces, check_span, finite_span, multiplied
-from femsub.model.elimination import Equations, congruent, eliminate, recovered
-from femsub.model.joints import End, Joint, Link, site, spatial
+from femsub.model.dual import Multiplied, by_forces, check_span, finite_span, multiplied
+from femsub.model.elimination import congruent, eliminate, recovered
+from femsub.model.joined import (
+    check_connected,
+    checked_parts,
+    equations_of,
+    joint_forces,
+    linked,
+    physical_coordinates,
+    rows_of_parts,
+    units_of_energy,
+)
+from femsub.model.joints import End, Joint, Link, spatial
 from femsub.model.matrices import is_symmetric
+from femsub.model.open_interface import distinct, listed, open_rows, unjoined, whole_sets
 from femsub.model.substructure import ReducedSubstructure, Substructure, checked_sets
 
 FULL = 0.3  # of all entries that are not 0: from here on a system of full and reduced parts is kept dense
-SAME = 1e-9  # of a row of the interface that two rows may differ by which are the motion of one DOF
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,7 +102,7 @@ class System(Substructure):
     @cached_property
     def interface_rows(self) -> Matrix:
         """B with u_b = B x, shape (n_b, n)."""
-        return super().interface_rows if len(self.interface) else _rows(self.parts, self.L, self.open)
+        return super().interface_rows if len(self.interface) else open_rows(self.parts, self.L, self.open)
 
     @property
     def interface_numbers(self) -> Array:
@@ -128,7 +136,7 @@ class System(Substructure):
         if x.ndim == 0 or x.shape[0] != self.size:
             raise InputError(f"x must have {self.size} rows, one per coordinate, but its shape is {x.shape}")
         found: dict[str, Array] = {}
-        for (name, part), rows in zip(self.parts.items(), _blocks(self.parts), strict=True):
+        for (name, part), rows in zip(self.parts.items(), rows_of_parts(self.parts), strict=True):
             q = self.L[rows] @ x
             if isinstance(part, System):
                 found |= {f"{name}.{inner}": u for inner, u in part.expand(q).items()}
@@ -186,7 +194,7 @@ class System(Substructure):
             The system's coordinates.
         """
         found = {}
-        for (name, part), rows in zip(self.parts.items(), _blocks(self.parts), strict=True):
+        for (name, part), rows in zip(self.parts.items(), rows_of_parts(self.parts), strict=True):
             q = self.L[rows] @ x
             balance = part.K @ q - (part.M @ q) * np.asarray(omega) ** 2
             B = part.interface_rows
@@ -246,15 +254,15 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     >>> fs.couple({"left": left, "right": rom}, [fs.Rigid(("left", [4]), ("right", [0]))]).size
     9
     """
-    parts = _checked_parts(parts)
+    parts = checked_parts(parts)
     choice("assembly", assembly, ("primal", "dual"))
     joints = [instance("each of joints", joint, Joint, "as Rigid(('disc', 'left'), ('pad', 'right'))")  # type: ignore[type-abstract]
               for joint in items("joints", joints, "joints")]
-    links = [_linked(joint, parts) for joint in joints]
-    _connected(parts, links)
+    links = [linked(joint, parts) for joint in joints]
+    check_connected(parts, links)
     weak = [bool(link.equations) and (assembly == "dual" or any(by_forces(parts[part]) for part in link.equations))
             for link in links]
-    equations = _equations(parts, links, _units(parts), _physical(parts))
+    equations = equations_of(parts, links, units_of_energy(parts), physical_coordinates(parts))
 
     def tell(owner: Array) -> str:
         return ", ".join(repr(joints[i]) for i in dict.fromkeys(owner.tolist()))
@@ -267,7 +275,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     redundant, spurious, dense = found.redundant, 0, not any(sp.issparse(part.K) for part in parts.values())
     weakly = False
     if dual.any() or any(map(by_forces, parts.values())):
-        forces, compliance = _forces(parts, links, weak, equations.unit)
+        forces, compliance = joint_forces(parts, links, weak, equations.unit)
         K = sp.block_diag([sp.csr_array(part.K) for part in parts.values()], format="csr")
         joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, tell)
         redundant += int(dual.sum()) - len(joined.owner)
@@ -278,217 +286,19 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     if weakly:
         X, unit, matrices, spurious = finite_span(*matrices)
         joined = joined.through(X, unit)
-    chosen = _unjoined(parts, links) if interface is None else _listed(parts, interface)
-    open_, place = _distinct(parts, chosen, joined.S, joined.unit)
-    T, columns = recovered(_rows(parts, joined.S, open_), joined.unit)
+    chosen = unjoined(parts, links) if interface is None else listed(parts, interface)
+    open_, place = distinct(parts, chosen, joined.S, joined.unit)
+    T, columns = recovered(open_rows(parts, joined.S, open_), joined.unit)
     if T is not None:
         joined, matrices = joined.through(T, joined.unit), tuple(congruent(A, T) for A in matrices)
     M, D, K = matrices
     if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
         M, D, K = (A.toarray() for A in matrices)
     L = joined.S if sp.issparse(K) else joined.S.toarray()
-    ports = {f"{part}.{port}": L[rows].T @ w for (part, sub), rows in zip(parts.items(), _blocks(parts), strict=True)
+    ports = {f"{part}.{port}": L[rows].T @ w for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True)
              for port, w in sub.ports.items()}
-    return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=_sets(parts, place),
+    return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),
                   redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly)
-
-
-def _checked_parts(parts: Any) -> dict[str, Substructure]:
-    found = dict(mapping("parts", parts, "names and substructures, as {'disc': rom, 'pad': full}"))
-    if not found:
-        raise InputError("parts is empty: name at least one")
-    for name, part in found.items():
-        if not word("the name of a part", name) or "." in name:
-            raise InputError(f"a part's name must be a word without a dot, since ports are named 'part.port', not {name!r}")
-        instance(f"the part {name!r}", part, Substructure)
-    return found
-
-
-def _linked(joint: Joint, parts: Mapping[str, Substructure]) -> Link:
-    """What a joint says, with its name in the message where it cannot say it, and its sizes checked."""
-    try:
-        link = instance("what a joint's link returns", joint.link(parts), Link)
-    except (InputError, InputTypeError) as error:
-        raise type(error)(f"{joint!r}: {error}") from None
-    for what, table, widths in (("equations", link.equations, {name: len(sub.interface_numbers) for name, sub in parts.items()}),
-                                ("motions", link.motions, {name: sub.size for name, sub in parts.items()})):
-        sizes = {matrix.shape[0] for matrix in table.values()}
-        for part, matrix in table.items():
-            if matrix.shape[1] != widths[part] or len(sizes) > 1:
-                raise InputError(f"{joint!r}: its {what} of {part!r} must have {widths[part]} columns and as many rows as those "
-                                 f"of the other parts, but are {matrix.shape}")
-    return link
-
-
-def _connected(parts: Mapping[str, Substructure], links: Sequence[Link]) -> None:
-    """All parts hang together, by joints or by the ground."""
-    if len(parts) == 1:
-        return
-    names = list(parts)
-    pairs = [(names[0], names[0])]
-    for link in links:
-        members = [*link.equations, *link.motions, *(["."] if link.grounded else [])]
-        pairs += [(members[0], other) for other in members]
-    number = {name: at for at, name in enumerate((*names, "."))}  # the ground is one more, whose name no part can have
-    table = np.array([[number[one], number[other]] for one, other in pairs])
-    graph = sp.csr_array((np.ones(len(table)), (table[:, 0], table[:, 1])), shape=(len(number), len(number)))
-    group = connected_components(graph, directed=False)[1]
-    alone = [name for name, own in zip(names, group, strict=False) if np.count_nonzero(group == own) == 1]
-    if alone:
-        raise InputError(f"the part {alone[0]!r} is joined to nothing: give a joint that names it, or leave it out")
-    apart = [name for name, own in zip(names, group, strict=False) if own != group[0]]
-    if apart:
-        raise InputError(f"no joints lead from {names[0]!r} to {', '.join(map(repr, apart))}: these are systems of their own")
-
-
-def _blocks(parts: Mapping[str, Substructure]) -> list[slice]:
-    """The rows of each part's coordinates in q."""
-    ends = np.cumsum([0, *(part.size for part in parts.values())])
-    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
-
-
-def _units(parts: Mapping[str, Substructure]) -> Array:
-    """How far each coordinate moves at unit energy: (k_jj + ω² m_jj)^(-1/2) with a typical ω of all parts."""
-    K = np.concatenate([np.abs(part.K.diagonal()) for part in parts.values()])
-    M = np.concatenate([np.abs(part.M.diagonal()) for part in parts.values()])
-    both = (K > 0) & (M > 0)
-    typical = float(np.median(K[both] / M[both])) if both.any() else 1.0
-    energy = K + typical * M
-    return np.where(energy > 0, energy, 1.0) ** -0.5
-
-
-def _physical(parts: Mapping[str, Substructure]) -> Array:
-    """Which coordinates are displacements of interface DOF."""
-    found = np.zeros(sum(part.size for part in parts.values()), dtype=bool)
-    for part, rows in zip(parts.values(), _blocks(parts), strict=True):
-        found[rows.start + part.interface] = True
-    return found
-
-
-def _equations(parts: Mapping[str, Substructure], links: Sequence[Link], unit: Array, physical: Array) -> Equations:
-    """Σ_p C_p B_p q_p = 0 of all joints below each other."""
-    rows = dict(zip(parts, _blocks(parts), strict=True))
-    blocks, owner = [], []
-    interfaces = {name: sp.csr_array(part.interface_rows) for name, part in parts.items()}
-    for number, link in enumerate(links):
-        if link.equations:
-            block = sum(sp.csr_array(_spread(sp.csr_array(C) @ interfaces[part], rows[part].start, len(unit)))
-                        for part, C in link.equations.items())
-            blocks.append(block)
-            owner.append(np.full(block.shape[0], number))
-    A = sp.csr_array(sp.vstack(blocks)) if blocks else sp.csr_array((0, len(unit)))
-    return Equations(A, unit, physical, np.concatenate([np.zeros(0, dtype=int), *owner]))
-
-
-def _spread(C: Matrix, start: int, size: int) -> Matrix:
-    """The columns of a sparse C from a place on among `size`."""
-    return sp.csr_array((C.data, C.indices + start, C.indptr), shape=(C.shape[0], size))
-
-
-def _rows(parts: Mapping[str, Substructure], L: Matrix, open_: Mapping[str, Array]) -> Matrix:
-    """B_p L_p of the open places of all parts below each other, sparse, shape (n_b, n)."""
-    found = [sp.csr_array((0, L.shape[1]))]
-    for (name, part), rows in zip(parts.items(), _blocks(parts), strict=True):
-        places = open_.get(name, ())
-        if len(places):
-            found.append(sp.csr_array(sp.csr_array(part.interface_rows)[places] @ sp.csr_array(L[rows])))
-    B = sp.csr_array(sp.vstack(found))
-    B.eliminate_zeros()
-    B.sort_indices()
-    return B
-
-
-def _unjoined(parts: Mapping[str, Substructure], links: Sequence[Link]) -> dict[str, Array]:
-    """The places of each part's interface that no equation touches; of a set that has some of these all."""
-    chosen = {}
-    for name, part in parts.items():
-        left = np.ones(len(part.interface_numbers), dtype=bool)
-        for link in links:
-            if name in link.equations:
-                left[sp.csr_array(link.equations[name]).indices] = False
-        for places in part.sets.values():  # a corner that two edges share stays open with the edge that is not joined
-            if left[places].any():
-                left[places] = True
-        chosen[name] = np.flatnonzero(left)
-    return chosen
-
-
-def _listed(parts: Mapping[str, Substructure], ends: Sequence[End]) -> dict[str, Array]:
-    chosen: dict[str, list[int]] = {name: [] for name in parts}
-    for end in items("interface", ends, "ends, as [('disc', 'left')]"):
-        found = site(parts, end)
-        chosen[found.part] += found.places.tolist()
-    return {name: np.array(list(dict.fromkeys(places)), dtype=np.intp) for name, places in chosen.items()}
-
-
-def _distinct(parts: Mapping[str, Substructure], chosen: Mapping[str, Array], L: Matrix,
-              unit: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-    """The chosen places without those that are held, or equal to an earlier one; and, for every place in the interface of a
-    part, its place in that of the system (-1: none).
-
-    Within one part only equal coordinates count: shapes of a reduced part may move two DOF alike by chance.
-    """
-    B = sp.csr_array(_rows(parts, L, chosen) @ sp.diags_array(unit))
-    size = np.sqrt(B.multiply(B).sum(axis=1))
-    moving = size > 0
-    B = sp.csr_array(sp.diags_array(1 / np.where(moving, size, 1.0)) @ B)
-    # equal rows have equal values in any direction
-    value = B @ np.random.default_rng(3).standard_normal(B.shape[1])
-    order = np.argsort(np.where(moving, value, np.inf), kind="stable")[:int(moving.sum())]
-    one, other = order[:-1], order[1:]
-    owner = np.repeat(np.arange(len(parts)), [len(chosen[name]) for name in parts])
-    alike = (owner[one] != owner[other]) | (np.diff(B.indptr)[one] == 1)
-    close = alike & (np.abs(value[other] - value[one]) <= SAME) & (np.abs(size[other] - size[one]) <= SAME * size[one])
-    one, other = one[close], other[close]
-    same = abs(B[one] - B[other]).max(axis=1).toarray().ravel() <= SAME if len(one) else np.zeros(0, dtype=bool)
-    graph = sp.csr_array((np.ones(int(same.sum())), (one[same], other[same])), shape=(B.shape[0],) * 2)
-    first = np.zeros(0, dtype=np.intp)
-    if B.shape[0]:
-        _, leader, group = np.unique(connected_components(graph, directed=False)[1], return_index=True, return_inverse=True)
-        first = leader[group]
-    keep = moving & (first == np.arange(B.shape[0]))
-    number = np.where(moving, (np.cumsum(keep) - 1)[first], -1)
-    open_, place, start = {}, {}, 0
-    for name, part in parts.items():
-        places = chosen[name]
-        rows = slice(start, start + len(places))
-        start += len(places)
-        open_[name] = places[keep[rows]]
-        place[name] = np.full(len(part.interface_numbers), -1)
-        place[name][places] = number[rows]
-    return open_, place
-
-
-def _sets(parts: Mapping[str, Substructure], place: Mapping[str, Array]) -> dict[str, Array]:
-    """The sets of the parts, 'disc.left', that are whole in the interface of the system."""
-    found = {}
-    for name, part in parts.items():
-        for key, places in part.sets.items():
-            at = np.array(list(dict.fromkeys(place[name][places].tolist())), dtype=np.intp)  # DOF may have become one
-            if len(at) and (at >= 0).all():
-                found[f"{name}.{key}"] = at
-    return found
-
-
-def _forces(parts: Mapping[str, Substructure], links: Sequence[Link], weak: Sequence[bool], unit: Array) -> tuple[Matrix, Array]:
-    """Of the parts that are reduced by interface forces g: -C_pᵀ in the rows of g, sparse, shape (N, m), of all weak joints; and,
-    for each g, the square of how far its DOF moves at unit energy of the part's other coordinates, shape (N,).
-    """
-    size, compliance = len(unit), np.zeros(len(unit))
-    at = {}
-    for (name, part), rows in zip(parts.items(), _blocks(parts), strict=True):
-        if by_forces(part):
-            force = np.array(part.kinds) == FORCE  # type: ignore[attr-defined]
-            at[name] = rows.start + np.flatnonzero(force)
-            compliance[at[name]] = np.asarray(part.interface_rows)[:, ~force] ** 2 @ unit[rows][~force] ** 2
-    columns = [sp.csr_array((size, 0))]
-    for link in (link for link, held in zip(links, weak, strict=True) if held):
-        column = sp.csr_array((size, next(iter(link.equations.values())).shape[0]))
-        for name in at.keys() & link.equations.keys():
-            C = sp.coo_array(link.equations[name])
-            column = column + sp.csr_array((-C.data, (at[name][C.col], C.row)), shape=column.shape)
-        columns.append(column)
-    return sp.csr_array(sp.hstack(columns)), compliance
 
 
 def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
@@ -505,7 +315,7 @@ def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
 def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: Multiplied,
               dense: bool) -> tuple[Matrix, Matrix, Matrix]:
     """M, D, K in the coordinates of the system, with springs and multipliers."""
-    blocks = dict(zip(parts, _blocks(parts), strict=True))
+    blocks = dict(zip(parts, rows_of_parts(parts), strict=True))
     S = joined.S.toarray() if dense else joined.S
     springs = [(sum(R @ S[blocks[part]] for part, R in link.motions.items()), link) for link in links if link.motions]
     found = []
