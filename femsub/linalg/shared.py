@@ -7,6 +7,7 @@ release it; nobody closes a shared factor.
 
 from __future__ import annotations
 
+import atexit
 import os
 import weakref
 from collections import OrderedDict
@@ -141,3 +142,6 @@ def _gone(at: int, _: object = None) -> None:
                 for other in key[0]:  # other owners may live on
                     if other in _owners:
                         _owners[other][1].discard(key)
+
+
+atexit.register(drop)  # a matrix that outlives this module would call _gone without its globals
