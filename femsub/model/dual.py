@@ -1,4 +1,4 @@
-"""Joints by Lagrange multipliers λ: a saddle-point system, or, where parts are reduced by interface forces, Rixen's weak one."""
+"""Joints by Lagrange multipliers λ: a saddle-point system, or Rixen's weak form for parts reduced by interface forces."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from femsub.model.elimination import Equations, congruent, eliminate, independen
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
-STIFF = 1e-10  # residual flexibility, of that which the other coordinates have at a joint: below, the joint holds exactly
-RIGID = 1e-8  # of the shift: ω² below is that of rigid motion
-SHIFT = 1e-4  # of a typical ω²
-INFINITE = 1e-14  # of the largest 1/(ω² + shift): below, ω² is infinite
-MOST = 4000  # coordinates of a system that is decomposed as a whole
+STIFF = 1e-10  # relative residual flexibility at a joint below which the joint is made exact
+RIGID = 1e-8  # ω² below this share of the shift is rigid motion
+SHIFT = 1e-4  # the shift, relative to a typical ω²
+INFINITE = 1e-14  # ω² is infinite if 1/(ω² + shift) is below this share of the largest
+MOST = 4000  # largest number of coordinates for a full decomposition
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,9 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
                tell: Callable[[Array], str]) -> Multiplied:
     """x = (y, λ): the coordinates that the other joints leave, but without forces that λ gives, and the multipliers.
 
-    A part reduced by interface forces g has its motion u_b = Φ_b η + G g with the residual flexibility G, and g = -Cᵀλ. Where the
-    residual flexibility of two joined parts together is next to nothing (all modes kept), λ would have neither mass nor stiffness
-    of its own; there the joint is made exactly, by elimination. Forces on an open interface stay where they have flexibility.
+    A part reduced by interface forces g moves by u_b = Φ_b η + G g with the residual flexibility G, and g = -Cᵀλ. If two joined
+    parts have almost no residual flexibility (all modes kept), λ would have neither mass nor stiffness. Then the joint is made
+    exact by elimination. Forces on an open interface are kept if they have flexibility.
 
     Parameters
     ----------

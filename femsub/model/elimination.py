@@ -1,4 +1,4 @@
-"""Linear equations A x = 0 taken out of a model: x = L y, with L as sparse as they allow, and which of them are redundant."""
+"""Elimination of linear equations A x = 0 from a model: x = L y with a sparse L, and the number of redundant equations."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 from femsub.model.matrices import is_symmetric
 
-ROUNDING = 1e-13  # of the largest entry of an equation: less is what is left where two entries cancel
-DEPENDENT = 1e-10  # of the largest pivot: an equation with less beside the others says nothing new
-PIVOT = 1e-5  # of the largest entry of an equation that the entry of a DOF of its own must have, at least (arms are in mm)
+ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
+DEPENDENT = 1e-10  # an equation with a pivot below this share of the largest is redundant
+PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
 SPREAD_PIVOT = 0.1  # the same for a generalised coordinate, in units of energy
 
 
@@ -51,7 +51,7 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class Eliminated:
-    """x = L y, L (n, k), for every x that fulfils the equations; `redundant` of which say what the others do."""
+    """x = L y, L (n, k), for every x that fulfils the equations; `redundant` is the number of redundant equations."""
 
     L: Matrix
     unit: Array
@@ -216,7 +216,7 @@ def _rank(R: Array) -> int:
 
 
 def independent(equations: Equations) -> Array:
-    """The equations, ascending, that say all that all of them say, and nothing twice."""
+    """Indices (ascending) of a maximal set of independent equations."""
     import scipy.linalg as la
 
     found = [np.zeros(0, dtype=np.intp)]

@@ -11,17 +11,17 @@ from femsub.reduction.rubin import Rubin
 class CraigChangPhysical(Rubin):
     """Craig-Chang's basis with the interface displacements as coordinates, so that parts are joined by equal DOF.
 
-    Of u_b = Φ_b η + Ξ_b p the residual coordinates are solved for, p = Ξ_b⁻¹(u_b - Φ_b η); the coordinates are [u_b, η]:
+    u_b = Φ_b η + Ξ_b p is solved for the residual coordinates, p = Ξ_b⁻¹(u_b - Φ_b η), so the coordinates are [u_b, η]:
 
         u = [Ξ Ξ_b⁻¹, Φ - Ξ Ξ_b⁻¹ Φ_b] [u_b; η].
 
-    That is the model of `Rubin`, entry by entry: he starts from the residual's dynamic stiffness, Craig and Chang from a
+    This is the model of `Rubin`, entry by entry. Rubin starts from the residual's dynamic stiffness, Craig and Chang from a
     Ritz basis. Both names are in use.
 
     Parameters
     ----------
     modes : int
-        Number of elastic free modes; the rigid-body modes of a floating part come on top.
+        Number of elastic free modes; the rigid-body modes of a floating part are added to them.
     band : (lo, hi), with tol : float
         As in `CraigChang`; the estimate holds for the uncoupled part.
 

@@ -34,7 +34,7 @@ class DualCraigBampton(FreeInterface):
     Parameters
     ----------
     modes : int
-        Number of elastic free modes; the rigid-body modes of a floating part come on top.
+        Number of elastic free modes; the rigid-body modes of a floating part are added to them.
     band : (lo, hi), with tol : float
         As in `CraigChang`; the estimate holds for the uncoupled part.
 

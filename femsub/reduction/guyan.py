@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Guyan(CraigBampton):
-    """Static condensation: all DOF follow the masters without inertia of their own.
+    """Guyan's static condensation: all DOF follow the master DOF statically.
 
-    V = [I; Ψ], Ψ = -K_ss⁻¹ K_sm, shown in the order (masters m, slaves s). Without further masters that is Craig-Bampton
-    without modes. Statics are exact. Frequencies are good far below the first frequency with all masters fixed, which is the
-    model's cut-off.
+    V = [I; Ψ], Ψ = -K_ss⁻¹ K_sm, shown in the order (masters m, slaves s). Without further masters this is Craig-Bampton
+    without modes. Statics are exact. Frequencies are accurate far below the model's cut-off, which is the first frequency
+    with all masters fixed.
 
     Parameters
     ----------
     modes : int, optional
-        Number of master DOF besides the interface, by default none. Masters are no modes, but as many coordinates: they are
-        the DOF at which as many fixed-interface modes can best be told apart (by QR with pivots, in units of sqrt(m_ii)).
-        To choose masters yourself, put them into the interface.
+        Number of master DOF besides the interface, by default none. Masters are not modes, but the same number of coordinates.
+        They are the DOF at which as many fixed-interface modes can be distinguished best (pivoted QR, in units of
+        sqrt(m_ii)). To choose masters yourself, put them into the interface.
     band : (lo, hi), with tol : float
-        Checks that condensation on the interface is within `tol` in the band; a `NotConvergedError` says how many modes it would
-        take beside it.
+        Check that condensation onto the interface is within `tol` in the band. A `NotConvergedError` tells how many modes
+        would be needed in addition.
 
     References
     ----------
@@ -85,7 +85,7 @@ class Guyan(CraigBampton):
         found = super().kept(statics, pencil)
         if found.elastic:
             raise NotConvergedError(
-                f"{statics.part.sub.name!r} cannot be condensed to {self.tol:g} up to {self.band[1]:.5g} rad/time: it takes "
+                f"{statics.part.sub.name!r} cannot be condensed to {self.tol:g} up to {self.band[1]:.5g} rad/time: it needs "
                 f"{found.elastic} modes with the interface fixed. Use CraigBampton(modes={found.elastic}), or put more DOF into "
                 "the interface")
         return found

@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Herting(CraigBampton):
-    """Constraint modes with free modes and inertia relief: the coordinates are [u_b, ξ].
+    """Herting's method: constraint modes with free modes and inertia relief; the coordinates are [u_b, ξ].
 
     V = [[I, 0], [Ψ, X]] in the order (interface, interior), Ψ = -K_ii⁻¹K_ib. X spans the interior parts of
 
-    - the elastic free modes less their static part, φ_i - Ψφ_b = ω² K_ii⁻¹ (Mφ)_i,
+    - the elastic free modes without their static part, φ_i - Ψφ_b = ω² K_ii⁻¹ (Mφ)_i,
     - the inertia relief shapes of a floating part, K_ii⁻¹ (MΦ_r)_i: the interior's response to rigid acceleration.
 
-    The interface is physical. The span is that of Craig-Chang and Rubin: a response to interface forces is one to interface
-    displacements, and in a floating part one to rigid acceleration beside it. The way there differs, with the factor of
-    K_ii and no residual flexibility to invert. X is made M-orthonormal and K-orthogonal; what depends on the rest is dropped
-    and counted. Herting's paper leaves open which modes are taken; with fixed-interface modes and no inertia relief it is
-    Craig-Bampton.
+    The interface is physical. The span is that of Craig-Chang and Rubin, since a response to interface forces is one to
+    interface displacements (and to rigid acceleration in a floating part). The computation differs: it uses the factor of
+    K_ii and inverts no residual flexibility. X is made M-orthonormal and K-orthogonal. Dependent columns are dropped and
+    counted. Herting's paper does not prescribe the modes. With fixed-interface modes and without inertia relief the method
+    is Craig-Bampton.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Herting(CraigBampton):
         assert self.modes is not None
         sub = statics.part.sub
         if not len(sub.interface):
-            raise InputError(f"Herting needs interface DOF, but {sub.name!r} has none; use CraigChang")
+            raise InputError(f"Herting needs interface DOF, but {sub.name!r} has none. Name some, or use CraigChang")
         handle = ShiftInvert(sub.K, sub.M)
         more = self.modes < handle.elastic
         found = lowest_modes(handle, self.modes + more)
@@ -76,7 +76,7 @@ class Herting(CraigBampton):
         return Kept(found, self.modes, float(found.frequencies[-1]) if more else np.inf)
 
     def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
-        """The interior's static responses to the inertia forces of the modes, and to the ports' columns that were asked for."""
+        """The interior's static responses to the inertia forces of the modes, and to the requested ports' columns."""
         return super().responses(_loaded(statics, kept), _none(statics, kept), ports)
 
     def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:

@@ -15,15 +15,15 @@ from femsub.reduction.statics import Statics
 
 @dataclass(frozen=True)
 class MacNeal(FreeInterface):
-    """Free modes with residual flexibility, whose inertia is left out; the coordinates are [u_b, η].
+    """MacNeal's method: free modes with residual flexibility but without its inertia; the coordinates are [u_b, η].
 
     With Φ = [Φ_r Φ_f] the kept free modes and G (n_b, n_b) the residual flexibility at the interface
 
         K = [[G⁻¹, -G⁻¹Φ_b], [-Φ_bᵀG⁻¹, Ω² + Φ_bᵀG⁻¹Φ_b]],   M = [[0, 0], [0, I]].
 
-    The interface has no mass, so that its DOF follow statically. K, D and the ports are projections as in `Rubin`; M is
-    not, so that frequencies of a system need not lie above those of the full model. Where the modes leave no residual in
-    some direction, modes are solved for in its place (`recovered`) and keep their mass.
+    The interface has no mass, so its DOF follow statically. K, D and the ports are projections as in `Rubin`. M is not a
+    projection, so frequencies of a system may lie below those of the full model. If the modes leave no residual in some
+    direction, modal coordinates are solved for instead (`recovered`) and keep their mass.
 
     Friction at the interface is not for this model: a falling characteristic on a DOF without mass is unstable at once, with
     a large real λ. `critical_slope` and motion in time need a regular M.
@@ -31,7 +31,7 @@ class MacNeal(FreeInterface):
     Parameters
     ----------
     modes : int
-        Number of elastic free modes; the rigid-body modes of a floating part come on top. No band: see Raises.
+        Number of elastic free modes; the rigid-body modes of a floating part are added to them. No band: see Raises.
 
     Raises
     ------

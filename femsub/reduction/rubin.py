@@ -13,7 +13,7 @@ from femsub.reduction.statics import Statics
 
 @dataclass(frozen=True)
 class Rubin(FreeInterface):
-    """Free modes with residual flexibility and its inertia; the coordinates are [u_b, η].
+    """Rubin's method: free modes with residual flexibility and its inertia; the coordinates are [u_b, η].
 
     With Φ = [Φ_r Φ_f] the kept free modes, Ψ (n, n_b) the residual responses to unit forces at the interface, and
 
@@ -21,15 +21,15 @@ class Rubin(FreeInterface):
         K = [[G⁻¹, -G⁻¹Φ_b], [-Φ_bᵀG⁻¹, Ω² + Φ_bᵀG⁻¹Φ_b]],
         M = [[G⁻¹HG⁻¹, -G⁻¹HG⁻¹Φ_b], [-Φ_bᵀG⁻¹HG⁻¹, I + Φ_bᵀG⁻¹HG⁻¹Φ_b]].
 
-    G⁻¹ - ω² G⁻¹HG⁻¹ is Rubin's expansion of the residual's dynamic stiffness up to ω². It is an exact projection on
-    [Φ Ψ] too: the span is that of Craig-Chang, so that frequencies bound those of the full model from above. Where the
-    modes leave no residual in some direction (G is singular), modes are solved for in its place (`recovered`); the number
-    of columns that were lost so is in ``.dropped``.
+    G⁻¹ - ω² G⁻¹HG⁻¹ is Rubin's expansion of the residual's dynamic stiffness up to ω². It is also an exact projection onto
+    [Φ Ψ]. The span is that of Craig-Chang, so frequencies bound those of the full model from above. If the modes leave no
+    residual in some direction (G is singular), modal coordinates are solved for instead (`recovered`). ``.dropped`` is the
+    number of columns lost in this way.
 
     Parameters
     ----------
     modes : int
-        Number of elastic free modes; the rigid-body modes of a floating part come on top.
+        Number of elastic free modes; the rigid-body modes of a floating part are added to them.
     band : (lo, hi), with tol : float
         As in `CraigChang`; the estimate holds for the uncoupled part.
 
@@ -47,5 +47,5 @@ class Rubin(FreeInterface):
     key, label, colour, marker = "rubin", "Rubin", "#1b7837", "D"
 
     def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
-        """That of Craig-Chang, solved for the interface."""
+        """The basis of Craig-Chang, solved for the interface."""
         return recovered(super().basis(statics, kept, responses, ports), statics)

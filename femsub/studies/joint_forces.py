@@ -1,4 +1,4 @@
-"""How far off the forces are that joints exert, mode by mode: what a reduced system says of them against the full one."""
+"""The error of joint forces, mode by mode: a reduced system compared with the full one."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from femsub.model.assembly import System
 from femsub.model.bands import in_band
 from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes
 
-SAME = 0.1  # of the largest share: modes of the reduced system with less are no counterpart of a mode (they may be a cluster)
-NEAR = 0.5  # of ω: a mode that lies further away is no counterpart
-HELD = 0.5  # of a mode's energy that its counterparts must have
+SAME = 0.1  # a mode of the reduced system is a counterpart (perhaps of a cluster) from this fraction of the largest share on
+NEAR = 0.5  # largest relative distance in ω of a counterpart
+HELD = 0.5  # smallest share of a mode's energy that its counterparts must have together
 
 
 def force_error(full: System, reduced: System, band: tuple[float, float]) -> float:
