@@ -26,6 +26,9 @@ def test_parts_are_reduced_one_by_one_and_joined_again() -> None:
     assert isinstance(rom, fs.System) and rom.parts["p1"] is full.parts["p1"] and rom.joints == full.joints
     assert isinstance(rom.parts["p0"], fs.ReducedSubstructure) and rom.parts["p2"].modes == 2
     assert {name: len(places) for name, places in rom.open.items()} == {name: len(places) for name, places in full.open.items()}
+    kept = fs.couple(full.parts, full.joints, interface=[("p0", full.parts["p0"].interface.tolist())])  # the joined mass, too
+    again = fs.reduce(kept, {"p0": fs.CraigBampton(3)})
+    assert again.open["p0"].tolist() == kept.open["p0"].tolist() == [0, 1] and not len(again.open["p2"])
     assert list(rom.ports) == list(full.ports) and rom.cutoff == min(rom.parts[name].cutoff for name in ("p0", "p2"))
     with pytest.raises(fs.InputError, match="p3"):
         fs.reduce(full, {"p3": fs.CraigBampton(3)})
