@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.checks import Array
+from femsub.model.dual import FORCE
 from femsub.reduction.basis import Basis, Kept, Responses
 from femsub.reduction.free_interface import FreeInterface, turned
 from femsub.reduction.statics import Statics
 
-FORCE = "interface force"  # the label of the coordinates g, one for each interface DOF in the interface's order
 SEEN = 1e-6  # of the largest motion at unit energy: a shape with less at the interface belongs to the ports
 
 
