@@ -306,7 +306,8 @@ def test_nearly_complete_bases_keep_their_digits() -> None:
         for modes in counts:
             for key in ("rubin", "macneal", "herting"):
                 found = spectrum(reduced(sub, key, modes))
-                assert np.abs(found[3:modes + 3] / full[3:modes + 3] - 1).max() < 1e-9
+                limit = 1e-6 if key == "macneal" else 1e-9  # its interface is to stay massless for longer
+                assert np.abs(found[3:modes + 3] / full[3:modes + 3] - 1).max() < limit
 
 
 @pytest.mark.parametrize("key", KEYS)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from femsub.modes.shift_invert import ShiftInvert
 
 CLEAR = 1e-2  # of an interface DOF's motion at unit energy that a residual shape must have of its own to be solved for
+FAINT = 1e-5  # the same of a shape without mass: below, it moves no interface DOF at all; the energy knows the square
 NOTHING = 1e-10  # the same for any shape: with less it moves no further interface DOF
 
 
@@ -45,7 +46,7 @@ class FreeInterface(Method):
         return Responses(rest[:, :s], whole[s:], missing[s:], len(kept.values))
 
 
-def recovered(basis: Basis, statics: Statics) -> Basis:
+def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     """The same model in the coordinates [u_b, rest]: the interface displacements replace as many columns of V.
 
     With B = V_b = [B_J B_I], u_b = B_J q_J + B_I q_I is solved for q_J:
@@ -64,12 +65,14 @@ def recovered(basis: Basis, statics: Statics) -> Basis:
     b = statics.part.sub.interface
     if not len(b):
         return basis
-    solved = _solved_for(basis, statics)
+    motion = _motion(basis, b)
+    solved = _solved_for(basis, statics, motion, clear)
     rest = np.setdiff1d(np.arange(basis.V.shape[1]), solved)
     inverse = np.linalg.inv(basis.V[np.ix_(b, solved)])
+    faint = (np.abs(motion) < FAINT) & (basis.M.diagonal() == 0)  # it would give a massless shape the mass of a rounding
     T = np.zeros(basis.M.shape)
     T[solved, :len(b)], T[rest, len(b) + np.arange(len(rest))] = inverse, 1.0
-    T[solved, len(b):] = -inverse @ basis.V[np.ix_(b, rest)]
+    T[solved, len(b):] = -inverse @ np.where(faint, 0.0, basis.V[b])[:, rest]
     found = turned(basis, T, ("interface",) * len(b) + tuple(basis.kinds[j] for j in rest))
     found.V[b] = np.eye(len(b), len(T))
     return found
@@ -81,18 +84,22 @@ def turned(basis: Basis, T: Array, kinds: tuple[str, ...]) -> Basis:
     return replace(basis, V=basis.V @ T, M=(M + M.T) / 2, K=(K + K.T) / 2, kinds=kinds)
 
 
-def _solved_for(basis: Basis, statics: Statics) -> Array:
-    """As many columns as there are interface DOF, which they move independently: residual shapes first, by pivots."""
-    sub = statics.part.sub
+def _motion(basis: Basis, b: Array) -> Array:
+    """The motion of the interface DOF by each column at unit energy, as a share of that by all, shape (n_b, r)."""
     stiffness, mass = basis.K.diagonal(), basis.M.diagonal()
     both = (stiffness > 0) & (mass > 0)
-    typical = float(np.median(stiffness[both] / mass[both])) if both.any() else 1.0
-    B = basis.V[sub.interface] / np.sqrt(stiffness + typical * mass)  # motion at unit energy
+    lowest = float((stiffness[both] / mass[both]).min()) if both.any() else 1.0
+    B = basis.V[b] / np.sqrt(stiffness + lowest * mass)
     size = np.linalg.norm(B, axis=1)
-    B /= np.where(size > 0, size, 1.0)[:, None]
+    return np.asarray(B / np.where(size > 0, size, 1.0)[:, None])
+
+
+def _solved_for(basis: Basis, statics: Statics, B: Array, clear: float) -> Array:
+    """As many columns as there are interface DOF, which they move independently: residual shapes first, by pivots."""
+    sub = statics.part.sub
     residual = np.array([kind == statics.kind for kind in basis.kinds])
     chosen = np.zeros(0, dtype=np.intp)
-    for candidates, least in ((np.flatnonzero(residual), CLEAR), (np.arange(len(residual)), NOTHING)):
+    for candidates, least in ((np.flatnonzero(residual), clear), (np.arange(len(residual)), NOTHING)):
         candidates = np.setdiff1d(candidates, chosen)
         if len(chosen) == len(B) or not len(candidates):
             continue

@@ -12,6 +12,8 @@ from femsub.reduction.basis import Basis, Kept, Responses
 from femsub.reduction.free_interface import FreeInterface, recovered
 from femsub.reduction.statics import Statics
 
+MASSLESS = 1e-4  # as `free_interface.CLEAR`: lower, since a mode that is solved for brings mass to the interface
+
 
 @dataclass(frozen=True)
 class MacNeal(FreeInterface):
@@ -56,4 +58,4 @@ class MacNeal(FreeInterface):
     def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
         """That of Craig-Chang without the mass of its residual shapes, solved for the interface."""
         found = super().basis(statics, kept, responses, ports)
-        return recovered(replace(found, M=np.diag(np.arange(len(found.M)) < len(kept.values)).astype(float)), statics)
+        return recovered(replace(found, M=np.diag(np.arange(len(found.M)) < len(kept.values)).astype(float)), statics, MASSLESS)
