@@ -364,3 +364,13 @@ def test_rubin_and_dual_craig_bampton_beat_macneal_and_craig_bampton_at_equal_si
         assert int(hcb["size"]) == int(macneal["size"]) == int(rubin["size"])
         for what in ("largest", "mean"):
             assert float(rubin[what]) < float(dual[what]) < min(float(hcb[what]), float(macneal[what]))
+
+
+@pytest.mark.parametrize("left_out", [4, 10])
+@pytest.mark.parametrize("name", ["chain in 2", "held truss in 2", "beam in 2", "beam in 4"])
+def test_systems_by_methods_of_one_span_have_one_spectrum(name: str, left_out: int) -> None:
+    joined = JOINED[name]()
+    for family in (("craig-chang", "rubin", "herting"), ("craig-bampton", "hurty")):
+        systems = (joined.system(lambda part, key=key: reduced(part, key, max(whole(part, key) - left_out, 1))) for key in family)
+        one, *others = (fs.normal_modes(system, count=8).frequencies for system in systems)
+        assert all(np.abs(other[one > 0] / one[one > 0] - 1).max() < 1e-9 for other in others)
