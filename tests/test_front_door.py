@@ -63,6 +63,7 @@ RESULTS = {
     "ShotCycle",
     "StabilitySweep",
     "Study",
+    "System",
     "Transient",
 }  # made by femsub, not by a caller
 
@@ -92,7 +93,26 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     fs.write_mesh(folder / "mesh.vtu", mesh)
     one = {"mesh": mesh, "name": "x"}
     soft = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    parts = {"a": fs.chain(4, interface=[4]), "b": fs.chain(3, interface=[1], fixed=False)}
+
+    def rigid(end: Any, tolerance: Any, name: Any) -> fs.Rigid:
+        return fs.Rigid(end, ("b", [0]), tolerance=tolerance, name=name)
+
+    def coupled(**given: Any) -> fs.System:
+        """A joint's own arguments, where they are used."""
+        return fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0])), fs.Spring(**given)])
+
+    coupled.__signature__ = inspect.signature(fs.Spring)  # type: ignore[attr-defined]
     return {
+        "Averaged": (fs.Averaged, {"reference": ("a", [3]), "surface": ("b", [0]), "weights": None, "name": ""}),
+        "Kinematic": (fs.Kinematic, {"reference": ("a", [3]), "surface": ("b", [0]), "name": ""}),
+        "Rigid": (rigid, {"end": ("a", [3]), "tolerance": None, "name": ""}),
+        "Spring": (coupled, {"first": ("a", [3]), "second": ("b", [0]), "stiffness": 1.0, "damping": 0.1,
+                             "tolerance": None, "name": ""}),
+        "Tied": (fs.Tied, {"first": ("a", "right"), "second": ("b", "left"), "meshes": {"a": mesh, "b": mesh}, "tolerance": None,
+                           "name": ""}),
+        "couple": (fs.couple, {"parts": parts, "joints": [fs.Rigid(("a", [3]), ("b", [0]))], "name": "pair", "assembly": "primal",
+                               "interface": [("a", [3])]}),
         "Belt": (fs.Belt, {"port": "belt", "force": 1.0, "speed": 0.2, "law": fs.StribeckArctan(), "slope": None}),
         "CraigBampton": (fs.CraigBampton, {"modes": 3, "band": None, "tol": None}),
         "CraigBampton(tol)": (fs.CraigBampton, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2}),
@@ -125,7 +145,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "StribeckArctanOdd": (fs.StribeckArctanOdd, {"eps": 1e-3, "coulomb": 0.3, "drop": 0.2, "decay": 2.0}),
         "Substructure": (
             fs.Substructure,
-            matrices | {"interface": [0], "ports": {"belt": np.eye(6)[1]}, "name": "s", "dofs": None},
+            matrices | {"interface": [0], "ports": {"belt": np.eye(6)[1]}, "name": "s", "sets": {"left": [0]}, "dofs": None},
         ),
         "annulus": (
             fs.annulus,

@@ -138,7 +138,7 @@ def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
     found = studies[0][1]
     figure.suptitle(f"{found.name}, band {found.band[0]:g} to {found.band[1]:.4g} rad/time\n"
                     f"numbers are DOF; medians of {found.repeats} runs, bars from least to most; circled: no other is both as "
-                    "quick (both phases) and as right in Re λ", fontsize=9)
+                    "fast (both phases) and as accurate in Re λ", fontsize=9)
     return figure
 
 

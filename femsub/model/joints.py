@@ -185,6 +185,12 @@ def nearest(points: Array, others: Array, labels: Sequence[str], kinds: Sequence
     return order, apart
 
 
+def allowed(tolerance: Any) -> float | None:
+    """A distance above 0, inf (places do not count), or None (a default)."""
+    return tolerance if tolerance is None or (isinstance(tolerance, float) and tolerance == np.inf) else \
+        positive_number("tolerance", tolerance)
+
+
 class Rigid(Joint):
     """Equal motion of two or more ends, u_a = u_b = ...; with 'ground' among them u_a = 0.
 
@@ -223,7 +229,7 @@ class Rigid(Joint):
             raise InputError(f"Rigid joins two or more ends, as Rigid(('disc', 'left'), ('pad', 'right')), not {len(ends)}")
         if all(_is_ground(end) for end in ends):
             raise InputError("Rigid joins the ground to itself: name an end, ('disc', 'left')")
-        self.tolerance = tolerance if tolerance in (None, np.inf) else positive_number("tolerance", tolerance)
+        self.tolerance = allowed(tolerance)
 
     def __repr__(self) -> str:
         return self.name or f"Rigid({', '.join(title(end) for end in self.ends)})"
@@ -301,6 +307,7 @@ class Spring(Joint):
             value = real_array(key, getattr(self, key))
             if value.ndim not in (0, 2) or (value.ndim == 2 and value.shape[0] != value.shape[1]):
                 raise InputError(f"{key} of a Spring must be a number or a square matrix, but its shape is {value.shape}")
+        allowed(self.tolerance)
         if _is_ground(self.first):
             raise InputError("the first end of a Spring must be a part's, ('disc', 'left'); the ground is the second")
         stiffness = real_array("stiffness", self.stiffness)

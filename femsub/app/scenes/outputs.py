@@ -60,7 +60,7 @@ def _modes(work: Work) -> Result:
     limit, count = found.counted
     proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
     if found.unlisted:
-        proof += f", {found.unlisted} of them outside of the band"
+        proof += f", {found.unlisted} of them outside the band"
     head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}"
     data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
     mesh, shapes = work.mesh, work.field(found.shapes)
