@@ -25,7 +25,8 @@ def failures(name: str, text: str) -> str:
     """What doctest says about the examples in a text; nothing if all print what they should."""
     told: list[str] = []
     examples = doctest.DocTestParser().get_doctest(text, {"fs": fs, "np": np}, name, None, None)
-    doctest.DocTestRunner().run(examples, out=told.append)
+    with np.printoptions(legacy=False):  # pyyeti, which other tests import, sets that of NumPy 1.13
+        doctest.DocTestRunner().run(examples, out=told.append)
     return "".join(told)
 
 
