@@ -211,12 +211,21 @@ def test_what_is_wrong_in_a_table_is_named_and_the_schema_rejects_it(text: str, 
     assert not jsonschema.Draft7Validator(schema._table(System, explain.defaults_of(System))).is_valid(table)
 
 
+def test_parts_that_are_shown_as_an_example_say_where_they_come_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without the # at their files the new scene file was refused for what it lacks, not for the files that are not there."""
+    parts = tomllib.loads(explain.new_text("own-parts"))["parts"]
+    assert [sorted(part) for part in parts] == [["K", "M", "interface", "name", "port"], ["interface", "mesh", "name"]]
+    (tmp_path / "my.toml").write_text(explain.new_text("own-parts"), encoding="utf-8")
+    assert main(["run", str(tmp_path / "my.toml")]) == 2
+    assert "there is no file" in capsys.readouterr().err
+
+
 def test_tables_are_listed_and_written_as_a_file_to_begin_with() -> None:
     defaults = explain.defaults_of(System)
     listed = "\n".join(explain._listed(System, defaults, ""))
     assert re.search(r"^ +length +a number above 0 \[m\]; default: 1.0$", listed, re.MULTILINE)
     text = "\n".join(explain._template(System, defaults, ""))
-    assert tomllib.loads(text) == {"parts": [{"mesh": "a.msh"}, {"mesh": "b.msh"}]}
+    assert tomllib.loads(text) == {"parts": [{"mesh": "a.msh"}, {"mesh": "b.msh", "length": 2.0}]}
     whole = tomllib.loads(re.sub(r"^#(\w+ = |\[)", r"\1", text, flags=re.MULTILINE))
     assert whole["parts"][1] == {"mesh": "b.msh", "length": 2.0, "held": ["left"]}
     assert whole["joints"] == [{"parts": ["left", "right"], "kind": "rigid"}]

@@ -108,12 +108,12 @@ def test_own_parts_are_joined_and_compared(tmp_path: Path, capsys: pytest.Captur
     assert "joined" not in capsys.readouterr().err
 
 
-def test_a_mesh_is_tied_to_another(tmp_path: Path) -> None:
+def test_a_mesh_is_tied_to_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("meshio")
     for name, start, counts in (("left", 0.0, (3, 2, 2)), ("right", 0.2, (2, 1, 1))):
         mesh = fs.block((0.2, 0.05, 0.05), counts, "hexahedron20")
         fs.write_mesh(tmp_path / f"{name}.vtu", fs.Mesh(mesh.points + np.array([start, 0, 0]), mesh.cells, mesh.kind, mesh.sets))
-    data = run(tmp_path, """
+    text = """
 scene = "own-parts"
 band = [1.0, 6e4]
 methods = ["craig-bampton", "craig-chang"]
@@ -136,10 +136,19 @@ rayleigh = [5.0, 1e-7]
 [[joints]]
 kind = "tied"
 between = ["held.right", "loose.left"]
-""")
+"""
+    data = run(tmp_path, text)
     rows = data["methods"]["rows"]
     assert data["belt"] == "loose" and len(rows) == 3 and rows[0]["missing"] == 0
     assert all(row["error_frequency"] < 0.02 and row["error_force"] < 0.1 for row in rows[1:])
+    printed = capsys.readouterr().out
+    assert f"full: critical slope {rows[0]['slope']:.6g}" in printed
+    worst = max(row["port_error"] for row in rows)
+    assert worst > 0.01 and f"the static response to the belt is off by up to {100 * worst:.2g} %" in printed
+    # a part with one set is joined there, whether the set is named or not
+    again = run(tmp_path, text.replace('"held.right", "loose.left"', '"held", "loose"').replace("[12]", "[12]\nports = true"))
+    assert again["methods"]["rows"][0]["slope"] == pytest.approx(rows[0]["slope"], rel=1e-9)
+    assert "static response" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("change", "words"), [

@@ -120,6 +120,7 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize(("text", "words"), [
     ("dampin = 0.2", "unknown scene key 'dampin'; did you mean 'damping'"),
+    ("elements = 3", "The file names no scene, so that it is read as one of 'chain'"),
     ("belt = 11", "belt (masses count from 1) must be at least 1 and at most 10, but is 11"),
     ("belts = [1, 12]", "at least 1 and at most 10, but is 12"),
     ("masses = 0.0", "masses must be positive, but is 0.0"),

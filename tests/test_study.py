@@ -165,3 +165,14 @@ def test_noise_of_milliseconds_does_not_move_the_star(rng: np.random.Generator) 
     rows = [Row("craig-chang", 4, 5, 0.0, 1e-3, 0.0, 0, 0.0, 0.0, slow, slow, 0.0),
             Row("craig-bampton", 4, 6, 0.0, 1e-3, 0.0, 0, 0.0, 0.0, quick, quick, 0.0)]
     assert [row.pareto for row in with_front(rows)] == [False, True]
+
+
+def test_a_recommendation_says_what_is_slower_and_what_is_not_to_be_trusted() -> None:
+    def words(seconds: float, force: float) -> str:
+        time = Timing(seconds, seconds, seconds)
+        full = Row("full", 0, 100, 0.0, 0.0, 0.0, 0, -1.0, 0.0, time, Timing(1.0, 1.0, 1.0), 0.0)
+        small = Row("rubin", 5, 10, 0.0, 1e-5, 0.0, 0, -1.0, 0.0, time, time, 0.0, error_force=force)
+        return Study("x", (0.0, 1.0), 1, full, (small,)).recommendation()
+
+    assert "4 times faster than the full model; the forces in the joints are within 5 %" in words(0.25, 0.05)
+    assert "4 times slower than the full model; the forces in the joints are not to be trusted" in words(4.0, 0.4)

@@ -6,7 +6,7 @@ import dataclasses
 import inspect
 import json
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from typing import Any
 
 from femsub.app.keys import Declared, defaults_of, item_kind, keys_of, kinds, type_words
@@ -44,13 +44,16 @@ def _listed(kind: type, defaults: Mapping[str, Any], indent: str) -> Iterator[st
             yield from _listed(table, defaults_of(table), margin)
 
 
-def _template(kind: type, defaults: Mapping[str, Any], header: str) -> Iterator[str]:
-    """The keys of a table whose header is written already; tables within it come last, as TOML has it."""
+def _template(kind: type, defaults: Mapping[str, Any], header: str, given: Container[str] = ()) -> Iterator[str]:
+    """The keys of a table whose header is written already; tables within it come last, as TOML has it.
+
+    Keys that are `given` in an example stand without a #, as those that are required.
+    """
     for name, one in sorted(keys_of(kind).items(), key=lambda pair: table_of(pair[1]) is not None):
         value = one.key.example if (example := defaults[name] in (None, "", [])) else defaults[name]
         yield ""
         yield from _paragraph(f"{one.key.meaning} ({_about(one, kind)}{'; an example' if example else ''})", "# ")
-        table, mark = table_of(one), "" if one.key.required else "#"
+        table, mark = table_of(one), "" if one.key.required or name in given else "#"
         if table is None:
             yield f"{mark}{name} = {toml(value)}"
             continue
@@ -58,7 +61,9 @@ def _template(kind: type, defaults: Mapping[str, Any], header: str) -> Iterator[
         for item in value if isinstance(value, list) else [value]:
             yield mark + brackets.format(header + name)
             values = vars(item) if dataclasses.is_dataclass(item) else item or {}
-            lines = _template(table, defaults_of(table) | values, f"{header}{name}.")
+            standard = defaults_of(table)
+            own = {key for key, value in values.items() if value != standard.get(key)}
+            lines = _template(table, standard | values, f"{header}{name}.", own)
             yield from (mark + line if line and not line.startswith("#") else line for line in lines)
 
 

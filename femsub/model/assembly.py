@@ -65,7 +65,7 @@ class System(Substructure):
     >>> left, right = fs.chain(5, interface=[5]), fs.chain(6, interface=[1], fixed=False)
     >>> system = fs.couple({"left": left, "right": right}, [fs.Rigid(("left", [4]), ("right", [0]))])
     >>> system
-    System 'system': 10 DOF of 2 parts (left, right) and 1 joints, sparse, 28 nonzeros in K, 0 interface DOF
+    System 'system': 10 DOF of 2 parts (left, right) and 1 joint, sparse, 28 nonzeros in K, 0 interface DOF
     >>> {name: len(u) for name, u in system.expand([1.0] * 10).items()}
     {'left': 5, 'right': 6}
     >>> list(system.ports)
@@ -96,8 +96,9 @@ class System(Substructure):
         beside = f", {self.redundant} equations redundant" if self.redundant else ""
         beside += f", {sum(rows.shape[0] for rows in self.multipliers.values())} multipliers" if self.multipliers else ""
         beside += f", {self.spurious} spurious eigenvalues left out" if self.spurious else ""
+        joints = f"{len(self.joints)} joint{'s' * (len(self.joints) != 1)}"
         return (f"System {self.name!r}: {self.size} DOF of {len(self.parts)} parts ({', '.join(self.parts)}) and "
-                f"{len(self.joints)} joints, {kind}, {self.interface_rows.shape[0]} interface DOF{beside}")
+                f"{joints}, {kind}, {self.interface_rows.shape[0]} interface DOF{beside}")
 
     @cached_property
     def interface_rows(self) -> Matrix:

@@ -13,6 +13,7 @@ from femsub.reduction.reduce import METHODS
 from femsub.studies.tables import known, table
 
 APART = 1.25  # two models count as equally fast if their times, beyond the spread of the runs, differ by less
+ROUGH = 0.1  # error of the forces in the joints above which a recommendation warns of them
 VERDICT = {True: "yes", False: "no", None: "?"}
 PHASES = ("factorisation", "basis", "certificate", "projection")  # of a reduction
 
@@ -196,10 +197,12 @@ class Study:
             return f"for {where} none of these models is accurate enough{nearest}. Keep more modes, or lower the band"
         extent = f"with {row.modes} modes ({row.size} DOF)" if not row.parts else \
             f"with {_each(row.parts)} ({row.size} DOF in all)"
-        forces = "" if np.isnan(row.error_force) else f"; the forces in the joints are within {100 * row.error_force:.2g} %"
+        within = "are within" if row.error_force <= ROUGH else "are not to be trusted, they are off by up to"
+        forces = "" if np.isnan(row.error_force) else f"; the forces in the joints {within} {100 * row.error_force:.2g} %"
         faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
+        ratio = f"{float(f'{faster if faster >= 1 else 1 / faster:.2g}'):g} times {'faster' if faster >= 1 else 'slower'}"
         return (f"for {where} take {row.label} {extent}: {_seconds(row.reduction.median)} to "
-                f"reduce, {_seconds(row.solution.median)} to solve, {float(f'{faster:.2g}'):g} times faster than the full model"
+                f"reduce, {_seconds(row.solution.median)} to solve, {ratio} than the full model"
                 f"{forces}{self._verdicts(row)}")
 
     def _verdicts(self, row: Row) -> str:

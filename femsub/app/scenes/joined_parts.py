@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from femsub import Substructure, normal_modes, reduce, study
 from femsub.app.figures_parts import errors_figure
 from femsub.app.keys import key
@@ -14,7 +16,8 @@ from femsub.app.scene import Progress, Result, Scene, method_keys, other_method_
 from femsub.errors import FemsubError, PortWarning
 from femsub.model.assembly import System
 from femsub.model.friction import Belt
-from femsub.reduction.reduce import METHODS, Method
+from femsub.reduction.reduce import METHODS, PORT_LIMIT, Method
+from femsub.studies.results import Study
 
 RIGID = 6  # rigid-body modes that a part has at most
 
@@ -49,10 +52,27 @@ def compared(scene: JoinedScene, system: System, belt: Belt | None, title: str, 
                   port=belt.port if belt is not None else next(iter(system.ports), "belt"), progress=progress)
     rows = [row.flat() for row in (found.full, *found.rows)]
     parts = [{"part": part, "size": sub.size, "interface": len(sub.interface)} for part, sub in system.parts.items()]
-    said = [f"{title}: {system!r}", str(found), *left_out, found.recommendation(scene.tolerance)]
+    said = [f"{title}: {system!r}", str(found), *_full_words(found), *left_out, *_port_words(found),
+            found.recommendation(scene.tolerance)]
     data = {"system": repr(system), "parts": parts, "rows": rows, "left_out": left_out,
             "recommendation": said[-1]}
     return Result({name: data}, {name: rows}, "\n".join(said), {name: lambda: errors_figure(found, title)})
+
+
+def _full_words(found: Study) -> list[str]:
+    """What the errors are relative to."""
+    if np.isnan(found.full.slope):
+        return []
+    return [f"full: critical slope {found.full.slope:.6g}, largest Re λ in the band {found.full.growth:.6g}"]
+
+
+def _port_words(found: Study) -> list[str]:
+    """What `reduce` warns of, once for all rows."""
+    worst = max(found.rows, key=lambda row: row.port_error, default=None)
+    if worst is None or worst.port_error <= PORT_LIMIT:
+        return []
+    return [f"the static response to the belt is off by up to {100 * worst.port_error:.2g} % ({worst.label} with {worst.size} "
+            "DOF). Set ports = true, or put the contact into the interface"]
 
 
 def _methods(scene: JoinedScene, system: System, choices: Mapping[str, Choice],

@@ -148,7 +148,8 @@ def run(scene: OwnPartsScene, progress: Progress) -> Result:
     belt = replace(scene.linear_belt, port=f"{rubbing}.belt") if rubbing else None
     choices = {part.name: Choice(part.method, part.modes) for part in scene.parts if part.method or part.modes}
     data: dict[str, Any] = {"band": scene.band, "belt": rubbing, **(scene.friction if rubbing else {})}
-    text = [f"{scene.name}: {len(parts)} parts, {len(scene.joints)} joints" + (f", {scene.friction_words}" if rubbing else "")]
+    joined = f"{len(scene.joints)} joint{'s' * (len(scene.joints) != 1)}"
+    text = [f"{scene.name}: {len(parts)} parts, {joined}" + (f", {scene.friction_words}" if rubbing else "")]
     text += [repr(sub) for sub in parts.values()]
     return run_outputs(scene.outputs, lambda output: compared(scene, system, belt, scene.name, output, progress, choices), data,
                        text)
@@ -165,6 +166,8 @@ def _end(said: str, parts: dict[str, Substructure]) -> Any:
         if not re.fullmatch(r"\s*\d+(\s*,\s*\d+)*\s*", rest):
             raise InputError(f"the end {said!r} must list DOF of {name!r} behind the colon, counted from 0, as '{name}:0,4,5'")
         return name, [int(number) for number in rest.split(",")]
-    if mark or ALL in parts[name].sets:
-        return name, rest or ALL
+    if mark:
+        return name, rest
+    if len(sets := list(parts[name].sets)) == 1:  # a named set is matched by place, a list of DOF in its order
+        return name, sets[0]
     return name, parts[name].interface.tolist()
