@@ -157,6 +157,8 @@ between = ["held.right", "loose.left"]
     (("front:7", "front:x"), "must list DOF of 'front' behind the colon"),
     (('between = ["front:7", "back"]\n[[joints]]', ""), "joined to nothing"),
     (('name = "back"', 'name = "front"'), "the name 'front' is given 2 times"),
+    (('name = "back"', 'name = "b.1"'), "the name 'b.1' must be a word without a dot"),
+    (('name = "back"', 'name = "ground"'), "other than 'ground'"),
     (('M = "front-M.mtx"\n', ""), "needs either the matrices M and K, or a mesh, but neither"),
     (('method = "full"', 'method = "ful"'), "did you mean 'full'"),
     (("slope = -0.1", 'slope = -0.1\nbelt = "back"'), "the part 'back' has no port"),

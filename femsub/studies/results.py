@@ -192,16 +192,13 @@ class Study:
         if row is None:
             whole = [row for row in self.rows if row.sound and row.error_growth > tolerance]
             near = min(whole, key=lambda row: row.error_growth, default=None)
-            nearest = "" if near is None else (f"; {near.label} with {near.modes} modes ({near.size} DOF) comes nearest with "
-                                               f"{100 * near.error_growth:.2g} %")
+            nearest = "" if near is None else f"; {near.label} {_extent(near)} comes nearest with {100 * near.error_growth:.2g} %"
             return f"for {where} none of these models is accurate enough{nearest}. Keep more modes, or lower the band"
-        extent = f"with {row.modes} modes ({row.size} DOF)" if not row.parts else \
-            f"with {_each(row.parts)} ({row.size} DOF in all)"
         within = "are within" if row.error_force <= ROUGH else "are not to be trusted, they are off by up to"
         forces = "" if np.isnan(row.error_force) else f"; the forces in the joints {within} {100 * row.error_force:.2g} %"
         faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
         ratio = f"{float(f'{faster if faster >= 1 else 1 / faster:.2g}'):g} times {'faster' if faster >= 1 else 'slower'}"
-        return (f"for {where} take {row.label} {extent}: {_seconds(row.reduction.median)} to "
+        return (f"for {where} take {row.label} {_extent(row)}: {_seconds(row.reduction.median)} to "
                 f"reduce, {_seconds(row.solution.median)} to solve, {ratio} than the full model"
                 f"{forces}{self._verdicts(row)}")
 
@@ -250,12 +247,16 @@ def with_front(rows: Sequence[Row], hi: float = 0.0) -> tuple[Row, ...]:
     return tuple(replace(row, pareto=row in fit and not any(_beats(other, row) for other in fit)) for row in rows)
 
 
-def _each(parts: Mapping[str, int]) -> str:
-    """'4 modes in each part', or '4 modes in disc, 2 in pad'."""
-    if len(set(parts.values())) == 1:
-        return f"{next(iter(parts.values()))} modes in each part"
-    first, *rest = parts.items()
-    return ", ".join([f"{first[1]} modes in {first[0]}", *(f"{count} in {name}" for name, count in rest)])
+def _extent(row: Row) -> str:
+    """'with 4 modes (9 DOF)'; of a system 'with 4 modes in each part (20 DOF in all)', or 'with 4 modes in disc, 2 in pad'."""
+    if not row.parts:
+        return f"with {row.modes} modes ({row.size} DOF)"
+    if len(set(row.parts.values())) == 1:
+        each = f"{next(iter(row.parts.values()))} modes in each part"
+    else:
+        first, *rest = row.parts.items()
+        each = ", ".join([f"{first[1]} modes in {first[0]}", *(f"{count} in {name}" for name, count in rest)])
+    return f"with {each} ({row.size} DOF in all)"
 
 
 def _beats(other: Row, row: Row) -> bool:
