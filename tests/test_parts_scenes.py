@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -196,3 +197,19 @@ def test_figures_of_parts_are_drawn(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(CHAIN.replace("parts = [2, 4]", "parts = [2]"), encoding="utf-8")
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "methods-2-parts.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("span", [(0.27, 0.44), (0.9, 4.1), (0.2, 1.1), (0.002, 0.15), (140.0, 160.0)])
+def test_numbers_at_an_axis_do_not_collide(span: tuple[float, float]) -> None:
+    """Within a factor of 5, matplotlib set nine numbers of four digits side by side."""
+    pytest.importorskip("matplotlib")
+    from femsub.app.figure_style import few_decades, new_figure
+
+    figure = new_figure(12.4, 6.4)
+    axes = figure.subplots(2, 4)
+    axes[0, 0].set(xscale="log", xlim=span)
+    few_decades(axes[0, 0])
+    figure.canvas.draw()
+    boxes = [label.get_window_extent() for label in axes[0, 0].get_xticklabels()
+             if label.get_text() and span[0] <= label.get_position()[0] <= span[1]]
+    assert len(boxes) >= 2 and all(one.x1 < two.x0 for one, two in pairwise(boxes))

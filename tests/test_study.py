@@ -178,3 +178,14 @@ def test_a_recommendation_says_what_is_slower_and_what_is_not_to_be_trusted() ->
     assert "4 times faster than the full model; the forces in the joints are within 5 %" in words(0.25, 0.05)
     assert "4 times slower than the full model; the forces in the joints are not to be trusted" in words(4.0, 0.4)
     assert "Rubin with 3 modes in disc, 2 in pad (10 DOF in all) comes nearest" in words(1.0, 0.0, 1e-6)
+
+
+def test_reasons_that_are_the_same_are_told_once() -> None:
+    time = Timing(1.0, 1.0, 1.0)
+    full = Row("full", 0, 100, 0.0, 0.0, 0.0, 0, -1.0, 0.0, time, time, 0.0)
+    rows = tuple(Row(method, size - 3, size, 0.0, 1e-5, np.nan, 0, np.nan, 0.0, time, time, 0.0, reason="M is singular")
+                 for method in ("macneal", "guyan") for size in (4, 6))
+    said = str(Study("x", (0.0, 1.0), 1, full, rows)).splitlines()
+    assert [line for line in said if "no critical slope" in line] == [
+        f"no critical slope of {label} with 4, 6 DOF: M is singular" for label in ("MacNeal", "Guyan")]
+    assert "take MacNeal with 1 mode (4 DOF)" in Study("x", (0.0, 1.0), 1, full, rows).recommendation()

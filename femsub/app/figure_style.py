@@ -69,12 +69,13 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def few_decades(axis: Any) -> None:
-    """Ticks at 1, 2 and 5 where a logarithmic time axis spans less than two decades, and no crowd of minor labels."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    """Ticks at 1, 2 and 5 where a logarithmic time axis spans less than two decades, and no crowd of labels."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
     lo, hi = axis.get_xlim()
     if hi < 100 * lo:
-        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        # with fewer than two ticks, as within a factor of 5, LogLocator would take as many even ones as it likes
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if hi > 5 * lo else MaxNLocator(4, steps=[1, 2, 5, 10]))
         axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.xaxis.set_minor_formatter(NullFormatter())
 

@@ -226,8 +226,10 @@ class Study:
         short = [row for row in self.rows if row.cutoff < self.band[1]]
         if short:
             lines.append(f"no critical slope where the band reaches above the cut-off: {reaching(short)}")
-        lines += [f"no critical slope of {row.label} with {row.size} DOF: {row.reason}" for row in (self.full, *self.rows)
-                  if row.reason and row not in short]
+        without = [row for row in (self.full, *self.rows) if row.reason and row not in short]
+        for label, reason in dict.fromkeys((row.label, row.reason) for row in without):
+            sizes = ", ".join(str(row.size) for row in without if (row.label, row.reason) == (label, reason))
+            lines.append(f"no critical slope of {label} with {sizes} DOF: {reason}")
         return "\n".join(lines)
 
 
@@ -250,13 +252,17 @@ def with_front(rows: Sequence[Row], hi: float = 0.0) -> tuple[Row, ...]:
 def _extent(row: Row) -> str:
     """'with 4 modes (9 DOF)'; of a system 'with 4 modes in each part (20 DOF in all)', or 'with 4 modes in disc, 2 in pad'."""
     if not row.parts:
-        return f"with {row.modes} modes ({row.size} DOF)"
+        return f"with {_modes(row.modes)} ({row.size} DOF)"
     if len(set(row.parts.values())) == 1:
-        each = f"{next(iter(row.parts.values()))} modes in each part"
+        each = f"{_modes(next(iter(row.parts.values())))} in each part"
     else:
         first, *rest = row.parts.items()
-        each = ", ".join([f"{first[1]} modes in {first[0]}", *(f"{count} in {name}" for name, count in rest)])
+        each = ", ".join([f"{_modes(first[1])} in {first[0]}", *(f"{count} in {name}" for name, count in rest)])
     return f"with {each} ({row.size} DOF in all)"
+
+
+def _modes(count: int) -> str:
+    return f"{count} mode{'s' * (count != 1)}"
 
 
 def _beats(other: Row, row: Row) -> bool:
