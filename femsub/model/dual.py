@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
-from femsub.model.elimination import Equations, congruent, eliminate, independent
+from femsub.model.elimination import Equations, congruent, eliminate, independent, product
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
@@ -33,7 +33,7 @@ class Multiplied:
 
     def through(self, T: Matrix, unit: Array) -> Multiplied:
         """In new coordinates, x = T z."""
-        return Multiplied(sp.csr_array(self.S @ T), sp.csr_array(self.G @ T), self.A, unit, self.owner)
+        return Multiplied(sp.csr_array(product(self.S, T)), sp.csr_array(self.G @ T), self.A, unit, self.owner)
 
     def work(self) -> Matrix:
         """GᵀAS + (GᵀAS)ᵀ, what the multipliers add to the stiffness, sparse, shape (n, n)."""

@@ -16,6 +16,7 @@ from femsub.model.matrices import is_symmetric
 ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
 DEPENDENT = 1e-10  # an equation with a pivot below this share of the largest is redundant
 PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
+FILLED = 0.3  # of all entries that are not 0: from here on the product of two sparse matrices is faster by dense ones
 SPREAD_PIVOT = 0.1  # the same for a generalised coordinate, in units of energy
 
 
@@ -230,9 +231,18 @@ def independent(equations: Equations) -> Array:
     return np.sort(np.concatenate(found))
 
 
+def product(A: Matrix, B: Matrix) -> Matrix:
+    """A B, sparse if both are. Where interfaces spread over all coordinates both are filled, and multiplied as dense ones."""
+    filled = [X.toarray() if sp.issparse(X) and X.nnz > FILLED * X.shape[0] * X.shape[1] else X for X in (A, B)]
+    if any(map(sp.issparse, filled)):
+        return A @ B
+    C = filled[0] @ filled[1]
+    return sp.csr_array(C) if sp.issparse(A) and sp.issparse(B) else C
+
+
 def congruent(A: Matrix, T: Matrix) -> Matrix:
     """TᵀAT, sparse if A is; symmetric to the last digit if A is."""
-    B = T.T @ (A @ T)
+    B = product(T.T, product(A, T))
     B = sp.csr_array(B) if sp.issparse(A) else B
     return (B + B.T) / 2 if is_symmetric(A) else B
 

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import Array, Matrix, items
+from femsub.model.elimination import product
 from femsub.model.joined import rows_of_parts
 from femsub.model.joints import End, Link, site
 from femsub.model.substructure import Substructure
@@ -22,7 +23,7 @@ def open_rows(parts: Mapping[str, Substructure], L: Matrix, open_: Mapping[str, 
     for (name, part), rows in zip(parts.items(), rows_of_parts(parts), strict=True):
         places = open_.get(name, ())
         if len(places):
-            found.append(sp.csr_array(sp.csr_array(part.interface_rows)[places] @ sp.csr_array(L[rows])))
+            found.append(sp.csr_array(product(sp.csr_array(part.interface_rows)[places], sp.csr_array(L[rows]))))
     B = sp.csr_array(sp.vstack(found))
     B.eliminate_zeros()
     B.sort_indices()
