@@ -115,6 +115,18 @@ def test_complete_parts_by_forces_join_any_other(mixed: str) -> None:
     agree(fs.couple(made, joints), elastic(whole))
 
 
+def test_joints_of_few_modes_hold_beside_joints_of_complete_parts() -> None:
+    """Complete parts have no forces and are joined exactly first, by combinations with negative entries."""
+    parts, joints, whole = cut(31, 4, fixed=False)
+    modes = {name: part.size - 1 if name in ("p1", "p2") else 4 for name, part in parts.items()}
+    made = {name: fs.reduce(part, fs.DualCraigBampton(modes[name]), ports=True) for name, part in parts.items()}
+    system = fs.couple(made, joints)
+    assert system.redundant == 0 and system.spurious == 2
+    modes_found, exact = fs.normal_modes(system, count=3), fs.normal_modes(whole, count=3)
+    assert modes_found.rigid == exact.rigid == 1
+    np.testing.assert_allclose(modes_found.frequencies[1:], exact.frequencies[1:], rtol=1e-3)
+
+
 @pytest.mark.parametrize("fixed", [True, False])
 def test_negative_eigenvalues_are_counted_and_left_out(fixed: bool) -> None:
     parts, joints, whole = cut(41, 3, fixed)

@@ -71,7 +71,7 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
     ----------
     D. J. Rixen, J. Comput. Appl. Math. 168 (2004) 383, eqs. (18) to (22).
     """
-    unit = (L.T @ equations.unit[:, None] ** -2.0).ravel() ** -0.5
+    unit = (L.multiply(L).T @ equations.unit[:, None] ** -2.0).ravel() ** -0.5  # L may have negative entries
     rows = independent(Equations(sp.csr_array(equations.A @ L), unit, unit > 0, equations.owner))
     A, F, owner = equations.A[rows], sp.csr_array(forces[:, rows]), equations.owner[rows]
     given = np.diff(F.indptr) > 0  # forces that the multipliers give
