@@ -177,6 +177,17 @@ def test_residual_shapes_are_orthogonal_to_kept_modes(name: str, key: str) -> No
         assert np.abs(rom.V[:, kept].T @ (A @ residual)).max() < 1e-8 * max(1e-3, float(np.max(np.outer(scale, size))))
 
 
+@pytest.mark.parametrize("key", ["craig-chang", "rubin", "dual-craig-bampton"])
+def test_a_load_that_inertia_balances_leaves_no_residual(key: str) -> None:
+    """A loose mass beside two masses on a spring: the force on it moves the part rigidly, and what else it does is rounding."""
+    for loose, one, other, k in np.random.default_rng(4).uniform(0.3, 3.0, (20, 4)):
+        sub = fs.Substructure(np.diag([loose, one, other]), [[0, 0, 0], [0, k, -k], [0, -k, k]], interface=[1, 0])
+        rom = reduced(sub, key, 0)
+        np.testing.assert_allclose(rom.K, rom.V.T @ sub.K @ rom.V, atol=1e-9 * k)
+        if key != "dual-craig-bampton":
+            np.testing.assert_allclose(spectrum(rom), [0, 0, np.sqrt(k * (1 / one + 1 / other))], rtol=1e-9)
+
+
 def test_rubin_and_macneal_have_the_blocks_of_their_papers() -> None:
     sub = lattice(4, 5)
     dual, rubin, macneal, physical = (reduced(sub, key, 4) for key in

@@ -9,6 +9,7 @@ from femsub.modes.shift_invert import ShiftInvert
 
 DEPENDENT = 1e-13  # share of a static shape's energy below which its remainder beside the modes is rounding
 NOISE = 1e-13  # share of a static response's motion that may be rounding
+BALANCED = 1e-8  # of a load's rigid part, as energy at the lowest elastic ω²: reference of a load that inertia balances
 
 
 def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
@@ -65,11 +66,15 @@ def energy_directions(energy: Array, whole: Array, most: int | None = None) -> t
 def _whole(handle: ShiftInvert, rest: Array, forces: Array, kept: Array, values: Array) -> tuple[Array, Array]:
     """Energy and size of the full static responses (Ψ plus the modes' contribution).
 
-    The size sqrt(Σ m_ii x_i²), free of cancellation in M, is the reference for rounding in the entries.
+    The size sqrt(Σ m_ii x_i²), free of cancellation in M, is the reference for rounding in the entries. The response to a
+    load that inertia balances by itself, as on a piece of one DOF, is nothing but rounding.
     """
-    kept, values = kept[:, values.searchsorted(0.0, "right"):], values[values > 0]
+    rigid, kept = np.split(kept, [values.searchsorted(0.0, "right")], axis=1)
+    values = values[values > 0]
     share = (kept.T @ forces) / values[:, None]
     energy = np.einsum("ij,ij->j", rest, forces) + values @ share**2
+    if rigid.shape[1]:
+        energy = np.maximum(energy, 0.0) + BALANCED * ((rigid.T @ forces) ** 2).sum(axis=0) / handle.lowest
     if not forces.shape[1]:
         return energy, energy
     motion = (np.einsum("i,ij,ij->j", handle.M.diagonal(), x, x) for x in (rest, kept))
