@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from test_coupling import HOW, agree, beams, crosses, cut, elastic, quarter
 
 import femsub as fs
+from femsub.model.joined import joint_forces, units_of_energy
 
 
 def by_forces(part: fs.Substructure, modes: int | None = None) -> fs.ReducedSubstructure:
@@ -125,6 +126,16 @@ def test_joints_of_few_modes_hold_beside_joints_of_complete_parts() -> None:
     modes_found, exact = fs.normal_modes(system, count=3), fs.normal_modes(whole, count=3)
     assert modes_found.rigid == exact.rigid == 1
     np.testing.assert_allclose(modes_found.frequencies[1:], exact.frequencies[1:], rtol=1e-3)
+
+
+def test_a_dof_that_no_kept_mode_moves_has_the_flexibility_of_its_own_force() -> None:
+    """Measured by the modes alone, its force would be one of 1e16 units, in which the others are lost."""
+    K = [[5.5, 0, 0, -3], [0, 0.8, 0, 0], [0, 0, 0.42, 0], [-3, 0, 0, 3]]
+    sub = fs.Substructure(np.diag([2.2, 0.7, 2.2, 2.9]), K, interface=[0, 3, 1, 2])
+    parts = {"part": fs.reduce(sub, fs.DualCraigBampton(2))}  # DOF 1 moves in a higher mode alone
+    flexibility = parts["part"].K.diagonal()[2:]
+    compliance = joint_forces(parts, [], [], units_of_energy(parts))[1][2:]
+    assert flexibility[2] > 1.0 and (compliance >= flexibility).all()
 
 
 @pytest.mark.parametrize("fixed", [True, False])

@@ -385,3 +385,19 @@ def test_systems_by_methods_of_one_span_have_one_spectrum(name: str, left_out: i
         systems = (joined.system(lambda part, key=key: reduced(part, key, max(whole(part, key) - left_out, 1))) for key in family)
         one, *others = (fs.normal_modes(system, count=8).frequencies for system in systems)
         assert all(np.abs(other[one > 0] / one[one > 0] - 1).max() < 1e-9 for other in others)
+
+
+@pytest.mark.parametrize("key", ["rubin", "craig-chang-physical"])
+def test_loose_pieces_in_the_interface_stay_rigid_to_the_last_digit(key: str) -> None:
+    """Else their rows of K are squares of roundings, and a motion that costs nothing is taken for an elastic mode."""
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        K = np.zeros((6, 6))
+        for one in (2, 3, 4):  # a chain of four beside two loose masses
+            k = rng.uniform(0.3, 3.0)
+            K[one:one + 2, one:one + 2] += [[k, -k], [-k, k]]
+        sub = fs.Substructure(np.diag(rng.uniform(0.3, 3.0, 6)), K, interface=rng.permutation(6))
+        rom = reduced(sub, key, 2)
+        loose = np.flatnonzero(sub.interface < 2)
+        assert not rom.K[loose].any()
+        np.testing.assert_allclose(rom.K, K[np.ix_(sub.interface, sub.interface)], atol=1e-9)

@@ -63,7 +63,7 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
     forces : sparse, shape (N, m)
         -Cᵀ in the rows of the coordinates g, without entries where no part has such.
     compliance : ndarray, shape (N,)
-        For each g the flexibility that the part's other coordinates have at its DOF; 0 for all other coordinates.
+        For each g the flexibility of its DOF by all coordinates of the part; 0 for all other coordinates.
     K : sparse, shape (N, N)
         The parts' stiffness.
 

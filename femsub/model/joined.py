@@ -113,7 +113,7 @@ def _spread(C: Matrix, start: int, size: int) -> Matrix:
 def joint_forces(parts: Mapping[str, Substructure], links: Sequence[Link], weak: Sequence[bool],
                  unit: Array) -> tuple[Matrix, Array]:
     """Of the parts that are reduced by interface forces g: -C_pᵀ in the rows of g, sparse, shape (N, m), of all weak joints; and,
-    for each g, the square of how far its DOF moves at unit energy of the part's other coordinates, shape (N,).
+    for each g, the square of how far its DOF moves at unit energy of the part, shape (N,).
     """
     size, compliance = len(unit), np.zeros(len(unit))
     at = {}
@@ -121,7 +121,8 @@ def joint_forces(parts: Mapping[str, Substructure], links: Sequence[Link], weak:
         if by_forces(part):
             force = np.array(part.kinds) == FORCE  # type: ignore[attr-defined]
             at[name] = rows.start + np.flatnonzero(force)
-            compliance[at[name]] = np.asarray(part.interface_rows)[:, ~force] ** 2 @ unit[rows][~force] ** 2
+            compliance[at[name]] = (np.asarray(part.interface_rows)[:, ~force] ** 2 @ unit[rows][~force] ** 2
+                                    + part.K.diagonal()[force])  # modes may not move a DOF at all
     columns = [sp.csr_array((size, 0))]
     for link in (link for link, held in zip(links, weak, strict=True) if held):
         column = sp.csr_array((size, next(iter(link.equations.values())).shape[0]))

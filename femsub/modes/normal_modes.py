@@ -151,7 +151,11 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
     massive, bare = np.flatnonzero(M.diagonal()), np.flatnonzero(M.diagonal() == 0)
     lift = np.zeros((0, len(massive)))
     if len(bare):
-        lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
+        try:
+            lift = -la.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, massive)], assume_a="pos", check_finite=False)
+        except la.LinAlgError:
+            raise SingularMatrixError(f"{len(bare)} coordinates have no mass, and some motion of them has no stiffness either. "
+                                      "Hold them, or, of MacNeal's parts, keep fewer modes or take Rubin") from None
         K, M = K[np.ix_(massive, massive)] + K[np.ix_(massive, bare)] @ lift, M[np.ix_(massive, massive)]
     K = (K + K.T) / 2
     values, moving = dense_modes(K, M) if len(massive) else (np.zeros(0), np.zeros((0, 0)))
