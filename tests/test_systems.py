@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from test_coupling import cut, elastic
@@ -48,6 +50,20 @@ def test_what_is_collected_is_what_was_expanded() -> None:
     np.testing.assert_allclose(outer.collected(outer.expand(x)), x, atol=1e-12)
     with pytest.raises(fs.InputError, match="the part 'p0' is reduced"):
         fs.reduce(full, {"p0": fs.CraigBampton(3)}).collected({})
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda s: s.collected({"p0": np.ones(s.parts["p0"].size)}), "'p1'"),
+    (lambda s: s.collected({name: np.ones(1) for name in s.parts}), "'p0'"),
+    (lambda s: s.collected("x"), "u must be"),
+    (lambda s: s.interface_forces([1.0, 2.0], np.ones((s.size, 3))), "each of omega"),
+    (lambda s: s.interface_forces([1.0], np.ones((3, 1))), "rows"),
+    (lambda s: fs.couple(s.parts, [fs.Rigid(("p0", [[0], [1, 2]]), ("p1", [0]))]), "whole numbers"),
+    (lambda s: fs.couple(s.parts, [*s.joints, fs.Spring(("p1", [0]), ("p1", [0]), stiffness=1.0)]), "joined to itself"),
+])
+def test_what_does_not_fit_a_system_is_told(call: Callable[[fs.System], object], words: str) -> None:
+    with pytest.raises((fs.InputError, fs.InputTypeError), match=words):
+        call(system())
 
 
 def test_forces_in_joints_balance_each_other_and_hold_the_parts() -> None:

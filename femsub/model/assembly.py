@@ -154,10 +154,14 @@ class System(Substructure):
             A part is reduced, so that its coordinates are no displacements.
         """
         blocks = []
+        mapping("u", u, "names and displacements, as expand gives them")
         for name, part in self.parts.items():
             if isinstance(part, ReducedSubstructure):
                 raise InputError(f"the part {name!r} is reduced: its coordinates do not follow from displacements")
             inner = {key.removeprefix(f"{name}."): one for key, one in u.items() if key.startswith(f"{name}.")}
+            if not isinstance(part, System) and np.shape(u.get(name))[:1] != (part.size,):
+                raise InputError(f"u must have {part.size} rows for the part {name!r}, but {list(u)} are given, and its shape is "
+                                 f"{np.shape(u.get(name))}")
             blocks.append(part.collected(inner) if isinstance(part, System) else u[name])
         L = sp.csc_array(self.L)
         gram, load = sp.csc_array(L.T @ L), L.T @ np.concatenate(blocks)
@@ -194,10 +198,13 @@ class System(Substructure):
         x : array_like, shape (n, k)
             The system's coordinates.
         """
-        found = {}
+        omega, x, found = np.asarray(omega), np.asarray(x), {}
+        if x.ndim == 0 or x.shape[0] != self.size or omega.shape not in ((), x.shape[1:]):
+            raise InputError(f"x must have {self.size} rows and one column for each of omega, but the shapes are {x.shape} and "
+                             f"{omega.shape}")
         for (name, part), rows in zip(self.parts.items(), rows_of_parts(self.parts), strict=True):
             q = self.L[rows] @ x
-            balance = part.K @ q - (part.M @ q) * np.asarray(omega) ** 2
+            balance = part.K @ q - (part.M @ q) * omega**2
             B = part.interface_rows
             if len(part.interface) == B.shape[0]:
                 found[name] = balance[part.interface]

@@ -103,7 +103,8 @@ def site(parts: Mapping[str, Substructure], end: End) -> Site:
             raise unknown_name(f"interface set of {part!r}", what, sub.sets)
         places = sub.sets[what]
         return Site(part, f"{part}.{what}", sub, places, None if known is None else known.kept(places), True)
-    rows = np.array(items(f"the DOF of the end {shown(end)}", what, "DOF numbers, or the name of a set"))
+    given = items(f"the DOF of the end {shown(end)}", what, "DOF numbers, or the name of a set")
+    rows = np.array([None] if any(isinstance(row, Sequence) for row in given) else given)
     if rows.ndim != 1 or not np.issubdtype(rows.dtype, np.integer) or not len(rows):
         raise InputTypeError(f"the end {shown(end)} must list whole numbers, the DOF of {part!r} counted from 0")
     at = {int(number): place for place, number in enumerate(numbers)}
@@ -338,6 +339,8 @@ class Spring(Joint):
             if one is not None and other is not None:
                 S = sp.csr_array(matched(one, other, self.tolerance).chosen() @ sp.csr_array(parts[name].interface_rows))
             rows[name] = rows[name] - S if name in rows else -S
+            if not sum(abs(one).sum() for one in rows.values()):
+                raise InputError(f"{title(self.first)} is joined to itself")
         count = R.shape[0]
         return Link(motions=rows, stiffness=self._matrix("stiffness", count), damping=self._matrix("damping", count),
                     grounded=_is_ground(self.second))
