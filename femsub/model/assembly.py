@@ -159,9 +159,9 @@ class System(Substructure):
             if isinstance(part, ReducedSubstructure):
                 raise InputError(f"the part {name!r} is reduced: its coordinates do not follow from displacements")
             inner = {key.removeprefix(f"{name}."): one for key, one in u.items() if key.startswith(f"{name}.")}
-            if not isinstance(part, System) and np.shape(u.get(name))[:1] != (part.size,):
+            if not isinstance(part, System) and np.shape(u.get(name, 0.0))[:1] != (part.size,):
                 raise InputError(f"u must have {part.size} rows for the part {name!r}, but {list(u)} are given, and its shape is "
-                                 f"{np.shape(u.get(name))}")
+                                 f"{np.shape(u.get(name, 0.0))}")
             blocks.append(part.collected(inner) if isinstance(part, System) else u[name])
         L = sp.csc_array(self.L)
         gram, load = sp.csc_array(L.T @ L), L.T @ np.concatenate(blocks)
