@@ -212,3 +212,13 @@ def test_a_system_too_large_for_interface_forces_is_told() -> None:
     parts["p0"] = fs.reduce(parts["p0"], fs.DualCraigBampton(4), ports=True)
     with pytest.raises(fs.InputError, match="Dual Craig-Bampton parts take a decomposition of all of them, up to 4000"):
         fs.couple(parts, joints)
+
+
+def test_a_spring_at_a_joint_meets_the_flexibility_that_no_mode_has() -> None:
+    """A massless interface DOF follows a spring there as well as the joint: all modes and all of its flexibility are the part."""
+    M, K = np.diag([0.0, 1.0, 2.0]), np.diag([2.0, 3.0, 1.5]) - np.diag([1.0, 1.0], 1) - np.diag([1.0, 1.0], -1)
+    part, other = fs.Substructure(M, K, interface=[0]), fs.chain(3, interface=[3])
+    joints = [fs.Rigid(("a", [0]), ("b", [2])), fs.Spring(("a", [0]), stiffness=5.0)]
+    full = fs.couple({"a": part, "b": other}, joints)
+    weak = fs.couple({"a": fs.reduce(part, fs.DualCraigBampton(2)), "b": other}, joints)
+    np.testing.assert_allclose(fs.complex_modes(weak).frequencies, fs.complex_modes(full).frequencies, atol=1e-9)

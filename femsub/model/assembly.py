@@ -24,6 +24,7 @@ from femsub.model.joined import (
     linked,
     physical_coordinates,
     rows_of_parts,
+    sprung,
     units_of_energy,
 )
 from femsub.model.joints import End, Joint, Link, spatial
@@ -285,7 +286,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     if dual.any() or any(map(by_forces, parts.values())):
         forces, compliance = joint_forces(parts, links, weak, equations.unit)
         K = sp.block_diag([sp.csr_array(part.K) for part in parts.values()], format="csr")
-        joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, tell)
+        joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, sprung(parts, links), tell)
         redundant += int(dual.sum()) - len(joined.owner)
         weakly = bool(forces.nnz)
         if weakly:

@@ -46,7 +46,7 @@ def by_forces(part: Substructure) -> bool:
     return isinstance(part, ReducedSubstructure) and part.kinds.count(FORCE) == len(part.full_interface) > 0
 
 
-def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Array, K: Matrix,
+def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Array, K: Matrix, sprung: Array,
                tell: Callable[[Array], str]) -> Multiplied:
     """x = (y, λ): the coordinates that the other joints leave, but without forces that λ gives, and the multipliers.
 
@@ -66,6 +66,8 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
         For each g the flexibility of its DOF by all coordinates of the part; 0 for all other coordinates.
     K : sparse, shape (N, N)
         The parts' stiffness.
+    sprung : ndarray of bool, shape (N,)
+        What springs move: there the force of a joint is not the only one, and g keeps a coordinate of its own.
 
     References
     ----------
@@ -75,7 +77,7 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
     rows = independent(Equations(sp.csr_array(equations.A @ L), unit, unit > 0, equations.owner))
     A, F, owner = equations.A[rows], sp.csr_array(forces[:, rows]), equations.owner[rows]
     given = np.diff(F.indptr) > 0  # forces that the multipliers give
-    stay = np.flatnonzero(given.astype(float) @ abs(L) == 0)
+    stay = np.flatnonzero((given & ~sprung).astype(float) @ abs(L) == 0)
     L, unit = _yielding(sp.csr_array(L[:, stay]), unit[stay], compliance, K)
     if not given.any():
         return _beside(L, F, sp.eye_array(len(rows), format="csr"), A, unit, owner)

@@ -131,3 +131,13 @@ def joint_forces(parts: Mapping[str, Substructure], links: Sequence[Link], weak:
             column = column + sp.csr_array((-C.data, (at[name][C.col], C.row)), shape=column.shape)
         columns.append(column)
     return sp.csr_array(sp.hstack(columns)), compliance
+
+
+def sprung(parts: Mapping[str, Substructure], links: Sequence[Link]) -> Array:
+    """Which coordinates of the parts springs move, shape (N,)."""
+    rows = dict(zip(parts, rows_of_parts(parts), strict=True))
+    found = np.zeros(sum(part.size for part in parts.values()), dtype=bool)
+    for link in links:
+        for name, R in link.motions.items():
+            found[rows[name].start + sp.coo_array(R).col] = True
+    return found

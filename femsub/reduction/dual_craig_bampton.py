@@ -10,7 +10,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.model.dual import FORCE
 from femsub.reduction.basis import Basis, Kept, Responses
-from femsub.reduction.free_interface import FreeInterface, turned
+from femsub.reduction.free_interface import DUST, FreeInterface, motion_by, turned
 from femsub.reduction.statics import Statics
 
 SEEN = 1e-6  # of the largest motion at unit energy: a shape with less at the interface belongs to the ports
@@ -58,6 +58,7 @@ class DualCraigBampton(FreeInterface):
         if not len(stiffness):
             return found
         at = found.V[b, m:].T / np.sqrt(stiffness)[:, None]  # motion at unit energy (s, n_b)
+        at[np.abs(motion_by(found, b)[:, m:].T) < DUST] = 0.0  # a force that moves its DOF by rounding is no soft spring
         blocks, kinds = [at], (FORCE,) * len(b)
         if statics.forces.shape[1] > len(b):  # shapes of ports, K-orthogonal to those of the interface
             size = np.linalg.norm(at, axis=0)

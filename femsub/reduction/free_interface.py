@@ -66,7 +66,7 @@ def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     b = statics.part.sub.interface
     if not len(b):
         return basis
-    motion = _motion(basis, b)
+    motion = motion_by(basis, b)
     solved = _solved_for(basis, statics, motion, clear)
     rest = np.setdiff1d(np.arange(basis.V.shape[1]), solved)
     B = basis.V[np.ix_(b, solved)]
@@ -88,7 +88,7 @@ def turned(basis: Basis, T: Array, kinds: tuple[str, ...]) -> Basis:
     return replace(basis, V=basis.V @ T, M=(M + M.T) / 2, K=(K + K.T) / 2, kinds=kinds)
 
 
-def _motion(basis: Basis, b: Array) -> Array:
+def motion_by(basis: Basis, b: Array) -> Array:
     """The motion of the interface DOF by each column at unit energy, as a share of that by all, shape (n_b, r)."""
     stiffness, mass = basis.K.diagonal(), basis.M.diagonal()
     both = (stiffness > 0) & (mass > 0)
