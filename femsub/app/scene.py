@@ -257,8 +257,8 @@ def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Sce
     if needed and not values:
         raise InputError(f"the scene {kind!r} needs a scene file with {', '.join(needed)}; to begin one: femsub new {kind} > "
                          "my.toml")
-    taken = "" if "scene" in table else (f". The file names no scene, so that it is read as one of {kind!r}; `femsub scenes` lists "
-                                         "the others")
+    taken = "" if "scene" in table else (f". The file names no scene, so that it is read as one of {kind!r}; `femsub scenes` "
+                                         "lists the others")
     try:
         values = values_of(scene_type, values)
     except InputError as error:
