@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from test_coupling import cut, elastic
 
 import femsub as fs
+from femsub.modes.normal_modes import NormalModes, all_modes
 from femsub.reduction.reduce import METHODS
-from femsub.studies.joint_forces import force_error
+from femsub.studies import error_vs_time, joint_forces
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")  # every part has a port
 BAND = (0.0, 0.35)
 ROUNDING = 1e-9
+
+
+def force_error(full: fs.System, reduced: fs.System, band: tuple[float, float]) -> float:
+    return joint_forces.force_error(full, all_modes(full.K, full.M), reduced, band)
 
 
 def system(pieces: int = 3, n: int = 60) -> fs.System:
@@ -114,6 +120,19 @@ def test_a_study_of_a_system_compares_methods_part_by_part() -> None:
     assert "the forces in the joints are within" in words
     with pytest.raises(fs.InputTypeError, match="each of methods"):
         fs.study(full, [{"p0": 3}], BAND)  # type: ignore[dict-item]
+
+
+def test_the_modes_of_the_full_system_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    full, solved = system(2, 20), []
+
+    def counted(K: Any, M: Any) -> NormalModes:
+        solved.append(K is full.K)
+        return all_modes(K, M)
+
+    for module in (error_vs_time, joint_forces):
+        monkeypatch.setattr(module, "all_modes", counted)
+    fs.study(full, [dict.fromkeys(full.parts, fs.CraigBampton(count)) for count in (2, 3, 4)], BAND, port="p0.belt", repeats=1)
+    assert sum(solved) == 1  # not once more for each row
 
 
 def test_frequencies_of_a_system_with_all_modes_have_the_full_ones_shapes() -> None:

@@ -169,7 +169,8 @@ class System(Substructure):
         diagonal = gram.diagonal()
         if gram.nnz == np.count_nonzero(diagonal):  # equal DOF alone
             return load / diagonal.reshape(-1, *[1] * (load.ndim - 1))
-        return splu(gram).solve(load.real) + (1j * splu(gram).solve(load.imag) if np.iscomplexobj(load) else 0.0)
+        factor = splu(gram)
+        return factor.solve(load.real) + 1j * factor.solve(load.imag) if np.iscomplexobj(load) else factor.solve(load)
 
     def with_parts(self, parts: Mapping[str, Substructure]) -> System:
         """The same joints between other models of the parts, such as reduced ones; a part that is not named stays.

@@ -28,8 +28,8 @@ class DualCraigBampton(FreeInterface):
     g = -Bᵀλ with the joint's forces λ: the interfaces meet in the mean only, weighted with the residual flexibility. A system
     has a negative eigenvalue or one at infinity for each λ; they are spurious. By itself the model is that of Craig-Chang.
 
-    Forces to which the modes leave no residual have a row of zeros in M and K, or a combination of rows; where that is so of
-    all (every mode is kept) there are no coordinates g, and ``.dropped`` counts them.
+    If the kept modes carry the whole response to a force, its rows of M and K are zero. If that holds for all forces, as with
+    every mode kept, there are no coordinates g. ``.dropped`` counts them.
 
     Parameters
     ----------

@@ -107,7 +107,8 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
     elif len(slopes := list(real_array("slopes", slopes, finite=False).ravel())) != len(models):
         raise InputError(f"slopes must be {len(models)}, of the full model and of each method, not {len(slopes)}")
     tell(f"{sub.name}: undamped frequencies")
-    own = _frequencies(sub, (lo, hi))
+    modes = normal_modes(sub, band=(lo, hi)) if sub.size > SMALL else all_modes(sub.K, sub.M)
+    own = elastic(modes)[in_band(elastic(modes), (lo, hi))]
     rates = turnover(sub, belt, spectra[0])
     rows = []
     for i, model in enumerate(models):
@@ -124,7 +125,7 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
             frequency_error(own, all_frequencies(model)) if i else 0.0, found.mac,
             {name: Timing.of([one.get(name, 0.0) for one in taken]) for name in PHASES} if i else {}, _megabytes(model),
             stable=stable, reason=reasons[i], parts=kept_modes(model) if i and isinstance(model, System) else {},
-            error_force=_force_error(sub, model, (lo, hi))))
+            error_force=_force_error(sub, modes, model, (lo, hi))))
     return Study(sub.name, (lo, hi), repeats, rows[0], with_front(rows[1:], hi), assembly)
 
 
@@ -157,12 +158,6 @@ def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]
                                                 certify=False)
                 solving[i].append(seconds)
     return models, spectra, phases, solving
-
-
-def _frequencies(sub: Substructure, band: tuple[float, float]) -> Array:
-    """The undamped elastic frequencies of the full model in the band."""
-    found = all_frequencies(sub) if sub.size <= SMALL else elastic(normal_modes(sub, band=band))
-    return found[in_band(found, band)]
 
 
 def all_frequencies(model: Substructure) -> Array:
@@ -211,10 +206,10 @@ def _clocked(call: Callable[..., Any], model: Substructure, *arguments: Any, **o
     return result, time.perf_counter() - start
 
 
-def _force_error(sub: Substructure, model: Substructure, band: tuple[float, float]) -> float:
+def _force_error(sub: Substructure, modes: NormalModes, model: Substructure, band: tuple[float, float]) -> float:
     if not isinstance(sub, System) or not isinstance(model, System):
         return np.nan
-    return 0.0 if model is sub else force_error(sub, model, band)
+    return 0.0 if model is sub else force_error(sub, modes, model, band)
 
 
 def _released(model: Substructure) -> None:

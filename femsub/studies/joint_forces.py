@@ -5,24 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from femsub.checks import Array
-from femsub.linalg.factor import SMALL
 from femsub.model.assembly import System
 from femsub.model.bands import in_band
-from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes
+from femsub.modes.normal_modes import NormalModes, all_modes
 
 SAME = 0.1  # a mode of the reduced system is a counterpart (perhaps of a cluster) from this fraction of the largest share on
 NEAR = 0.5  # largest relative distance in ω of a counterpart
 HELD = 0.5  # smallest share of a mode's energy that its counterparts must have together
 
 
-def force_error(full: System, reduced: System, band: tuple[float, float]) -> float:
-    """max_j (‖g_j - ḡ_j‖ / ω_j) / max_k (‖g_k‖ / ω_k) over the undamped elastic modes in the band; ḡ of the reduced system.
+def force_error(full: System, ours: NormalModes, reduced: System, band: tuple[float, float]) -> float:
+    """The largest error of the joint forces over the undamped elastic modes `ours` of the full system in the band.
 
-    g are the forces on the interfaces of all parts in a mode of unit modal mass. They grow with ω; in some modes, such as the
-    symmetric ones of two equal parts, the joints carry nothing, so that one scale serves all. A mode of a cluster is compared
-    with what comes nearest to it among the cluster's. NaN if the full system has no mode there, or one of them no counterpart.
+    max_j (‖g_j - ḡ_j‖ / ω_j) / max_k (‖g_k‖ / ω_k), g of the full system, ḡ of the reduced one. g are the forces on the
+    interfaces of all parts in a mode of unit modal mass. The joints carry no load in some modes, such as the symmetric ones of
+    two equal parts. So all modes share one scale, which grows with ω. Modes of a cluster are compared as a subspace. NaN if the
+    band holds no mode of the full system, or if one of them has no counterpart.
     """
-    ours = normal_modes(full, band=band) if full.size > SMALL else all_modes(full.K, full.M)
     theirs = all_modes(reduced.K, reduced.M)
     at = np.flatnonzero(in_band(ours.frequencies, band) & (np.arange(len(ours.frequencies)) >= ours.rigid))
     if not len(at):
