@@ -40,6 +40,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Hurty": lambda: fs.Hurty(modes=3),
     "Kinematic": lambda: fs.Kinematic(("hub", [0, 1]), ("disc", "bore")),
     "LimitCycle": lambda: cycle(),
+    "LinearContact": lambda: fs.LinearContact(("belt",), stiffness=[[0.5]]),
     "MacNeal": lambda: fs.MacNeal(modes=3),
     "Material": lambda: fs.Material(2.1e11, 0.3, 7850.0),
     "Mesh": lambda: fs.rectangle((1.0, 1.0), (2, 2)),

@@ -226,8 +226,8 @@ def test_the_sign_of_the_friction() -> None:
 
 
 def test_a_flipped_sign_in_the_contact_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = pencil.contact_damping
-    monkeypatch.setattr(pencil, "contact_damping", lambda w, coefficient: original(w, -coefficient))
+    original = pencil.contact_matrix
+    monkeypatch.setattr(pencil, "contact_matrix", lambda w, coefficient: original(w, -coefficient))
     with pytest.raises(AssertionError):
         sign_of_friction()
 
@@ -241,7 +241,7 @@ def test_a_flipped_sign_in_the_border_fails(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_flipped_sign_is_noticed_between_border_and_full_model(monkeypatch: pytest.MonkeyPatch) -> None:
     """The verification of a large model's border uses the contact as belts have it: it does not hold with another sign."""
-    original = pencil.contact_damping
-    monkeypatch.setattr(border, "contact_damping", lambda w, coefficient: original(w, -coefficient))
+    original = pencil.contact_matrix
+    monkeypatch.setattr(border, "contact_matrix", lambda w, coefficient: original(w, -coefficient))
     with pytest.raises(fs.NotConvergedError, match="does not hold on the full model"):
         fs.critical_slope(fs.chain(300, belt=2), band=(0.0, 0.1))

@@ -332,7 +332,7 @@ def test_refusals(kind: type) -> None:
         kind(band=(0, 1), tol="fine")
     with pytest.raises(fs.InputError, match="contacts have no effect on a basis with a given number"):
         fs.reduce(fs.chain(10), kind(3), contacts=fs.Belt(slope=-0.1))
-    with pytest.raises(fs.InputTypeError, match="list of Belts, or a Belt"):
+    with pytest.raises(fs.InputTypeError, match="list of Belts or other contacts"):
         fs.reduce(fs.chain(10), kind(band=(0, 1), tol=1e-3), contacts=-0.1)
     assert fs.reduce(fs.chain(10, interface=(1,)), fs.CraigChang(3)).estimate is None
 

@@ -11,13 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 from femsub.checks import EPS, Array, Matrix, finite_number, shown, word
 from femsub.errors import InputError, InputTypeError
-from femsub.model.pencil import contact_damping
+from femsub.model.pencil import contact_matrix
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
 
 Scalar = Callable[[float], float]
 NARROWEST = 1e-100  # smallest ε
@@ -263,7 +266,24 @@ class Belt:
 
     def damping(self, w: Array) -> Matrix:
         """F μ'(v0) w wᵀ, sparse, shape (n, n), for a port w of shape (n,) or (n, p)."""
-        return contact_damping(w, self.force * self.slope)  # type: ignore[operator]
+        return contact_matrix(w, self.force * self.slope)  # type: ignore[operator]
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """The port, for the protocol of contacts."""
+        return (self.port,)
+
+    def linearised(self, model: Substructure) -> tuple[float, None]:
+        """(F μ'(v0), None): each column of the port is a contact by itself, see `femsub.model.contact.Contact`."""
+        return self.force * float(self.slope or 0.0), None
+
+    def exerted(self, u: Any, v: Any) -> Any:
+        """f = F μ(v0 - v), in the shape of v."""
+        return self.force * self.law.value(self.speed - v)  # type: ignore[union-attr]
+
+    def tangents(self, u: Any, v: Any) -> tuple[Array, Array]:
+        """(∂f/∂u, ∂f/∂v) = (0, -F μ'(v0 - v)), (p, p) each, for v (p,)."""
+        return np.zeros((len(v), len(v))), np.diag(-self.force * self.law.slope(self.speed - v))  # type: ignore[union-attr]
 
     def sticks(self, v: Any, multiple: float = STICKING, below: float | None = None) -> Any:
         """Where |v0 - v| ≤ multiple · ε of the law, or ≤ `below`, with v the speed under the belt; bool, in the shape of v.

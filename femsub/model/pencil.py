@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
-from femsub.model.frozen import Frozen
+from femsub.model.frozen import Frozen, frozen
 from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, without_rounding
 
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
@@ -32,8 +32,11 @@ class Pencil(Frozen):
     ----------
     symmetric : (bool, bool, bool)
         Whether M, D and K are exactly symmetric.
-    contacts : tuple of (float, ndarray)
-        (c, W) of each term cWWᵀ that `with_contact` has added to D. Rounding hides their low rank in D itself.
+    contacts : tuple of (float or ndarray, float or ndarray, ndarray)
+        (C_D, C_K, W) of the terms W C_D Wᵀ and W C_K Wᵀ that `with_contact` has added to D and K; a number c stands for c times
+        the unit matrix. Rounding hides their low rank in D and K themselves.
+    K0 : array or sparse, shape (n, n)
+        K without these contacts.
 
     Raises
     ------
@@ -51,7 +54,8 @@ class Pencil(Frozen):
     D: Matrix
     K: Matrix
     symmetric: tuple[bool, bool, bool] = field(init=False)
-    contacts: tuple[tuple[float, Array], ...] = field(init=False)
+    contacts: tuple[tuple[float | Array, float | Array, Array], ...] = field(init=False)
+    K0: Matrix = field(init=False)
 
     def __init__(self, M: Any, D: Any, K: Any) -> None:
         mass = as_matrix("M", M)
@@ -61,7 +65,7 @@ class Pencil(Frozen):
         if not all(sp.issparse(part) for part in ((mass, stiffness) if D is None else parts)):
             parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)
         checked, flags = zip(*(without_rounding(part) for part in parts), strict=True)
-        self._set(**dict(zip("MDK", checked, strict=True)), symmetric=flags, contacts=())
+        self._set(**dict(zip("MDK", checked, strict=True)), symmetric=flags, contacts=(), K0=checked[2])
 
     def __repr__(self) -> str:
         kind = "sparse" if self.is_sparse else "dense"
@@ -81,6 +85,14 @@ class Pencil(Frozen):
         """Upper bounds of ‖M‖₂, ‖D‖₂ and ‖K‖₂ (see `norm`)."""
         return norm(self.M), norm(self.D), norm(self.K)
 
+    @cached_property
+    def symmetric_stiffness(self) -> Matrix:
+        """The symmetric part of K without contacts; K itself where that is symmetric and no contact adds to it."""
+        if is_symmetric(self.K0) if self.K0 is not self.K else self.symmetric[2]:
+            return self.K0
+        mean = (self.K0 + self.K0.T) * 0.5
+        return sp.csr_array(mean) if self.is_sparse else mean
+
     def dense(self) -> Pencil:
         """The same pencil with dense matrices."""
         return Pencil(*(part.toarray() for part in (self.M, self.D, self.K))) if self.is_sparse else self
@@ -89,12 +101,13 @@ class Pencil(Frozen):
         """The same pencil with sparse matrices."""
         if self.is_sparse:
             return self
-        return Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))._with(contacts=self.contacts)
+        M, D, K, K0 = (sp.csr_array(part) for part in (self.M, self.D, self.K, self.K0))
+        return Pencil(M, D, K)._with(contacts=self.contacts, **({} if self.K0 is self.K else {"K0": K0}))
 
     def _with(self, **changed: Any) -> Pencil:
         """A copy with changed fields, without new checks."""
         copy = object.__new__(Pencil)
-        copy.__dict__.update({name: getattr(self, name) for name in ("M", "D", "K", "symmetric", "contacts")} | changed)
+        copy.__dict__.update({name: getattr(self, name) for name in ("M", "D", "K", "symmetric", "contacts", "K0")} | changed)
         if "K" not in changed:
             copy.__dict__["rescaled"] = self.rescaled
         return copy
@@ -103,21 +116,34 @@ class Pencil(Frozen):
         """λ²Mᵀ + λDᵀ + Kᵀ, whose right eigenvectors are the conjugated left ones of this pencil."""
         return Pencil(self.M.T, self.D.T, self.K.T)
 
-    def with_contact(self, coefficient: float, W: Array) -> Pencil:
-        """A copy with D + cWWᵀ, W of shape (n,) or (n, p). M and K are shared and not checked again."""
-        found = self.with_damping(contact_damping(W, coefficient))
-        return found._with(contacts=(*self.contacts, *([(coefficient, W.reshape(len(W), -1))] if coefficient else [])))
+    def with_contact(self, damping: float | Array, W: Array, stiffness: float | Array = 0.0) -> Pencil:
+        """A copy with D + W C_D Wᵀ and K + W C_K Wᵀ, W of shape (n,) or (n, p), each C a number or a matrix (p, p).
+
+        A number c stands for c times the unit matrix. What does not change is shared and not checked again.
+        """
+        found = self
+        if np.any(stiffness):
+            K, symmetric = without_rounding(as_matrix("K", self._plus(self.K, contact_matrix(W, stiffness)), self.size))
+            found = self._with(K=K, symmetric=(*self.symmetric[:2], symmetric))
+        if np.any(damping):
+            found = found.with_damping(contact_matrix(W, damping))
+        if found is self:
+            return self
+        return found._with(contacts=(*self.contacts, frozen((damping, stiffness, W.reshape(len(W), -1)))), K0=self.K0)
 
     def with_damping(self, extra: Matrix) -> Pencil:
         """A copy with D + extra. M and K are shared and not checked again."""
-        return self.damped_by(self.D + (sp.csr_array(extra) if self.is_sparse else _dense(extra)))
+        return self.damped_by(self._plus(self.D, extra))
+
+    def _plus(self, part: Matrix, extra: Matrix) -> Matrix:
+        return part + (sp.csr_array(extra) if self.is_sparse else _dense(extra))
 
     def damped_by(self, D: Any) -> Pencil:
         """A copy with another D (None: no damping), sparse or dense like M and K, which are shared and not checked again."""
         D = sp.csr_array(self.M.shape) if D is None else D
         D = (D if sp.issparse(D) else sp.csr_array(np.asarray(D))) if self.is_sparse else _dense(D)
         D, symmetric = without_rounding(as_matrix("D", D, self.size))
-        return self._with(D=D, symmetric=(self.symmetric[0], symmetric, self.symmetric[2]), contacts=())
+        return self._with(D=D, symmetric=(self.symmetric[0], symmetric, self.symmetric[2]), contacts=(), K0=self.K)
 
     @cached_property
     def rescaled(self) -> dict[tuple[bytes, bytes], tuple[Matrix, Matrix]]:
@@ -158,9 +184,10 @@ class Pencil(Frozen):
         mass, stiffness = self.rescaled[key]
         parts = {"M": mass, "D": scaled(self.D, rows, columns), "K": stiffness}
         if np.array_equal(rows, columns):
-            return self._with(**parts, contacts=tuple((c, rows[:, None] * W) for c, W in self.contacts))
+            return self._with(**parts, contacts=tuple((*C, rows[:, None] * W) for *C, W in self.contacts),
+                              K0=stiffness if self.K0 is self.K else scaled(self.K0, rows, columns))
         # no congruence: D and K may lose their symmetry
-        return self._with(**parts, symmetric=tuple(is_symmetric(part) for part in parts.values()), contacts=())
+        return self._with(**parts, symmetric=tuple(is_symmetric(part) for part in parts.values()), contacts=(), K0=stiffness)
 
     def at(self, value: complex) -> Matrix:
         """P(value), shape (n, n); complex only if `value` is."""
@@ -194,7 +221,7 @@ def _dense(A: Any) -> Any:
     return A.toarray() if sp.issparse(A) else A
 
 
-def contact_damping(w: Array, coefficient: float) -> Matrix:
-    """c w wᵀ as a sparse matrix, shape (n, n); w of shape (n,) or (n, p)."""
-    column = sp.csr_array(np.asarray(w).reshape(len(w), -1))
-    return sp.csr_array(coefficient * (column @ column.T))
+def contact_matrix(W: Array, C: float | Array) -> Matrix:
+    """W C Wᵀ as a sparse matrix, shape (n, n); W of shape (n,) or (n, p), C a number or a matrix (p, p)."""
+    columns = sp.csr_array(np.asarray(W).reshape(len(W), -1))
+    return sp.csr_array(columns @ sp.csr_array(C) @ columns.T if np.ndim(C) else C * (columns @ columns.T))

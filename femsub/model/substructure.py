@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, instance, items, mapping, shown, word
+from femsub.checks import Array, Matrix, instance, mapping, shown, word
 from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name
+from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
-from femsub.model.friction import Belt
 from femsub.model.frozen import Frozen
 from femsub.model.pencil import Pencil
 
@@ -137,13 +137,15 @@ class Substructure(Frozen):
         """λ²M + λD + K without any contact."""
         return Pencil(self.M, self.D, self.K)
 
-    def linearised(self, contacts: Belt | Sequence[Belt] | None = None) -> Pencil:
-        """The pencil linearised about steady sliding: with D + Σ F μ' w wᵀ over the given belts."""
+    def linearised(self, contacts: Contacts = None) -> Pencil:
+        """The pencil linearised about steady sliding: with D + Σ W C_D Wᵀ and K + Σ W C_K Wᵀ over the given contacts.
+
+        K may become unsymmetric.
+        """
         pencil = self.pencil
-        given = () if contacts is None else contacts
-        for belt in [given] if isinstance(given, Belt) else items("contacts", given, "Belts, or a Belt"):
-            instance("a contact", belt, Belt)
-            pencil = pencil.with_contact(belt.force * float(belt.slope or 0.0), self.port(belt.port))
+        for contact in contacts_of(contacts):
+            W, damping, stiffness = small_matrices(self, contact)
+            pencil = pencil.with_contact(damping, W, stiffness)
         return pencil
 
     def with_damping(self, D: Any) -> Self:

@@ -175,7 +175,7 @@ def sliding(model: Substructure, belts: Belt | Sequence[Belt], what: str = "the 
     contacts = (belts,) if isinstance(belts, Belt) else tuple(belts) if isinstance(belts, Sequence) else (belts,)
     for belt in contacts:
         if not isinstance(belt, Belt):
-            raise InputTypeError(f"a contact must be a Belt, not {type(belt).__name__}")
+            raise InputTypeError(f"{what} takes Belts, whose friction laws it needs, not {type(belt).__name__}")
         if belt.law is None:
             raise InputError(f"the belt on port {belt.port!r} has a slope only, but {what} needs a friction law and the belt's "
                              "speed, e.g. Belt(speed=0.19113, law=StribeckArctan(eps=1e-3))")

@@ -53,7 +53,7 @@ class _Disc:
     def _proved(self, at: Edge, inside: Array) -> Count | None:
         problem, parts = self.problem, self.parts
         assert parts is not None
-        if problem.pencil.symmetric[2]:  # K0 is K: an existing factor may be used
+        if parts.K0 is problem.pencil.K:  # an existing factor may be used
             found = None
             if problem.shift == 0 and problem.factor.kind == "definite":
                 found = disc_count.count(parts, at, problem.factor.solve, 0.0, inside)

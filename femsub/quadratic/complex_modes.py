@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -20,7 +19,7 @@ from femsub.quadratic.region import region_of
 from femsub.quadratic.search import search
 
 if TYPE_CHECKING:
-    from femsub.model.friction import Belt
+    from femsub.model.contact import Contacts
 
 log = logging.getLogger(__name__)
 
@@ -136,7 +135,7 @@ class ComplexModes:
                 f"backward error {worst}, completeness {self.evidence}")
 
 
-def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] | None = None, *,
+def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
                   count: int | None = None, band: tuple[float, float] | None = None,
                   re: tuple[float, float] | None = None, certify: bool | None = None) -> ComplexModes:
     """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
@@ -148,8 +147,9 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     ----------
     model : Substructure or Pencil
         A pencil may have any real D and K, symmetric or not.
-    contacts : Belt or sequence of Belt, optional
-        Each adds F μ'(v0) w wᵀ to D. Without one the model's own D is used. Not for a pencil.
+    contacts : Belt, LinearContact or another contact, or a sequence of them, optional
+        A belt adds F μ'(v0) w wᵀ to D; other contacts add to D and K what they say (`femsub.model.contact.Contact`). K may become
+        unsymmetric. Without a contact the model's own D and K are used. Not for a pencil.
     count : int, optional
         Number of eigenvalues nearest to 0, conjugates included. A pair is never split, so there may be one more.
     band : (lo, hi), optional
@@ -211,7 +211,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] 
     return result
 
 
-def _with_contacts(model: Substructure | Pencil, contacts: Belt | Sequence[Belt] | None) -> tuple[Pencil, float]:
+def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> tuple[Pencil, float]:
     """The pencil with contacts linearised, and the cut-off of the model."""
     if isinstance(model, Pencil):
         if contacts is not None:

@@ -10,6 +10,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
+from femsub.model.pencil import contact_matrix
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
@@ -43,16 +44,15 @@ class Split:
 
 def split(pencil: Pencil) -> Split | None:
     """The split pencil; None if more than 40 columns W are needed, e.g. because the damping is nowhere proportional."""
-    M, D, K = pencil.M, pencil.D, pencil.K
     if not pencil.is_sparse or not pencil.symmetric[0]:
         return None
-    K0 = K if pencil.symmetric[2] else sp.csr_array((K + K.T) * 0.5)
+    M, D, K0 = pencil.M, pencil.D, pencil.symmetric_stiffness
     own = np.sqrt(np.abs(D.diagonal()))
     D = _without_contacts(D, pencil, own)
     alpha, beta = _proportional(M, K0, D, own)
     parts = [_without(D, alpha, M, beta, K0, own)]
-    if not pencil.symmetric[2]:
-        parts.append(sp.csr_array((K - K.T) * 0.5))
+    if K0 is not pencil.K0:
+        parts.append(sp.csr_array((pencil.K0 - pencil.K0.T) * 0.5))
     rows = np.unique(np.concatenate([np.concatenate(part.nonzero()) for part in parts]))
     small = [part[rows][:, rows] for part in parts]
     rng, sketch = np.random.default_rng(11), []
@@ -77,12 +77,11 @@ def split(pencil: Pencil) -> Split | None:
 
 
 def _without_contacts(D: Matrix, pencil: Pencil, own: Array) -> Matrix:
-    """D - Σ cWWᵀ over the pencil's contacts, without entries that are rounding compared with `own`, sqrt(d_ii)."""
+    """D - Σ W C Wᵀ over the pencil's contacts, without entries that are rounding compared with `own`, sqrt(d_ii)."""
     if not pencil.contacts:
         return D
-    for c, W in pencil.contacts:
-        column = sp.csr_array(W)
-        D = D - c * (column @ column.T)
+    for C, _, W in pencil.contacts:
+        D = D - contact_matrix(W, C)
     rest = sp.coo_array(D)
     keep = np.abs(rest.data) > EXACT * FILLED * own[rest.row] * own[rest.col]
     return sp.csr_array((rest.data[keep], (rest.row[keep], rest.col[keep])), shape=D.shape)
@@ -90,14 +89,14 @@ def _without_contacts(D: Matrix, pencil: Pencil, own: Array) -> Matrix:
 
 def _with_contacts(parts: Split, pencil: Pencil) -> Split | None:
     """Append the pencil's contacts to W."""
-    columns = sum(column.shape[1] for _, column in pencil.contacts)
+    columns = [W for *_, W in pencil.contacts]
     if not columns:
         return parts
-    if parts.W.shape[1] + columns > RANK:
+    if parts.W.shape[1] + sum(W.shape[1] for W in columns) > RANK:
         return None
-    Q, R = la.qr(np.hstack([parts.W, *(column for _, column in pencil.contacts)]), mode="economic")
-    added = np.concatenate([np.full(column.shape[1], c) for c, column in pencil.contacts])
-    C_D, C_K = la.block_diag(parts.C_D, np.diag(added)), la.block_diag(parts.C_K, np.zeros((columns, columns)))
+    Q, R = la.qr(np.hstack([parts.W, *columns]), mode="economic")
+    terms = [[C if np.ndim(C) else C * np.eye(W.shape[1]) for C in both] for *both, W in pencil.contacts]
+    C_D, C_K = (la.block_diag(own, *added) for own, *added in zip((parts.C_D, parts.C_K), *terms, strict=True))
     return Split(parts.M, parts.K0, parts.alpha, parts.beta, Q, R @ C_D @ R.T, R @ C_K @ R.T)
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from femsub.checks import Array, Matrix
 from femsub.model.assembly import System
 from femsub.model.bands import upper, within
+from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
 if TYPE_CHECKING:
-    from femsub.model.friction import Belt
     from femsub.quadratic.complex_modes import ComplexModes
 
 NEAR = 0.5  # |Δλ| / |λ| above which an eigenvalue has no counterpart
@@ -131,17 +131,22 @@ def _least_mac(models: tuple[Substructure, Substructure], values: Array, x: Arra
     return max(least, 0.0)
 
 
-def turnover(model: Substructure, contacts: Belt | None, modes: ComplexModes) -> Array:
-    """(|xᴴDx| + F|μ'| |Wᵀx|²) / 2xᴴMx: the sum of the rates at which D dissipates energy and the belt supplies it.
+def turnover(model: Substructure, contacts: Contacts, modes: ComplexModes) -> Array:
+    """(|xᴴDx| + Σ |u|ᵀ(|C_D| + |C_K - C_Kᵀ| / 2|λ|)|u|) / 2xᴴMx, u = Wᵀx: the sum of the rates at which D dissipates energy and
+    contacts supply it; for a belt F|μ'| |u|².
 
     For a complex λ of a symmetric pencil, |Re λ| is the difference of these rates, which vanishes at the stability border.
-    Without a belt the value is |Re λ|.
+    Without a contact the value is |Re λ|.
     """
     x = modes.shapes
     taken = np.abs(np.einsum("ij,ij->j", x.conj(), model.D @ x).real)
-    if contacts is not None and contacts.slope is not None:
-        W = model.port(contacts.port).reshape(model.size, -1)
-        taken = taken + abs(contacts.force * contacts.slope) * (np.abs(W.T @ x) ** 2).sum(axis=0)
+    size = np.maximum(np.abs(modes.eigenvalues), np.finfo(float).tiny)
+    for contact in contacts_of(contacts):
+        W, damping, stiffness = small_matrices(model, contact)
+        moved = np.abs(W.T @ x)
+        for C, unit in ((damping, 1.0), (np.subtract(stiffness, np.transpose(stiffness)) / 2, size)):
+            if np.any(C):
+                taken = taken + np.einsum("ij,ij->j", moved, np.abs(C) @ moved if np.ndim(C) else np.abs(C) * moved) / unit
     return taken / (2 * np.maximum(_energy(x, model.M @ x), np.finfo(float).tiny))
 
 

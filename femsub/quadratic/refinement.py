@@ -218,11 +218,12 @@ class _Space:
         self.A = Difference(handle.K, handle.M, handle.sigma)
         self.V = np.zeros((pencil.size, 0))
         self.M, self.D = np.zeros((0, 0)), np.zeros((0, 0))
+        self.added = None if pencil.K is pencil.K0 else pencil.K - pencil.K0  # by contacts
 
     @property
     def pencil(self) -> Pencil:
-        eye = np.eye(len(self.M))
-        return Pencil(self.M, self.D, eye + self.handle.sigma * self.M)
+        own = np.eye(len(self.M)) + self.handle.sigma * self.M
+        return Pencil(self.M, self.D, own if self.added is None else own + self.V.T @ (self.added @ self.V))
 
     def coordinates(self, X: Array) -> Array:
         return self.V.T @ (self.A @ X)
@@ -248,8 +249,8 @@ class _Space:
         q = q * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", q, q))) / np.linalg.norm(q, axis=0)
         k = q.shape[1]
         parts = self.V @ np.hstack([q.real, q.imag])
-        D = self.full.D.T if left else self.full.D
-        Mx, Dx, Kx = (x[:, :k] + 1j * x[:, k:] for x in (part @ parts for part in (self.full.M, D, self.full.K)))
+        D, K = (part.T if left else part for part in (self.full.D, self.full.K))
+        Mx, Dx, Kx = (x[:, :k] + 1j * x[:, k:] for x in (part @ parts for part in (self.full.M, D, K)))
         r = Mx * values**2 + Dx * values + Kx
         forces = np.hstack([r.real, r.imag])
         z = self.handle.factor.solve(forces)

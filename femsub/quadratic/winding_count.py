@@ -82,12 +82,12 @@ def undamped_reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Mat
     """A symmetric K0 close to K with its undamped modes below a frequency; only their number with shapes=False.
 
     Their number is a first estimate of the number of eigenvalues in a disc. Their frequencies are the reference of the
-    winding count. K0 is the symmetric part of K, plus a multiple of M if friction has made it indefinite. None if M is not
-    symmetric positive semidefinite.
+    winding count. K0 is the symmetric part of K without contacts, plus a multiple of M if friction has made it indefinite.
+    None if M is not symmetric positive semidefinite.
     """
     if not pencil.symmetric[0]:
         return None
-    symmetric = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) / 2
+    symmetric = pencil.symmetric_stiffness
     for lift in (0.0, 1e-3, 1e-2, 1e-1, 1.0):
         K = symmetric + lift * radius**2 * pencil.M if lift else symmetric
         try:

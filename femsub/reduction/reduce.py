@@ -173,6 +173,9 @@ def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
     pencil = None
     if method.band is not None:
         pencil = sub.linearised(contacts)
+        if pencil.K is not sub.pencil.K:
+            raise InputError("the estimate of a tolerance takes contacts that add to D only, such as belts. Give a number of "
+                             f"modes instead, e.g. {type(method).__name__}(modes=20)")
         if method.band[1] >= SHARE * sub.cutoff:
             raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
                              f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")

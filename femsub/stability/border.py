@@ -12,7 +12,7 @@ from femsub.linalg.subspace import orthonormal
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
 from femsub.model.matrices import is_symmetric
-from femsub.model.pencil import Pencil, contact_damping
+from femsub.model.pencil import Pencil, contact_matrix
 from femsub.modes.normal_modes import lowest_modes, modes_below
 from femsub.modes.shift_invert import ShiftInvert, units
 from femsub.modes.static_shapes import independent
@@ -245,7 +245,7 @@ def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
     growth = []
     followed = (min(band[0], (1 - BESIDE) * border.omega), max(band[1], (1 + BESIDE) * border.omega))
     for factor in (1 - MARGIN, 1 + MARGIN):
-        modes = complex_modes(pencil.with_damping(contact_damping(W, border.c * factor)), band=followed,
+        modes = complex_modes(pencil.with_damping(contact_matrix(W, border.c * factor)), band=followed,
                               re=(-0.2 * band[1], 0.2 * band[1]), certify=False)
         values, bars = modes.eigenvalues, modes.error_bar
         if modes.rigid.all():

@@ -16,6 +16,7 @@ from femsub.linalg.factor import QUADRATIC, SMALL, WIDE, release
 from femsub.linalg.timing import timed
 from femsub.model.assembly import System
 from femsub.model.bands import in_band
+from femsub.model.contact import Contact, Contacts, contacts_of
 from femsub.model.friction import Belt
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes
@@ -31,7 +32,7 @@ SHORT_RUNS = 3  # solutions of a reduced model per turn
 
 
 def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], band: tuple[float, float], *,
-          belt: Belt | None = None, port: str = "belt", ports: bool = False, repeats: int = 5,
+          belt: Contacts = None, port: str = "belt", ports: bool = False, repeats: int = 5,
           slopes: Sequence[float] | None = None, assembly: float = np.nan, progress: Progress | None = None) -> Study:
     """Reduce a component by several methods, and compare errors and run times with the full model.
 
@@ -48,10 +49,11 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
         joints are compared as well.
     band : (lo, hi)
         The band in which errors are measured, in radians per unit of time.
-    belt : Belt, optional
-        The contact under which complex modes are compared; without one only the models' own damping acts.
+    belt : Belt, LinearContact or another contact, or a sequence of them, optional
+        The contacts under which complex modes are compared; without one only the models' own damping acts.
     port : str
-        The port for the critical slope (if a belt is given, its port is used).
+        The port for the critical slope (if a belt is given, the first one's port is used). The other contacts act as well; there
+        is no critical slope if one of them adds to K.
     ports : bool
         Passed to `reduce`: static port columns join each basis.
     repeats : int
@@ -83,8 +85,8 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
     (['Craig-Bampton', 'Craig-Chang'], True)
     """
     instance("sub", sub, Substructure)
-    if belt is not None:
-        instance("belt", belt, Belt)
+    contacts = contacts_of(belt)
+    first = next((contact for contact in contacts if isinstance(contact, Belt)), None)
     lo, hi = check_band(band)
     methods = items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]")
     for method in methods:
@@ -93,23 +95,24 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
     if not methods:
         raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)
-    place, force = (belt.port, belt.force) if belt is not None else (port, 1.0)
+    place, force = (first.port, first.force) if first is not None else (port, 1.0)
+    others = [contact for contact in contacts if contact is not first]
     if sub.ports:  # without a port there is no critical slope
         sub.port(place)
     tell = listener("progress", progress)
-    roms, spectra, phases, solving = _measured(sub, methods, belt, (lo, hi), ports, repeats, tell)
+    roms, spectra, phases, solving = _measured(sub, methods, contacts, (lo, hi), ports, repeats, tell)
     models = [sub, *roms]
     reasons: Sequence[str] = [""] * len(models)
     if slopes is None:
         tell(f"{sub.name}: critical slopes")
-        slopes, _, reasons = zip(*(border_or_reason(model, place, force, (lo, hi)) if place in model.ports and force
+        slopes, _, reasons = zip(*(border_or_reason(model, place, force, (lo, hi), others) if place in model.ports and force
                                    else (np.nan, np.nan, "") for model in models), strict=True)
     elif len(slopes := list(real_array("slopes", slopes, finite=False).ravel())) != len(models):
         raise InputError(f"slopes must be {len(models)}, of the full model and of each method, not {len(slopes)}")
     tell(f"{sub.name}: undamped frequencies")
     modes = normal_modes(sub, band=(lo, hi)) if sub.size > SMALL else all_modes(sub.K, sub.M)
     own = elastic(modes)[in_band(elastic(modes), (lo, hi))]
-    rates = turnover(sub, belt, spectra[0])
+    rates = turnover(sub, contacts, spectra[0])
     rows = []
     for i, model in enumerate(models):
         found = spectrum_errors(spectra[0], spectra[i], (sub, model), rates)
@@ -129,9 +132,9 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
     return Study(sub.name, (lo, hi), repeats, rows[0], with_front(rows[1:], hi), assembly)
 
 
-def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], belt: Belt | None, band: tuple[float, float],
-              ports: bool, repeats: int, tell: Progress) -> tuple[list[Substructure], list[ComplexModes],
-                                                                  list[list[dict[str, float]]], list[list[float]]]:
+def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], contacts: Sequence[Contact],
+              band: tuple[float, float], ports: bool, repeats: int, tell: Progress
+              ) -> tuple[list[Substructure], list[ComplexModes], list[list[dict[str, float]]], list[list[float]]]:
     """Reduced models, all spectra (the full model's first), and for each run the seconds by phase of reduction, and to solve."""
     solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
     phases: list[list[dict[str, float]]] = [[{}], *([] for _ in methods)]
@@ -139,22 +142,22 @@ def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]
     spectra: list[Any] = [None] * (len(methods) + 1)
     if sub.size <= QUADRATIC:
         tell(f"{sub.name}: complex modes of the full model")
-        spectra[0] = complex_modes(sub, belt, band=band)
+        spectra[0] = complex_modes(sub, contacts, band=band)
     for turn in range(repeats):
         for i, method in enumerate(methods):
             tell(f"{sub.name}: run {turn + 1} of {repeats}, {in_words(method)}")
             with warnings.catch_warnings(), timed() as spent:
                 warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
                 tolerance = not isinstance(method, Mapping) and method.band is not None
-                models[i], seconds = _clocked(reduce, sub, method, ports=ports, contacts=belt if tolerance else None)
+                models[i], seconds = _clocked(reduce, sub, method, ports=ports, contacts=contacts or None if tolerance else None)
             phases[i + 1].append(spent | {"basis": seconds - sum(spent.values())})
         tell(f"{sub.name}: run {turn + 1} of {repeats}, full model")
-        found, seconds = _clocked(complex_modes, sub, belt, band=band, certify=False)
+        found, seconds = _clocked(complex_modes, sub, contacts, band=band, certify=False)
         spectra[0] = found if spectra[0] is None else spectra[0]
         solving[0].append(seconds)
         for i, model in enumerate(models, start=1):  # for a small dense model the whole spectrum costs no more than the band
             for _ in range(SHORT_RUNS):  # waking BLAS threads may cost as much as the work
-                spectra[i], seconds = _clocked(complex_modes, model, belt, band=None if model.size <= WIDE else band,
+                spectra[i], seconds = _clocked(complex_modes, model, contacts, band=None if model.size <= WIDE else band,
                                                 certify=False)
                 solving[i].append(seconds)
     return models, spectra, phases, solving
@@ -184,15 +187,19 @@ def _judged(modes: ComplexModes, band: tuple[float, float]) -> tuple[float, bool
     return float(modes.eigenvalues.real[keep].max(initial=-np.inf)), stable
 
 
-def border_or_reason(model: Substructure, port: str, force: float, band: tuple[float, float]) -> tuple[float, float, str]:
-    """Critical slope and its ω; or NaN and the reason why there is none, e.g. a band above the model's cut-off.
+def border_or_reason(model: Substructure, port: str, force: float, band: tuple[float, float],
+                     others: Sequence[Contact] = ()) -> tuple[float, float, str]:
+    """Critical slope under other contacts and its ω; or NaN and the reason why there is none, e.g. a band above the cut-off.
 
     For tables of many models, where one failure must not prevent the results of the others.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", CutoffWarning)  # the error is measured anyway
-            found = critical_slope(model, port, force=force, band=band)
+            pencil = model.linearised(others)
+            if pencil.K is not model.pencil.K:
+                return np.nan, np.nan, "the critical slope takes contacts that add to D only. See critical_value"
+            found = critical_slope(model.with_damping(pencil.D) if others else model, port, force=force, band=band)
             return found.slope, found.omega, ""
     except FemsubError as error:
         return np.nan, np.nan, str(error)

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, instance, items, positive_number, real_array
+from femsub.checks import Array, instance, positive_number, real_array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.model.bands import within
-from femsub.model.friction import Belt
+from femsub.model.contact import Contact, Contacts, contacts_of, port_columns
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.motion.nonlinear_model import project
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
@@ -151,7 +151,7 @@ class SelfExcitation:
                 f"off up to ω = {self.omega.max():.4g}")
 
 
-def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substructure], belts: Belt | Sequence[Belt], *,
+def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substructure], belts: Contacts, *,
                     band: tuple[float, float] | None = None, count: int | None = None,
                     omega: Any = None, harmonics: float = 3.0) -> SelfExcitation | tuple[SelfExcitation, ...]:
     """Check by linear criteria whether a reduced model can show the full model's self-excited motion.
@@ -164,7 +164,7 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         Solved once.
     reduced : Substructure or sequence of Substructure
         Shapes are compared as well if the model has a basis V (from `reduce`).
-    belts : Belt or sequence of Belt
+    belts : Belt, LinearContact or another contact, or a sequence of them
     band, count
         As for `complex_modes`: the part of a sparse full model's spectrum that is computed. Modes of the reduced models
         outside it are not judged.
@@ -202,7 +202,7 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         if isinstance(model, ReducedSubstructure) and len(model.V) != full.size:
             raise InputError(f"the basis of {model.name!r} has {len(model.V)} rows, but the full model has {full.size} DOF. Give "
                              "models reduced from it")
-    contacts = [belts] if isinstance(belts, Belt) else items("belts", belts, "Belts")
+    contacts = contacts_of(belts)
     if not contacts:
         raise InputError("self_excitation needs at least one Belt: without a contact nothing excites the motion")
     modes = complex_modes(full, contacts, band=band, count=count)
@@ -218,7 +218,7 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
     return found if several else found[0]
 
 
-def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Belt | Sequence[Belt],
+def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Contacts,
                measured: Sequence[Mapping[str, Any]], **options: Any) -> list[dict[str, Any]]:
     """One flat dict per reduced model: method, size, the criteria, the verdict, and the measured errors.
 
@@ -280,9 +280,9 @@ def _grid(omega: Any, harmonics: float, top: float, full: Substructure) -> Array
     return np.unique(grid)
 
 
-def _compliance(model: Substructure, belts: Sequence[Belt], grid: Array) -> Array:
-    """h(iω) = WᵀP(iω)⁻¹W over all belts' columns, shape (m, p, p), without friction."""
-    W = np.hstack([model.port(belt.port).reshape(model.size, -1) for belt in belts])
+def _compliance(model: Substructure, contacts: Sequence[Contact], grid: Array) -> Array:
+    """h(iω) = WᵀP(iω)⁻¹W over the columns of all contacts, shape (m, p, p), without the contacts."""
+    W = np.hstack([port_columns(model, contact) for contact in contacts])
     pencil = model.pencil
     if model.size <= SMALL:
         pencil = pencil.dense()

@@ -1,0 +1,153 @@
+"""A contact of one's own is one class in a file of one's own; it and several at once go wherever a belt goes, or are refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import femsub as fs
+from femsub.checks import Array
+
+
+@dataclass(frozen=True)
+class Rubbing:
+    """A normal spring k, and its friction: the tangential force -μ k u_n, K + W k [[1, 0], [μ, 0]] Wᵀ."""
+
+    k: float = 1.0
+    mu: float = 0.3
+    ports: ClassVar[tuple[str, ...]] = ("normal", "tangential")
+
+    def linearised(self, model: fs.Substructure) -> tuple[None, Array]:
+        return None, self.k * np.array([[1.0, 0.0], [self.mu, 0.0]])
+
+
+def part(n: int = 12, sparse: bool = True) -> fs.Substructure:
+    """A chain whose masses move in two directions, with ports at its end."""
+    chain = fs.chain(n, belt=2, damping=0.02)
+    M, D, K = (sp.block_diag([A, factor * A], format="csr") for A, factor in ((chain.M, 1.0), (chain.D, 1.0), (chain.K, 1.4)))
+    unit = np.eye(2 * n)
+    ports = {"belt": unit[1], "normal": unit[n - 1], "tangential": unit[2 * n - 1]}
+    parts = (M, K, D) if sparse else (M.toarray(), K.toarray(), D.toarray())
+    return fs.Substructure(*parts, interface=[0], ports=ports, name="two directions")
+
+
+def explicit(sub: fs.Substructure, rubbing: Rubbing, slope: float = 0.0) -> tuple[Array, Array, Array]:
+    """M, D, K with the contacts written into them by hand."""
+    M, D, K = (A.toarray() if sp.issparse(A) else A.copy() for A in (sub.M, sub.D, sub.K))
+    n, t, b = (int(np.argmax(sub.port(name))) for name in ("normal", "tangential", "belt"))
+    K[n, n] += rubbing.k
+    K[t, n] += rubbing.k * rubbing.mu
+    D[b, b] += slope
+    return M, D, K
+
+
+def spectrum(M: Array, D: Array, K: Array) -> Array:
+    n = len(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    return np.linalg.eigvals(A)
+
+
+def apart(found: Array, exact: Array) -> float:
+    """The largest distance of a value found to the nearest exact one."""
+    return float(np.abs(found[:, None] - exact).min(axis=1).max())
+
+
+@pytest.mark.parametrize("sparse", [True, False])
+def test_it_stands_in_the_pencil_as_written_by_hand(sparse: bool) -> None:
+    sub, rubbing = part(sparse=sparse), Rubbing(k=2.0, mu=0.5)
+    pencil = sub.linearised([rubbing, fs.Belt(slope=-0.1)])
+    M, D, K = explicit(sub, rubbing, -0.1)
+    for name, exact in zip("MDK", (M, D, K), strict=True):
+        found = getattr(pencil, name)
+        assert sp.issparse(found) is sparse
+        np.testing.assert_allclose(found.toarray() if sparse else found, exact, atol=1e-15)
+    assert pencil.symmetric == (True, True, False) and sub.linearised(rubbing).M is sub.pencil.M
+    assert sub.linearised(()).K is sub.pencil.K
+    modes = fs.complex_modes(sub, [rubbing, fs.Belt(slope=-0.1)])
+    assert len(modes) == 48 and apart(modes.eigenvalues, spectrum(M, D, K)) < 1e-12
+
+
+def test_full_and_complete_reduced_model_agree_under_it() -> None:
+    sub, contacts = part(), [Rubbing(k=0.5, mu=0.8), fs.Belt(slope=-0.02)]
+    rom = fs.reduce(sub, fs.CraigBampton(23), ports=True)
+    full, small = (fs.complex_modes(model, contacts, count=10) for model in (sub, rom))
+    assert apart(small.eigenvalues, full.eigenvalues) < 1e-10
+    coarse = fs.reduce(sub, fs.CraigBampton(12), ports=True)
+    modes = fs.complex_modes(coarse, contacts, count=6)
+    refined = fs.refine(sub, modes, coarse, contacts)
+    assert apart(refined.modes.eigenvalues, full.eigenvalues) < 1e-8 < np.nanmax(refined.moved)
+
+
+def test_a_large_model_under_it_is_solved_by_pep_and_counted() -> None:
+    sub, contacts = part(400), [Rubbing(k=0.5, mu=0.8), fs.Belt(slope=-0.02)]
+    modes = fs.complex_modes(sub, contacts, band=(0.0, 0.03))
+    exact = spectrum(*explicit(sub, Rubbing(0.5, 0.8), -0.02))
+    inside = exact[(exact.imag >= 0) & (exact.imag <= 0.03) & (np.abs(exact.real) <= 0.03)]
+    assert len(modes) == len(inside) > 5 and modes.evidence == "confirmed"
+    assert apart(inside, modes.eigenvalues) < 1e-9
+
+
+def test_a_linear_contact_says_the_same() -> None:
+    sub, rubbing = part(), Rubbing(k=2.0, mu=0.5)
+    given = fs.LinearContact(("normal", "tangential"), stiffness=[[2.0, 0.0], [1.0, 0.0]])
+    assert np.array_equal(sub.linearised(given).K.toarray(), sub.linearised(rubbing).K.toarray())
+    belt = fs.LinearContact("belt", damping=[[-0.1]])
+    assert np.array_equal(sub.linearised(belt).D.toarray(), sub.linearised(fs.Belt(slope=-0.1)).D.toarray())
+    turning = fs.LinearContact(("normal", "tangential"), damping=[[0.0, 0.3], [-0.3, 0.1]], stiffness=np.eye(2))
+    large = fs.complex_modes(part(400), [turning, belt], band=(0.0, 0.02))  # D with an unsymmetric term, K with a symmetric one
+    assert large.evidence == "confirmed"
+    pencil = part(400).linearised([turning, belt]).dense()
+    exact = spectrum(pencil.M, pencil.D, pencil.K)
+    inside = exact[(exact.imag >= 0) & (exact.imag <= 0.02) & (np.abs(exact.real) <= 0.02)]
+    assert len(inside) == len(large) and apart(inside, large.eigenvalues) < 1e-9
+    u, v = np.array([1.0, 2.0]), np.array([-1.0, 0.5])
+    np.testing.assert_allclose(turning.exerted(u, v), [-1.15, -2.35], atol=1e-15)
+
+
+def test_a_study_takes_several_contacts() -> None:
+    sub, contacts = part(), [fs.Belt(slope=-0.02), Rubbing(k=0.5, mu=0.2)]
+    table = fs.study(sub, [fs.CraigBampton(6)], (0.0, 0.5), belt=contacts, ports=True, repeats=1)
+    full = fs.complex_modes(sub, contacts, band=(0.0, 0.5))
+    assert table.full.growth == pytest.approx(full.eigenvalues.real.max(), rel=1e-9) and table.rows[0].missing == 0
+    assert np.isnan(table.full.slope) and "critical_value" in table.full.reason
+    two = [fs.Belt(slope=-0.02), fs.LinearContact("normal", damping=[[0.05]])]
+    one, both = (fs.study(sub, [fs.CraigBampton(6)], (0.0, 0.5), belt=belts, ports=True, repeats=1) for belts in (two[0], two))
+    assert both.full.slope < one.full.slope
+
+
+def test_where_a_friction_law_is_needed_it_is_refused_by_name() -> None:
+    sub = part()
+    law = fs.StribeckArctan(eps=1e-2)
+    for call in (lambda c: fs.harmonic_balance(sub, c), lambda c: fs.branch(sub, c)):
+        with pytest.raises(fs.InputTypeError, match=r"takes Belts.*not Rubbing"):
+            call([fs.Belt(speed=0.2, law=law), Rubbing()])
+
+
+def test_what_is_no_contact_is_told() -> None:
+    sub = part()
+
+    class Half(Rubbing):
+        def linearised(self, model: fs.Substructure) -> Array:  # type: ignore[override]
+            return np.eye(2)
+
+    class Wide(Rubbing):
+        def linearised(self, model: fs.Substructure) -> tuple[None, Array]:
+            return None, np.eye(3)
+
+    for wrong, told in ((Half(), r"must return \(C_D, C_K\)"), (Wide(), r"shape \(3, 3\), but its ports .* have 2 columns"),
+                        (Rubbing(k=np.nan), "NaN or Inf"), (fs.LinearContact("elsewhere", stiffness=[[1.0]]), "port 'elsewhere'"),
+                        (Rubbing, "list of Belts or other contacts"), ([Rubbing], "must be a Belt, a LinearContact"),
+                        (fs.LinearContact("belt", stiffness=np.eye(2)), "have 1 columns")):
+        with pytest.raises((fs.InputError, fs.InputTypeError), match=told):
+            fs.complex_modes(sub, wrong)
+    with pytest.raises(fs.InputError, match="contacts that add to D only"):
+        fs.reduce(sub, fs.CraigBampton(band=(0, 1), tol=1e-3), contacts=Rubbing())
+    for arguments, told in ((((), np.eye(1)), "at least one port"), ((("n",),), "needs stiffness or damping"),
+                            ((("n",), np.ones((1, 2))), "must be square"), ((("n",), np.eye(2), np.eye(1)), "but damping")):
+        with pytest.raises(fs.InputError, match=told):
+            fs.LinearContact(*arguments)
+    assert replace(Rubbing(), mu=0.1).mu == 0.1
