@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from femsub.io.matrix_files import read_matrix as read_matrix
     from femsub.io.mesh_files import read_mesh as read_mesh, write_mesh as write_mesh
     from femsub.io.model_folder import write_matrices as write_matrices
+    from femsub.model.affine import Affine as Affine
     from femsub.model.assembly import System as System, couple as couple
     from femsub.model.contact import LinearContact as LinearContact
     from femsub.model.dof_map import DofMap as DofMap

@@ -24,6 +24,7 @@ from femsub.motion.cycles.compliance import Solved
 BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=0.02))
 #: how one of each public class is made; the objects are small, and made once
 MAKE: dict[str, Callable[[], Any]] = {
+    "Affine": lambda: fs.Affine(np.eye(2), [("speed", [[0, 1], [-1, 0]])], [(1.0, np.eye(2)), ("mu", [[0, 1], [0, 0]])]),
     "Averaged": lambda: fs.Averaged(("hub", [0, 1]), ("disc", "bore"), weights=(1.0, 2.0)),
     "Belt": lambda: BELT,
     "Branch": lambda: fs.branch(full(), BELT, start=cycle(), points=4),

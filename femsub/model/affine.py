@@ -1,0 +1,181 @@
+"""`Affine`: a pencil whose matrices are sums Σ θ_i(p) A_i with named parameters p, for what a `Substructure` cannot hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial, reduce
+from inspect import Parameter, signature
+from operator import add
+from typing import Any, TypeAlias
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix, finite_number, real_array, shown
+from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.model.frozen import Frozen
+from femsub.model.matrices import as_matrix
+from femsub.model.pencil import Pencil
+
+Theta: TypeAlias = float | str | Callable[..., float]
+Terms: TypeAlias = tuple[tuple[Theta, Matrix], ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Affine(Frozen):
+    """A pencil with parameters: P(λ; p) = λ² Σ θ_i M_i + λ Σ θ_j D_j + Σ θ_k K_k with factors θ(p).
+
+    Any of the matrices may be unsymmetric: gyroscopic and circulatory terms, friction, follower forces. A disc that turns in a
+    fixed frame at Ω has D₁ + D_R/Ω + Ω D_G and K₁ + K_R + Ω² K_geo.
+
+    Parameters
+    ----------
+    M, D, K : matrix (n, n), or sequence of (θ, matrix)
+        Each matrix dense or sparse. θ is a number, the name of a parameter, or a function whose arguments are the names, as
+        ``lambda speed: 1 / speed``. An argument with a default value is no parameter. A matrix alone has θ = 1. ``D=None`` means
+        no damping. Use a function of a module instead of a lambda if the object is to be pickled.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+        The names, in the order in which they come.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Matrices that are not square, not of one size, complex, or hold NaN; a θ of another kind.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> two_mode = fs.Affine([[1, 0], [0, 1]], None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
+    >>> two_mode
+    Affine: 2 DOF, dense, parameters mu
+    >>> print(f"{fs.complex_modes(two_mode.at(mu=1.0)).growth:.6f}")
+    0.202072
+    """
+
+    M: Terms
+    D: Terms
+    K: Terms
+
+    def __init__(self, M: Any, D: Any, K: Any) -> None:
+        parts = {name: _terms(name, value) for name, value in (("M", M), ("D", D), ("K", K))}
+        if not parts["M"] or not parts["K"]:
+            raise InputError("M and K need at least one matrix each")
+        size = as_matrix("M", parts["M"][0][1]).shape[0]
+        self._set(**{name: tuple((theta, as_matrix(name, A, size)) for theta, A in terms) for name, terms in parts.items()})
+
+    def __repr__(self) -> str:
+        kind = "sparse" if all(sp.issparse(A) for _, A in self._all) else "dense"
+        told = f"parameters {', '.join(self.parameters)}" if self.parameters else "no parameters"
+        return f"Affine: {self.size} DOF, {kind}, {told}"
+
+    @property
+    def _all(self) -> Terms:
+        return (*self.M, *self.D, *self.K)
+
+    @property
+    def size(self) -> int:
+        return int(self.M[0][1].shape[0])
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for theta, _ in self._all for name in _names(theta)))
+
+    def at(self, **values: float) -> Pencil:
+        """The pencil at given values of all parameters.
+
+        Raises
+        ------
+        InputError
+            A parameter is missing or unknown, or a θ is not finite there.
+        """
+        rest = self.fixed(**values)
+        if rest.parameters:
+            raise InputError(f"no value is given for {', '.join(rest.parameters)}. Give all of {', '.join(self.parameters)}")
+        return Pencil(*(reduce(add, (theta * A for theta, A in terms)) if terms else None for terms in (rest.M, rest.D, rest.K)))
+
+    def fixed(self, **values: float) -> Affine:
+        """The same with values given to some of the parameters, and the others left."""
+        for name, value in values.items():
+            if name not in self.parameters:
+                raise unknown_name("parameter", name, self.parameters)
+            finite_number(name, value)
+        return self._with(lambda theta, A: (_fixed(theta, values), A))
+
+    def reduced(self, V: Any) -> Affine:
+        """Each matrix projected once, VᵀA_iV (r, r), on a basis V (n, r), e.g. that of a reduced model."""
+        basis = real_array("V", V)
+        if basis.ndim != 2 or basis.shape[0] != self.size or not basis.shape[1]:
+            raise InputError(f"V must have {self.size} rows, one per DOF, and a column or more, but its shape is {basis.shape}")
+        return self._with(lambda theta, A: (theta, _projected(A, basis)))
+
+    def _with(self, change: Callable[[Theta, Matrix], tuple[Theta, Matrix]]) -> Affine:
+        copy = object.__new__(Affine)
+        copy._set(**{name: tuple(change(*term) for term in getattr(self, name)) for name in "MDK"})
+        return copy
+
+
+def _terms(name: str, value: Any) -> list[tuple[Theta, Any]]:
+    """Pairs (θ, matrix), of a matrix alone with θ = 1."""
+    if value is None:
+        return []
+    pairs = isinstance(value, (list, tuple)) and all(isinstance(pair, (list, tuple)) and len(pair) == 2 and _is_matrix(pair[1])
+                                                     for pair in value)
+    found: list[tuple[Theta, Any]] = [(pair[0], pair[1]) for pair in value] if pairs else [(1.0, value)]
+    for theta, _ in found:
+        if isinstance(theta, str):
+            if not theta.isidentifier():
+                raise InputError(f"{theta!r} in {name} is no name of a parameter. Give a name such as 'mu', or a function of it")
+        elif callable(theta):
+            _names(theta)
+        else:
+            finite_number(f"the factor of a matrix in {name}", theta)
+    return found
+
+
+def _is_matrix(value: Any) -> bool:
+    try:
+        return sp.issparse(value) or np.ndim(value) == 2
+    except ValueError:  # ragged
+        return False
+
+
+def _names(theta: Theta) -> list[str]:
+    """The parameters of a factor."""
+    if isinstance(theta, str):
+        return [theta]
+    if not callable(theta):
+        return []
+    try:
+        arguments = signature(theta).parameters.values()
+    except (TypeError, ValueError):
+        raise InputTypeError(f"the arguments of the factor {shown(theta)} are unknown. Give a Python function") from None
+    if any(one.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD, Parameter.POSITIONAL_ONLY) for one in arguments):
+        raise InputTypeError(f"the factor {shown(theta)} must name its arguments, as lambda speed: 1 / speed")
+    return [one.name for one in arguments if one.default is Parameter.empty]
+
+
+def _fixed(theta: Theta, values: Mapping[str, float]) -> Theta:
+    """A factor with some of its parameters given: a number once all are."""
+    names = _names(theta)
+    if not any(name in values for name in names):
+        return theta if names or not callable(theta) else finite_number("a factor", theta())
+    if isinstance(theta, str):
+        return float(values[theta])
+    assert callable(theta)
+    known = {name: float(values[name]) for name in names if name in values}
+    if len(known) < len(names):
+        return partial(theta, **known)
+    told = ", ".join(f"{name} = {value:g}" for name, value in known.items())
+    try:
+        return finite_number(f"a factor at {told}", theta(**known))
+    except ArithmeticError as error:
+        raise InputError(f"a factor cannot be computed at {told}: {error}") from None
+
+
+def _projected(A: Matrix, V: Array) -> Array:
+    found: Array = np.asarray(V.T @ (A @ V))
+    return (found + found.T) / 2 if not (A != A.T).sum() else found

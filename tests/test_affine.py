@@ -1,0 +1,64 @@
+"""A pencil with named parameters: its matrices at values, some parameters fixed, projected once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import femsub as fs
+
+
+def spinning() -> fs.Affine:
+    """A rotor of three DOF with D/Ω, a gyroscopic ΩG, Ω²K and a follower force."""
+    rng = np.random.default_rng(3)
+    A = rng.standard_normal((5, 3, 3))
+    sym, skew = A @ np.swapaxes(A, 1, 2), A - np.swapaxes(A, 1, 2)
+    return fs.Affine(sym[0], [(0.1, sym[1]), (lambda speed: 1 / speed, sym[2]), ("speed", skew[3])],
+                     [(1.0, sym[3]), (lambda speed: speed**2, sym[4]), ("mu", A[0])])
+
+
+def test_its_pencil_is_the_sum() -> None:
+    family = spinning()
+    assert family.parameters == ("speed", "mu") and family.size == 3 and "parameters speed, mu" in repr(family)
+    pencil = family.at(speed=2.0, mu=0.3)
+    for name, factors in (("M", [1.0]), ("D", [0.1, 0.5, 2.0]), ("K", [1.0, 4.0, 0.3])):
+        exact = sum(factor * A for factor, (_, A) in zip(factors, getattr(family, name), strict=True))
+        np.testing.assert_allclose(getattr(pencil, name), exact, rtol=1e-15)
+    assert pencil.symmetric == (True, False, False)
+    part = family.fixed(mu=0.3)
+    assert part.parameters == ("speed",) and family.parameters == ("speed", "mu")
+    assert np.array_equal(part.at(speed=2.0).K, pencil.K)
+    assert fs.Affine(np.eye(2), None, [(lambda a, b, c=2.0: a * b * c, np.eye(2))]).fixed(a=3.0).at(b=4.0).K[0, 0] == 24.0
+
+
+def test_each_matrix_is_projected_once_and_the_pencils_agree() -> None:
+    family, V = spinning(), np.linalg.qr(np.random.default_rng(1).standard_normal((3, 2)))[0]
+    small, full = family.reduced(V).at(speed=1.5, mu=0.2), family.at(speed=1.5, mu=0.2)
+    for name in "MDK":
+        np.testing.assert_allclose(getattr(small, name), V.T @ getattr(full, name) @ V, atol=1e-14)
+    assert small.symmetric[0]
+    sub = fs.chain(30, belt=2)
+    rom = fs.reduce(sub, fs.CraigChang(6), ports=True)
+    w = sp.csr_array(sub.port("belt")[:, None])
+    chain = fs.Affine(sub.M, [(1.0, sub.D), ("slope", w @ w.T)], sub.K)
+    assert chain.at(slope=-0.1).is_sparse and "sparse" in repr(chain)
+    found = fs.complex_modes(chain.reduced(rom.V).at(slope=-0.1)).eigenvalues
+    exact = fs.complex_modes(rom, fs.Belt(slope=-0.1)).eigenvalues
+    assert np.abs(found[:, None] - exact).min(axis=1).max() < 1e-12
+
+
+def test_what_does_not_fit_is_told() -> None:
+    family, eye = spinning(), np.eye(2)
+    for call, told in ((lambda: family.at(speed=1.0), "no value is given for mu"),
+                       (lambda: family.at(speed=1.0, mu=0.1, nu=2.0), "unknown parameter 'nu'"),
+                       (lambda: family.at(speed=0.0, mu=0.1), "cannot be computed at speed = 0"),
+                       (lambda: family.at(speed="x", mu=0.1), "speed must be a number"),
+                       (lambda: fs.Affine(eye, None, np.eye(3)), "3 x 3, but the other"),
+                       (lambda: fs.Affine(eye, None, None), "at least one matrix"),
+                       (lambda: fs.Affine(eye, None, [("1/speed", eye)]), "no name of a parameter"),
+                       (lambda: fs.Affine(eye, None, [(None, eye)]), "factor of a matrix in K must be a number"),
+                       (lambda: fs.Affine(eye, None, [(lambda *a: 1.0, eye)]), "must name its arguments"),
+                       (lambda: family.reduced(np.eye(2)), "V must have 3 rows")):
+        with pytest.raises((fs.InputError, fs.InputTypeError), match=told):
+            call()
