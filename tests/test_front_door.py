@@ -104,6 +104,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
 
     coupled.__signature__ = inspect.signature(fs.Spring)  # type: ignore[attr-defined]
     return {
+        "Affine": (fs.Affine, {"M": np.eye(2), "D": None, "K": [(1.0, np.eye(2)), ("mu", [[0.0, 1.0], [0.0, 0.0]])]}),
+        "LinearContact": (fs.LinearContact, {"ports": ("belt",), "stiffness": [[1.0]], "damping": None}),
         "Averaged": (fs.Averaged, {"reference": ("a", [3]), "surface": ("b", [0]), "weights": None, "name": ""}),
         "Kinematic": (fs.Kinematic, {"reference": ("a", [3]), "surface": ("b", [0]), "name": ""}),
         "Rigid": (rigid, {"end": ("a", [3]), "tolerance": None, "name": ""}),
