@@ -90,11 +90,11 @@ class Tied(Joint):
         assert one.dofs is not None
         blocks = []
         for label in dict.fromkeys(one.dofs.labels[k] for k in one.dofs.components):
-            mine, yours = _places(one, ours, label), _places(other, theirs, label)
+            mine, yours = rows_of_nodes(one, ours, label), rows_of_nodes(other, theirs, label)
             if (mine < 0).any():
                 raise InputError(f"{label} of {int((mine < 0).sum())} nodes of {one.title} is held, or no interface DOF, e.g. of "
                                  f"node {ours.numbers[int(np.argmin(mine))]}: release it, or let {other.title} come first")
-            blocks.append([(one.part, _chosen(one, mine)), (other.part, -T @ _chosen(other, yours))])
+            blocks.append([(one.part, picked(one, mine)), (other.part, -T @ picked(other, yours))])
         return Link(stacked(*blocks))
 
     def _surface(self, parts: Mapping[str, Substructure], end: End) -> tuple[Site, Surface]:
@@ -190,20 +190,27 @@ class Surface:
             N[members], dN[members] = values[:, table[side]], gradients[:, table[side]] @ tangents.T
         return N, dN
 
-    def foot(self, at: Array, x: Array) -> tuple[Array, Array]:
-        """N (p, k) of the faces `at` where they are nearest to the points x (p, 3), and how far these are; by Gauss-Newton."""
+    def place(self, at: Array, x: Array) -> Array:
+        """The own coordinates s (p, 2) of the faces `at` where they are nearest to the points x (p, 3), by Gauss-Newton."""
         s = np.full((len(at), 2), 0.5 if self.corners == 4 else 1 / 3)
-        P = self.points[self.faces[at]]
         for _ in range(STEPS):
-            N, dN = self.shapes(at, s)
-            J = np.einsum("pks,pki->psi", dN, P)
-            gap = x - np.einsum("pk,pki->pi", N, P)
+            N, J = self.tangents(at, s)
+            gap = x - np.einsum("pk,pki->pi", N, self.points[self.faces[at]])
             step = np.linalg.solve(J @ J.transpose(0, 2, 1), (J @ gap[:, :, None]))[:, :, 0]
             s = s + step
             if np.abs(step).max(initial=0.0) < 1e-14:
                 break
-        N = self.shapes(at, s)[0]
-        return N, np.linalg.norm(x - np.einsum("pk,pki->pi", N, P), axis=1)
+        return s
+
+    def tangents(self, at: Array, s: Array) -> tuple[Array, Array]:
+        """N (p, k) and ∂x/∂s (p, 2, 3) of the faces `at` at s (p, 2)."""
+        N, dN = self.shapes(at, s)
+        return N, np.einsum("pks,pki->psi", dN, self.points[self.faces[at]])
+
+    def foot(self, at: Array, x: Array) -> tuple[Array, Array]:
+        """N (p, k) of the faces `at` where they are nearest to the points x (p, 3), and how far these are."""
+        N = self.shapes(at, self.place(at, x))[0]
+        return N, np.linalg.norm(x - np.einsum("pk,pki->pi", N, self.points[self.faces[at]]), axis=1)
 
 
 def mortar(ours: Surface, theirs: Surface, tolerance: float | None, what: str) -> Matrix:
@@ -216,10 +223,10 @@ def mortar(ours: Surface, theirs: Surface, tolerance: float | None, what: str) -
     InputError
         The surfaces lie apart, or ours reaches beyond theirs.
     """
-    face, pair, x, w = _common(ours, theirs)
+    face, pair, x, w = common_parts(ours, theirs)
     N, _ = ours.foot(face, x)
     far, gap = theirs.foot(pair, x)
-    limit = GAP * ours.radii[face] if tolerance is None else np.full(len(face), tolerance)
+    limit = reach(ours, face, tolerance)
     near = gap <= limit
     area = np.linalg.norm(_areas(ours.polygons), axis=1)
     covered = np.bincount(face[near], w[near], len(area)) / area
@@ -250,6 +257,11 @@ def mortar(ours: Surface, theirs: Surface, tolerance: float | None, what: str) -
     return sp.csr_array(splu(sp.csc_array(D)).solve(B.toarray()))
 
 
+def reach(surface: Surface, face: Array, tolerance: float | None) -> Array:
+    """How far another surface may be away from these faces."""
+    return GAP * surface.radii[face] if tolerance is None else np.full(len(face), tolerance)
+
+
 def _summed(blocks: Array, rows: Array, columns: Array, shape: tuple[int, int]) -> Matrix:
     at, to = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
     return sp.csr_array(sp.coo_array((blocks.ravel(), (at.ravel(), to.ravel())), shape=shape))
@@ -261,7 +273,7 @@ def _areas(polygons: Array) -> Array:
     return np.cross(rest[:, :-1], rest[:, 1:]).sum(axis=1) / 2
 
 
-def _common(ours: Surface, theirs: Surface) -> tuple[Array, Array, Array, Array]:
+def common_parts(ours: Surface, theirs: Surface) -> tuple[Array, Array, Array, Array]:
     """Points of quadrature on the common parts of our faces and theirs: our face (p,), theirs (p,), x (p, 3), weight (p,)."""
     from scipy.spatial import cKDTree
 
@@ -322,7 +334,7 @@ def clipped(P: Array, Q: Array) -> Array:
     return P
 
 
-def _places(found: Site, surface: Surface, label: str) -> Array:
+def rows_of_nodes(found: Site, surface: Surface, label: str) -> Array:
     """The place among the DOF of a site of a motion of each node of the surface; -1 where it has none."""
     assert found.dofs is not None and found.dofs.points is not None
     labels = [found.dofs.labels[k] for k in found.dofs.components]
@@ -330,7 +342,7 @@ def _places(found: Site, surface: Surface, label: str) -> Array:
     return np.where(apart <= 1e-9 * np.abs(surface.points).max(), place, -1)
 
 
-def _chosen(found: Site, places: Array) -> Matrix:
+def picked(found: Site, places: Array) -> Matrix:
     """Which of the interface's DOF (columns) each row is; no entry where the place is -1: that node is held."""
     rows = np.flatnonzero(places >= 0)
     shape = len(places), len(found.sub.interface_numbers)
