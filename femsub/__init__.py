@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from femsub.components.chain import chain as chain, chain_frequencies as chain_frequencies
     from femsub.components.damping import damped as damped
     from femsub.components.fields import displacements as displacements
+    from femsub.components.friction_contact import FrictionContact as FrictionContact
     from femsub.components.grids import annulus as annulus, block as block, rectangle as rectangle
     from femsub.components.mesh import Mesh as Mesh
     from femsub.components.plate import plate as plate

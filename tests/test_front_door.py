@@ -102,9 +102,17 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         """A joint's own arguments, where they are used."""
         return fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0])), fs.Spring(**given)])
 
+    def rubbing(**given: Any) -> fs.Pencil:
+        """Arguments of a friction contact, where they are used."""
+        return fs.solid(mesh, fs.Material(1.0, 0.3, 1.0), interface=["top"]).linearised(fs.FrictionContact(**given))
+
+    rubbing.__signature__ = inspect.signature(fs.FrictionContact)  # type: ignore[attr-defined]
     coupled.__signature__ = inspect.signature(fs.Spring)  # type: ignore[attr-defined]
     return {
         "Affine": (fs.Affine, {"M": np.eye(2), "D": None, "K": [(1.0, np.eye(2)), ("mu", [[0.0, 1.0], [0.0, 0.0]])]}),
+        "FrictionContact": (rubbing, {"stiffness": 1.0, "mu": 0.4, "pressure": 0.0, "direction": (1.0, 0.0, 0.0), "axis": None,
+                                      "centre": (0.0, 0.0, 0.0), "speed": None, "slope": 0.0, "tolerance": None, "first": "top",
+                                      "second": "ground", "meshes": mesh}),
         "LinearContact": (fs.LinearContact, {"ports": ("belt",), "stiffness": [[1.0]], "damping": None}),
         "Averaged": (fs.Averaged, {"reference": ("a", [3]), "surface": ("b", [0]), "weights": None, "name": ""}),
         "Kinematic": (fs.Kinematic, {"reference": ("a", [3]), "surface": ("b", [0]), "name": ""}),

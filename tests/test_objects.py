@@ -36,6 +36,8 @@ MAKE: dict[str, Callable[[], Any]] = {
     "DofMap": lambda: fs.DofMap([3, 3, 5], [0, 1, 0], points=np.eye(3)),
     "DualCraigBampton": lambda: fs.DualCraigBampton(modes=3),
     "Estimate": lambda: made("ReducedSubstructure").estimate,
+    "FrictionContact": lambda: fs.FrictionContact("pad.face", "disc.track", {"pad": made("Mesh"), "disc": made("Mesh")}, 1e9, 0.4,
+                                                  direction=(1.0, 0.0, 0.0), speed=2.0),
     "Guyan": lambda: fs.Guyan(),
     "Herting": lambda: fs.Herting(modes=3),
     "Hurty": lambda: fs.Hurty(modes=3),

@@ -1,10 +1,10 @@
-"""`FrictionContact`: Coulomb friction between two surfaces that slide on each other, integrated over meshes that need not match."""
+"""`FrictionContact`: Coulomb friction between surfaces that slide on each other, integrated over meshes that need not match."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,10 +13,10 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import reference, skfem
-from femsub.components.ties import Surface, common_parts, picked, reach, rows_of_nodes
+from femsub.components.ties import Surface, common_parts, reach, rows_of_nodes
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model.dof_map import TRANSLATIONS
-from femsub.model.joints import GROUND, Site
+from femsub.model.joints import GROUND, Joint, Link, Site
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
@@ -26,7 +26,7 @@ ALONG = 0.1  # of the sliding velocity that must lie in the surface
 
 
 @dataclass(frozen=True, eq=False)
-class FrictionContact:
+class FrictionContact(Joint):
     """Coulomb friction between a surface and a second one, or a rigid body, that slides on it.
 
     About steady sliding, with the unit normal n into the first body and t, the direction in which the second moves against it:
@@ -36,8 +36,11 @@ class FrictionContact:
     Nᵀu, Tᵀu and Sᵀu are the components along n, t and s = n × t of u_first - u_second. The pressure is p - k Nᵀu. It acts on the
     first body with the force (p - k Nᵀu)(n + μ t), and on the second with the opposite one. So friction makes K unsymmetric
     (circulatory). The last term is the damping by friction itself: a velocity along s turns the direction of sliding. It needs V.
-    With a second body that turns, K has in addition -∫ (p/r)(μ S Rₛᵀ + r μ' T Rₜᵀ) dA, where R is the component along s (t) of
+    With a second body that turns, K has in addition -∫ (μ p / r) S Rₛᵀ + μ' p Ω T Rₜᵀ dA, where Rₛ and Rₜ are the components of
     ∂u₂/∂θ + e × (u₁ - u₂): the material of the second body moves through the contact.
+
+    A friction contact is also a joint without equations: among the joints of `couple` it says which parts meet, and a part that
+    nothing else holds to the others is taken. The contact itself is given to the analysis.
 
     The integrals are taken over the common parts of the faces of both surfaces. The contact acts on the interface DOF of both
     sets, so that every basis that keeps these sets as interface represents it without error.
@@ -62,8 +65,7 @@ class FrictionContact:
     centre : array_like, shape (3,)
         A point of the axis; by default the origin.
     speed : float, optional
-        V (length / time), or with an axis Ω (rad / time), where V = Ω r. Without it there is no damping by friction, and μ' is of no
-        effect on K.
+        V (length / time), or with an axis Ω (rad / time), where V = Ω r. Without it only the terms of k are there.
     slope : float
         μ' = dμ/dV (time / length), by default 0.
     tolerance : float, optional
@@ -89,7 +91,7 @@ class FrictionContact:
     >>> pencil = pad.linearised(rubbing)
     >>> print(rubbing, pencil, sep="\\n")
     FrictionContact: bottom on ground, mu = 0.4, stiffness 1e+12, sliding along (1, 0, 0)
-    Pencil: 135 DOF, sparse, K unsymmetric
+    Pencil: 156 DOF, sparse, K unsymmetric
     """
 
     first: str
@@ -112,12 +114,12 @@ class FrictionContact:
             for key, mesh in mapping("meshes", self.meshes, "the parts' names and meshes").items():
                 instance(f"the mesh of {key!r}", mesh, Mesh)
         positive_number("stiffness", self.stiffness)
-        for name, meaning in (("mu", "the coefficient of friction; turn the direction or the axis"), ("pressure", "a pressure")):
+        for name, instead in (("mu", "to reverse the friction, turn the direction or the axis"), ("pressure", "it presses")):
             if finite_number(name, getattr(self, name)) < 0:
-                raise InputError(f"{name} must not be negative, but is {getattr(self, name)!r}: it is {meaning}")
+                raise InputError(f"{name} must not be negative, but is {getattr(self, name)!r}: {instead}")
         if (self.direction is None) == (self.axis is None):
-            raise InputError("a friction contact needs either direction=(x, y, z), in which the second body moves, or axis=(x, y, z), "
-                             "about which it turns")
+            raise InputError("a friction contact needs either direction=(x, y, z), in which the second body moves, or "
+                             "axis=(x, y, z), about which it turns")
         for name in ("direction", "axis", "centre"):
             if getattr(self, name) is None:
                 continue
@@ -140,29 +142,39 @@ class FrictionContact:
 
     @property
     def ports(self) -> tuple[str, ...]:
-        """The interface sets that the contact acts on."""
+        """None: the contact acts on `sets`."""
+        return ()
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """The interface sets of both surfaces."""
         return (self.first,) if self.second == GROUND else (self.first, self.second)
 
-    def columns(self, model: Substructure) -> Matrix:
-        """W (n, p): the motion of the model's interface DOF is Wᵀq."""
-        return sp.csc_array(model.interface_rows).T
+    def link(self, parts: Mapping[str, Substructure]) -> Link:
+        """No equation and no spring: among the joints of `couple` it says that these parts meet, and checks that they do."""
+        owners = [name.partition(".")[0] for name in self.sets]
+        for owner in owners:
+            if owner not in parts:
+                raise unknown_name("part", owner, parts)
+        self._points()
+        return Link(motions={owner: sp.csr_array((0, parts[owner].size)) for owner in owners}, grounded=self.second == GROUND)
 
     def linearised(self, model: Substructure) -> tuple[Matrix | None, Matrix]:
-        """(C_D, C_K), sparse, shape (p, p), on the model's interface DOF."""
+        """(C_D, C_K), sparse, shape (p, p), on the DOF of both sets."""
         points = self._points()
         n, t, s, r = self._directions(points)
         move = self._motions(model, points)
         N, T, S = (_along(vectors, move) for vectors in (n, t, s))
         weight = sp.diags_array(points.weight)
-        normal = self.stiffness * (weight @ N)
-        K = N.T @ normal + self.mu * (T.T @ normal)
+        normal = float(self.stiffness) * (weight @ N)
+        K = N.T @ normal + float(self.mu) * (T.T @ normal)
         if self.speed is None or not self.pressure:
             return None, sp.csr_array(K)
         load, faster = self.pressure * points.weight, self.speed * r
         turned, fallen = sp.diags_array(self.mu * load / faster), sp.diags_array(self.slope * load)
         D = T.T @ (fallen @ T) + S.T @ (turned @ S)
         if self.axis is not None:
-            carried = self.speed * self._carried(model, points)
+            carried = [self.speed * motion for motion in self._carried(model, points)]
             K = K - S.T @ (turned @ _along(s, carried)) - T.T @ (fallen @ _along(t, carried))
         return sp.csr_array(D), sp.csr_array(K)
 
@@ -181,34 +193,73 @@ class FrictionContact:
     def _directions(self, points: Points) -> tuple[Array, Array, Array, Array]:
         """n, t, s (q, 3), and r (q,), by which Ω is multiplied to be a velocity: 1 without an axis."""
         n = points.normal
-        way = np.cross(self.axis, points.x - self.centre) if self.axis is not None else np.broadcast_to(self.direction, n.shape)
+        turning = self.axis is not None
+        given = np.asarray(self.axis if turning else self.direction)
+        way = np.cross(given, points.x - self.centre) if turning else np.tile(given, (len(n), 1))
         size = np.linalg.norm(way, axis=1)
         t = way - np.einsum("qi,qi->q", way, n)[:, None] * n
-        along = np.linalg.norm(t, axis=1)
+        along = np.linalg.norm(t, axis=1)  # V/Ω with an axis; a direction has the length 1
         if (along <= ALONG * size).any():
-            raise InputError(f"the second body of {self!r} does not slide along the surface at {points.x[np.argmin(along)].round(6)}: "
-                             "its velocity is normal to it, or 0")
+            where = points.x[np.argmin(along)].round(6)
+            raise InputError(f"the second body of {self!r} does not slide along the surface at {where}: its velocity is 0 there, "
+                             "or normal to it")
         t = t / along[:, None]
-        return n, t, np.cross(n, t), along
+        return n, t, np.cross(n, t), along if turning else np.ones(len(n))
 
     def _motions(self, model: Substructure, points: Points) -> list[Matrix]:
         """u_first - u_second at the points, one matrix (q, p) for each direction in space."""
-        mine = _moved(model, self.first, points.first, points.N)
+        mine = _moved(model, self.first, points.first, points.first.N)
         if points.second is None:
             return mine
-        return [a - b for a, b in zip(mine, _moved(model, self.second, points.second, points.far), strict=True)]
+        theirs = _moved(model, self.second, points.second, points.second.N)
+        return [sp.csr_array(sp.hstack([a, -b])) for a, b in zip(mine, theirs, strict=True)]
 
     def _carried(self, model: Substructure, points: Points) -> list[Matrix]:
         """∂u₂/∂θ + e × (u₁ - u₂) at the points, one matrix (q, p) for each direction in space."""
-        apart = self._motions(model, points)
-        e = np.asarray(self.axis)
+        apart, e = self._motions(model, points), np.asarray(self.axis)
         turned = [e[(i + 1) % 3] * apart[(i + 2) % 3] - e[(i + 2) % 3] * apart[(i + 1) % 3] for i in range(3)]
         if points.second is None:
             return turned
         way = np.cross(e, points.x - self.centre)
-        slope = np.linalg.solve(points.J @ points.J.transpose(0, 2, 1), points.J @ way[:, :, None])[:, :, 0]  # ∂s/∂θ
-        rate = _at(points.second, points.pair, np.einsum("qks,qs->qk", points.dfar, slope))
-        return [a + b for a, b in zip(turned, _moved(model, self.second, points.second, rate), strict=True)]
+        moved = _moved(model, self.second, points.second, points.second.rate(way))
+        return [a + sp.hstack([sp.csr_array((len(way), a.shape[1] - b.shape[1])), b]) for a, b in zip(turned, moved, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """Points on one of two surfaces: their faces (q,), and the faces' own coordinates there (q, 2)."""
+
+    surface: Surface
+    face: Array
+    s: Array
+
+    @property
+    def N(self) -> Matrix:
+        """Shape functions, sparse, shape (q, nodes of the surface)."""
+        return self._sparse(self.surface.tangents(self.face, self.s)[0])
+
+    @cached_property
+    def J(self) -> Array:
+        """∂x/∂s, (q, 2, 3)."""
+        return self.surface.tangents(self.face, self.s)[1]
+
+    @property
+    def x(self) -> Array:
+        """(q, 3)."""
+        corners = self.surface.points[self.surface.faces[self.face]]
+        return np.einsum("qk,qki->qi", self.surface.tangents(self.face, self.s)[0], corners)
+
+    def rate(self, way: Array) -> Matrix:
+        """dN along a velocity (q, 3) in the surface, sparse, in the shape of N."""
+        steps = np.linalg.solve(self.J @ self.J.transpose(0, 2, 1), self.J @ way[:, :, None])[:, :, 0]
+        return self._sparse(np.einsum("qks,qs->qk", self.surface.shapes(self.face, self.s)[1], steps))
+
+    def chosen(self, rows: Array) -> Side:
+        return Side(self.surface, self.face[rows], self.s[rows])
+
+    def _sparse(self, N: Array) -> Matrix:
+        at = np.repeat(np.arange(len(N)), N.shape[1]), self.surface.faces[self.face].ravel()
+        return sp.csr_array(sp.coo_array((N.ravel(), at), shape=(len(N), len(self.surface.points))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,28 +268,23 @@ class Points:
 
     Attributes
     ----------
-    first, second : Surface
+    first, second : Side
         The second is None for a rigid body.
-    x, normal : ndarray, shape (q, 3)
-        The unit normal points into the first body.
+    x : ndarray, shape (q, 3)
     weight : ndarray, shape (q,)
         Areas.
-    N, far : sparse, shape (q, nodes of the surface)
-        Shape functions of the first and of the second surface.
-    pair, dfar, J : ndarray
-        The second's faces (q,), its ∂N/∂s (q, k, 2) and ∂x/∂s (q, 2, 3).
     """
 
-    first: Surface
-    second: Surface | None
+    first: Side
+    second: Side | None
     x: Array
-    normal: Array
     weight: Array
-    N: Matrix
-    far: Matrix | None = None
-    pair: Array | None = None
-    dfar: Array | None = None
-    J: Array | None = None
+
+    @cached_property
+    def normal(self) -> Array:
+        """The unit normal into the first body, (q, 3)."""
+        outward = np.cross(self.first.J[:, 0], self.first.J[:, 1])
+        return -outward / np.linalg.norm(outward, axis=1)[:, None]
 
 
 @lru_cache(maxsize=KEPT)
@@ -252,56 +298,47 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
     """
     ours = Surface.of(*first)
     if second is None:
-        face, s, w = _own_points(ours)
-        N, J = ours.tangents(face, s)
-        normal = np.cross(J[:, 0], J[:, 1])
-        area = np.linalg.norm(normal, axis=1)
-        x = np.einsum("qk,qki->qi", N, ours.points[ours.faces[face]])
-        return Points(ours, None, x, -normal / area[:, None], area * w, _at(ours, face, N))
+        side, w = _own_points(ours)
+        return Points(side, None, side.x, w * np.linalg.norm(np.cross(side.J[:, 0], side.J[:, 1]), axis=1))
     theirs = Surface.of(*second)
     face, pair, x, w = common_parts(ours, theirs)
-    facing = np.einsum("qi,qi->q", ours.frames[face, 2], theirs.frames[pair, 2])
-    to = theirs.place(pair, x)
-    far, J = theirs.tangents(pair, to)
-    gap = np.linalg.norm(x - np.einsum("qk,qki->qi", far, theirs.points[theirs.faces[pair]]), axis=1)
+    far = Side(theirs, pair, theirs.place(pair, x))
+    gap = np.linalg.norm(x - far.x, axis=1)
     near = gap <= reach(ours, face, tolerance)
     if not near.any():
         apart = f"they are at least {gap.min():.3g} apart" if len(gap) else "no faces of them lie opposite each other"
         raise InputError(f"{first[2]} and {second[2]} do not touch: {apart}; move a part, or give a larger tolerance")
-    if (facing[near] > 0).any():
-        where = x[near][np.argmax(facing[near])].round(6)
+    facing = np.einsum("qi,qi->q", ours.frames[face, 2], theirs.frames[pair, 2])[near]
+    if (facing > 0).any():
+        where = x[near][np.argmax(facing)].round(6)
         raise InputError(f"{first[2]} and {second[2]} do not face each other at {where}: their outward normals agree; name the "
                          "surfaces that touch, or turn the cells of one mesh")
-    face, pair, x, w, to, far, J = (values[near] for values in (face, pair, x, w, to, far, J))
-    N, K = ours.tangents(face, ours.place(face, x))
-    normal = np.cross(K[:, 0], K[:, 1])
-    return Points(ours, theirs, x, -normal / np.linalg.norm(normal, axis=1)[:, None], w, _at(ours, face, N), _at(theirs, pair, far),
-                  pair, theirs.shapes(pair, to)[1], J)
+    side = Side(ours, face[near], ours.place(face[near], x[near]))
+    return Points(side, far.chosen(near), x[near], w[near])
 
 
-def _own_points(surface: Surface) -> tuple[Array, Array, Array]:
-    """Faces (q,), places (q, 2) and weights (q,) of quadrature on all faces of a surface."""
+def _own_points(surface: Surface) -> tuple[Side, Array]:
+    """Points of quadrature on all faces of a surface, with their weights on the reference face (q,)."""
     refdom = skfem().refdom.RefQuad if surface.corners == 4 else skfem().refdom.RefTri
-    s, w = skfem().quadrature.get_quadrature(refdom, 2 * reference(surface.kind).degree)
+    s, w = skfem().quadrature.get_quadrature(refdom, 4 * reference(surface.kind).degree)  # the degree of N_i N_j, area and all
     count = len(surface.faces)
-    return np.repeat(np.arange(count), len(w)), np.tile(s.T, (count, 1)), np.tile(w, count)
+    return Side(surface, np.repeat(np.arange(count), len(w)), np.tile(s.T, (count, 1))), np.tile(w, count)
 
 
-def _at(surface: Surface, face: Array, N: Array) -> Matrix:
-    """N (q, k) as a sparse matrix on the nodes of the surface."""
-    rows = np.repeat(np.arange(len(N)), N.shape[1])
-    return sp.csr_array(sp.coo_array((N.ravel(), (rows, surface.faces[face].ravel())), shape=(len(N), len(surface.points))))
-
-
-def _moved(model: Substructure, name: str, surface: Surface, N: Matrix) -> list[Matrix]:
-    """N u at the points for the motions along x, y and z, each (q, p), in the model's interface DOF."""
+def _moved(model: Substructure, name: str, side: Side, N: Matrix) -> list[Matrix]:
+    """N u at the points for the motions along x, y and z, each (q, p), in the DOF of an interface set."""
     if name not in model.sets:
         raise unknown_name(f"interface set of {model.name!r}", name, model.sets)
     places, known = model.sets[name], model.interface_dofs
     if known is None or known.points is None:
         raise InputTypeError(f"the DOF of {name!r} have no known places: a friction contact needs parts made of meshes")
     found = Site(model.name, name, model, places, known.kept(places), True)
-    return [sp.csr_array(N @ picked(found, rows_of_nodes(found, surface, label))) for label in TRANSLATIONS]
+    moved = []
+    for label in TRANSLATIONS:
+        place = rows_of_nodes(found, side.surface, label)  # -1: held
+        nodes = np.flatnonzero(place >= 0)
+        moved.append(N @ sp.csr_array((np.ones(len(nodes)), (nodes, place[nodes])), shape=(len(place), len(places))))
+    return moved
 
 
 def _along(vectors: Array, motions: list[Matrix]) -> Matrix:

@@ -94,7 +94,7 @@ class Tied(Joint):
             if (mine < 0).any():
                 raise InputError(f"{label} of {int((mine < 0).sum())} nodes of {one.title} is held, or no interface DOF, e.g. of "
                                  f"node {ours.numbers[int(np.argmin(mine))]}: release it, or let {other.title} come first")
-            blocks.append([(one.part, picked(one, mine)), (other.part, -T @ picked(other, yours))])
+            blocks.append([(one.part, _chosen(one, mine)), (other.part, -T @ _chosen(other, yours))])
         return Link(stacked(*blocks))
 
     def _surface(self, parts: Mapping[str, Substructure], end: End) -> tuple[Site, Surface]:
@@ -342,7 +342,7 @@ def rows_of_nodes(found: Site, surface: Surface, label: str) -> Array:
     return np.where(apart <= 1e-9 * np.abs(surface.points).max(), place, -1)
 
 
-def picked(found: Site, places: Array) -> Matrix:
+def _chosen(found: Site, places: Array) -> Matrix:
     """Which of the interface's DOF (columns) each row is; no entry where the place is -1: that node is held."""
     rows = np.flatnonzero(places >= 0)
     shape = len(places), len(found.sub.interface_numbers)

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
+import scipy.sparse as sp
 
-from femsub.checks import Array, items, real_array, shown, word
-from femsub.errors import InputError, InputTypeError
+from femsub.checks import Array, Matrix, items, real_array, shown, word
+from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model.frozen import Frozen
+from femsub.model.matrices import as_matrix
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
@@ -30,13 +32,16 @@ class Contact(Protocol):
 
     =====================  ================================================================================================
     ports                  names of the ports, a tuple of str
+    sets                   names of interface sets, whose DOF follow the ports' columns; optional, for contacts of surfaces
     linearised(model)      (C_D, C_K): D becomes D + W C_D Wᵀ, K becomes K + W C_K Wᵀ about the operating point. Each is a
-                           matrix (p, p), symmetric or not; a number c, which stands for c times the unit matrix; or None.
+                           matrix (p, p), symmetric or not, full or sparse; a number c, which stands for c times the unit
+                           matrix; or None.
     exerted(u, v)          the force f (p,) in motion: M q̈ + D q̇ + K q = W f(u, v), for `transient`
     tangents(u, v)         (∂f/∂u, ∂f/∂v), (p, p) each. At the operating point they are -C_K and -C_D.
     =====================  ================================================================================================
 
-    The first two are required. Without the others the contact has no place in nonlinear motion, and is refused there by name.
+    `ports` and `linearised` are required. Without the last two the contact has no place in nonlinear motion, and is refused there
+    by name.
     """
 
     @property
@@ -136,24 +141,32 @@ def contacts_of(contacts: Any) -> tuple[Contact, ...]:
     return tuple(given)
 
 
-def port_columns(model: Substructure, contact: Contact) -> Array:
-    """W (n, p), the columns of a contact's ports side by side; an unknown port is an InputError."""
-    if isinstance(contact.ports, str) or not contact.ports:
-        raise InputError(f"the ports of {type(contact).__name__} must be a tuple of names, not {shown(contact.ports)}")
-    return np.hstack([model.port(name).reshape(model.size, -1) for name in contact.ports])
+def columns_of(model: Substructure, contact: Contact) -> Matrix:
+    """W (n, p), the columns of a contact's ports and the DOF of its sets side by side; an unknown name is an InputError."""
+    ports, sets = contact.ports, getattr(contact, "sets", ())
+    if isinstance(ports, str) or isinstance(sets, str) or not (ports or sets):
+        raise InputError(f"the ports of {type(contact).__name__} must be a tuple of names, not {shown(ports)}")
+    columns = [model.port(name).reshape(model.size, -1) for name in ports]
+    for name in sets:
+        if name not in model.sets:
+            raise unknown_name(f"interface set of {model.name!r}", name, model.sets)
+        columns.append(model.interface_rows[model.sets[name]].T)
+    return sp.csc_array(sp.hstack(columns)) if any(map(sp.issparse, columns)) else np.hstack(columns)
 
 
-def small_matrices(model: Substructure, contact: Contact) -> tuple[Array, float | Array, float | Array]:
+def small_matrices(model: Substructure, contact: Contact) -> tuple[Matrix, float | Matrix, float | Matrix]:
     """W (n, p), C_D and C_K of a contact on a model, checked: each C is a number or a matrix (p, p)."""
-    W = port_columns(model, contact)
+    W = columns_of(model, contact)
     terms = contact.linearised(model)
     if not isinstance(terms, tuple) or len(terms) != 2:
         raise InputTypeError(f"{type(contact).__name__}.linearised must return (C_D, C_K), not {shown(terms)}")
-    checked: list[float | Array] = []
+    checked: list[float | Matrix] = []
     for name, value in zip(("C_D", "C_K"), terms, strict=True):
-        C = real_array(f"{name} of {type(contact).__name__}", 0.0 if value is None else value)
+        what = f"{name} of {type(contact).__name__}"
+        C = as_matrix(what, value) if sp.issparse(value) else real_array(what, 0.0 if value is None else value)
         if C.ndim and C.shape != (W.shape[1],) * 2:
-            raise InputError(f"{name} of {type(contact).__name__} has the shape {C.shape}, but its ports "
-                             f"({', '.join(contact.ports)}) have {W.shape[1]} columns on {model.name!r}")
-        checked.append(np.array(C) if C.ndim else float(C))
+            names = ", ".join((*contact.ports, *getattr(contact, "sets", ())))
+            raise InputError(f"{what} has the shape {C.shape}, but its ports ({names}) have {W.shape[1]} columns on "
+                             f"{model.name!r}")
+        checked.append(C if sp.issparse(C) else np.array(C) if C.ndim else float(C))
     return W, checked[0], checked[1]

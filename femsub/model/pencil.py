@@ -119,16 +119,20 @@ class Pencil(Frozen):
     def with_contact(self, damping: float | Array, W: Array, stiffness: float | Array = 0.0) -> Pencil:
         """A copy with D + W C_D Wᵀ and K + W C_K Wᵀ, W of shape (n,) or (n, p), each C a number or a matrix (p, p).
 
-        A number c stands for c times the unit matrix. What does not change is shared and not checked again.
+        A number c stands for c times the unit matrix. What does not change is shared and not checked again. A sparse C stands
+        for a surface, with too many columns to count with: it becomes part of `K0`.
         """
         found = self
-        if np.any(stiffness):
+        if _any(stiffness):
             K, symmetric = without_rounding(as_matrix("K", self._plus(self.K, contact_matrix(W, stiffness)), self.size))
             found = self._with(K=K, symmetric=(*self.symmetric[:2], symmetric))
-        if np.any(damping):
+        if _any(damping):
             found = found.with_damping(contact_matrix(W, damping))
         if found is self:
             return self
+        if sp.issparse(damping) or sp.issparse(stiffness):
+            K0 = found.K if self.K0 is self.K else self._plus(self.K0, contact_matrix(W, stiffness))
+            return found._with(contacts=self.contacts, K0=K0 if _any(stiffness) else self.K0)
         return found._with(contacts=(*self.contacts, frozen((damping, stiffness, W.reshape(len(W), -1)))), K0=self.K0)
 
     def with_damping(self, extra: Matrix) -> Pencil:
@@ -221,7 +225,13 @@ def _dense(A: Any) -> Any:
     return A.toarray() if sp.issparse(A) else A
 
 
-def contact_matrix(W: Array, C: float | Array) -> Matrix:
-    """W C Wᵀ as a sparse matrix, shape (n, n); W of shape (n,) or (n, p), C a number or a matrix (p, p)."""
-    columns = sp.csr_array(np.asarray(W).reshape(len(W), -1))
-    return sp.csr_array(columns @ sp.csr_array(C) @ columns.T if np.ndim(C) else C * (columns @ columns.T))
+def _any(C: Any) -> bool:
+    return bool(C.nnz if sp.issparse(C) else np.any(C))
+
+
+def contact_matrix(W: Matrix, C: float | Array | Matrix) -> Matrix:
+    """W C Wᵀ, shape (n, n); W of shape (n,) or (n, p), C a number or a matrix (p, p). Sparse unless W is full and C sparse."""
+    if sp.issparse(C) and not sp.issparse(W):
+        return np.asarray(W @ (C @ W.T))
+    columns = sp.csr_array(W if sp.issparse(W) else np.asarray(W).reshape(len(W), -1))
+    return sp.csr_array(columns @ sp.csr_array(C) @ columns.T if np.ndim(C) or sp.issparse(C) else C * (columns @ columns.T))

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.checks import Array, instance, positive_number, real_array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.model.bands import within
-from femsub.model.contact import Contact, Contacts, contacts_of, port_columns
+from femsub.model.contact import Contact, Contacts, columns_of, contacts_of
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.motion.nonlinear_model import project
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
@@ -282,7 +283,8 @@ def _grid(omega: Any, harmonics: float, top: float, full: Substructure) -> Array
 
 def _compliance(model: Substructure, contacts: Sequence[Contact], grid: Array) -> Array:
     """h(iω) = WᵀP(iω)⁻¹W over the columns of all contacts, shape (m, p, p), without the contacts."""
-    W = np.hstack([port_columns(model, contact) for contact in contacts])
+    columns = (columns_of(model, contact) for contact in contacts)
+    W = np.hstack([W.toarray() if sp.issparse(W) else W for W in columns])
     pencil = model.pencil
     if model.size <= SMALL:
         pencil = pencil.dense()

@@ -1,0 +1,180 @@
+"""Coulomb friction between surfaces: forces of rigid motions, the turning second body, reduced models, errors."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from femsub.model.contact import small_matrices
+
+STEEL = fs.Material(2.1e11, 0.3, 7850.0)
+K, MU, P, V, SLOPE = 1e12, 0.4, 2e6, 3.0, -0.05
+AREA = 0.1 * 0.05
+ABOUT = {"axis": (0, 0, 1), "centre": (0.1, -0.3, 0)}
+PLATE = fs.block((0.2, 0.1, 0.02), (5, 3, 2))
+
+
+def moved(mesh: fs.Mesh, by: tuple[float, float, float]) -> fs.Mesh:
+    return dataclasses.replace(mesh, points=mesh.points + by)
+
+
+def pair(kind: str = "hexahedron", held: bool = True) -> tuple[fs.System, dict[str, fs.Mesh]]:
+    """A pad of 0.1 x 0.05 on a plate whose nodes are elsewhere."""
+    meshes = {"pad": moved(fs.block((0.1, 0.05, 0.02), (4, 2, 2), kind), (0.05, 0.02, 0.02)), "plate": PLATE}
+    parts = {"pad": fs.solid(meshes["pad"], STEEL, interface=["bottom", "top"], rayleigh=(1.0, 1e-8), name="pad"),
+             "plate": fs.solid(PLATE, STEEL, supports=["bottom"], interface=["top"], rayleigh=(1.0, 1e-8), name="plate")}
+    contact = fs.FrictionContact("pad.bottom", "plate.top", meshes, K, MU, direction=(1, 0, 0))
+    return fs.couple(parts, [contact, *([fs.Spring(("pad", "top"), stiffness=1e6)] if held else [])]), meshes
+
+
+def rubbing(meshes: Any, **changed: Any) -> fs.FrictionContact:
+    way = {} if "axis" in changed else {"direction": (1.0, 0, 0)}
+    return fs.FrictionContact("pad.bottom", "plate.top", meshes, **{"stiffness": K, "mu": MU, **way, **changed})
+
+
+def motion(system: fs.System, **u: Any) -> np.ndarray:
+    """The system's coordinates for displacement fields u(x) of its parts; 0 where none is given."""
+    found = {}
+    for name, part in system.parts.items():
+        field = u.get(name, lambda x: np.zeros_like(x))(part.dofs.points)
+        found[name] = field[np.arange(part.size), part.dofs.components]
+    return system.collected(found)
+
+
+def resultant(system: fs.System, force: np.ndarray, part: str, moment: bool = False) -> np.ndarray:
+    """The sum of a system's generalised force on a part along x, y, z; with moment=True the one about ABOUT."""
+    dofs, f = system.parts[part].dofs, system.expand(force)[part]
+    vectors = np.zeros((len(f), 3))
+    vectors[np.arange(len(f)), dofs.components] = f
+    return np.cross(dofs.points - ABOUT["centre"], vectors).sum(axis=0) if moment else vectors.sum(axis=0)
+
+
+def added(system: fs.System, contact: fs.FrictionContact) -> Any:
+    """W C_K Wᵀ by itself: as a difference of two K it would lose digits."""
+    W, _, C = small_matrices(system, contact)
+    return W @ C @ W.T
+
+
+def constant(*vector: float) -> Any:
+    return lambda x: np.tile(np.array(vector), (len(x), 1))
+
+
+def turned(x: np.ndarray) -> np.ndarray:
+    return np.cross([0.0, 0.0, 1.0], x - ABOUT["centre"])
+
+
+@pytest.mark.parametrize("kind", ["hexahedron", "hexahedron20", "tetra10"])
+def test_pressing_the_pad_drags_it_along_and_the_plate_back(kind: str) -> None:
+    system, meshes = pair(kind)
+    pencil = system.linearised(rubbing(meshes))
+    force = -(pencil.K - system.K) @ motion(system, pad=constant(0, 0, -1e-6))
+    assert resultant(system, force, "pad") == pytest.approx([MU * K * AREA * 1e-6, 0, K * AREA * 1e-6], abs=1e-3)
+    assert resultant(system, force, "plate") == pytest.approx([-MU * K * AREA * 1e-6, 0, -K * AREA * 1e-6], abs=1e-3)
+    assert np.abs((pencil.K - system.K) @ motion(system, pad=constant(1e-6, 2e-6, 0))).max() < 1e-3  # sliding costs nothing
+
+
+def test_a_rigid_body_in_place_of_the_second() -> None:
+    mesh = fs.block((0.1, 0.05, 0.02), (4, 2, 1))
+    pad = fs.solid(mesh, STEEL, supports=["top"], interface=["bottom"])
+    pencil = pad.linearised(fs.FrictionContact("bottom", "ground", mesh, K, MU, direction=(0, 2, 0)))
+    along = [np.array([label == pad.dofs.labels[k] for k in pad.dofs.components], dtype=float) for label in ("ux", "uy", "uz")]
+    force = (pencil.K - pad.K) @ along[2]
+    assert [w @ force for w in along] == pytest.approx([0, MU * K * AREA, K * AREA], abs=1.0)
+
+
+def test_without_friction_the_contact_is_a_bed_of_springs() -> None:
+    system, meshes = pair()
+    added = (system.linearised(rubbing(meshes, mu=0.0)).K - system.K).toarray()
+    assert np.abs(added - added.T).max() <= 1e-12 * np.abs(added).max()
+    assert np.linalg.eigvalsh(added)[0] >= -1e-9 * np.abs(added).max()
+
+
+def test_friction_damps_across_and_a_falling_slope_feeds_along() -> None:
+    system, meshes = pair()
+    added = system.linearised(rubbing(meshes, pressure=P, speed=V, slope=SLOPE)).D - system.D
+    across = resultant(system, -added @ motion(system, pad=constant(0, 1, 0)), "pad")
+    along = resultant(system, -added @ motion(system, pad=constant(1, 0, 0)), "pad")
+    assert across == pytest.approx([0, -MU * P * AREA / V, 0], rel=1e-9, abs=1e-6)
+    assert along == pytest.approx([-SLOPE * P * AREA, 0, 0], rel=1e-9, abs=1e-6)
+
+
+def test_the_contact_turned_as_a_whole_turns_its_force() -> None:
+    """Both bodies turned by φ about the axis: the force of steady sliding turns along, δf = φ e × f0."""
+    system, meshes = pair()
+    contact = rubbing(meshes, pressure=P, speed=V, **ABOUT)
+    alone = replace(contact, speed=None)
+    carried = added(system, contact) - added(system, alone)
+    unit = fs.FrictionContact("pad.bottom", "plate.top", meshes, 1.0, MU, **ABOUT)
+    lift = -added(system, unit) @ motion(system, pad=constant(0, 0, -1))  # N and μT of a pressure of 1
+    f0 = P * resultant(system, lift, "pad")
+    force = -carried @ motion(system, pad=turned, plate=turned)
+    assert np.cross([0, 0, 1], f0)[:2] == pytest.approx(resultant(system, force, "pad")[:2], rel=1e-9)
+
+
+def test_turning_the_second_body_alone_changes_nothing() -> None:
+    """It is the same surface before and after."""
+    system, meshes = pair()
+    contact = rubbing(meshes, pressure=P, speed=V, slope=SLOPE, **ABOUT)
+    carried = added(system, contact) - added(system, replace(contact, speed=None))
+    # in the set of the plate's top alone: its bottom is held
+    assert np.abs(carried @ motion(system, plate=turned)).max() < 1e-9 * np.abs(carried @ motion(system, pad=turned)).max()
+
+
+def test_sets_kept_as_interface_carry_the_contact_into_reduced_models() -> None:
+    system, meshes = pair()
+    contact = rubbing(meshes, pressure=P / 100, speed=V, **ABOUT)
+    band = (0.0, 1.2e5)
+    full = fs.complex_modes(system, contact, band=band)
+    found = fs.complex_modes(fs.reduce(system, {name: fs.CraigBampton(30) for name in system.parts}), contact, band=band)
+    assert len(found.eigenvalues) == len(full.eigenvalues) == 8
+    assert (np.abs(found.eigenvalues - full.eigenvalues) < 5e-3 * np.abs(full.eigenvalues)).all()
+    assert sum(full.eigenvalues.real > 0) == sum(found.eigenvalues.real > 0) == 1  # two modes near 76,000 rad/s flutter
+    assert fs.complex_modes(system, replace(contact, mu=0.0), band=band).is_stable
+    assert not system.linearised(contact).symmetric[2]
+    dense = system.linearised(contact).dense()
+    lower = -np.linalg.solve(dense.M, np.hstack([dense.K, dense.D]))
+    values = np.linalg.eigvals(np.vstack([np.eye(system.size, 2 * system.size, system.size), lower]))
+    for value in full.eigenvalues:
+        assert np.abs(values - value).min() < 1e-6 * np.abs(value)
+
+
+def test_a_part_that_only_the_contact_holds_is_a_part_of_the_system() -> None:
+    assert set(pair(held=False)[0].parts) == {"pad", "plate"}
+    system, _ = pair()
+    with pytest.raises(fs.InputError, match="'plate' is joined to nothing"):
+        fs.couple(system.parts, [fs.Spring(("pad", "top"), stiffness=1e6)])
+
+
+@pytest.mark.parametrize(("changed", "message"), [
+    ({"mu": -0.1}, "mu must not be negative"),
+    ({"pressure": -1.0}, "pressure must not be negative"),
+    ({"stiffness": 0.0}, "stiffness must be positive"),
+    ({"direction": None}, "either direction"),
+    ({"axis": (0, 0, 1)}, "either direction"),
+    ({"direction": (0, 0, 0)}, "direction must be three numbers"),
+    ({"speed": 0.0}, "speed must be positive"),
+    ({"direction": (0, 0, 1)}, "does not slide along the surface"),
+    ({"first": "pad.left"}, "interface set"),
+    ({"second": "plate.bottom"}, "unknown interface set"),
+    ({"second": "disc.top"}, "unknown interface set"),
+    ({"meshes": {"plate": PLATE}}, "mesh of the part"),
+])
+def test_what_cannot_rub_is_refused(changed: dict[str, Any], message: str) -> None:
+    system, meshes = pair()
+    given = {"first": "pad.bottom", "second": "plate.top", "meshes": meshes, "stiffness": K, "mu": MU, "direction": (1, 0, 0)}
+    with pytest.raises(fs.InputError, match=message):
+        system.linearised(fs.FrictionContact(**{**given, **changed}))
+
+
+def test_surfaces_that_lie_apart_or_look_the_same_way_are_refused() -> None:
+    system, meshes = pair()
+    with pytest.raises(fs.InputError, match=r"they are at least 0\.01 apart"):
+        system.linearised(rubbing({**meshes, "pad": moved(meshes["pad"], (0, 0, 0.01))}))
+    below = {**meshes, "pad": moved(meshes["pad"], (0, 0, -0.02))}  # its top lies on the plate's
+    with pytest.raises(fs.InputError, match="do not face each other"):
+        system.linearised(replace(rubbing(below), first="pad.top"))
