@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from femsub.components.grids import annulus as annulus, block as block, rectangle as rectangle
     from femsub.components.mesh import Mesh as Mesh
     from femsub.components.plate import plate as plate
+    from femsub.components.rotation import Rotor as Rotor, rotating as rotating
     from femsub.components.solid import solid as solid
     from femsub.components.solid_assembly import Material as Material
     from femsub.components.ties import Tied as Tied

@@ -59,6 +59,7 @@ RESULTS = {
     "NormalModes",
     "ReducedSubstructure",
     "Refined",
+    "Rotor",
     "SelfExcitation",
     "ShotCycle",
     "StabilitySweep",
@@ -84,6 +85,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     modes = fs.complex_modes(rom, slope)
     mesh, flat = fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"), fs.rectangle((1.0, 1.0), (2, 2))
     brick = fs.solid(mesh, fs.Material(1.0, 0.3, 1.0))
+    ring = fs.annulus(0.1, 0.2, 0.02, (1, 8, 1), "hexahedron")
     run = fs.transient(sub, belt, (0.0, 20.0))
     t = np.linspace(0.0, 20.0, 500)
     y = np.exp(0.1 * t) * np.sin(3 * t)
@@ -254,6 +256,11 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             {"full": sub, "modes": modes, "rom": rom, "contacts": slope, "which": None, "tol": 1e-8, "steps": 20},
         ),
         "rms": (fs.rms, {"t": t, "signal": y, "between": None}),
+        "rotating": (
+            fs.rotating,
+            {"part": fs.solid(ring, fs.Material(1.0, 0.3, 1.0)), "mesh": ring, "material": fs.Material(1.0, 0.3, 1.0), "axis": "z",
+             "centre": (0.0, 0.0, 0.0)},
+        ),
         "self_excitation": (
             fs.self_excitation,
             {"full": sub, "reduced": rom, "belts": belt, "band": (0.0, 2.0), "count": None, "omega": None, "harmonics": 3.0},

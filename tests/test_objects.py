@@ -52,6 +52,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "ReducedSubstructure": lambda: quietly(lambda: fs.reduce(full(), fs.CraigBampton(band=(0.0, 0.5), tol=1e-2))),
     "Refined": lambda: fs.refine(full(), fs.complex_modes(made("ReducedSubstructure"), BELT), made("ReducedSubstructure"), BELT),
     "Rigid": lambda: fs.Rigid(("a", [5]), ("b", [0]), tolerance=1e-3),
+    "Rotor": lambda: rotor(),
     "Rubin": lambda: fs.Rubin(modes=3),
     "SelfExcitation": lambda: fs.self_excitation(full(), made("ReducedSubstructure"), BELT),
     "ShotCycle": lambda: fs.shoot(full(), BELT, cycle(), rtol=1e-8),
@@ -75,6 +76,11 @@ def quietly(make: Callable[[], Any]) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.FemsubWarning)
         return make()
+
+
+def rotor() -> fs.Rotor:
+    mesh, steel = fs.annulus(0.1, 0.2, 0.02, (1, 8, 1), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0)
+    return fs.rotating(fs.solid(mesh, steel, supports=["inner"]), mesh, steel)
 
 
 @cache

@@ -84,13 +84,14 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     joined = _motions(mesh, "interface", interface)
     ports = optional_mapping("ports", ports, "names and (set, direction)")
     columns = {key: _port(mesh, key, value) for key, value in ports.items()}
-    K, M = stiffness_and_mass(mesh, _materials(mesh, material))
+    K, M = stiffness_and_mass(mesh, materials_of(mesh, material))
     every = np.arange(3 * len(mesh.points))
     dofs = DofMap(mesh.numbers[every // 3], every % 3, TRANSLATIONS, mesh.points[every // 3])
     return component(K, M, held, joined, columns, dofs, rayleigh, word("name", name) or mesh.name, by_node=True)
 
 
-def _materials(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[tuple[Material, Array]]:
+def materials_of(mesh: Mesh, material: Material | Mapping[str, Material]) -> list[tuple[Material, Array]]:
+    """Each material with its cells."""
     if isinstance(material, Material):
         return [(material, np.arange(len(mesh.cells)))]
     if not isinstance(material, Mapping):

@@ -79,20 +79,37 @@ def stiffness_and_mass(mesh: Mesh, materials: list[tuple[Material, Array]], degr
     ----------
     K.-J. Bathe, Finite Element Procedures (1996), ch. 5.
     """
-    pattern = _Pattern(mesh.cells, len(mesh.points))
+    pattern = Pattern(mesh.cells, len(mesh.points))
     stiffness, mass = np.zeros((pattern.size, 9)), np.zeros(pattern.size)
+    for material, cells, N, root, G in at_points(mesh, materials, degree):
+        keep, blocks, add = pattern.places(cells)
+        pairs, single = _products(N, root, G)
+        stiffness[blocks] += add @ (pairs.reshape(-1, 9)[keep] @ _moduli(material))
+        mass[blocks] += add @ (material.rho * single.reshape(-1)[keep])
+    return pattern.spread(stiffness), pattern.spread_diagonal(mass)
+
+
+def at_points(mesh: Mesh, materials: list[tuple[Material, Array]],
+              degree: int | None = None) -> Iterator[tuple[Material, Array, Array, Array, Array]]:
+    """Chunks of cells with what the integrals over them are made of.
+
+    Yields
+    ------
+    material : Material
+    cells : ndarray, shape (m,)
+        Rows of `mesh.cells`.
+    N : ndarray, shape (q, k)
+        Shape functions at the q points of the quadrature.
+    root : ndarray, shape (m, q)
+        √(w det J), so that ∫ f dV = Σ_q root² f.
+    G : ndarray, shape (m, q, k, 3)
+        root ∂N/∂x. A product of two of these, summed over the points, is an integral.
+    """
     for material, members in materials:
         for cells, exact in _split(mesh, members, degree):
             X, w = quadrature(mesh.kind, exact)
             N, dN = shape_functions(mesh.kind, X)
-            keep, at = pattern.pairs(cells)
-            pairs, single = _cells(mesh.points, mesh.cells[cells], N, dN, w)
-            low, high = int(at.min()), int(at.max()) + 1
-            # a column for each pair, a row for each block: the product adds up the entries of a block
-            add = sp.csc_array((np.ones(len(at)), at - low, np.arange(len(at) + 1)), shape=(high - low, len(at)))
-            stiffness[low:high] += add @ (pairs.reshape(-1, 9)[keep] @ _moduli(material))
-            mass[low:high] += add @ (material.rho * single.reshape(-1)[keep])
-    return pattern.spread(stiffness), pattern.spread_diagonal(mass)
+            yield material, cells, N, *_gradients(mesh.points, mesh.cells[cells], dN, w)
 
 
 def exact_degree(mesh: Mesh, cells: Array) -> Array:
@@ -115,8 +132,8 @@ def _split(mesh: Mesh, members: Array, degree: int | None) -> Iterator[tuple[Arr
             yield from ((chosen[i:i + size], int(one)) for i in range(0, len(chosen), size))
 
 
-def _cells(points: Array, cells: Array, N: Array, dN: Array, w: Array) -> tuple[Array, Array]:
-    """∫ ∂N_i/∂x_b ∂N_j/∂x_d dV as (m, k, k, 3, 3) over i, j, b, d, and ∫ N_i N_j dV as (m, k, k)."""
+def _gradients(points: Array, cells: Array, dN: Array, w: Array) -> tuple[Array, Array]:
+    """√(w det J) as (m, q), and its product with ∂N/∂x as (m, q, k, 3)."""
     J = jacobians(points, cells, dN)
     a, b, c = J[..., 0, :], J[..., 1, :], J[..., 2, :]
     adjugate = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=-1)  # J⁻¹ det J
@@ -126,10 +143,15 @@ def _cells(points: Array, cells: Array, N: Array, dN: Array, w: Array) -> tuple[
         centre = ", ".join(f"{x:.4g}" for x in points[cells[bad[0]]].mean(axis=0))
         raise InputError(f"{len(bad)} cells are inverted or have no volume, one of them at ({centre}). Check the order of "
                          "their nodes")
-    m, (q, k) = len(cells), N.shape
     root = np.sqrt(det * w)
-    # ∂N/∂x = J⁻¹ ∂N/∂X; both factors of each product are the same array, for which matmul calls a symmetric kernel
-    G = (dN @ (adjugate * (root / det)[..., None, None]).swapaxes(-1, -2)).reshape(m, q, 3 * k)
+    return root, dN @ (adjugate * (root / det)[..., None, None]).swapaxes(-1, -2)  # ∂N/∂x = J⁻¹ ∂N/∂X
+
+
+def _products(N: Array, root: Array, G: Array) -> tuple[Array, Array]:
+    """∫ ∂N_i/∂x_b ∂N_j/∂x_d dV as (m, k, k, 3, 3) over i, j, b, d, and ∫ N_i N_j dV as (m, k, k)."""
+    m, q, k, _ = G.shape
+    # both factors of each product are the same array, for which matmul calls a symmetric kernel
+    G = G.reshape(m, q, 3 * k)
     pairs = (G.swapaxes(1, 2) @ G).reshape(m, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
     S = N * root[..., None]
     return np.ascontiguousarray(pairs), S.swapaxes(1, 2) @ S
@@ -150,7 +172,7 @@ def _moduli(material: Material) -> Array:
     return c.transpose(1, 3, 0, 2).reshape(9, 9)
 
 
-class _Pattern:
+class Pattern:
     """The nonzero 3 x 3 blocks (i, j), i ≤ j, of K in order, and the block of each pair of nodes."""
 
     def __init__(self, cells: Array, nodes: int) -> None:
@@ -164,13 +186,19 @@ class _Pattern:
         self.keys = self.rows * nodes + self.columns
         self.size = len(self.keys)
 
-    def pairs(self, members: Array) -> tuple[Array, Array]:
-        """For some cells: which of their k² pairs have i ≤ j (flat), and the block of each."""
+    def places(self, members: Array) -> tuple[Array, slice, Matrix]:
+        """For some cells: which of their k² pairs have i ≤ j (flat), the blocks that these add to, and the sum as a matrix.
+
+        A value of each kept pair, v (pairs, c), adds `matrix @ v` to those blocks.
+        """
         cells = self.cells[members]
         i, j = np.broadcast_arrays(cells[:, :, None], cells[:, None, :])
         keep = np.flatnonzero((i <= j).ravel())
-        keys = i.ravel()[keep] * self.nodes + j.ravel()[keep]
-        return keep, np.searchsorted(self.keys, keys)
+        at = np.searchsorted(self.keys, i.ravel()[keep] * self.nodes + j.ravel()[keep])
+        low, high = int(at.min()), int(at.max()) + 1
+        # a column for each pair, a row for each block: the product adds up the entries of a block
+        add = sp.csc_array((np.ones(len(at)), at - low, np.arange(len(at) + 1)), shape=(high - low, len(at)))
+        return keep, slice(low, high), add
 
     def _both(self) -> tuple[Array, Array, Array, Array]:
         """CSR structure of both triangles; for each block its index in the upper triangle, and whether it is mirrored."""
@@ -192,7 +220,11 @@ class _Pattern:
         data[mirrored] = data[mirrored].transpose(0, 2, 1)
         return sp.csr_array(sp.bsr_array((data, columns, indptr), shape=(3 * self.nodes,) * 2))
 
-    def spread_diagonal(self, values: Array) -> Matrix:
-        """CSR (3n, 3n) from one number (size,) for each upper block, which is that multiple of the identity."""
-        indptr, columns, source, _ = self._both()
-        return sp.kron(sp.csr_array((values[source], columns, indptr), shape=(self.nodes,) * 2), sp.eye_array(3), format="csr")
+    def spread_diagonal(self, values: Array, skew: bool = False) -> Matrix:
+        """CSR (3n, 3n) from one number (size,) for each upper block, which is that multiple of the identity.
+
+        `skew`: the blocks below the diagonal have the opposite sign.
+        """
+        indptr, columns, source, mirrored = self._both()
+        data = np.where(mirrored, -values[source], values[source]) if skew else values[source]
+        return sp.kron(sp.csr_array((data, columns, indptr), shape=(self.nodes,) * 2), sp.eye_array(3), format="csr")
