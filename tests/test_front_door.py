@@ -258,8 +258,13 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "rms": (fs.rms, {"t": t, "signal": y, "between": None}),
         "rotating": (
             fs.rotating,
-            {"part": fs.solid(ring, fs.Material(1.0, 0.3, 1.0)), "mesh": ring, "material": fs.Material(1.0, 0.3, 1.0), "axis": "z",
-             "centre": (0.0, 0.0, 0.0)},
+            {
+                "part": fs.solid(ring, fs.Material(1.0, 0.3, 1.0)),
+                "mesh": ring,
+                "material": fs.Material(1.0, 0.3, 1.0),
+                "axis": "z",
+                "centre": (0.0, 0.0, 0.0),
+            },
         ),
         "self_excitation": (
             fs.self_excitation,
