@@ -294,7 +294,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
             check_span(joined.S.shape[1], name)
     matrices = _matrices(parts, links, joined, dense or weakly)
     if weakly:
-        X, unit, matrices, spurious = finite_span(*matrices)
+        X, unit, matrices, spurious = finite_span(*matrices, joined.multipliers)
         joined = joined.through(X, unit)
     chosen = unjoined(parts, links) if interface is None else listed(parts, interface)
     open_, place = distinct(parts, chosen, joined.S, joined.unit)

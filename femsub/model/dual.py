@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
-from femsub.errors import InputError
+from femsub.errors import InputError, MissedModesError
 from femsub.model.elimination import Equations, congruent, eliminate, independent, product
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
@@ -18,6 +18,7 @@ STIFF = 1e-10  # relative residual flexibility at a joint below which the joint 
 RIGID = 1e-8  # ω² below this share of the shift is rigid motion
 SHIFT = 1e-4  # the shift, relative to a typical ω²
 INFINITE = 1e-14  # ω² is infinite if 1/(ω² + shift) is below this share of the largest
+UNSURE = 1e-13  # relative stiffness without mass below which its sign, and so the number of finite modes, may be rounding
 MOST = 4000  # largest number of coordinates for a full decomposition
 
 
@@ -30,6 +31,11 @@ class Multiplied:
     A: Matrix
     unit: Array
     owner: Array
+
+    @property
+    def multipliers(self) -> int:
+        """How many of the coordinates x are multipliers: the others have empty columns in G."""
+        return len(np.unique(sp.csr_array(self.G).indices))
 
     def through(self, T: Matrix, unit: Array) -> Multiplied:
         """In new coordinates, x = T z."""
@@ -74,13 +80,15 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
     D. J. Rixen, J. Comput. Appl. Math. 168 (2004) 383, eqs. (18) to (22).
     """
     unit = (L.multiply(L).T @ equations.unit[:, None] ** -2.0).ravel() ** -0.5  # L may have negative entries
-    rows = independent(Equations(sp.csr_array(equations.A @ L), unit, unit > 0, equations.owner))
+    size = (abs(equations.A) @ abs(L)) @ unit
+    rows = independent(Equations(sp.csr_array(equations.A @ L), unit, unit > 0, equations.owner), np.where(size > 0, size, 1.0))
     A, F, owner = equations.A[rows], sp.csr_array(forces[:, rows]), equations.owner[rows]
     given = np.diff(F.indptr) > 0  # forces that the multipliers give
     stay = np.flatnonzero((given & ~sprung).astype(float) @ abs(L) == 0)
-    L, unit = _yielding(sp.csr_array(L[:, stay]), unit[stay], compliance, K)
+    L, unit, own = _yielding(sp.csr_array(L[:, stay]), unit[stay], compliance, K)
     if not given.any():
         return _beside(L, F, sp.eye_array(len(rows), format="csr"), A, unit, owner)
+    F = _beyond(F, L[:, own], K)
     AL = sp.csr_array(A @ L)
     size = np.sqrt(AL.multiply(AL) @ unit**2)
     size = 1 / np.where(size > 0, size, 1.0)
@@ -93,19 +101,30 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
     return _beside(sp.csr_array(L @ exact.L), F, sp.csr_array(turn[:, ~stiff]), A, exact.unit, owner)
 
 
-def _yielding(L: Matrix, unit: Array, compliance: Array, K: Matrix) -> tuple[Matrix, Array]:
-    """L with, for its columns that are interface forces, combinations of them that have residual flexibility."""
+def _beyond(F: Matrix, own: Matrix, K: Matrix) -> Matrix:
+    """F without what forces that have coordinates of their own do: FᵀK own = 0.
+
+    These take their share of λ: in their place stands their sum with it. Else a λ whose whole response they can give as well
+    would have no flexibility and no mass, up to rounding, whose sign decides about a mode. It is a stiff one instead.
+    """
+    flexibility = K @ own
+    share = np.linalg.solve((own.T @ flexibility).toarray(), (flexibility.T @ F).toarray())
+    return sp.csr_array(F - own @ sp.csr_array(share))
+
+
+def _yielding(L: Matrix, unit: Array, compliance: Array, K: Matrix) -> tuple[Matrix, Array, slice]:
+    """L with, for its columns that are interface forces, combinations of them that have residual flexibility; and where."""
     size = compliance @ L
     at = np.flatnonzero(size > 0)
     if not len(at):
-        return L, unit
+        return L, unit, slice(0, 0)
     scale = size[at] ** -0.5
     flexibility = congruent(K, L[:, at]).toarray() * np.outer(scale, scale)
     values, turn = np.linalg.eigh(flexibility)
     turn = scale[:, None] * turn[:, values > STIFF]
     rest = np.flatnonzero(size == 0)
     return (sp.csr_array(sp.hstack([L[:, rest], L[:, at] @ sp.csr_array(turn)])),
-            np.append(unit[rest], np.einsum("ij,ij->j", turn, congruent(K, L[:, at]) @ turn) ** -0.5))
+            np.append(unit[rest], np.einsum("ij,ij->j", turn, congruent(K, L[:, at]) @ turn) ** -0.5), slice(len(rest), None))
 
 
 def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: Array) -> Multiplied:
@@ -122,11 +141,15 @@ def check_span(size: int, name: str) -> None:
                          f"{MOST}: reduce the other parts too, or reduce those by CraigChang, which spans the same space")
 
 
-def finite_span(M: Array, D: Array, K: Array) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
+def finite_span(M: Array, D: Array, K: Array, multipliers: int) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
     """X (n, k) of the eigenvectors with finite ω² ≥ 0 of K x = ω² M x, XᵀMX = I, and how many others there are.
 
     K is indefinite: the weak joints of dual Craig-Bampton parts give as many negative or infinite ω² as multipliers. M is
     positive semidefinite, M = FFᵀ. With s > 0 the eigenvalues θ of Fᵀ(K + sM)⁻¹F are 1/(ω² + s), and x = (K + sM)⁻¹F v/θ.
+
+    How many there must be is counted beside. K has one negative eigenvalue for each multiplier, since without these the parts
+    and springs are stable. N spans the null space of M; those of NᵀKN that are negative give an infinite ω², the others a
+    finite one below 0. So k = rank M - multipliers + (negative eigenvalues of NᵀKN).
 
     Returns
     -------
@@ -136,6 +159,11 @@ def finite_span(M: Array, D: Array, K: Array) -> tuple[Matrix, Array, tuple[Arra
     matrices : (M, D, K)
         XᵀMX, XᵀDX, XᵀKX, where rigid motion costs exactly nothing.
     spurious : int
+
+    Raises
+    ------
+    MissedModesError
+        Another number was found, or NᵀKN is singular within rounding, so that the number is not known.
     """
     unit = np.abs(K.diagonal())
     unit = np.where(unit > 0, unit, np.median(unit[unit > 0])) ** -0.5
@@ -154,8 +182,17 @@ def finite_span(M: Array, D: Array, K: Array) -> tuple[Matrix, Array, tuple[Arra
     omega2[finite] = 1 / theta[finite] - shift
     good = np.flatnonzero(omega2 > -RIGID * shift)
     good = good[np.argsort(omega2[good], kind="stable")]
+    bare = np.linalg.eigvalsh(turn[:, ~kept].T @ stiffness @ turn[:, ~kept])
+    _check_count(len(good), int(kept.sum()) - multipliers + int(np.count_nonzero(bare < -UNSURE)))
     X = unit[:, None] * (back @ V[:, good]) / theta[good]
     rigid = np.flatnonzero(omega2[good] < RIGID * shift)
     matrices = congruent(M, X), congruent(D, X), congruent(K, X)
     matrices[2][rigid], matrices[2][:, rigid] = 0.0, 0.0
     return sp.csr_array(X), (np.maximum(omega2[good], 0.0) + typical) ** -0.5, matrices, len(M) - len(good)
+
+
+def _check_count(found: int, expected: int) -> None:
+    if found != expected:
+        raise MissedModesError(f"{found} finite modes were found in a system of Dual Craig-Bampton parts, but by the rank of M it "
+                               f"has {expected}. Its joints are too stiff, or its parts too unlike, for weak joints: reduce the "
+                               "parts by CraigChang, which spans the same space")

@@ -216,18 +216,19 @@ def _rank(R: Array) -> int:
     return int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
 
 
-def independent(equations: Equations) -> Array:
-    """Indices (ascending) of a maximal set of independent equations."""
+def independent(equations: Equations, size: Array) -> Array:
+    """Indices (ascending) of a maximal set of independent equations.
+
+    `size` (m,) is that of each equation before anything cancelled in it. What is left of an equation that follows from others
+    is rounding of this size, and no equation.
+    """
     import scipy.linalg as la
 
     found = [np.zeros(0, dtype=np.intp)]
     for rows, columns in groups(equations.A):
-        if len(rows) == 1:
-            found.append(rows)
-            continue
-        A = equations.A[rows][:, columns].toarray() * equations.unit[columns]
-        R, order = la.qr((A / np.linalg.norm(A, axis=1)[:, None]).T, mode="r", pivoting=True, check_finite=False)
-        found.append(rows[order[:_rank(R)]])
+        A = equations.A[rows][:, columns].toarray() * equations.unit[columns] / size[rows, None]
+        R, order = la.qr(A.T, mode="r", pivoting=True, check_finite=False)
+        found.append(rows[order[:np.count_nonzero(np.abs(R.diagonal()) > DEPENDENT)]])
     return np.sort(np.concatenate(found))
 
 
