@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 CLEAR = 1e-2  # of an interface DOF's motion at unit energy that a residual shape must have of its own to be solved for
 FAINT = 1e-5  # the same of a shape without mass: below, it moves no interface DOF at all; the energy knows the square
-DUST = 1e-14  # share of its error bound below which an entry of an inverse is rounding
+DUST = 1e-14  # share of its error bound below which an entry is rounding
 NOTHING = 1e-10  # the same for any shape: with less it moves no further interface DOF
 
 
@@ -69,14 +69,15 @@ def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     motion = motion_by(basis, b)
     solved = _solved_for(basis, statics, motion, clear)
     rest = np.setdiff1d(np.arange(basis.V.shape[1]), solved)
-    B = basis.V[np.ix_(b, solved)]
+    moved = np.where(np.abs(motion) < DUST, 0.0, basis.V[b])  # a massless shape that shares in a mode by rounding gets mass
+    B = moved[:, solved]
     inverse = np.linalg.inv(B)
     # else a rigid motion that the interface shows costs the square of a rounding, and is not recognised
     inverse[np.abs(inverse) < DUST * (np.abs(inverse) @ np.abs(B) @ np.abs(inverse))] = 0.0
     faint = (np.abs(motion) < FAINT) & (basis.M.diagonal() == 0)  # it would give a massless shape the mass of a rounding
     T = np.zeros(basis.M.shape)
     T[solved, :len(b)], T[rest, len(b) + np.arange(len(rest))] = inverse, 1.0
-    T[solved, len(b):] = -inverse @ np.where(faint, 0.0, basis.V[b])[:, rest]
+    T[solved, len(b):] = -inverse @ np.where(faint, 0.0, moved)[:, rest]
     found = turned(basis, T, ("interface",) * len(b) + tuple(basis.kinds[j] for j in rest))
     found.V[b] = np.eye(len(b), len(T))
     return found
