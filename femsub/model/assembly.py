@@ -15,7 +15,7 @@ from femsub.checks import Array, Matrix, choice, instance, items, mapping
 from femsub.errors import InputError
 from femsub.model.dof_map import DofMap
 from femsub.model.dual import Multiplied, by_forces, check_span, finite_span, multiplied
-from femsub.model.elimination import congruent, eliminate, recovered
+from femsub.model.elimination import congruent, eliminate, recovered, without_rounding
 from femsub.model.joined import (
     check_connected,
     checked_parts,
@@ -327,7 +327,12 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
     """M, D, K in the coordinates of the system, with springs and multipliers."""
     blocks = dict(zip(parts, rows_of_parts(parts), strict=True))
     S = joined.S.toarray() if dense else joined.S
-    springs = [(sum(R @ S[blocks[part]] for part, R in link.motions.items()), link) for link in links if link.motions]
+    springs = []
+    for link in links:
+        if link.motions:
+            terms = [(R, S[blocks[part]]) for part, R in link.motions.items()]
+            moved, size = sum(R @ one for R, one in terms), sum(abs(R) @ abs(one) for R, one in terms)
+            springs.append((without_rounding(moved, size, joined.unit), link))
     found = []
     for key in "MDK":
         matrices = [getattr(part, key) for part in parts.values()]

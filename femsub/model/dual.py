@@ -165,14 +165,15 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int) -> tuple[Matrix,
     MissedModesError
         Another number was found, or NᵀKN is singular within rounding, so that the number is not known.
     """
-    unit = np.abs(K.diagonal())
-    unit = np.where(unit > 0, unit, np.median(unit[unit > 0])) ** -0.5
+    size, mass = np.abs(K.diagonal()), M.diagonal()
+    both = (size > 0) & (mass > 0)
+    typical = float(np.median(size[both] / mass[both])) if both.any() else 1.0
+    energy = size + typical * mass  # free coordinates have no stiffness but rounding
+    unit = np.where(energy > 0, energy, np.median(energy[energy > 0])) ** -0.5
     stiffness, inertia = unit[:, None] * K * unit, unit[:, None] * M * unit
     mass, turn = np.linalg.eigh(inertia)
     kept = mass > INFINITE * mass[-1]
     F = turn[:, kept] * np.sqrt(mass[kept])
-    moving = inertia.diagonal() > 0
-    typical = float(np.median(np.abs(stiffness.diagonal()[moving]) / inertia.diagonal()[moving]))
     shift = SHIFT * typical
     back = np.linalg.solve(stiffness + shift * inertia, F)
     small = F.T @ back
@@ -183,7 +184,7 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int) -> tuple[Matrix,
     good = np.flatnonzero(omega2 > -RIGID * shift)
     good = good[np.argsort(omega2[good], kind="stable")]
     bare = np.linalg.eigvalsh(turn[:, ~kept].T @ stiffness @ turn[:, ~kept])
-    _check_count(len(good), int(kept.sum()) - multipliers + int(np.count_nonzero(bare < -UNSURE)))
+    _check_count(len(good), int(kept.sum()) - multipliers + int(np.count_nonzero(bare < -UNSURE)), int(np.count_nonzero(~finite)))
     X = unit[:, None] * (back @ V[:, good]) / theta[good]
     rigid = np.flatnonzero(omega2[good] < RIGID * shift)
     matrices = congruent(M, X), congruent(D, X), congruent(K, X)
@@ -191,8 +192,9 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int) -> tuple[Matrix,
     return sp.csr_array(X), (np.maximum(omega2[good], 0.0) + typical) ** -0.5, matrices, len(M) - len(good)
 
 
-def _check_count(found: int, expected: int) -> None:
-    if found != expected:
+def _check_count(found: int, expected: int, far: int) -> None:
+    """`far` more are too high for their sign to be known: they count as infinite."""
+    if not found <= expected <= found + far:
         raise MissedModesError(f"{found} finite modes were found in a system of Dual Craig-Bampton parts, but by the rank of M it "
                                f"has {expected}. Its joints are too stiff, or its parts too unlike, for weak joints: reduce the "
                                "parts by CraigChang, which spans the same space")

@@ -14,6 +14,7 @@ from femsub.errors import InputError
 from femsub.model.matrices import is_symmetric
 
 ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
+DUST = 1e-15  # share of a column's largest entry, in units of energy, below which an entry is rounding
 DEPENDENT = 1e-10  # an equation with a pivot below this share of the largest is redundant
 PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
 FILLED = 0.3  # of all entries that are not 0: from here on the product of two sparse matrices is faster by dense ones
@@ -176,7 +177,7 @@ def _null_space(equations: Equations, tell: Callable[[Array], str]) -> tuple[Ste
             raise InputError(f"{tell(equations.owner[rows])}: the {len(rows)} equations leave no motion to the {len(columns)} "
                              "coordinates they couple: keep more modes in these parts, or join fewer DOF")
         free[columns] = False
-        blocks.append((columns, unit[columns, None] * Q[:, rank:]))
+        blocks.append((columns, unit[columns, None] * _clean(Q[:, rank:])))
     kept = np.flatnonzero(free)
     start = len(kept) + np.cumsum([0, *(block.shape[1] for _, block in blocks)])
     entries = [(np.ones(len(kept)), kept, np.arange(len(kept)))]
@@ -188,6 +189,11 @@ def _null_space(equations: Equations, tell: Callable[[Array], str]) -> tuple[Ste
     new = int(start[-1]) - len(kept)
     return ((T, np.append(unit[kept], np.ones(new)), np.append(equations.physical[kept], np.zeros(new, dtype=bool))),
             np.zeros(0, dtype=np.intp))
+
+
+def _clean(Q: Array) -> Array:
+    """Q with 0 for rounding: else rigid motion costs the square of one, and a massless coordinate has the mass of one."""
+    return np.where(np.abs(Q) > DUST * np.abs(Q).max(axis=0, initial=0.0), Q, 0.0)
 
 
 def groups(A: Matrix) -> Iterator[tuple[Array, Array]]:
@@ -214,6 +220,13 @@ def _decomposed(equations: Equations, rows: Array, columns: Array) -> tuple[Arra
 def _rank(R: Array) -> int:
     pivots = np.abs(R.diagonal())
     return int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
+
+
+def without_rounding(B: Matrix, size: Matrix, unit: Array) -> Matrix:
+    """B (m, n) with 0 for rounding. `size` (m, n) are the sums of which its entries are left, without their signs."""
+    limit = ROUNDING * _largest(sp.csr_array(size * unit))
+    keep = abs(B) * unit > limit[:, None]
+    return B.multiply(keep) if sp.issparse(B) else np.where(keep, B, 0.0)
 
 
 def independent(equations: Equations, size: Array) -> Array:
@@ -288,7 +301,7 @@ def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
         return None, places[:0]
     lift = np.zeros((len(columns), len(rows)))
     lift[:, order] = Q[:, :len(rows)] @ la.solve_triangular(R[:len(rows)], np.eye(len(rows)), trans="T")
-    block = unit[columns, None] * np.hstack([lift / size, Q[:, len(rows):]])
+    block = unit[columns, None] * np.hstack([_clean(lift) / size, _clean(Q[:, len(rows):])])
     places[rows] = len(kept) + np.arange(len(rows))
     T = sp.csr_array((np.append(np.ones(len(kept)), block.ravel()),
                       (np.append(kept, np.repeat(columns, len(columns))),

@@ -72,15 +72,20 @@ def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     moved = np.where(np.abs(motion) < DUST, 0.0, basis.V[b])  # a massless shape that shares in a mode by rounding gets mass
     B = moved[:, solved]
     inverse = np.linalg.inv(B)
-    # else a rigid motion that the interface shows costs the square of a rounding, and is not recognised
-    inverse[np.abs(inverse) < DUST * (np.abs(inverse) @ np.abs(B) @ np.abs(inverse))] = 0.0
+    inverse = _clean(inverse, np.abs(inverse) @ np.abs(B) @ np.abs(inverse))
     faint = (np.abs(motion) < FAINT) & (basis.M.diagonal() == 0)  # it would give a massless shape the mass of a rounding
     T = np.zeros(basis.M.shape)
     T[solved, :len(b)], T[rest, len(b) + np.arange(len(rest))] = inverse, 1.0
-    T[solved, len(b):] = -inverse @ np.where(faint, 0.0, moved)[:, rest]
+    others = np.where(faint, 0.0, moved)[:, rest]
+    T[solved, len(b):] = _clean(-inverse @ others, np.abs(inverse) @ np.abs(others))
     found = turned(basis, T, ("interface",) * len(b) + tuple(basis.kinds[j] for j in rest))
     found.V[b] = np.eye(len(b), len(T))
     return found
+
+
+def _clean(A: Array, bound: Array) -> Array:
+    """A with 0 for rounding: else a rigid motion costs the square of a rounding in K, and is not recognised."""
+    return np.where(np.abs(A) < DUST * bound, 0.0, A)
 
 
 def turned(basis: Basis, T: Array, kinds: tuple[str, ...]) -> Basis:
