@@ -15,7 +15,7 @@ from femsub.checks import Array, Matrix, choice, instance, items, mapping
 from femsub.errors import InputError
 from femsub.model.dof_map import DofMap
 from femsub.model.dual import Multiplied, by_forces, check_span, finite_span, multiplied
-from femsub.model.elimination import congruent, eliminate, recovered, without_rounding
+from femsub.model.elimination import congruent, eliminate, recovered, without_dust, without_rounding
 from femsub.model.joined import (
     check_connected,
     checked_parts,
@@ -300,7 +300,9 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     open_, place = distinct(parts, chosen, joined.S, joined.unit)
     T, columns = recovered(open_rows(parts, joined.S, open_), joined.unit)
     if T is not None:
+        bound = abs(T).multiply(abs(sp.csr_array(matrices[0])) @ abs(T)).sum(axis=0)
         joined, matrices = joined.through(T, joined.unit), tuple(congruent(A, T) for A in matrices)
+        matrices = without_dust(matrices[0], bound), *matrices[1:]
     M, D, K = matrices
     if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
         M, D, K = (A.toarray() for A in matrices)

@@ -261,6 +261,15 @@ def congruent(A: Matrix, T: Matrix) -> Matrix:
     return (B + B.T) / 2 if is_symmetric(A) else B
 
 
+def without_dust(M: Matrix, bound: Array) -> Matrix:
+    """M with 0 for coordinates without mass, of which the product TᵀMT has left rounding of `bound` (n,), of either sign."""
+    dust = M.diagonal() <= DUST * bound
+    if not M.diagonal()[dust].any():
+        return M
+    kept = sp.diags_array((~dust).astype(float), format="csr")
+    return kept @ M @ kept
+
+
 def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
     """x = T (u_b, y) with B T = [I 0]: coordinates of which the first are the motions u_b = B x themselves.
 
