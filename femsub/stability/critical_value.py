@@ -1,0 +1,281 @@
+"""Loss of stability over any parameter: flutter, negative damping and divergence, with an exclusion of all other crossings."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import CERTIFIED, CONFIRMED, NOT_CHECKED, Array, check_band, instance, interval, word
+from femsub.errors import InputError, unknown_name
+from femsub.linalg.factor import WIDE
+from femsub.linalg.threads import FEW, one_thread
+from femsub.model.affine import Affine
+from femsub.model.bands import in_band
+from femsub.model.contact import Contacts, contacts_of
+from femsub.model.estimate import usable_band
+from femsub.model.pencil import Pencil
+from femsub.model.substructure import Substructure
+from femsub.stability.exclusion import Family, Part, Spectrum
+
+log = logging.getLogger(__name__)
+
+MOST = 6000  # intervals that are tested at most
+BESIDE = 1e-3  # of the range: how far beside a crossing the growth is told, if there is no other crossing nearer
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Crossing:
+    """A point at which a mode begins to grow, or ceases to.
+
+    Attributes
+    ----------
+    value : float
+        The parameter.
+    width : float
+        The crossing lies within value ∓ width / 2.
+    omega : float
+        Its frequency, in radians per unit of time; 0 for divergence.
+    shape : ndarray, shape (n,) or (r,)
+        Its eigenvector in the model's coordinates, of unit length; complex unless it diverges.
+    kind : str
+        'flutter': a circulatory K feeds the motion, or two undamped modes coalesce. 'hopf': negative damping feeds it.
+        'divergence': a real eigenvalue passes 0.
+    growth : (float, float)
+        Re λ of this mode a little below and above the value.
+    """
+
+    value: float
+    width: float
+    omega: float
+    shape: Array
+    kind: str
+    growth: tuple[float, float]
+
+    def __repr__(self) -> str:
+        where = "" if self.kind == "divergence" else f" at ω = {self.omega:.6g} rad/time"
+        return f"Crossing: {self.value:.9g} ({self.kind}{where}), Re λ from {self.growth[0]:.3g} to {self.growth[1]:.3g}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CriticalValue:
+    """The values of a parameter at which stability is lost, made by `critical_value`; ``float(...)`` gives the first.
+
+    Attributes
+    ----------
+    parameter : str
+    value : float
+        The first loss. The begin of the range if a mode grows there already; inf if stability is never lost.
+    losses, regains : tuple of Crossing
+        Where modes begin and cease to grow, ascending in value.
+    searched : (lo, hi)
+        The range of the parameter.
+    band : (lo, hi)
+        The band in which crossings count; for a reduced model it ends at the cut-off.
+    growing : int
+        Number of eigenvalues in the band that grow at the begin of the range (a pair counts twice).
+    open : tuple of (float, float)
+        Intervals in which a crossing there and back was not excluded. None of them is as wide as what the crossings are known
+        to, unless rounding or the limit of the effort says more.
+    evidence : str
+        'certified': each crossing outside these points is excluded by discs around the eigenvalues. 'confirmed': the same, but
+        the pencil is not affine in the parameter, and was sampled in each interval. 'not checked': some intervals are open.
+    solved : int
+        Number of eigenproblems.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> two_mode = fs.Affine([[1, 0], [0, 1]], None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
+    >>> fs.critical_value(two_mode, None, "mu", between=(0.0, 1.0))
+    CriticalValue: mu = 0.75 (flutter at ω = 1.41421 rad/time) of 1 loss and 0 regains from 0 to 1; certified
+    """
+
+    parameter: str
+    value: float
+    losses: tuple[Crossing, ...]
+    regains: tuple[Crossing, ...]
+    searched: tuple[float, float]
+    band: tuple[float, float]
+    growing: int
+    open: tuple[tuple[float, float], ...]
+    evidence: str
+    solved: int
+
+    def __float__(self) -> float:
+        return self.value
+
+    def __repr__(self) -> str:
+        if self.growing:
+            first = f"{self.growing} eigenvalues grow from the begin on"
+        elif self.losses:
+            one = self.losses[0]
+            first = f"{one.value:.9g} ({one.kind}{'' if one.kind == 'divergence' else f' at ω = {one.omega:.6g} rad/time'})"
+        else:
+            first = "none"
+        losses = f"{len(self.losses)} loss{'' if len(self.losses) == 1 else 'es'}"
+        rest = f", {len(self.open)} intervals open" if self.open else ""
+        return (f"CriticalValue: {self.parameter} = {first} of {losses} and {len(self.regains)} regain"
+                f"{'' if len(self.regains) == 1 else 's'} from {self.searched[0]:g} to {self.searched[1]:g}; {self.evidence}{rest}")
+
+
+def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: str, *, between: tuple[float, float],
+                   band: tuple[float, float] | None = None) -> CriticalValue:
+    """The values of a parameter at which stability is lost and regained: flutter, negative damping and divergence.
+
+    The range is divided into intervals. In each, discs around the eigenvalues show that none crosses the imaginary axis
+    (`femsub.stability.exclusion`). What is left are windows of 1e-11 of the range around the crossings; the number of growing
+    eigenvalues on both sides is known from the intervals beside them. So no loss is stepped over, however short it is.
+
+    Parameters
+    ----------
+    model : Substructure or Affine
+        Full or reduced, of at most 300 DOF.
+    contacts : Belt, LinearContact or another contact, or a sequence of them
+        On the model's ports; None for an `Affine`.
+    parameter : str
+        A field of one of the contacts, such as 'mu' or 'speed'. It changes in all contacts that have it. Or a parameter of an
+        `Affine`; give values to the others before, ``affine.fixed(speed=5.0)``.
+    between : (lo, hi)
+        The range searched.
+    band : (lo, hi), optional
+        Only crossings with lo ≤ ω ≤ hi count, in radians per unit of time. Default: all, for a reduced model those up to its
+        cut-off. Divergence (ω = 0) counts if the band begins at 0.
+
+    Returns
+    -------
+    CriticalValue
+
+    Raises
+    ------
+    InputError, InputTypeError
+        An unknown parameter, a range that a contact refuses, a model that is too large, floats or has massless motions.
+
+    Notes
+    -----
+    An undamped model counts as stable while all its eigenvalues are on the axis. Two of its modes of one frequency, neither of
+    which acts on the other, cannot be told from a flutter that is narrower than the window; such intervals are in `open`.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> found = fs.critical_value(fs.chain(10, belt=2), fs.Belt(slope=0.0), "slope", between=(0.0, -0.03)[::-1])
+    >>> print(f"{found.regains[0].value:.6f} {found.regains[0].kind}")
+    -0.025567 hopf
+    """
+    lo, hi = interval("between", between)
+    pencil_at = _family(model, contacts, word("parameter", parameter))
+    limits = usable_band(model, band) if isinstance(model, Substructure) else check_band(band) if band is not None else (0.0, np.inf)
+    with one_thread(model.size <= FEW):
+        family = Family(pencil_at, (lo, hi))
+        if family.floating:
+            raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports or "
+                             "springs")
+        parts = family.parts(MOST)
+        result = _collected(family, parts, parameter, (lo, hi), limits)
+    log.info("%r", result)
+    return result
+
+
+def _family(model: Substructure | Affine, contacts: Contacts, parameter: str) -> Callable[[float], Pencil]:
+    """The dense pencil as a function of the parameter."""
+    if isinstance(model, Affine):
+        if contacts is not None:
+            raise InputError("an Affine has no ports for contacts. Put them into its matrices, or use a Substructure")
+        if parameter not in model.parameters:
+            raise unknown_name("parameter", parameter, model.parameters)
+        if len(model.parameters) > 1:
+            rest = [name for name in model.parameters if name != parameter]
+            raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
+    else:
+        instance("model", model, Substructure, "or an Affine")
+        given = contacts_of(contacts)
+        known = [_fields(contact) for contact in given]
+        if not any(parameter in names for names in known):
+            raise unknown_name("parameter", parameter, sorted(set().union(*known)) if known else [])
+    if model.size > WIDE:
+        raise InputError(f"critical_value takes models of up to {WIDE} DOF, but this one has {model.size}. Reduce it first")
+    if isinstance(model, Affine):
+        return lambda p: model.at(**{parameter: p}).dense()
+    return lambda p: model.linearised([replace(contact, **{parameter: p}) if parameter in names else contact  # type: ignore[type-var]
+                                       for contact, names in zip(given, known, strict=True)]).dense()
+
+
+def _fields(contact: Any) -> set[str]:
+    return {item.name for item in fields(contact) if item.init} if is_dataclass(contact) else set()
+
+
+def _collected(family: Family, parts: Sequence[Part], parameter: str, searched: tuple[float, float],
+               limits: tuple[float, float]) -> CriticalValue:
+    """The crossings in the intervals that are not excluded, in the band; the others of these intervals are open."""
+    losses: list[Crossing] = []
+    regains: list[Crossing] = []
+    left: list[tuple[float, float]] = []
+    windows = [i for i, part in enumerate(parts) if part.growing is None]
+    for at, i in enumerate(windows):
+        before, after = (parts[j].growing if 0 <= j < len(parts) else None for j in (i - 1, i + 1))
+        if before is None or after is None or before == after:
+            heights = np.abs(np.imag(parts[i].touching))
+            if not len(heights) or in_band(heights, limits).any():
+                left.append((parts[i].begin, parts[i].end))
+            continue
+        gaps = [parts[j].begin - parts[i].end for j in windows[at + 1:at + 2]] + \
+               [parts[i].begin - parts[j].end for j in windows[max(at - 1, 0):at]]
+        beside = min([BESIDE * (searched[1] - searched[0]), *(gap / 3 for gap in gaps)])
+        found = _crossings(family, parts[i], after - before, beside, searched)
+        (losses if after > before else regains).extend(one for one in found if in_band(np.array([one.omega]), limits)[0])
+    growing = 0
+    if (first := next((part for part in parts if part.growing is not None), None)) is not None and first.growing:
+        z = family.spectrum((first.begin + first.end) / 2).z
+        z = z[np.argsort(-z.real)][:first.growing]
+        growing = int(in_band(np.abs(z.imag), limits).sum())
+    value = searched[0] if growing else losses[0].value if losses else np.inf
+    evidence = NOT_CHECKED if left else CERTIFIED if family.affine else CONFIRMED
+    return CriticalValue(parameter, value, tuple(losses), tuple(regains), searched, limits, growing, tuple(left), evidence,
+                         family.solved)
+
+
+def _crossings(family: Family, window: Part, change: int, beside: float, searched: tuple[float, float]) -> list[Crossing]:
+    """The modes that begin (change > 0) or cease to grow in a window: of those that grow on its one side, the nearest."""
+    inside = window.end if change > 0 else window.begin
+    found = family.spectrum(inside)
+    near = np.array(window.touching)
+    growing = np.flatnonzero((found.z.real > 0) & (found.z.imag >= 0))
+    growing = growing[np.argsort(np.abs(found.z[growing, None] - near).min(axis=1), kind="stable")]
+    taken, count = [], 0
+    for at in growing:
+        weight = 2 if found.z[at].imag > 0 else 1
+        if count + weight <= abs(change):
+            taken.append(int(at))
+            count += weight
+    value = (window.begin + window.end) / 2
+    sides = max(searched[0], window.begin - beside), min(searched[1], window.end + beside)
+    result = []
+    for at in taken:
+        z = found.z[at]
+        shape = family.shape(found, at)
+        kind = "divergence" if z.imag == 0 else "flutter" if family.mirrored else _fed(family.pencil_at(value), shape, z.imag)
+        rates = [_rate(family.spectrum(p), z, grows) for p, grows in zip(sides, (change < 0, change > 0), strict=True)]
+        result.append(Crossing(value, window.end - window.begin, float(z.imag), shape.real if z.imag == 0 else shape, kind,
+                               (rates[0], rates[1])))
+    return sorted(result, key=lambda one: one.omega)
+
+
+def _rate(found: Spectrum, z: complex, grows: bool) -> float:
+    """Re of the eigenvalue next to z, among those that grow or among the others."""
+    bar = 4 * np.abs(found.noise.sum(axis=1))
+    among = np.flatnonzero(found.z.real > bar if grows else found.z.real <= bar)
+    if not len(among):
+        return np.nan
+    return float(found.z[among[np.argmin(np.abs(found.z[among] - z))]].real)
+
+
+def _fed(pencil: Pencil, x: Array, omega: float) -> str:
+    """What feeds a motion on the axis: xᴴP(iω)x = 0 has the imaginary part ω xᴴD_s x + Im xᴴK_a x = 0."""
+    circulatory = -float((x.conj() @ ((pencil.K - pencil.K.T) / 2 @ x)).imag)
+    power, turn = np.linalg.eigh((pencil.D + pencil.D.T) / 2)
+    negative = omega * float(np.maximum(-power, 0.0) @ np.abs(turn.T @ x) ** 2)
+    return "flutter" if circulatory > negative else "hopf"

@@ -1,0 +1,273 @@
+"""Where no eigenvalue of a pencil with a parameter can cross the imaginary axis: intervals, excluded by Gershgorin discs.
+
+In a state form common to all p the pencil is a matrix A(p). With A(m) = V diag(z) V⁻¹ in the middle m of an interval, t = p - m,
+B = V⁻¹A'V, and a turn of the vectors to first order, x_ij = b_ij / (z_j - z_i) where z_i and z_j are far enough apart,
+
+    (V(I + tX))⁻¹ A(p) V(I + tX) = diag(z + tb) + (I + tX)⁻¹ (tB' + t²C),   C = BX - X diag(b)
+
+for an A that is affine in p; b is the diagonal of B, B' what is left of the rest. The last term is bounded entry by entry by
+F = (I - h|X|)⁻¹ (h|B'| + h²|C| + rounding), h half the width. Each eigenvalue stays in the union of the discs around z_i + t b_i
+with the radii Σ_j f_ij. If row and column i are scaled by 1/τ and τ, a disc that is clear of all others shrinks to the second
+order in F, and holds exactly one eigenvalue. An interval is excluded if no disc touches the axis.
+
+Without damping (and for gyroscopic forces with a symmetric K) the spectrum is symmetric about the axis. There an eigenvalue on the
+axis stays on it as long as its disc is clear of all others: it can only leave together with another one.
+
+Sources: S. Gershgorin 1931; R. S. Varga, Geršgorin and His Circles (2004), sec. 1.1 and 2.1 (scaled discs and their counts).
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from femsub.checks import EPS, Array
+from femsub.model.pencil import Pencil
+from femsub.quadratic.dense import definite_form
+
+STRAIGHT = 1e-13  # largest distance of A(p) from the chord between its ends, relative, at which A counts as affine
+BETWEEN = 1.5  # safety factor on the largest |E| sampled, if A is not affine
+FAR = 4.0  # times the change of an entry: distance of two eigenvalues from which on their vectors are turned
+TURN = 0.5  # largest turn of the vectors, as a row sum of h|X|
+SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
+SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where the form of A(p) is judged
+RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
+
+
+class Spectrum(NamedTuple):
+    """A(m) = V diag(z) V⁻¹; `noise` (m, m) bounds the rounding in V⁻¹AV."""
+
+    z: Array
+    V: Array
+    inverse: Array
+    noise: Array
+
+
+class Verdict(NamedTuple):
+    """Whether an interval is excluded, the number of growing eigenvalues in it, those that may touch the axis, and whether
+    rounding alone keeps them there.
+    """
+
+    excluded: bool
+    growing: int
+    touching: Array
+    drowned: bool
+
+
+@dataclass(frozen=True)
+class Part:
+    """An interval: without any crossing (`growing` eigenvalues throughout), or not excluded, with the z that may touch the axis."""
+
+    begin: float
+    end: float
+    growing: int | None
+    touching: tuple[complex, ...] = ()
+
+
+class Family:
+    """The state matrices A(p) of a pencil over a range of p.
+
+    The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine` tells whether A is
+    affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis.
+    """
+
+    def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float]) -> None:
+        self.pencil_at, self.between = pencil_at, between
+        lo, hi = between
+        self.middle = (lo + hi) / 2
+        form = definite_form(pencil_at(self.middle))
+        self.shapes, self.omega = form.shapes, np.maximum(form.omega, SLOWEST * form.omega.max())
+        self.matrix = lru_cache(maxsize=64)(self._matrix)
+        points = [lo + share * (hi - lo) for share in SAMPLES]
+        pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
+        self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
+        self.size = np.maximum(*(self._magnitude(pencil) for pencil in (pencils[0], pencils[-1])))
+        self.affine = all((np.abs(A - matrices[0] - (p - lo) * self.slope) <= STRAIGHT * self.size).all()
+                          for p, A in zip(points, matrices, strict=True))
+        self.floating = all(definite_form(pencil).rigid for pencil in (pencils[0], pencils[2], pencils[-1]))
+        undamped = all(not np.any(pencil.D) for pencil in pencils)
+        gyroscopic = all(pencil.symmetric[2] and np.array_equal(pencil.D, -pencil.D.T) for pencil in pencils)
+        self.mirrored = undamped or gyroscopic
+        self.spectrum = lru_cache(maxsize=256)(self._spectrum)
+        self.solved = 0
+
+    def _matrix(self, p: float) -> Array:
+        """A(p), shape (2n, 2n)."""
+        pencil, n = self.pencil_at(p), len(self.omega)
+        M, D, K = (self.shapes.T @ (part @ self.shapes) for part in (pencil.M, pencil.D, pencil.K))
+        if np.abs(M - np.eye(n)).max() <= 1e-10:  # M of the middle
+            M = np.eye(n)
+        A = np.zeros((2 * n, 2 * n))
+        A[:n, n:] = np.diag(self.omega)
+        A[n:] = -la.solve(M, np.hstack([K / self.omega, D]), check_finite=False)
+        return A
+
+    def _magnitude(self, pencil: Pencil) -> Array:
+        """A with the moduli of all that is added up in its entries: EPS times this is their rounding."""
+        n, size = len(self.omega), np.abs(self.shapes)
+        K, D = (size.T @ (np.abs(part) @ size) for part in (pencil.K, pencil.D))
+        return np.block([[np.zeros((n, n)), np.diag(self.omega)], [K / self.omega, D]])
+
+    def at(self, p: float) -> Array:
+        """A(p); of an affine family without the pencil."""
+        return self.matrix(self.middle) + (p - self.middle) * self.slope if self.affine else self.matrix(p)
+
+    def _spectrum(self, p: float) -> Spectrum:
+        A = self.at(p)
+        self.solved += 1
+        z, V = la.eig(A, check_finite=False)
+        try:
+            inverse = la.inv(V, check_finite=False)
+        except la.LinAlgError:
+            inverse = np.full_like(V, np.inf)
+        with np.errstate(all="ignore"):
+            noise = np.abs(inverse @ (A @ V) - np.diag(z)) + 4 * EPS * (np.abs(inverse) @ (self.size @ np.abs(V)))
+        return Spectrum(z, V, inverse, np.where(np.isfinite(noise), noise, np.inf))
+
+    def shape(self, found: Spectrum, at: int) -> Array:
+        """The shape of one eigenvalue in the model's coordinates, of unit length."""
+        x: Array = self.shapes @ (found.V[:len(self.omega), at] / self.omega)
+        return x / np.linalg.norm(x)
+
+    def verdict(self, begin: float, end: float) -> Verdict:
+        """The test of one interval, from the decomposition in its middle."""
+        m, h = (begin + end) / 2, (end - begin) / 2
+        found = self.spectrum(m)
+        with np.errstate(all="ignore"):
+            curved: Array = np.zeros(1)
+            slope = self.slope
+            if not self.affine:
+                slope, A = (self.at(end) - self.at(begin)) / (end - begin), self.at(m)
+                curved = BETWEEN * np.max([np.abs(found.inverse @ ((self.at(p) - A - (p - m) * slope) @ found.V))
+                                           for p in (begin, (begin + m) / 2, (m + end) / 2, end)], axis=0)
+            discs = _discs(found.z, h, found.inverse @ slope @ found.V, found.noise + curved)
+        if discs is None:
+            return Verdict(False, 0, found.z, False)
+        touching, on_axis = _touching(discs, self.mirrored)
+        noise = found.noise.sum(axis=1)
+        drowned = bool(touching.any() and (np.abs(discs.drift) + discs.F.sum(axis=1) <= 2 * noise)[touching].all())
+        growing = int(np.count_nonzero(found.z.real[~on_axis] > 0))
+        return Verdict(not touching.any(), growing, found.z[touching], drowned)
+
+    def parts(self, most: int) -> list[Part]:
+        """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
+        lo, hi = self.between
+        least = max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
+        open_ones, done = [(lo - hi, lo, hi)], []
+        for _ in range(most):
+            if not open_ones:
+                break
+            _, a, b = heapq.heappop(open_ones)
+            found = self.verdict(a, b)
+            if found.excluded:
+                done.append(Part(a, b, found.growing))
+            elif b - a <= least or found.drowned:
+                done.append(Part(a, b, None, tuple(found.touching)))
+            else:
+                m = (a + b) / 2
+                for begin, end in ((a, m), (m, b)):
+                    heapq.heappush(open_ones, (begin - end, begin, end))
+        done += [Part(a, b, None, tuple(self.verdict(a, b).touching)) for _, a, b in open_ones]
+        return _joined(sorted(done, key=lambda part: part.begin))
+
+
+def _joined(parts: list[Part]) -> list[Part]:
+    """Neighbours that are not excluded, as one."""
+    result: list[Part] = []
+    for part in parts:
+        last = result[-1] if result else None
+        if last is not None and last.growing is None and part.growing is None:
+            result[-1] = Part(last.begin, part.end, None, (*last.touching, *part.touching))
+        else:
+            result.append(part)
+    return result
+
+
+class _Discs(NamedTuple):
+    """Centres z (m,) that move by up to `drift` (m,), complex, either way; F bounds all else; `axis` (m,) bounds Re f_ii."""
+
+    z: Array
+    drift: Array
+    F: Array
+    axis: Array
+
+    @property
+    def rest(self) -> Array:
+        return np.asarray(self.F.sum(axis=1) - self.F.diagonal())
+
+    def reach(self, radius: Array) -> Array:
+        """How far towards the axis each disc may come with a `radius` (m,) of what is not on the diagonal."""
+        return np.abs(self.drift.real) + self.axis + radius
+
+    @property
+    def apart(self) -> Array:
+        """Smallest distance between the centres over the interval, less what is on both diagonals, (m, m); inf on its diagonal."""
+        own = self.F.diagonal()
+        found = np.abs(self.z[:, None] - self.z) - np.abs(self.drift[:, None] - self.drift) - own[:, None] - own
+        np.fill_diagonal(found, np.inf)
+        return np.asarray(found)
+
+
+def _discs(z: Array, h: float, B: Array, extra: Array) -> _Discs | None:
+    """The discs of an interval of half width h; `extra` (m, m) bounds rounding, and what is not affine. None if they overflow."""
+    b = B.diagonal().copy()
+    gap = z - z[:, None]  # z_j - z_i
+    far = np.abs(gap) > FAR * h * (np.abs(B) + np.abs(B).T)
+    np.fill_diagonal(far, False)
+    X = np.where(far, B / np.where(far, gap, 1.0), 0.0)
+    if h * np.abs(X).sum(axis=1).max() > TURN:
+        X = np.zeros_like(X)
+    first = np.where(X != 0, 0.0, np.abs(B))
+    np.fill_diagonal(first, 0.0)
+    C, extra = B @ X - X * b, extra + h * extra @ np.abs(X)
+    G = h * first + h**2 * np.abs(C) + extra
+    if not np.isfinite(G).all():
+        return None
+    F = la.solve(np.eye(len(z)) - h * np.abs(X), G, check_finite=False)
+    axis = h**2 * np.abs(C.diagonal().real) + extra.diagonal() + h * np.einsum("ij,ji->i", np.abs(X), F)
+    return _Discs(z, h * b, F, axis)
+
+
+def _isolated(discs: _Discs) -> Array:
+    """Radii τ_i r_i of discs that are clear of all others and hold one eigenvalue each, (m,); inf where there is none.
+
+    With τ_i disc i has the radius f_ii + τ_i r_i, r_i = Σ_{j≠i} f_ij, and the others f_jj + r_j - f_ji + f_ji/τ_i. The smallest
+    τ_i that keeps it clear of each of them is the lower root of a quadratic equation.
+    """
+    rest, into = discs.rest, discs.F.T
+    slack = discs.apart - (rest - into)
+    np.fill_diagonal(slack, np.inf)
+    with np.errstate(all="ignore"):
+        root = np.sqrt(slack**2 - 4 * rest[:, None] * into)
+        lower = np.where(np.isinf(slack), 0.0, 2 * into / (slack + root)).max(axis=1) * (1 + 1e-6)
+        upper = np.where(np.isinf(slack), np.inf, (slack + root) / (2 * rest[:, None])).min(axis=1)
+    clear = ((slack > 0) & ~np.isnan(root)).all(axis=1) & (lower < upper)
+    return np.where(clear, lower * rest, np.inf)
+
+
+def _touching(discs: _Discs, mirrored: bool) -> tuple[Array, Array]:
+    """Which eigenvalues may leave, reach or cross the axis, and which stay on it, bool (m,) each."""
+    none = np.zeros(len(discs.z), dtype=bool)
+    rate, rest = np.abs(discs.z.real), discs.rest
+    touch = rate <= discs.reach(rest)
+    if not touch.any():
+        return none, none
+    # the plain discs that hang together hold as many eigenvalues as they are; one that touches the axis puts all in doubt
+    links = sp.csr_array(discs.apart <= rest[:, None] + rest)
+    label = sp.csgraph.connected_components(links, directed=False)[1]
+    near = np.isin(label, label[touch]) & (rate <= discs.reach(_isolated(discs)))
+    if not mirrored or not near.any():
+        return near, none
+    # a disc centred on the axis that is clear of all others: with its eigenvalue it holds the mirrored one, hence they are one
+    off = np.where(near, rate + np.abs(discs.drift.real), 0.0)
+    moved = _Discs(np.where(near, 1j * discs.z.imag, discs.z), np.where(near, 1j * discs.drift.imag, discs.drift),
+                   discs.F + np.diag(off), discs.axis)
+    stays = near & np.isfinite(_isolated(moved))
+    return near & ~stays, stays
