@@ -161,7 +161,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         ),
         "annulus": (
             fs.annulus,
-            {"inner": 1.0, "outer": 2.0, "thickness": 0.1, "counts": (1, 8, 1), "kind": "hexahedron20", "name": "a"},
+            {"inner": 1.0, "outer": 2.0, "thickness": 0.1, "counts": (1, 8, 1), "kind": "hexahedron20", "name": "a",
+             "sector": (0.0, 1.0)},
         ),
         "beam": (
             fs.beam,

@@ -57,6 +57,17 @@ def test_an_annulus_closes_and_its_quadratic_cells_follow_the_circle(kind: str) 
     assert np.array_equal(mesh.nodes("top"), np.flatnonzero(mesh.points[:, 2] == 0.5))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_sector_lies_on_its_annulus(kind: str) -> None:
+    mesh = checked(fs.annulus(1.0, 2.0, 0.5, (2, 4, 1), kind, sector=(-0.4, 0.6)))
+    assert mesh.repairs == () and volume(mesh) == pytest.approx(0.75, rel=1e-5 if kind[-1].isdigit() else 2e-2)
+    angle = np.arctan2(mesh.points[:, 1], mesh.points[:, 0])
+    assert np.allclose(angle[mesh.nodes("start")], -0.4) and np.allclose(angle[mesh.nodes("end")], 0.6)
+    assert np.allclose(np.hypot(*mesh.points[mesh.nodes("inner"), :2].T), 1) and np.abs(angle - 0.1).max() < 0.5 + 1e-9
+    whole = fs.annulus(1.0, 2.0, 0.5, (2, 4, 1), kind)
+    assert set(mesh.sets) - set(whole.sets) == {"start", "end"}
+
+
 @pytest.mark.parametrize("kind", ["quad", "triangle"])
 def test_a_rectangle_has_its_area_and_its_edge(kind: str) -> None:
     mesh = fs.rectangle((2.0, 1.0), (3, 4), kind)
@@ -72,6 +83,9 @@ def test_a_rectangle_has_its_area_and_its_edge(kind: str) -> None:
     (lambda: fs.block((1, 1, 1), (1, 1, 1), "wedge"), "unknown kind of solid element 'wedge'"),
     (lambda: fs.annulus(2, 1, 1), "inner must be below outer"),
     (lambda: fs.annulus(1, 2, 1, (1, 2, 1)), "at least 3 bricks around"),
+    (lambda: fs.annulus(1, 2, 1, (1, 1, 1), sector=(0, 4)), "at least 2 bricks around"),
+    (lambda: fs.annulus(1, 2, 1, sector=(0, 7)), "less than a full turn"),
+    (lambda: fs.annulus(1, 2, 1, sector=(1, 0)), "lo < hi"),
     (lambda: fs.rectangle((1, 1), (2, 2), "tetra"), "rectangle 'tetra'"),
 ])
 def test_a_grid_that_cannot_be(make, text: str) -> None:  # type: ignore[no-untyped-def]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from femsub.checks import Array, choice, items, real_array, shown
+from femsub.checks import Array, choice, interval, items, real_array, shown
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import box
 from femsub.errors import InputError
@@ -52,28 +52,33 @@ def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedr
 
 
 def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] = (4, 48, 2), kind: str = "hexahedron20",
-            name: str = "annulus") -> Mesh:
+            name: str = "annulus", sector: tuple[float, float] | None = None) -> Mesh:
     """A mesh of a disc with a hole: inner ≤ √(x² + y²) ≤ outer, 0 ≤ z ≤ thickness. Midside nodes lie on the circles.
+
+    With `sector`, a piece of it, as the lining of a brake pad.
 
     Parameters
     ----------
     inner, outer, thickness : float
         Radii and thickness, in the unit of length that E and rho go with.
     counts : sequence of int, shape (3,)
-        Bricks along the radius, around (3 or more) and through the thickness.
+        Bricks along the radius, around (3 or more in a full circle) and through the thickness.
     kind : str
         'hexahedron', 'hexahedron20', 'hexahedron27', 'tetra' or 'tetra10'.
     name : str
+    sector : (start, end), optional
+        Angles from the x axis towards y, in radians, less than a full turn apart. Default: all round.
 
     Returns
     -------
     Mesh
-        Sets of nodes: inner, outer (the two rims), bottom, top.
+        Sets of nodes: inner, outer (the two rims), bottom, top; of a sector also start and end.
 
     Raises
     ------
     InputError
-        inner ≥ outer, a length that is not positive, a count below 1 (around: 3), an unknown kind.
+        inner ≥ outer, a length that is not positive, a count below 1 (around: 3 in a turn), an unknown kind, a sector of a
+        turn or more.
 
     Examples
     --------
@@ -86,18 +91,26 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
     if low >= high:
         raise InputError(f"inner must be below outer, but they are {low:g} and {high:g}")
     bricks = _counts(counts, 3)
-    if bricks[1] < 3:
-        raise InputError(f"counts: an annulus needs at least 3 bricks around, not {bricks[1]}")
+    start, end = (0.0, 2 * np.pi) if sector is None else interval("sector", sector)
+    if sector is not None and end - start >= 2 * np.pi:
+        raise InputError(f"sector must be less than a full turn (2π), not {end - start:.6g} rad. Leave it out for a "
+                         "whole annulus")
+    if 3 * (end - start) > 2 * np.pi * bricks[1]:
+        least = math.ceil(3 * (end - start) / (2 * math.pi))
+        raise InputError(f"counts: an annulus needs at least {least} bricks around, not {bricks[1]}")
     grid, cells = box(bricks, bricks, kind)
-    half = np.rint(2 * grid).astype(np.intp)
-    half[:, 1] %= 2 * bricks[1]  # the ring is closed: the last nodes are the first ones
-    place = np.ravel_multi_index(tuple(half.T), tuple(2 * bricks + 1))
-    _, first, number = np.unique(place, return_index=True, return_inverse=True)
-    grid, cells = grid[first], number[cells]
-    r, angle = low + grid[:, 0] / bricks[0] * (high - low), 2 * np.pi * grid[:, 1] / bricks[1]
+    if sector is None:
+        half = np.rint(2 * grid).astype(np.intp)
+        half[:, 1] %= 2 * bricks[1]  # the ring is closed: the last nodes are the first ones
+        place = np.ravel_multi_index(tuple(half.T), tuple(2 * bricks + 1))
+        _, first, number = np.unique(place, return_index=True, return_inverse=True)
+        grid, cells = grid[first], number[cells]
+    r, angle = low + grid[:, 0] / bricks[0] * (high - low), start + (end - start) * grid[:, 1] / bricks[1]
     points = np.stack([r * np.cos(angle), r * np.sin(angle), grid[:, 2] / bricks[2] * height], axis=1)
     sides = _sides(grid, bricks)
     sets = {"inner": sides["left"], "outer": sides["right"], "bottom": sides["bottom"], "top": sides["top"]}
+    if sector is not None:
+        sets |= {"start": sides["front"], "end": sides["back"]}
     return Mesh(points, cells, kind, sets, name=name)
 
 
