@@ -293,6 +293,12 @@ SHIPPED = {  # kind, size (volume or area), how near cells come to it, sets
     "beam.inp": ("hexahedron20", 0.5 * 0.03 * 0.02, 1e-12, {"clamp", "tip", "contact", "beam"}),
     "disc.vtu": ("hexahedron20", np.pi * (0.15**2 - 0.05**2) * 0.012, 1e-5, {"inner", "rim", "contact", "top", "bottom"}),
     "plate-with-hole.msh": ("triangle", 0.4 * 0.2 - np.pi * 0.04**2, 2e-3, {"clamp", "tip", "hole", "plate"}),
+    "brake-disc.vtu": (
+        "hexahedron20", np.pi * ((0.15**2 - 0.075**2) * 0.012 + (0.083**2 - 0.075**2) * 0.038 + (0.075**2 - 0.035**2) * 0.008),
+        1e-5, {"disc", "hub", "rim", "inboard", "outboard"}),
+    **{f"brake-{side}board.vtu": (
+        "hexahedron20", np.pi / 360 * (60 * (0.142**2 - 0.098**2) * 0.011 + 66 * (0.146**2 - 0.094**2) * 0.005), 1e-5,
+        {"lining", "plate", "face", "back", "leading", "trailing"}) for side in ("in", "out")},
     "bracket.msh": ("tetra10", (0.12 + 0.1) * 0.08 * 0.01 - 4 * np.pi * 0.006**2 * 0.01, 1e-3, {"bolts", "tip", "bracket"}),
 }
 
@@ -317,3 +323,15 @@ def test_the_script_makes_the_shipped_meshes(name: str) -> None:
     shipped = fs.read_mesh(ROOT / "meshes" / name)
     assert np.allclose(shipped.points, made.points, rtol=0, atol=1e-15) and np.array_equal(shipped.cells, made.cells)
     assert all(np.array_equal(shipped.nodes(label), nodes) for label, nodes in made.sets.items())
+
+
+@pytest.mark.parametrize("size", [0.025, 0.012])
+def test_gmsh_makes_the_shipped_brake_and_finer_ones(size: float) -> None:
+    pytest.importorskip("gmsh")
+    made = runpy.run_path(str(ROOT / "scripts" / "make-meshes.py"))
+    for mesh in (made["brake_disc"](size), made["brake_pad"]("brake-inboard", -1, size)):
+        shipped = fs.read_mesh(ROOT / "meshes" / f"{mesh.name}.vtu")
+        assert volume(mesh) == pytest.approx(volume(shipped), rel=2e-5)
+        assert (len(mesh.cells) == len(shipped.cells)) == (size == 0.025) and len(mesh.cells) >= len(shipped.cells)
+        if size == 0.025:
+            assert np.allclose(mesh.points, shipped.points, rtol=0, atol=1e-12)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 
+MESHES = Path(__file__).parent.parent / "meshes"
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 ACROSS = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # e_z × x
 SURE = {"certified", "confirmed"}
@@ -193,6 +195,24 @@ def test_at_rest_nothing_has_changed() -> None:
     still = rotor.at(0.0)
     assert abs(still.K - rotor.part.K).max() == 0 and abs(still.D - rotor.part.D).max() == 0
     assert repr(rotor) == "Rotor 'annulus': 252 DOF, turns about (0, 0, 1)"
+
+
+def test_the_shipped_brake_fits_together() -> None:
+    """The disc is round, the linings lie on it within its tracks, on either side, and the bricks do not match."""
+    mesh = fs.read_mesh(MESHES / "brake-disc.vtu")
+    iron = fs.Material(1.1e11, 0.26, 7200.0)
+    rotor = fs.rotating(fs.solid(mesh, iron, supports=["hub"]), mesh, iron)
+    assert rotor.part.size == 3 * (len(mesh.points) - len(mesh.nodes("hub")))
+    for side, z in (("inboard", -0.006), ("outboard", 0.006)):
+        pad = fs.read_mesh(MESHES / f"brake-{side}.vtu")
+        face, track = pad.points[pad.nodes("face")], mesh.points[mesh.nodes(side)]
+        assert np.allclose(face[:, 2], z, rtol=0, atol=1e-12) and np.allclose(track[:, 2], z, rtol=0, atol=1e-12)
+        radius, outer = np.hypot(face[:, 0], face[:, 1]), np.hypot(track[:, 0], track[:, 1])
+        assert outer.min() < radius.min() and radius.max() < outer.max()
+        assert np.abs(face[:, None] - track).max(axis=2).min(axis=1).max() > 1e-3
+        assert np.abs(pad.points[pad.nodes("back"), 2]).min() > 0.0219
+        # every node lies on a circle of the grid, also in the middle of an edge
+        assert len(np.unique(np.hypot(pad.points[:, 0], pad.points[:, 1]).round(9))) == 9
 
 
 def test_rings_of_two_materials_may_turn_but_not_two_halves() -> None:
