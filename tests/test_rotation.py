@@ -228,6 +228,15 @@ def test_rings_of_two_materials_may_turn_but_not_two_halves() -> None:
         fs.rotating(fs.solid(mixed, materials), mixed, materials)
 
 
+def test_supports_at_three_bolts_are_told() -> None:
+    mesh = fs.annulus(0.05, 0.15, 0.01, (1, 12, 1))
+    inner = mesh.nodes("inner")
+    angle = np.arctan2(mesh.points[inner, 1], mesh.points[inner, 0])
+    mesh = mesh.with_sets(bolts=inner[np.abs(np.sin(1.5 * angle)) < 1e-6])
+    with pytest.warns(fs.FemsubWarning, match=r"\d\d% of the displacement .* is along the circumference"):
+        fs.rotating(fs.solid(mesh, STEEL, supports=["bolts"]), mesh, STEEL)
+
+
 def ring(**given: Any) -> fs.Rotor:
     mesh = fs.annulus(0.05, 0.15, 0.01, (1, 24, 1), "hexahedron")
     arguments = {"part": fs.solid(mesh, STEEL), "mesh": mesh, "material": STEEL} | given

@@ -17,6 +17,7 @@ All three act on each Cartesian component alone.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -29,7 +30,7 @@ from femsub.components.mesh import Mesh, boundary_faces, corner_nodes
 from femsub.components.solid import materials_of
 from femsub.components.solid_assembly import Material, Pattern, at_points
 from femsub.components.solid_elements import KINDS
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import FemsubWarning, InputError, InputTypeError
 from femsub.model.dof_map import TRANSLATIONS
 from femsub.model.frozen import Frozen
 from femsub.model.substructure import Substructure
@@ -38,6 +39,7 @@ from femsub.modes.shift_invert import ShiftInvert
 SLANT = 0.2  # of a surface's normal along the circumference that a coarse mesh of a rounded edge may have
 TINY = np.finfo(float).tiny
 UNBALANCED = 1e-2  # share of the centrifugal load, or of its moments, that may be unbalanced; a round body's mesh has much less
+SWIRL = 0.02  # share of the static displacement along the circumference above which supports are not round
 MOVED = 1e-6  # distance, as a share of the mesh's size, between a DOF's place and its node's that counts as rounding
 OTHER_MASS = 10.0  # ratio of the part's masses to those of mesh and material that a lumped mass does not explain
 
@@ -130,6 +132,11 @@ def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, M
     InputTypeError
         A part without displacements of solid elements: a beam, a plate, a reduced or coupled part.
 
+    Warns
+    -----
+    FemsubWarning
+        Supports that do not go all the way round.
+
     References
     ----------
     U. Nackenhorst, The ALE-formulation of bodies in rolling contact, Comput. Methods Appl. Mech. Eng. 193 (2004) 4299-4322.
@@ -159,6 +166,7 @@ def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, M
                          "Give the mesh, material and units that the part was made with")
     field = np.zeros(3 * len(mesh.points))
     field[rows] = ShiftInvert(part.K, part.M).elastic_solve(load.ravel()[rows, None])[:, 0]
+    _tell_swirl(part, field.reshape(-1, 3), (mesh.points - middle) @ across.T)
     gyroscopic, centrifugal = (matrix[rows][:, rows] for matrix in _turning(mesh, parts, across, middle, field.reshape(-1, 3)))
     return Rotor(part, gyroscopic, centrifugal, e)
 
@@ -252,6 +260,16 @@ def _load(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre
         raise InputError(f"{mesh.name!r} is not balanced about the axis: {left:.2%} of the centrifugal load or of its moments "
                          "are left over. Check axis, centre and materials, or whether the body is round")
     return load, masses
+
+
+def _tell_swirl(part: Substructure, field: Array, around: Array) -> None:
+    """Warn if the centrifugal load moves nodes along the circumference, which it does not do in a body held all the way round."""
+    radius = np.maximum(np.linalg.norm(around, axis=1), TINY)
+    share = float(np.linalg.norm(np.einsum("na,na->n", field, around) / radius) / np.linalg.norm(field))
+    if share > SWIRL:
+        warnings.warn(f"{part.name!r}: {share:.0%} of the displacement under the centrifugal load is along the circumference, so its "
+                      "supports do not go all the way round. They stand still in space and do not turn with the part. Hold whole "
+                      "rings of nodes", FemsubWarning, stacklevel=3)
 
 
 def _turning(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array,
