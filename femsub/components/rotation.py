@@ -39,7 +39,7 @@ from femsub.modes.shift_invert import ShiftInvert
 SLANT = 0.2  # of a surface's normal along the circumference that a coarse mesh of a rounded edge may have
 TINY = np.finfo(float).tiny
 UNBALANCED = 1e-2  # share of the centrifugal load, or of its moments, that may be unbalanced; a round body's mesh has much less
-SWIRL = 0.02  # share of the static displacement along the circumference above which supports are not round
+SWIRL = 0.1  # share of the static displacement along the circumference above which supports are not round
 MOVED = 1e-6  # distance, as a share of the mesh's size, between a DOF's place and its node's that counts as rounding
 OTHER_MASS = 10.0  # ratio of the part's masses to those of mesh and material that a lumped mass does not explain
 
@@ -267,9 +267,9 @@ def _tell_swirl(part: Substructure, field: Array, around: Array) -> None:
     radius = np.maximum(np.linalg.norm(around, axis=1), TINY)
     share = float(np.linalg.norm(np.einsum("na,na->n", field, around) / radius) / np.linalg.norm(field))
     if share > SWIRL:
-        warnings.warn(f"{part.name!r}: {share:.0%} of the displacement under the centrifugal load is along the circumference, so its "
-                      "supports do not go all the way round. They stand still in space and do not turn with the part. Hold whole "
-                      "rings of nodes", FemsubWarning, stacklevel=3)
+        warnings.warn(f"{part.name!r}: {share:.0%} of the displacement under the centrifugal load is along the circumference, so "
+                      "its supports do not go all the way round. They stand still in space and do not turn with the part. Hold "
+                      "whole rings of nodes", FemsubWarning, stacklevel=3)
 
 
 def _turning(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array,
