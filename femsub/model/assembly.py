@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -293,17 +293,15 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
         if weakly:
             check_span(joined.S.shape[1], name)
     matrices = _matrices(parts, links, joined, dense or weakly)
-    if weakly:
-        X, unit, matrices, spurious = finite_span(*matrices, joined.multipliers)
-        joined = joined.through(X, unit)
     chosen = unjoined(parts, links) if interface is None else listed(parts, interface)
+    if weakly:
+        X, unit, matrices, spurious = finite_span(*matrices, joined.multipliers, open_rows(parts, joined.S, chosen))
+        joined = joined.through(X, unit)
     open_, place = distinct(parts, chosen, joined.S, joined.unit)
     T, columns = recovered(open_rows(parts, joined.S, open_), joined.unit)
     if T is not None:
-        bound = abs(T).multiply(abs(sp.csr_array(matrices[0])) @ abs(T)).sum(axis=0)
         joined, matrices = joined.through(T, joined.unit), tuple(congruent(A, T) for A in matrices)
-        matrices = without_dust(matrices[0], bound), *matrices[1:]
-    M, D, K = matrices
+    M, D, K = matrices if len(joined.owner) and not weakly else _settled(parts, links, joined, matrices)
     if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
         M, D, K = (A.toarray() for A in matrices)
     L = joined.S if sp.issparse(K) else joined.S.toarray()
@@ -329,12 +327,8 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
     """M, D, K in the coordinates of the system, with springs and multipliers."""
     blocks = dict(zip(parts, rows_of_parts(parts), strict=True))
     S = joined.S.toarray() if dense else joined.S
-    springs = []
-    for link in links:
-        if link.motions:
-            terms = [(R, S[blocks[part]]) for part, R in link.motions.items()]
-            moved, size = sum(R @ one for R, one in terms), sum(abs(R) @ abs(one) for R, one in terms)
-            springs.append((without_rounding(moved, size, joined.unit), link))
+    springs = [(without_rounding(_moved(link, blocks, S), _moved(link, blocks, S, abs), joined.unit), link)
+               for link in links if link.motions]
     found = []
     for key in "MDK":
         matrices = [getattr(part, key) for part in parts.values()]
@@ -350,4 +344,38 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
             A = A + (joined.work().toarray() if dense else joined.work())
         plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for link in links if key == "D")))
         found.append((A + A.T) / 2 if plain else A)  # but for rounding it is symmetric
+    return found[0], found[1], found[2]
+
+
+def _moved(link: Link, blocks: Mapping[str, slice], S: Matrix, part_of: Callable[[Matrix], Matrix] = lambda A: A) -> Matrix:
+    """What springs act on, R q with q = S x, shape (s, n); with `abs` the sum of the sizes instead."""
+    return sum(part_of(R) @ part_of(S[blocks[part]]) for part, R in link.motions.items())
+
+
+def _settled(parts: Mapping[str, Substructure], links: Sequence[Link], joined: Multiplied,
+             matrices: tuple[Matrix, Matrix, Matrix]) -> tuple[Matrix, Matrix, Matrix]:
+    """M, D, K with 0 for what is only rounding: coordinates without mass, and those of rigid motion.
+
+    m_jj and k_jj are compared with the sums of the sizes of which they are left. Only in these sums can be seen that a
+    coordinate is free. Where each coordinate is a DOF nothing cancels.
+    """
+    blocks, S = dict(zip(parts, rows_of_parts(parts), strict=True)), sp.csc_array(joined.S)
+    mixed = np.flatnonzero(np.bincount(np.repeat(np.arange(S.shape[1]), np.diff(S.indptr)), S.data != 1.0, S.shape[1]))
+    if not len(mixed):
+        return matrices
+    S = sp.csr_array(abs(S[:, mixed]))
+    found = []
+    for key, A in zip("MDK", matrices, strict=True):
+        if key == "D":
+            found.append(A)
+            continue
+        bound = sum(S[rows].multiply(abs(getattr(part, key)) @ S[rows]).sum(axis=0)
+                    for part, rows in zip(parts.values(), blocks.values(), strict=True))
+        for link in links if key == "K" else ():
+            if link.motions and np.any(link.stiffness):
+                R = _moved(link, blocks, S, abs)
+                bound = bound + R.multiply(abs(link.stiffness) @ R).sum(axis=0)
+        whole = np.zeros(A.shape[0])
+        whole[mixed] = bound
+        found.append(without_dust(A, whole))
     return found[0], found[1], found[2]

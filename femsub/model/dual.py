@@ -141,15 +141,18 @@ def check_span(size: int, name: str) -> None:
                          f"{MOST}: reduce the other parts too, or reduce those by CraigChang, which spans the same space")
 
 
-def finite_span(M: Array, D: Array, K: Array, multipliers: int) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
-    """X (n, k) of the eigenvectors with finite ω² ≥ 0 of K x = ω² M x, XᵀMX = I, and how many others there are.
+def finite_span(M: Array, D: Array, K: Array, multipliers: int,
+                B: Matrix) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
+    """X = [X₁ X₀] (n, k): the eigenvectors X₁ with finite ω² ≥ 0 of K x = ω² M x, X₁ᵀMX₁ = I, and how many others there are.
+
+    X₀ are static responses without mass to forces at the open interface B x, X₀ᵀKX₀ = I: the flexibility of DOF without mass.
 
     K is indefinite: the weak joints of dual Craig-Bampton parts give as many negative or infinite ω² as multipliers. M is
     positive semidefinite, M = FFᵀ. With s > 0 the eigenvalues θ of Fᵀ(K + sM)⁻¹F are 1/(ω² + s), and x = (K + sM)⁻¹F v/θ.
 
-    How many there must be is counted beside. K has one negative eigenvalue for each multiplier, since without these the parts
+    How many columns X₁ must have is counted beside. K has one negative eigenvalue for each multiplier, since without these the parts
     and springs are stable. N spans the null space of M; those of NᵀKN that are negative give an infinite ω², the others a
-    finite one below 0. So k = rank M - multipliers + (negative eigenvalues of NᵀKN).
+    finite one below 0. So X₁ has rank M - multipliers + (negative eigenvalues of NᵀKN) columns. X₀ = N (NᵀKN)⁻¹NᵀBᵀ, turned.
 
     Returns
     -------
@@ -183,13 +186,29 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int) -> tuple[Matrix,
     omega2[finite] = 1 / theta[finite] - shift
     good = np.flatnonzero(omega2 > -RIGID * shift)
     good = good[np.argsort(omega2[good], kind="stable")]
-    bare = np.linalg.eigvalsh(turn[:, ~kept].T @ stiffness @ turn[:, ~kept])
+    bare, null = np.linalg.eigh(turn[:, ~kept].T @ stiffness @ turn[:, ~kept])
     _check_count(len(good), int(kept.sum()) - multipliers + int(np.count_nonzero(bare < -UNSURE)), int(np.count_nonzero(~finite)))
-    X = unit[:, None] * (back @ V[:, good]) / theta[good]
+    known = np.abs(bare) > UNSURE
+    still = _responses(turn[:, ~kept] @ null[:, known], bare[known], B @ sp.diags_array(unit))
+    X = unit[:, None] * np.hstack([(back @ V[:, good]) / theta[good], still])
     rigid = np.flatnonzero(omega2[good] < RIGID * shift)
     matrices = congruent(M, X), congruent(D, X), congruent(K, X)
     matrices[2][rigid], matrices[2][:, rigid] = 0.0, 0.0
-    return sp.csr_array(X), (np.maximum(omega2[good], 0.0) + typical) ** -0.5, matrices, len(M) - len(good)
+    matrices[0][len(good):], matrices[0][:, len(good):] = 0.0, 0.0
+    far = np.append((np.maximum(omega2[good], 0.0) + typical) ** -0.5, np.ones(still.shape[1]))
+    return sp.csr_array(X), far, matrices, len(M) - X.shape[1]
+
+
+def _responses(N: Array, stiffness: Array, B: Matrix) -> Array:
+    """The span of N diag(k)⁻¹NᵀBᵀ, (n, s), with XᵀKX = I; k (m,) is not 0, and NᵀKN = diag(k)."""
+    at = (B @ N).T
+    flexibility = at.T @ (at / stiffness[:, None])
+    size, whole = flexibility.diagonal(), B.multiply(B).sum(axis=1)
+    soft = size > STIFF * whole
+    scale = np.where(soft, np.where(soft, size, 1.0) ** -0.5, 0.0)
+    values, turn = np.linalg.eigh(flexibility * np.outer(scale, scale))
+    clear = values > STIFF
+    return N @ (at / stiffness[:, None]) @ (scale[:, None] * turn[:, clear] / np.sqrt(values[clear]))
 
 
 def _check_count(found: int, expected: int, far: int) -> None:

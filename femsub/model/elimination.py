@@ -15,6 +15,7 @@ from femsub.model.matrices import is_symmetric
 
 ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
 DUST = 1e-15  # share of a column's largest entry, in units of energy, below which an entry is rounding
+LEAST = 4e-15  # share of the sizes of which a mass or stiffness is the sum below which it is rounding (as of rigid-body modes)
 DEPENDENT = 1e-10  # an equation with a pivot below this share of the largest is redundant
 PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
 FILLED = 0.3  # of all entries that are not 0: from here on the product of two sparse matrices is faster by dense ones
@@ -261,13 +262,13 @@ def congruent(A: Matrix, T: Matrix) -> Matrix:
     return (B + B.T) / 2 if is_symmetric(A) else B
 
 
-def without_dust(M: Matrix, bound: Array) -> Matrix:
-    """M with 0 for coordinates without mass, of which the product TᵀMT has left rounding of `bound` (n,), of either sign."""
-    dust = M.diagonal() <= DUST * bound
-    if not M.diagonal()[dust].any():
-        return M
-    kept = sp.diags_array((~dust).astype(float), format="csr")
-    return kept @ M @ kept
+def without_dust(A: Matrix, bound: Array) -> Matrix:
+    """A positive semidefinite A with 0 in the rows and columns whose diagonal entry is rounding, of either sign, of `bound` (n,)."""
+    dust = A.diagonal() <= LEAST * bound
+    if not A.diagonal()[dust].any():
+        return A
+    kept = (~dust).astype(float)
+    return sp.csr_array(A.multiply(kept[:, None]).multiply(kept)) if sp.issparse(A) else kept[:, None] * A * kept
 
 
 def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
