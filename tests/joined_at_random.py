@@ -1,8 +1,16 @@
-"""Small joined systems made at random, and what they must give: the eigenvalues of the directly assembled matrices."""
+"""Small joined systems made at random, and what they must give: the eigenvalues of the directly assembled matrices.
+
+    PYTHONPATH=. python tests/joined_at_random.py [FIRST LAST]
+
+For each seed the parts are complete by each method (or full, one in five), and joined at once and in two steps: the complex
+eigenvalues with and without a belt, the critical slope and the number of rigid-body modes must be those of the matrices.
+"""
 
 from __future__ import annotations
 
+import sys
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -127,7 +135,7 @@ def complete(sub: fs.Substructure, key: str) -> fs.Substructure:
     else:
         modes = int(np.count_nonzero(mass)) - fs.normal_modes(sub, count=0).rigid
     try:
-        return fs.reduce(sub, method(modes))
+        return fs.reduce(sub, method(modes), ports=True)
     except (fs.InputError, fs.SingularMatrixError) as error:
         if "does not hold" in str(error) or "can vibrate" in str(error):
             return sub
@@ -175,34 +183,52 @@ def apart(found: np.ndarray, exact: np.ndarray) -> float:
     return float(distance[rows, columns].max(initial=0.0))
 
 
+def regular(system: fs.Substructure) -> bool:
+    return bool(np.linalg.cond(dense(system.M)) < 1e12)
+
+
 def findings(seed: int, keys: list[str]) -> list[str]:
     """What is wrong with a model in which all parts, or some of them, are complete by a method; nothing if all is well."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return list(_findings(seed, keys))
+
+
+def _findings(seed: int, keys: list[str]) -> Iterator[str]:
     made = model(seed)
     direct = made.direct()
     if not direct:
-        return []
+        return
     M, D, K, w = direct
     exact, under = eigenvalues(M, D, K), eigenvalues(M, D + SLOPE * np.outer(w, w), K)
-    rigid, found = int(np.count_nonzero(np.linalg.eigvalsh(K) < 1e-10)), []
+    rigid = int(np.count_nonzero(np.linalg.eigvalsh(K) < 1e-10))
+    slope = None if rigid else float(fs.critical_slope(fs.Substructure(M, K, D, ports={"belt": w})))
     rng = np.random.default_rng(seed)
     for key in keys:
         parts = {name: complete(one, key) if rng.random() < 0.8 else one for name, one in made.parts.items()}
         for nested in (False, True):
             what = f"seed {seed}, {key}{', nested' * nested}"
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                try:
-                    system = joined(made, parts, nested)
-                    port = next(name for name in system.ports if name.endswith("p0.belt"))
-                    alone, belt = (fs.complex_modes(system, belt) for belt in (None, fs.Belt(port, slope=SLOPE)))
-                    count = fs.normal_modes(system, count=0).rigid
-                except fs.FemsubError as error:
-                    found.append(f"{what}: {type(error).__name__}: {error}")
-                    continue
+            try:
+                system = joined(made, parts, nested)
+                port = next(name for name in system.ports if name.endswith("p0.belt"))
+                alone, belt = (fs.complex_modes(system, belt) for belt in (None, fs.Belt(port, slope=SLOPE)))
+                count = fs.normal_modes(system, count=0).rigid
+                own = slope if rigid or not regular(system) else float(fs.critical_slope(system, port))
+            except fs.FemsubError as error:
+                yield f"{what}: {type(error).__name__}: {error}"
+                continue
             for modes, values, name in ((alone, exact, "eigenvalues"), (belt, under, "eigenvalues under the belt")):
                 far = apart(modes.eigenvalues, values)
                 if far > CLOSE:
-                    found.append(f"{what}: {name} off by {far:.1e} ({len(modes.eigenvalues)} of {len(values)})")
+                    yield f"{what}: {name} off by {far:.1e} ({len(modes.eigenvalues)} of {len(values)})"
             if count != rigid:
-                found.append(f"{what}: {count} rigid-body modes of {rigid}")
-    return found
+                yield f"{what}: {count} rigid-body modes of {rigid}"
+            if slope is not None and not np.isclose(own, slope, rtol=CLOSE, atol=0.0):
+                yield f"{what}: critical slope {own:.10g}, not {slope:.10g}"
+
+
+if __name__ == "__main__":
+    first, last = map(int, sys.argv[1:3]) if len(sys.argv) > 2 else (0, 300)
+    every = [finding for seed in range(first, last) for finding in findings(seed, sorted(METHODS))]
+    print(*every, f"{len(every)} findings", sep="\n")
+    sys.exit(bool(every))

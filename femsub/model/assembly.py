@@ -274,29 +274,35 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
             for link in links]
     equations = equations_of(parts, links, units_of_energy(parts), physical_coordinates(parts))
 
-    def tell(owner: Array) -> str:
-        return ", ".join(repr(joints[i]) for i in dict.fromkeys(owner.tolist()))
+    def refuse(owner: Array, equations: int, coordinates: int) -> None:
+        """Locked coordinates are a result of too few modes, unless all parts of these joints have all of theirs."""
+        named = dict.fromkeys(owner.tolist())
+        if any(np.isfinite(parts[part].cutoff) for i in named for part in links[i].equations):
+            raise InputError(f"{', '.join(repr(joints[i]) for i in named)}: the {equations} equations leave no motion to the "
+                             f"{coordinates} coordinates they couple: keep more modes in these parts, or join fewer DOF")
 
     dual = np.array(weak, dtype=bool)[equations.owner]
-    found = eliminate(equations.chosen(~dual), tell)
-    if not found.L.shape[1]:
-        raise InputError(f"the joints of {name!r} leave nothing to move")
+    found = eliminate(equations.chosen(~dual), refuse)
     joined = Multiplied(found.L, sp.csr_array((0, found.L.shape[1])), equations.A[:0], found.unit, equations.owner[:0])
     redundant, spurious, dense = found.redundant, 0, not any(sp.issparse(part.K) for part in parts.values())
     weakly = False
     if dual.any() or any(map(by_forces, parts.values())):
         forces, compliance = joint_forces(parts, links, weak, equations.unit)
         K = sp.block_diag([sp.csr_array(part.K) for part in parts.values()], format="csr")
-        joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, sprung(parts, links), tell)
+        joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, sprung(parts, links), refuse)
         redundant += int(dual.sum()) - len(joined.owner)
         weakly = bool(forces.nnz)
         if weakly:
             check_span(joined.S.shape[1], name)
+    if not joined.S.shape[1]:
+        raise InputError(f"the joints of {name!r} leave nothing to move")
     matrices = _matrices(parts, links, joined, dense or weakly)
     chosen = unjoined(parts, links) if interface is None else listed(parts, interface)
     if weakly:
         X, unit, matrices, spurious = finite_span(*matrices, joined.multipliers, open_rows(parts, joined.S, chosen))
         joined = joined.through(X, unit)
+        if not len(unit):
+            raise InputError(f"the joints of {name!r} leave no finite mode")
     open_, place = distinct(parts, chosen, joined.S, joined.unit)
     T, columns = recovered(open_rows(parts, joined.S, open_), joined.unit)
     if T is not None:

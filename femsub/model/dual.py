@@ -53,7 +53,7 @@ def by_forces(part: Substructure) -> bool:
 
 
 def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Array, K: Matrix, sprung: Array,
-               tell: Callable[[Array], str]) -> Multiplied:
+               refuse: Callable[[Array, int, int], None]) -> Multiplied:
     """x = (y, λ): the coordinates that the other joints leave, but without forces that λ gives, and the multipliers.
 
     A part reduced by interface forces g moves by u_b = Φ_b η + G g with the residual flexibility G, and g = -Cᵀλ. If two joined
@@ -97,7 +97,7 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
     turn = size[:, None] * turn
     stiff = values <= STIFF
     exact = eliminate(Equations(sp.csr_array(turn[:, stiff].T @ AL), unit, np.zeros(len(unit), dtype=bool),
-                                np.full(int(stiff.sum()), owner[0])), tell)
+                                owner[np.abs(turn[:, stiff]).argmax(axis=0)]), refuse)
     return _beside(sp.csr_array(L @ exact.L), F, sp.csr_array(turn[:, ~stiff]), A, exact.unit, owner)
 
 

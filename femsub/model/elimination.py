@@ -10,7 +10,6 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import Array, Matrix
-from femsub.errors import InputError
 from femsub.model.matrices import is_symmetric
 
 ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
@@ -62,7 +61,7 @@ class Eliminated:
     redundant: int
 
 
-def eliminate(equations: Equations, tell: Callable[[Array], str]) -> Eliminated:
+def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None]) -> Eliminated:
     """The motions that A x = 0 leaves: Boolean where two DOF are equal, then by dependent DOF, then by an orthonormal basis.
 
     1. x_i = x_j and x_i = 0: DOF that are equal become one coordinate, by connected components, so that no order and no
@@ -74,7 +73,7 @@ def eliminate(equations: Equations, tell: Callable[[Array], str]) -> Eliminated:
     Raises
     ------
     InputError
-        Equations that leave none of their coordinates any motion; `tell` names the joints of their owners.
+        By `refuse`, for equations that leave none of their coordinates any motion: their owners, and how many of both.
     """
     given, size = equations.A.shape
     L = sp.eye_array(size, format="csr")
@@ -88,7 +87,7 @@ def eliminate(equations: Equations, tell: Callable[[Array], str]) -> Eliminated:
     for take in (_dependent, _null_space):
         equations, scale = _pruned(equations, scale)
         if len(scale):
-            step, rest = take(equations, tell)
+            step, rest = take(equations, refuse)
             L, (equations, scale) = L @ step[0], _changed(equations, scale, *step, rest)
     return Eliminated(sp.csr_array(L), equations.unit, equations.physical, given - (size - L.shape[1]))
 
@@ -135,7 +134,7 @@ def _equal(equations: Equations) -> Step | None:
     return T, unit, (T.T @ equations.physical.astype(float)) > 0
 
 
-def _dependent(equations: Equations, tell: Callable[[Array], str]) -> tuple[Step, Array]:
+def _dependent(equations: Equations, refuse: Callable[[Array, int, int], None]) -> tuple[Step, Array]:
     """Coordinates that are in one equation alone, given by the rest of it; and the equations that have none."""
     A, (m, n) = equations.A, equations.A.shape
     rows, columns, size = np.repeat(np.arange(m), np.diff(A.indptr)), A.indices, np.abs(A.data)
@@ -167,7 +166,7 @@ def _dependent(equations: Equations, tell: Callable[[Array], str]) -> tuple[Step
     return (T, equations.unit[kept], equations.physical[kept]), np.flatnonzero(~used)
 
 
-def _null_space(equations: Equations, tell: Callable[[Array], str]) -> tuple[Step, Array]:
+def _null_space(equations: Equations, refuse: Callable[[Array, int, int], None]) -> tuple[Step, Array]:
     """An orthonormal basis, in units of energy, of what each group of equations leaves of its coordinates."""
     n, unit = equations.A.shape[1], equations.unit
     free = np.ones(n, dtype=bool)
@@ -175,8 +174,7 @@ def _null_space(equations: Equations, tell: Callable[[Array], str]) -> tuple[Ste
     for rows, columns in groups(equations.A):
         Q, rank = _decomposed(equations, rows, columns)
         if rank == len(columns):
-            raise InputError(f"{tell(equations.owner[rows])}: the {len(rows)} equations leave no motion to the {len(columns)} "
-                             "coordinates they couple: keep more modes in these parts, or join fewer DOF")
+            refuse(equations.owner[rows], len(rows), len(columns))
         free[columns] = False
         blocks.append((columns, unit[columns, None] * _clean(Q[:, rank:])))
     kept = np.flatnonzero(free)

@@ -1,0 +1,20 @@
+"""Systems made at random have the spectrum of the directly assembled matrices; `tests/joined_at_random.py` looks longer."""
+
+from __future__ import annotations
+
+import pytest
+from joined_at_random import METHODS, findings
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_complete_parts_joined_at_random(seed: int) -> None:
+    assert findings(seed, sorted(METHODS)[seed % 3::3]) == []
+
+
+@pytest.mark.parametrize(("seed", "key"), [
+    (17, "dual-craig-bampton"),  # a massless DOF at the open interface of a system within the system
+    (28, "dual-craig-bampton"),  # a coordinate of the system is rigid motion, and its stiffness what a cancellation leaves
+    (44, "craig-chang"),  # joints that lock a part
+    (160, "craig-chang")])
+def test_seeds_that_were_wrong(seed: int, key: str) -> None:
+    assert findings(seed, [key]) == []
