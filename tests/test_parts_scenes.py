@@ -192,6 +192,53 @@ def test_a_method_that_a_part_does_not_take_is_left_out(tmp_path: Path, capsys: 
     assert "Craig-Bampton is left out" in capsys.readouterr().out and "'front'" in data["methods"]["left_out"][0]
 
 
+def test_a_refusal_that_comes_late_leaves_a_method_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A held part has no mass left by MacNeal without modes: this shows at the end of its reduction only."""
+    written(tmp_path)
+    scipy.io.mmwrite(tmp_path / "front-K.mtx", fs.chain(8).K)
+    text = OWN.replace('["hcb", "rubin"]', '["macneal", "hcb"]').replace("[2, 5]", "[0, 2]")
+    data = run(tmp_path, text)
+    assert [row["method"] for row in data["methods"]["rows"]] == ["full", "craig-bampton", "craig-bampton"]
+    assert "MacNeal is left out: M has no mass" in capsys.readouterr().out
+    (tmp_path / "scene.toml").write_text(text.replace(', "hcb"', ""), encoding="utf-8")
+    assert main(["run", str(tmp_path / "scene.toml")]) == 2
+    assert "no method can reduce the parts: MacNeal is left out" in capsys.readouterr().err
+
+
+def test_parts_are_reduced_for_the_study_and_the_recommended_model_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written(tmp_path)
+    reduced: list[Any] = []
+    monkeypatch.setattr("femsub.app.scenes.joined_parts.reduce", lambda sub, method, **given: (
+        reduced.append(method), fs.reduce(sub, method, **given))[1])
+    data = run(tmp_path, OWN)
+    assert [list(one) for one in reduced] == [["front"]]
+    assert data["methods"]["left_out"] == []
+
+
+def test_natural_frequencies_are_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those of the full system in the band, with those of the model that is recommended."""
+    front, back = written(tmp_path)
+    text = OWN.replace('["hcb", "rubin"]', '["hcb"]').replace("[2, 5]", "[2]").replace("[0.0, 0.3]", "[0.1, 0.6]").replace(
+        "slope = -0.1", 'slope = -0.1\nunits = "SI"\ntolerance = 0.05')
+    data = run(tmp_path, text)["methods"]
+    pieces = {"front": fs.Substructure(front.M, front.K, interface=[0, 7]), "back": fs.Substructure(back.M, back.K, interface=[0])}
+    system = fs.couple(pieces, [fs.Rigid(("front", [7]), ("back", [0])), fs.Spring(("front", [0]), "ground", stiffness=0.5)])
+    own, model = (all_modes(one.K, one.M).frequencies[1:4]  # the first lies below the band
+                  for one in (system, fs.reduce(system, {"front": fs.CraigBampton(2)})))
+    rows = data["frequencies"]
+    assert [row["mode"] for row in rows] == [1, 2, 3]
+    np.testing.assert_allclose([row["omega"] for row in rows], own, rtol=1e-9)
+    np.testing.assert_allclose([row["frequency_hz"] for row in rows], own / (2 * np.pi), rtol=1e-9)
+    np.testing.assert_allclose([row["reduced"] for row in rows], model, rtol=1e-9)
+    np.testing.assert_allclose([row["error"] for row in rows], model / own - 1, rtol=1e-6)
+    assert (tmp_path / "out" / "methods-frequencies.csv").read_text().startswith("mode,omega,frequency_hz,reduced,error\n")
+    assert re.search(r"the band, and of Craig-Bampton with 12 DOF, in rad/s:\nmode +ω +Hz +reduced ω", capsys.readouterr().out)
+    alone = run(tmp_path, text.replace("0.05", "1e-9"))["methods"]["frequencies"]
+    np.testing.assert_allclose([row["omega"] for row in alone], own, rtol=1e-9)
+    assert "reduced" not in alone[0]
+    assert re.search(r"natural frequencies of the full system in the band, in rad/s:\nmode +ω +Hz\n", capsys.readouterr().out)
+
+
 def test_figures_of_parts_are_drawn(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     (tmp_path / "scene.toml").write_text(CHAIN.replace("parts = [2, 4]", "parts = [2]"), encoding="utf-8")

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from femsub import Substructure, normal_modes, reduce, study
+from femsub import Belt, Substructure, System, normal_modes, reduce, study
 from femsub.app.figures_parts import errors_figure
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, method_keys, other_method_names
-from femsub.errors import FemsubError, PortWarning
-from femsub.model.assembly import System
-from femsub.model.friction import Belt
+from femsub.errors import FemsubError, InputError, PortWarning
+from femsub.quadratic.matching import NEAR, match
 from femsub.reduction.reduce import METHODS, PORT_LIMIT, Method
-from femsub.studies.results import Study
+from femsub.studies.error_vs_time import all_frequencies, elastic
+from femsub.studies.results import Row, Study
+from femsub.studies.tables import table
 
 RIGID = 6  # rigid-body modes that a part has at most
+LISTED = 20  # frequencies that are printed; the table in the file has all
+
+Rows = list[dict[str, Method]]
+Attempt = Callable[[Substructure, Method], object]
 
 
 @dataclass(frozen=True)
@@ -47,16 +53,46 @@ class Choice(NamedTuple):
 def compared(scene: JoinedScene, system: System, belt: Belt | None, title: str, name: str, progress: Progress,
              choices: Mapping[str, Choice] | None = None) -> Result:
     """The study of one system: full, and reduced part by part with each method and number of modes."""
-    methods, left_out = _methods(scene, system, choices or {}, lambda text: progress(f"{title}: {text}"))
-    found = study(system, methods, (scene.band[0], scene.band[1]), belt=belt, ports=scene.ports, repeats=scene.repeats,
-                  port=belt.port if belt is not None else next(iter(system.ports), "belt"), progress=progress)
+    found, methods, left_out = _studied(scene, system, belt, title, progress, choices or {})
+    best = found.recommended(scene.tolerance)
     rows = [row.flat() for row in (found.full, *found.rows)]
     parts = [{"part": part, "size": sub.size, "interface": len(sub.interface)} for part, sub in system.parts.items()]
+    frequencies = _frequencies(scene, system, None if best is None else methods[found.rows.index(best)])
     said = [f"{title}: {system!r}", str(found), *_full_words(found), *left_out, *_port_words(found),
-            found.recommendation(scene.tolerance)]
+            found.recommendation(scene.tolerance), *_frequency_words(scene, frequencies, best)]
     data = {"system": repr(system), "parts": parts, "rows": rows, "left_out": left_out,
-            "recommendation": said[-1]}
-    return Result({name: data}, {name: rows}, "\n".join(said), {name: lambda: errors_figure(found, title)})
+            "recommendation": found.recommendation(scene.tolerance), "frequencies": frequencies}
+    return Result({name: data}, {name: rows, f"{name}-frequencies": frequencies}, "\n".join(said),
+                  {name: lambda: errors_figure(found, title)})
+
+
+def _frequencies(scene: JoinedScene, system: System, methods: Mapping[str, Method] | None) -> list[dict[str, Any]]:
+    """The natural frequencies of the full system in the band, and beside them those of the model by these methods."""
+    own = elastic(normal_modes(system, band=(scene.band[0], scene.band[1])))
+    rows: list[dict[str, Any]] = [{"mode": i, "omega": omega} for i, omega in enumerate(own, start=1)]
+    if methods is None:
+        return rows
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PortWarning)  # the study has told it
+        theirs = all_frequencies(reduce(system, methods, ports=scene.ports))
+    for at, to in zip(*match(own, theirs), strict=True):
+        if abs(theirs[to] - own[at]) <= NEAR * own[at]:
+            rows[at] |= {"reduced": theirs[to], "error": abs(theirs[to] - own[at]) / own[at]}
+    return rows
+
+
+def _frequency_words(scene: JoinedScene, rows: Sequence[Mapping[str, Any]], best: Row | None) -> list[str]:
+    """The lowest of them as a table."""
+    if not rows:
+        return []
+    head, columns, formats = "natural frequencies of the full system in the band", ["mode", "ω"], ["d", ".6g"]
+    cells = [[row["mode"], row["omega"]] for row in rows[:LISTED]]
+    if best is not None:
+        head += f", and of {best.label} with {best.size} DOF"
+        columns, formats = [*columns, "reduced ω", "rel. error"], [*formats, ".6g", ".1e"]
+        cells = [[*cell, row.get("reduced"), row.get("error")] for cell, row in zip(cells, rows, strict=False)]
+    more = [f"and {len(rows) - LISTED} more"] * (len(rows) > LISTED)
+    return [f"{head}, in rad/time:", table(columns, cells, formats, scene.system.beside("ω")), *more]
 
 
 def _full_words(found: Study) -> list[str]:
@@ -75,13 +111,39 @@ def _port_words(found: Study) -> list[str]:
             "DOF). Set ports = true, or put the contact into the interface"]
 
 
-def _methods(scene: JoinedScene, system: System, choices: Mapping[str, Choice],
-             tell: Progress) -> tuple[list[dict[str, Method]], list[str]]:
-    """A mapping of parts to methods for each row, without those that some part cannot be reduced by, and why."""
+def _studied(scene: JoinedScene, system: System, belt: Belt | None, title: str, progress: Progress,
+             choices: Mapping[str, Choice]) -> tuple[Study, Rows, list[str]]:
+    """The study, its rows' methods, and why others are left out: some part cannot be reduced by them.
+
+    Nearly every refusal shows in the first step of a reduction, which costs little. For the others the parts are reduced one
+    by one, but only if the study has failed.
+    """
+    measure = partial(study, system, band=(scene.band[0], scene.band[1]), belt=belt, ports=scene.ports, repeats=scene.repeats,
+                      port=belt.port if belt is not None else next(iter(system.ports), "belt"), progress=progress)
+    progress(f"{title}: which methods the parts take")
+    methods, left_out = _methods(scene, system, choices, _begun)
+    try:
+        return measure(methods), methods, left_out
+    except FemsubError:
+        finished, left_out = _methods(scene, system, choices, reduce)
+        if len(finished) == len(methods):
+            raise
+    return measure(finished), finished, left_out
+
+
+def _begun(part: Substructure, method: Method) -> None:
+    """The static step of a reduction."""
+    if len(part.interior) or not method.held:
+        step = type(method)(0)
+        at = step.part(part)
+        step.statics(at, at.factored(), np.zeros((part.size, 0)))
+
+
+def _methods(scene: JoinedScene, system: System, choices: Mapping[str, Choice], attempt: Attempt) -> tuple[Rows, list[str]]:
+    """A mapping of parts to methods for each row, without those at which the attempt fails for some part, and why."""
     made: dict[tuple[tuple[str, Method], ...], None] = {}
     left_out: list[str] = []
     for name in scene.methods:
-        tell(f"{METHODS[name].label}: which modes there are")
         for row, count in enumerate(scene.modes):
             try:
                 mapping = {part: _made(sub, own.method or name, own.modes[min(row, len(own.modes) - 1)] if own.modes else count)
@@ -90,11 +152,13 @@ def _methods(scene: JoinedScene, system: System, choices: Mapping[str, Choice],
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", PortWarning)
                     for part, method in mapping.items() if row == 0 else ():
-                        reduce(system.parts[part], method)
+                        attempt(system.parts[part], method)
             except FemsubError as error:
                 left_out.append(f"{METHODS[name].label} is left out: {error}")
                 break
             made[tuple(mapping.items())] = None
+    if not made:
+        raise InputError(f"no method can reduce the parts: {'; '.join(dict.fromkeys(left_out))}")
     return [dict(pairs) for pairs in made], list(dict.fromkeys(left_out))
 
 
