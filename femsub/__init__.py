@@ -99,6 +99,7 @@ if TYPE_CHECKING:
         Guyan as Guyan,
         Herting as Herting,
         Hurty as Hurty,
+        InterfaceModes as InterfaceModes,
         MacNeal as MacNeal,
         Rubin as Rubin,
         reduce as reduce,

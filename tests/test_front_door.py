@@ -135,6 +135,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "Guyan": (fs.Guyan, {"modes": 0, "band": None, "tol": None}),
         "Herting": (fs.Herting, {"modes": 3, "band": None, "tol": None}),
         "Hurty": (fs.Hurty, {"modes": 3, "band": None, "tol": None}),
+        "InterfaceModes": (fs.InterfaceModes, {"modes": 3, "band": None, "tol": None}),
         "MacNeal": (fs.MacNeal, {"modes": 3, "band": None, "tol": None}),
         "Material": (fs.Material, {"E": 1.0, "nu": 0.3, "rho": 1.0}),
         "Mesh": (

@@ -41,6 +41,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Guyan": lambda: fs.Guyan(),
     "Herting": lambda: fs.Herting(modes=3),
     "Hurty": lambda: fs.Hurty(modes=3),
+    "InterfaceModes": lambda: fs.InterfaceModes(modes=3),
     "Kinematic": lambda: fs.Kinematic(("hub", [0, 1]), ("disc", "bore")),
     "LimitCycle": lambda: cycle(),
     "LinearContact": lambda: fs.LinearContact(("belt",), stiffness=[[0.5]]),

@@ -70,10 +70,11 @@ class CraigBampton(Method):
                 "modes remain. Craig-Bampton's constraint modes need a held component. Add interface DOF, or use CraigChang")
         C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes))
         C[b, np.arange(len(b))] = 1.0
-        return Statics(part, handle, C, _condensed(sub, _constraint_modes(handle, sub, C), C), extra[part.rows], "static port")
+        condensed = condensed_stiffness(sub, _constraint_modes(handle, sub, C), C)
+        return Statics(part, handle, C, condensed, extra[part.rows], "static port")
 
 
-def _condensed(sub: Substructure, condensed: Array, constraint: Array) -> Array:
+def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) -> Array:
     """ΨᵀKΨ for the constraint modes, with exactly 0 for rigid motion.
 
     For a floating component this matrix is the small difference of large forces. If the interface just holds the component

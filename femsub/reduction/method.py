@@ -64,6 +64,7 @@ class Method(ABC):
     colour: ClassVar[str]
     marker: ClassVar[str]
     held: ClassVar[bool]
+    offered: ClassVar[bool] = True  #: whether studies and scenes offer it for components by its key
     unestimated: ClassVar[str] = ""  #: why no estimate can be had for a band and a tolerance, where that is so
 
     def __init_subclass__(cls) -> None:
@@ -75,7 +76,8 @@ class Method(ABC):
         for name in ("label", "colour", "marker", "held"):
             if not hasattr(cls, name):
                 raise InputError(f"the reduction method {cls.__name__} has no {name}; see femsub.reduction.method.Method")
-        METHODS[cls.key] = cls
+        if cls.offered:
+            METHODS[cls.key] = cls
 
     def __post_init__(self) -> None:
         name = type(self).__name__

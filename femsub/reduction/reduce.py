@@ -28,6 +28,7 @@ from femsub.reduction.dual_craig_bampton import DualCraigBampton
 from femsub.reduction.guyan import Guyan
 from femsub.reduction.herting import Herting
 from femsub.reduction.hurty import Hurty
+from femsub.reduction.interface_modes import InterfaceModes
 from femsub.reduction.macneal import MacNeal
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
@@ -45,7 +46,7 @@ PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) ab
 
 #: importing the methods registers them
 __all__ = ["METHODS", "CraigBampton", "CraigChang", "CraigChangPhysical", "DualCraigBampton", "Guyan", "Herting", "Hurty",
-           "MacNeal", "Method", "Rubin", "reduce"]
+           "InterfaceModes", "MacNeal", "Method", "Rubin", "reduce"]
 
 
 @overload
@@ -116,11 +117,11 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method], ports: bool
     task = _checked(sub, method, ports, contacts)
     with one_thread(_work(task) < WORK):
         part = method.part(sub)
-        basis = _basis(task, part) if len(part.sub.interior) or not method.held else _whole(task, part)
+        basis = _basis(task.turned(part), part) if len(part.sub.interior) or not method.held else _whole(task, part)
         if not basis.V.shape[1]:
             raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
                              "name interface DOF")
-        rom = _projected(task, basis)
+        rom = _projected(task, basis if part.turn is None else replace(basis, V=part.turn @ basis.V))
     log.info("%r", rom)
     return rom
 
@@ -150,6 +151,14 @@ class _Task:
     ports: Mapping[str, Array]
     extra: Array
     pencil: Pencil | None
+
+    def turned(self, part: Partition) -> _Task:
+        """In the coordinates of the part, where these are others."""
+        T = part.turn
+        if T is None:
+            return self
+        pencil = None if self.pencil is None else part.sub.with_damping(T.T @ (self.pencil.D @ T)).pencil
+        return replace(self, ports={name: T.T @ w for name, w in self.ports.items()}, extra=T.T @ self.extra, pencil=pencil)
 
 
 def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],

@@ -23,12 +23,13 @@ COLUMNS = 64  # columns of V that are processed at a time
 class Partition:
     """The part of a component whose modes are kept: the `rows` of the interior, with the interface held, or all.
 
-    `factorisations` were made to choose it.
+    `factorisations` were made to choose it. With `turn` (n, n) the part is in other coordinates z of the component, x = turn z.
     """
 
     sub: Substructure
     rows: Array | slice
     factorisations: int = 0
+    turn: Matrix | None = None
 
     @classmethod
     def of(cls, sub: Substructure, held: bool) -> Partition:

@@ -1,0 +1,186 @@
+"""Interface modes: the interface of a coupled system, or of a reduced part, moves in few shapes instead of DOF by DOF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix
+from femsub.errors import InputError
+from femsub.model.assembly import System
+from femsub.model.elimination import DEPENDENT, ROUNDING, congruent, groups
+from femsub.model.joined import rows_of_parts, units_of_energy
+from femsub.model.substructure import Substructure
+from femsub.reduction.craig_bampton import condensed_stiffness
+from femsub.reduction.method import Method
+from femsub.reduction.statics import Partition, Statics, square, zeros
+
+if TYPE_CHECKING:
+    from femsub.modes.shift_invert import ShiftInvert
+
+INTERIOR = 4000  # interior coordinates that may be kept: all of them stay, in dense matrices
+
+
+@dataclass(frozen=True)
+class InterfaceModes(Method):
+    """Interface reduction: the lowest modes of the statically condensed interface (characteristic constraint modes).
+
+    The coordinates x of a system of reduced parts are those of the interface, b, and the modal ones of the parts, i. With
+    S = -K_ii⁻¹ K_ib, what the interior does when the interface moves slowly,
+
+        K_c = K_bb + K_bi S,   M_c = [S; I]ᵀ M [S; I],   (K_c - ω²M_c) φ = 0,   φᵀ M_c φ = 1,
+        V = [[I, S Φ], [0, Φ]],   V (n, n_i + m),
+
+    in the order (i, b). All n_i interior coordinates stay. The interface keeps m of its n_b.
+
+    The interface is every interface DOF of the parts: those that are joined, each once, and those that are open. Of
+    Craig-Bampton parts it has no stiffness in common with the modes (S = 0). Of parts with free modes (Rubin, Craig-Chang) it
+    has. There the modes of K_bb and M_bb alone would be those of the residual flexibility, and useless. Where the interface is
+    spread over generalised coordinates, these are turned first, so that some of them are the interface.
+
+    The result's ``.expand(q)`` gives the coordinates of the system, and ``system.expand(small.expand(q))`` the displacements
+    of each part. An interface that is left open is no longer a set of coordinates, as with `CraigChang`.
+
+    Parameters
+    ----------
+    modes : int
+        Number m of interface modes; the rigid-body modes of a floating system are added to them.
+    band : (lo, hi), with tol : float
+        Instead of `modes`: as few as keep every mode of the system in the band within the relative error `tol`; see `reduce`.
+        The error is that of the interface reduction alone, against the system as it was.
+
+    Raises
+    ------
+    InputError
+        No interface; more modes than interface DOF; more than 4,000 interior coordinates, as in systems with full parts;
+        a system of dual assembly.
+
+    Notes
+    -----
+    The modes are the lowest ones by a sparse eigensolver, never all of them. Of n_b = 3,000 it takes the time of a few dense
+    products. With a tolerance, dense eigenproblems of 2 n_i + m coordinates are solved, some ten times.
+
+    References
+    ----------
+    M. P. Castanier, Y.-C. Tan, C. Pierre, AIAA J. 39 (2001) 1182; D. Krattiger et al., Mech. Syst. Signal Process. 114 (2019)
+    579 (a survey; parts by themselves as well).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> left = fs.chain(30, interface=[26, 27, 28, 29, 30])
+    >>> right = fs.chain(30, interface=[1, 2, 3, 4, 5], fixed=False)
+    >>> parts = {name: fs.reduce(part, fs.CraigBampton(3), ports=True) for name, part in (("left", left), ("right", right))}
+    >>> system = fs.couple(parts, [fs.Rigid(("left", range(25, 30)), ("right", range(5)))])
+    >>> small = fs.reduce(system, fs.InterfaceModes(2), ports=True)
+    >>> small
+    ReducedSubstructure 'system': 10 of 12 DOF by 2 interface modes, cut-off 0.4279 rad/time
+    >>> u = system.expand(small.expand(fs.normal_modes(small, count=1).shapes))
+    >>> u["left"].shape, u["right"].shape
+    ((30, 1), (30, 1))
+    """
+
+    key, label, colour, marker = "interface-modes", "Interface modes", "#4d4d4d", "h"
+    held = True
+    offered = False
+
+    @property
+    def mode_kind(self) -> str:
+        return "interface mode"
+
+    def title(self, modes: int) -> str:
+        return f"{modes} interface modes"
+
+    def part(self, sub: Substructure) -> Partition:
+        """The interface with the interior held, in coordinates that share no stiffness.
+
+        It is the interior of this partition, and what stays is its "interface": Craig-Bampton with the roles exchanged.
+        """
+        if isinstance(sub, System) and sub.assembly == "dual":
+            raise InputError(f"{sub.name!r} is of dual assembly, where K is indefinite; couple the parts with assembly='primal'")
+        turn, b = _turned(sub)
+        if not len(b):
+            raise InputError(f"{sub.name!r} has no interface DOF, so that there are none to reduce. Name some as interface "
+                             "of the parts, or use another method")
+        i = np.setdiff1d(np.arange(sub.size), b)
+        if len(i) > INTERIOR:
+            raise InputError(f"{sub.name!r} has {len(i)} coordinates beside its {len(b)} interface DOF. Interface modes keep all "
+                             f"of them, at most {INTERIOR}: reduce its parts first, e.g. by CraigBampton(modes=20)")
+        K, M, D = (A if turn is None else congruent(A, turn) for A in (sub.K, sub.M, sub.D))
+        if K[i][:, b].any() if isinstance(K, np.ndarray) else K[i][:, b].nnz:
+            K, lift = _uncoupled(Substructure(M, K, None, b, name=sub.name))
+            M, D = congruent(M, lift), congruent(D, lift)
+            turn = lift if turn is None else turn @ lift
+        M, K, D = (sp.csr_array(A) for A in (M, K, D))  # for the sparse eigensolver, which finds the lowest modes alone
+        ports = sub.ports if turn is None else {name: turn.T @ w for name, w in sub.ports.items()}
+        return Partition(Substructure(M, K, D, i, ports, sub.name), b, turn=turn)
+
+    def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
+        """The interior coordinates as they are, and the port columns whose static responses join the basis."""
+        sub, i = part.sub, part.sub.interface
+        if self.modes is not None and self.modes > handle.elastic:
+            beside = f" beside {handle.rigid.shape[1]} rigid-body modes" if handle.floating else ""
+            raise InputError(f"{self.modes} interface modes were asked for, but the interface of {sub.name!r} has "
+                             f"{handle.elastic}{beside}")
+        C = zeros(sub.size, len(i), extra.shape[1] + (len(i) if self.modes is None else self.modes))
+        C[i, np.arange(len(i))] = 1.0
+        return Statics(part, handle, C, square(sub.K, i), extra[part.rows], "static port")
+
+
+def _rows(sub: Substructure) -> Matrix:
+    """B, sparse, shape (k, n): every interface DOF of the parts, also joined ones, in the coordinates of the system."""
+    if not isinstance(sub, System):
+        return sp.csr_array(sub.interface_rows)
+    found = [_rows(part) @ sp.csr_array(sub.L[rows])
+             for part, rows in zip(sub.parts.values(), rows_of_parts(sub.parts), strict=True)]
+    return sp.csr_array(sp.vstack(found))
+
+
+def _turned(sub: Substructure) -> tuple[Matrix | None, Array]:
+    """T (n, n), x = T z, or None for the identity, and the places in z that are the interface: with them at 0, B x = 0.
+
+    A coordinate that is an interface DOF stays. Where B mixes generalised coordinates, z are orthonormal combinations of them in
+    units of energy: first those of the row space of B, which move the interface, then those of its null space.
+    """
+    import scipy.linalg as la
+
+    n, unit = sub.size, units_of_energy({"": sub})
+    B = sp.csr_array(_rows(sub) @ sp.diags_array(unit))
+    B.sum_duplicates()  # else abs(B) would do it, and change the order of the entries
+    largest = abs(B).max(axis=1).toarray().ravel()
+    B.data[np.abs(B.data) <= ROUNDING * np.repeat(largest, np.diff(B.indptr))] = 0.0
+    B.eliminate_zeros()
+    single = np.diff(B.indptr) == 1
+    moves = np.zeros(n, dtype=bool)
+    moves[B[np.flatnonzero(single)].indices] = True
+    mixed = sp.csr_array(B[np.flatnonzero(~single)] @ sp.diags_array(np.where(moves, 0.0, 1.0)))
+    mixed.eliminate_zeros()
+    T = sp.lil_array(sp.eye_array(n))
+    for rows, columns in groups(mixed):
+        E = mixed[rows][:, columns].toarray()
+        Q, R, _ = la.qr((E / np.linalg.norm(E, axis=1)[:, None]).T, pivoting=True, check_finite=False)
+        pivots = np.abs(R.diagonal())
+        moves[columns[:np.count_nonzero(pivots > DEPENDENT * pivots[0])]] = True
+        T[np.ix_(columns, columns)] = unit[columns, None] * Q
+    return (sp.csr_array(T) if mixed.nnz else None), np.flatnonzero(moves)
+
+
+def _uncoupled(sub: Substructure) -> tuple[Array, Matrix]:
+    """K in coordinates (interior, interface) that share no stiffness, and T (n, n) with x = T z: [[I, S], [0, I]].
+
+    Rigid motion of the interior beside its interface (a part on one hinge) needs no force, and S has none of it.
+    """
+    i, b, n = sub.interior, sub.interface, sub.size
+    loads = sub.K[i][:, b]
+    loads = loads.toarray() if sp.issparse(loads) else loads
+    shapes = np.zeros((n, len(b)))
+    shapes[b, np.arange(len(b))] = 1.0
+    shapes[i] = -Partition.of(sub, True).factored().elastic_solve(loads)
+    K = np.zeros((n, n))
+    K[np.ix_(i, i)] = square(sub.K, i)
+    K[np.ix_(b, b)] = condensed_stiffness(sub, square(sub.K, b) + loads.T @ shapes[i], shapes)
+    return K, sp.csr_array(sp.eye_array(n)) + sp.csr_array(
+        (shapes[i].ravel(), (np.repeat(i, len(b)), np.tile(b, len(i)))), shape=(n, n))
