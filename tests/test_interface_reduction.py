@@ -197,25 +197,67 @@ def test_the_band_ends_below_the_parts_cutoff() -> None:
         fs.reduce(system, fs.InterfaceModes(band=(0.0, system.cutoff), tol=1e-3))
 
 
-# systems of all kinds
+# part by part
 
 
 def test_one_part_of_a_system_is_reduced_by_itself() -> None:
     system = small()
-    part = fs.reduce(system.parts["p10"], fs.InterfaceModes(15))
-    assert part.size == system.parts["p10"].size - len(part.full_interface) + 3 + 15 and part.sets.keys() == {"left", "back"}
+    rom = system.parts["p10"]
+    part = fs.reduce(rom, fs.InterfaceModes(15))
+    assert part.size == rom.size - len(rom.interface) + 3 + 15 and part.sets.keys() == {"left", "back"}
+    assert "'plate': 24 of 60 DOF by Craig-Bampton with 6 fixed-interface modes, then 15 interface modes" in repr(part)
+    assert np.array_equal(part.interface_numbers, rom.interface_numbers)  # joints may name them
     local = system.with_parts({"p10": part})  # its neighbours have their whole interface, and follow it
     error = elastic(local, 6) / elastic(system, 6) - 1
     assert local.size < system.size and error.min() > -1e-9 and 1e-9 < error.max() < 1e-2
+    u = local.expand(fs.normal_modes(local, count=2).shapes)
+    assert u["p10"].shape == (60, 2) == u["p11"].shape
+
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("key", ["craig-bampton", "rubin"])
+def test_parts_that_meet_share_their_shapes(key: str, held: bool) -> None:
+    system, full = small(key, held=held), plate((8, 4), (2, 2), held)
+    sizes, errors = [], []
+    for count in (2, 4, 8, 24):
+        local = fs.reduce(system, dict.fromkeys(system.parts, fs.InterfaceModes(count)))
+        assert fs.normal_modes(local, count=1).rigid == (0 if held else 3)
+        sizes.append(local.size)
+        errors.append(elastic(local, 6) / elastic(system, 6) - 1)
+        u = local.expand(fs.normal_modes(local, count=4).shapes)
+        again = full.expand(full.collected(u))
+        assert max(abs(u[name] - again[name]).max() for name in u) < 1e-9 * max(abs(u[name]).max() for name in u)
+    assert sorted(sizes) == sizes and sizes[0] < sizes[-1] == system.size
+    assert min(error.min() for error in errors) > -1e-9 and errors[0].max() > 1e-4 > errors[2].max() and errors[-1].max() < 1e-9
+    further = fs.reduce(local, fs.InterfaceModes(24))  # then of the whole system
+    assert np.allclose(elastic(further, 6), elastic(fs.reduce(system, fs.InterfaceModes(24)), 6), rtol=1e-9)
+
+
+def test_joints_may_name_the_dof_numbers_of_the_full_parts() -> None:
+    named = plate((8, 8), (2, 1))
+    ends = [(name, [int(named.parts[name].interface[at]) for at in named.parts[name].sets[side]])
+            for name, side in (("p00", "right"), ("p10", "left"))]
+    system = fs.reduce(fs.couple(named.parts, [fs.Rigid(*ends)]), dict.fromkeys(named.parts, fs.Rubin(8)))
+    local = fs.reduce(system, dict.fromkeys(named.parts, fs.InterfaceModes(6)))
+    assert local.size < system.size and elastic(local, 4) / elastic(system, 4) == pytest.approx(1, rel=1e-2)
+
+
+# systems of all kinds
+
+
+def halves() -> fs.System:
+    """The small plate as a system of two systems."""
+    made = {}
+    for side, cut in (("0", "right"), ("1", "left")):
+        parts = {name: part for name, part in plate((8, 4), (2, 2)).parts.items() if name[1] == side}
+        roms = {name: fs.reduce(part, fs.CraigBampton(6), ports=True) for name, part in parts.items()}
+        made[f"h{side}"] = fs.couple(roms, [fs.Rigid((f"p{side}0", "back"), (f"p{side}1", "front"))],
+                                     interface=[(name, cut) for name in roms])
+    return fs.couple(made, [fs.Rigid(("h0", f"p0{j}.right"), ("h1", f"p1{j}.left")) for j in (0, 1)])
 
 
 def test_interfaces_of_systems_within_systems_are_found() -> None:
-    halves = {}
-    for side in ("0", "1"):
-        parts = {name: part for name, part in plate(cells=(8, 4), pieces=(2, 2)).parts.items() if name[1] == side}
-        roms = {name: fs.reduce(part, fs.CraigBampton(6), ports=True) for name, part in parts.items()}
-        halves[f"h{side}"] = fs.couple(roms, [fs.Rigid((f"p{side}0", "back"), (f"p{side}1", "front"))])
-    system = fs.couple(halves, [fs.Rigid(("h0", f"p0{j}.right"), ("h1", f"p1{j}.left")) for j in (0, 1)])
+    system = halves()
     flat = fs.reduce(small(), fs.InterfaceModes(24))
     nested = fs.reduce(system, fs.InterfaceModes(24))
     assert system.size == small().size and nested.size == flat.size
@@ -235,6 +277,9 @@ def test_glued_surfaces_are_one_interface() -> None:
         rom = fs.reduce(system, fs.InterfaceModes(63))
         assert rom.size == system.size and np.allclose(elastic(rom, 8), elastic(system, 8), rtol=1e-9)
         assert (elastic(fs.reduce(system, fs.InterfaceModes(18)), 3) / elastic(system, 3) - 1).max() < 1e-2
+        local = fs.reduce(system, {"a": fs.InterfaceModes(12), "b": fs.InterfaceModes(12)})
+        error = elastic(local, 3) / elastic(system, 3) - 1
+        assert local.size < system.size and error.min() > -1e-9 and error.max() < 1e-2
 
 
 def test_a_part_that_turns_about_its_interface_keeps_that_motion() -> None:
@@ -285,6 +330,7 @@ def test_only_the_lowest_modes_of_a_large_interface_are_computed(monkeypatch: py
     (lambda: fs.reduce(fs.chain(5000, interface=(1, 9)), fs.InterfaceModes(1)), "'chain' has 4998 coordinates beside its 2 "
      "interface DOF. Interface modes keep all of them, at most 4000: reduce its parts first"),
     (lambda: fs.reduce(fs.couple(small().parts, small().joints, assembly="dual"), fs.InterfaceModes(9)), "is of dual assembly"),
+    (lambda: fs.reduce(halves(), dict.fromkeys(("h0", "h1"), fs.InterfaceModes(2))), "is a system of its own, whose inner"),
     (lambda: fs.reduce(small(), fs.InterfaceModes(-1)), "modes"),
     (lambda: fs.InterfaceModes(), "InterfaceModes takes modes=20, or band="),
 ])

@@ -17,7 +17,7 @@ from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
-    from femsub.model.substructure import Substructure
+    from femsub.model.substructure import ReducedSubstructure, Substructure
     from femsub.modes.shift_invert import ShiftInvert
 
 METHODS: dict[str, type[Method]] = {}  #: every method by its key
@@ -130,6 +130,10 @@ class Method(ABC):
     def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
         """V = [C Φ Ξ] with its labels, and M and K in its coordinates."""
         return assembled(statics, kept, responses, ports, self.mode_kind)
+
+    def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
+        """The model as `reduce` returns it."""
+        return model
 
     @property
     def mode_kind(self) -> str:

@@ -28,7 +28,7 @@ from femsub.reduction.dual_craig_bampton import DualCraigBampton
 from femsub.reduction.guyan import Guyan
 from femsub.reduction.herting import Herting
 from femsub.reduction.hurty import Hurty
-from femsub.reduction.interface_modes import InterfaceModes
+from femsub.reduction.interface_modes import InterfaceModes, with_common_shapes
 from femsub.reduction.macneal import MacNeal
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
@@ -121,7 +121,7 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method], ports: bool
         if not basis.V.shape[1]:
             raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
                              "name interface DOF")
-        rom = _projected(task, basis if part.turn is None else replace(basis, V=part.turn @ basis.V))
+        rom = method.finished(sub, _projected(task, basis if part.turn is None else replace(basis, V=part.turn @ basis.V)))
     log.info("%r", rom)
     return rom
 
@@ -136,7 +136,8 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method], ports: bool 
                          "out")
     for name in methods:
         choice("part", name, system.parts)
-    return system.with_parts({name: reduce(system.parts[name], method, ports) for name, method in methods.items()})
+    made = {name: reduce(system.parts[name], method, ports) for name, method in methods.items()}
+    return system.with_parts(with_common_shapes(system, made))
 
 
 @dataclass(frozen=True, eq=False)
