@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         PortWarning as PortWarning,
         SingularMatrixError as SingularMatrixError,
         UnstableModelError as UnstableModelError,
+        WorkerError as WorkerError,
     )
     from femsub.io.component_files import read_component as read_component
     from femsub.io.matrix_files import read_matrix as read_matrix

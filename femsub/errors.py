@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 
 class FemsubError(Exception):
@@ -44,6 +45,14 @@ class UnstableModelError(FemsubError, ArithmeticError, ValueError):
 
 class NotEnoughMemoryError(FemsubError, MemoryError):
     """A computation would need more memory than is available. It was not started."""
+
+
+class WorkerError(FemsubError):
+    """A worker process died or ran out of memory. `part` names what it had; `done` has the results of the others, by name."""
+
+    def __init__(self, message: str = "", part: str = "", done: Mapping[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.part, self.done = part, dict(done or {})
 
 
 class MissingPackageError(FemsubError, ImportError):

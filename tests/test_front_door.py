@@ -97,6 +97,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     soft = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
     parts = {"a": fs.chain(4, interface=[4]), "b": fs.chain(3, interface=[1], fixed=False)}
 
+    pair = fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0]))])
+
     def rigid(end: Any, tolerance: Any, name: Any) -> fs.Rigid:
         return fs.Rigid(end, ("b", [0]), tolerance=tolerance, name=name)
 
@@ -253,6 +255,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "read_mesh": (fs.read_mesh, {"path": folder / "mesh.vtu", "kind": None, "name": None}),
         "rectangle": (fs.rectangle, {"lengths": (1.0, 1.0), "counts": (1, 1), "kind": "quad", "name": "r"}),
         "reduce": (fs.reduce, {"sub": sub, "method": fs.CraigBampton(2), "ports": False, "contacts": None}),
+        "reduce(parts)": (fs.reduce, {"sub": pair, "method": dict.fromkeys(parts, fs.CraigBampton(2)), "ports": False,
+                                      "workers": None, "executor": None}),
         "refine": (
             fs.refine,
             {"full": sub, "modes": modes, "rom": rom, "contacts": slope, "which": None, "tol": 1e-8, "steps": 20},
@@ -302,7 +306,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "progress": None,
             },
         ),
-        "sweep": (fs.sweep, {"model": sub, "slopes": [-0.1, 0.0], "port": "belt", "force": 1.0, "band": (0.0, 3.0)}),
+        "sweep": (fs.sweep, {"model": sub, "slopes": [-0.1, 0.0], "port": "belt", "force": 1.0, "band": (0.0, 3.0),
+                             "workers": None, "executor": None}),
         "transient": (
             fs.transient,
             {
@@ -356,7 +361,8 @@ NAMES = sorted(
         and not (isinstance(getattr(fs, name), type) and issubclass(getattr(fs, name), BaseException))
     }
     - RESULTS
-    | {"CraigBampton(tol)", "complex_modes(band)", "damped(modal)", "damped(ratios)", "normal_modes(band)", "transient(alpha)"}
+    | {"CraigBampton(tol)", "complex_modes(band)", "damped(modal)", "damped(ratios)", "normal_modes(band)", "reduce(parts)",
+       "transient(alpha)"}
 )
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import sys
 import weakref
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -58,11 +59,15 @@ def _load() -> tuple[Any, Any]:
     os.environ.setdefault("OMPI_MCA_orte_create_session_dirs", "0")
     try:
         _load_wheel()
+        import petsc4py
         import slepc4py
     except ImportError as error:
         raise MissingPackageError(f"slepc4py (with petsc4py) cannot be imported by this Python ({error}). {INSTALL}") from error
     # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT, and list at exit what went unused.
-    slepc4py.init(["femsub", "-no_signal_handler", "-options_left", "no"])
+    options_of_petsc = ["femsub", "-no_signal_handler", "-options_left", "no"]
+    if mpi := sys.modules.get("mpi4py.MPI"):  # else PETSc would wait for all processes of MPI to load it
+        petsc4py.init(options_of_petsc, comm=mpi.COMM_SELF)
+    slepc4py.init(options_of_petsc)
     from petsc4py import PETSc
     from slepc4py import SLEPc
 

@@ -12,12 +12,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, choice, instance, shown
-from femsub.errors import InputError, InputTypeError, PortWarning
+from femsub.errors import InputError, InputTypeError, PortWarning, WorkerError
 from femsub.linalg.factor import SMALL
-from femsub.linalg.memory import check_memory
+from femsub.linalg.memory import check_memory, reduction_bytes
 from femsub.linalg.threads import WORK, one_thread
+from femsub.linalg.workers import check_workers, side_by_side
 from femsub.model.assembly import System
 from femsub.model.estimate import SHARE
+from femsub.model.matrices import same
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import confirm
 from femsub.reduction.basis import Basis, projected
@@ -36,12 +38,15 @@ from femsub.reduction.rubin import Rubin
 from femsub.reduction.statics import Partition, square
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from femsub.model.friction import Belt
     from femsub.model.pencil import Pencil
 
 log = logging.getLogger(__name__)
 
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
+ADVICE = "Go on with reduce(system, methods | error.done)"
 PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
 
 #: importing the methods registers them
@@ -55,11 +60,13 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = ...,
 
 
 @overload
-def reduce(sub: Substructure, method: Mapping[str, Method], ports: bool = ..., contacts: None = ...) -> System: ...
+def reduce(sub: Substructure, method: Mapping[str, Method | ReducedSubstructure], ports: bool = ..., contacts: None = ..., *,
+           workers: int | None = ..., executor: Executor | None = ...) -> System: ...
 
 
-def reduce(sub: Substructure, method: Method | Mapping[str, Method], ports: bool | Sequence[str] = False,
-           contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure | System:
+def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubstructure], ports: bool | Sequence[str] = False,
+           contacts: Belt | Sequence[Belt] | None = None, *, workers: int | None = None,
+           executor: Executor | None = None) -> ReducedSubstructure | System:
     """Replace a component by a small one: project it onto the basis V of a reduction method.
 
     The result has the matrices VᵀMV, VᵀDV, VᵀKV (r, r) and the ports Vᵀw, with V (n, r) from the method.
@@ -79,11 +86,17 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method], ports: bool
         Full, or itself reduced.
     method : CraigBampton, CraigChang or another `Method`
         With its number of modes, or with a band and a tolerance. Of a system it may be a mapping, {'disc': CraigBampton(20)}:
-        these parts are reduced, each by its own method, and joined again; the other parts stay.
+        these parts are reduced, each by its own method, and joined again; the other parts stay. Equal parts with equal methods
+        are reduced once. A model that a part was reduced to before may stand in place of the method.
     ports : bool or sequence of str
         True, or the names of ports: adds the static responses to these ports to the basis.
     contacts : Belt or sequence of Belt, optional
         Only with a tolerance: the belts under which the complex eigenvalues must be accurate. Default: only the model's own D.
+    workers : int, optional
+        Of a system: so many processes reduce its parts side by side, each with one thread of BLAS. Default: this process alone.
+    executor : concurrent.futures.Executor, optional
+        Reduces the parts instead of processes started for this call: that of dask (``client.get_executor()``), of mpi4py or any
+        other. Its processes must see this machine's temporary folder (environment variable TMPDIR).
 
     Returns
     -------
@@ -104,6 +117,15 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method], ports: bool
         No basis meets the tolerance; the message tells how accurate the largest one is.
     NotEnoughMemoryError
         The reduction needs more memory than is free.
+    WorkerError
+        A worker process died or ran out of memory. ``.part`` names its part, ``.done`` holds the other parts' models:
+        ``reduce(system, methods | error.done)`` goes on from there.
+
+    Notes
+    -----
+    With workers the results are those of one process to the last digit, if that uses one thread of BLAS, too
+    (OMP_NUM_THREADS=1). The factors of the parts are made in the workers and end with them. What needs one later, as `refine`
+    does, makes it again. A script that uses workers must begin its work under ``if __name__ == "__main__":``.
 
     Examples
     --------
@@ -113,7 +135,10 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method], ports: bool
     ReducedSubstructure 'chain': 5 of 10 DOF by Craig-Bampton with 4 fixed-interface modes, cut-off 1.355 rad/time
     """
     if isinstance(method, Mapping):
-        return _part_by_part(sub, method, ports, contacts)
+        return _part_by_part(sub, method, ports, contacts, workers, executor)
+    if workers is not None or executor is not None:
+        raise InputError("workers and executor are for the parts of a system: name them with their methods, as in "
+                         "reduce(system, {'disc': CraigBampton(20), 'pad': CraigBampton(10)}, workers=2)")
     task = _checked(sub, method, ports, contacts)
     with one_thread(_work(task) < WORK):
         part = method.part(sub)
@@ -126,18 +151,55 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method], ports: bool
     return rom
 
 
-def _part_by_part(sub: Substructure, methods: Mapping[str, Method], ports: bool | Sequence[str],
-                  contacts: Belt | Sequence[Belt] | None) -> System:
+def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstructure], ports: bool | Sequence[str],
+                  contacts: Belt | Sequence[Belt] | None, workers: int | None, executor: Executor | None) -> System:
     system = instance("sub", sub, System, "made by couple, where each part has a method of its own")
     if not isinstance(ports, bool):
         raise InputTypeError(f"ports must be True or False where the parts of a system are reduced, not {shown(ports)}")
     if contacts is not None:
         raise InputError("contacts belong to one component with a tolerance; where the parts of a system are reduced, leave them "
                          "out")
-    for name in methods:
-        choice("part", name, system.parts)
-    made = {name: reduce(system.parts[name], method, ports) for name, method in methods.items()}
-    return system.with_parts(with_common_shapes(system, made))
+    check_workers(workers, executor)
+    found: dict[str, ReducedSubstructure] = {}
+    first: dict[str, str] = {}  # the part that a part is equal to, or its own name
+    for name, method in methods.items():
+        part = system.parts[choice("part", name, system.parts)]
+        if isinstance(method, ReducedSubstructure):
+            if len(method.V) != part.size:
+                raise InputError(f"the part {name!r} has {part.size} DOF, but {method!r} was made of {len(method.V)}")
+            found[name] = method
+        else:
+            first[name] = next((one for one in first if first[one] == one and _equal(system.parts[one], part)
+                                and methods[one] == method), name)
+    tasks = {name: _checked(system.parts[name], methods[name], ports, None)  # type: ignore[arg-type]
+             for name in first if first[name] == name}
+    needs = {name: sum(reduction_bytes(task.sub.K, _columns(task.sub), task.method.modes or FIRST).values())
+             for name, task in tasks.items() if sp.issparse(task.sub.K) and (workers or executor)}
+    try:
+        made = side_by_side(reduce, {name: (task.sub, task.method, ports) for name, task in tasks.items()}, workers, executor,
+                            needs=needs, advice=ADVICE)
+    except WorkerError as error:
+        error.done.update(found | _twins(error.done, first, system))
+        raise
+    return system.with_parts(with_common_shapes(system, found | _twins(made, first, system)))
+
+
+def _equal(one: Substructure, other: Substructure) -> bool:
+    """Whether two full components have the same matrices, interface and ports, whatever their names and places."""
+    if one is other:
+        return True
+    if type(one) is not Substructure or type(other) is not Substructure or list(one.ports) != list(other.ports):
+        return False
+    pairs = [(getattr(one, key), getattr(other, key)) for key in ("interface", "K", "M", "D")]
+    return all(same(A, B) for A, B in [*pairs, *zip(one.ports.values(), other.ports.values(), strict=True)])
+
+
+def _twins(made: Mapping[str, ReducedSubstructure], first: Mapping[str, str], system: System) -> dict[str, ReducedSubstructure]:
+    """The models by part, where each part has that of the part it is equal to, with its own name, DOF map and sets."""
+    parts = system.parts
+    return {name: made[one] if parts[name] is parts[one] else replace(
+        made[one], name=parts[name].name, full_dofs=parts[name].dofs, interface_dofs=parts[name].interface_dofs,
+        sets=parts[name].sets) for name, one in first.items() if one in made}
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,9 +252,13 @@ def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
             raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
                              f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")
         pencil = pencil if pencil.norms[1] > 0 else None
-    static = len(sub.interface) + 2 * sum(w.shape[1] for w in columns.values())
-    check_memory(sub.name, sub.K, static, method.modes or 0, len(sub.interface))
+    check_memory(sub.name, sub.K, _columns(sub), method.modes or 0, len(sub.interface))
     return _Task(sub, method, columns, extra, pencil)
+
+
+def _columns(sub: Substructure) -> int:
+    """An upper bound of the static responses of a reduction."""
+    return len(sub.interface) + 2 * sum(w.size // len(w) for w in sub.ports.values())
 
 
 def _basis(task: _Task, part: Partition) -> Basis:

@@ -6,7 +6,9 @@ import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from femsub.checks import Array, choice, instance, positive_number, real_array
 from femsub.errors import CutoffWarning, FemsubWarning, InputError, SingularMatrixError
 from femsub.linalg.factor import QUADRATIC, WIDE, factorise
 from femsub.linalg.threads import FEW, one_thread
+from femsub.linalg.workers import check_workers, side_by_side
 from femsub.model.bands import in_band
 from femsub.model.estimate import SHARE, usable_band
 from femsub.model.friction import Belt
@@ -21,6 +24,9 @@ from femsub.model.substructure import Substructure
 from femsub.quadratic.complex_modes import complex_modes
 from femsub.quadratic.dense import eigenvalues, modal_form
 from femsub.stability.border import dense_border, sparse_border
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 log = logging.getLogger(__name__)
 
@@ -116,7 +122,8 @@ class CriticalSlope:
 
 
 def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "belt", *, force: float = 1.0,
-          band: tuple[float, float] | None = None) -> StabilitySweep:
+          band: tuple[float, float] | None = None, workers: int | None = None,
+          executor: Executor | None = None) -> StabilitySweep:
     """The largest growth rate for each of several friction slopes s: max Re λ of λ²M + λ(D + F s w wᵀ) + K.
 
     A small model is transformed to its undamped modes once; then each slope needs one small eigenproblem. A sparse model
@@ -135,6 +142,10 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
         Normal force F.
     band : (lo, hi), optional
         Only modes with lo ≤ Im λ ≤ hi, in radians per unit of time. Default: all, for a reduced model up to its cut-off.
+    workers : int, optional
+        So many processes share the slopes; see `reduce`. It pays where a slope takes seconds: a process takes one to start.
+    executor : concurrent.futures.Executor, optional
+        Takes the slopes one by one instead.
 
     Returns
     -------
@@ -144,6 +155,8 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     ------
     InputError
         An unknown port, slopes that are not finite, a missing band, or one that reaches above the model's cut-off.
+    WorkerError
+        A worker process died. ``.done`` holds the sweeps over the other slopes.
 
     Warns
     -----
@@ -167,6 +180,15 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     growth, omega = np.empty(len(values)), np.empty(len(values))
     if model.pencil.is_sparse and model.size > QUADRATIC and band is None:
         raise InputError(f"a sparse model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
+    check_workers(workers, executor)
+    count = len(values) if executor is not None else min(workers or 1, len(values))
+    if count > 1:
+        groups = {f"{first + 1} of {count}": (values[first::count],) for first in range(count)}
+        found = side_by_side(partial(sweep, model, port=port, force=force, band=band), groups, workers, executor,
+                             what="group of slopes")
+        for first, part in enumerate(found[name] for name in groups):
+            growth[first::count], omega[first::count] = part.growth, part.omega
+        return StabilitySweep(values, growth, omega, limits)
     few = model.size <= (QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE)
     fast = np.zeros(len(values), dtype=bool) if few else _fast(model, w, force * values, limits[1])
     whole = np.full(len(values), few) if few or model.pencil.is_sparse else fast.copy()

@@ -1,0 +1,432 @@
+"""Parts are reduced side by side in processes: with the digits of one process, and with what is done kept where one dies."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import which
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import femsub as fs
+from benchmarks.joined import truss
+from femsub.linalg import workers
+from femsub.linalg.factor import Factor
+from femsub.reduction.method import Method
+
+ROOT = Path(__file__).parent.parent
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
+
+
+@dataclass(frozen=True)
+class Dying(fs.CraigBampton):
+    """Kills its process, unless a file is there that says that it has done so before."""
+
+    mark: str = ""
+
+    def statics(self, *given: Any) -> Any:
+        if not Path(self.mark).exists():
+            Path(self.mark).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().statics(*given)
+
+
+@dataclass(frozen=True)
+class Failing(fs.CraigBampton):
+    """Raises an error of the kind given."""
+
+    error: type[Exception] = MemoryError
+
+    def statics(self, *given: Any) -> Any:
+        raise self.error("no more")
+
+
+def system(pieces: int = 3) -> fs.System:
+    made = truss(pieces, 16, 4).system()
+    assert isinstance(made, fs.System)
+    return made
+
+
+def methods(whole: fs.System) -> dict[str, Method]:
+    return {name: fs.CraigBampton(modes) for modes, name in enumerate(whole.parts, 3)}
+
+
+def assert_same(one: fs.Substructure, other: fs.Substructure) -> None:
+    """To the last digit, and read-only."""
+    assert isinstance(one, fs.System) and isinstance(other, fs.System) and list(one.parts) == list(other.parts)
+    for a, b in zip([one, *one.parts.values()], [other, *other.parts.values()], strict=True):
+        for key in ("M", "D", "K", "V"):
+            A, B = getattr(a, key, None), getattr(b, key, None)
+            if sp.issparse(A):
+                assert (A != B).nnz == 0
+            elif A is not None:
+                assert np.array_equal(A, B) and not B.flags.writeable
+        assert repr(a) == repr(b)
+
+
+@pytest.fixture
+def threads() -> Iterator[ThreadPoolExecutor]:
+    """An executor that starts no process."""
+    with ThreadPoolExecutor(2) as pool:
+        yield pool
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where tasks and results are stored."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def test_two_workers_give_the_digits_of_one(folder: Path) -> None:
+    whole = system()
+    assert_same(fs.reduce(system(), methods(whole)), fs.reduce(whole, methods(whole), workers=2))
+    assert not list(folder.iterdir())
+
+
+def test_a_worker_that_is_killed_is_named_and_the_run_goes_on_from_the_others(folder: Path, tmp_path: Path) -> None:
+    whole = system()
+    given = methods(whole) | {"t0": Dying(3, mark=str(tmp_path / "mark"))}
+    with pytest.raises(fs.WorkerError, match=r"no result for the part 't0'.*methods \| error.done") as caught:
+        fs.reduce(whole, given, workers=2)
+    error = caught.value
+    assert error.part == "t0" and set(error.done) == {"t1", "t2"}
+    assert [path.name for path in folder.iterdir()] == ["mark"]
+    found = fs.reduce(whole, given | error.done)
+    assert found.parts["t1"] is error.done["t1"] and found.parts["t2"] is error.done["t2"]
+    assert_same(fs.reduce(system(), methods(whole)), found)
+
+
+def test_any_executor_will_do_and_gets_no_matrix(threads: ThreadPoolExecutor) -> None:
+    sent = []
+
+    class Telling(Executor):
+        def submit(self, *given: Any) -> Future[Any]:  # type: ignore[override]
+            sent.append(len(pickle.dumps(given)))
+            return threads.submit(*given)
+
+    whole = system()
+    assert_same(fs.reduce(system(), methods(whole)), fs.reduce(whole, methods(whole), executor=Telling()))
+    assert len(sent) == 3 and max(sent) < 1000 < len(pickle.dumps(whole.parts["t0"].K))
+
+
+def test_what_is_stored_comes_back_as_a_map_of_the_file(tmp_path: Path) -> None:
+    part = system().parts["t1"]
+    thing = {"part": part, "none": np.zeros((0, 3)), "column": np.asfortranarray(np.arange(6.0).reshape(3, 2)), "word": "x"}
+    workers.store(tmp_path / "file", thing)
+    before = (tmp_path / "file").read_bytes()
+    found = workers.load(tmp_path / "file")
+    assert found["word"] == "x" and found["none"].shape == (0, 3) and found["column"].flags.f_contiguous
+    np.testing.assert_array_equal(found["column"], thing["column"])
+    assert (found["part"].K != part.K).nnz == 0 and not found["part"].K.data.flags.owndata
+    assert found["part"].K.data.ctypes.data % 16 == 0
+    found["column"][0, 0] = 7.0
+    assert (tmp_path / "file").read_bytes() == before
+
+
+@pytest.mark.parametrize("band", [None, (0.0, 1.0)])
+def test_a_sweep_takes_workers(threads: ThreadPoolExecutor, band: tuple[float, float] | None) -> None:
+    model, slopes = fs.chain(60, belt=3), np.linspace(-0.2, 0.01, 5)
+    alone, shared = fs.sweep(model, slopes, band=band), fs.sweep(model, slopes, band=band, executor=threads)
+    assert np.array_equal(alone.slopes, shared.slopes) and np.array_equal(alone.growth, shared.growth)
+    assert np.array_equal(alone.omega, shared.omega) and alone.band == shared.band
+
+
+@pytest.mark.slow
+def test_a_sparse_sweep_by_two_processes_has_the_digits_of_one() -> None:
+    model, slopes = fs.chain(2400, belt=2), np.linspace(-0.04, -0.02, 5)
+    alone, shared = (fs.sweep(model, slopes, band=(0.0, 0.05), workers=count) for count in (1, 2))
+    assert np.array_equal(alone.growth, shared.growth) and np.array_equal(alone.omega, shared.omega)
+
+
+def test_warnings_of_workers_are_repeated(threads: ThreadPoolExecutor) -> None:
+    whole = system(2)
+    for given in ({"workers": 1}, {"executor": threads}):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            fs.reduce(whole, methods(whole), **given)  # type: ignore[call-overload]
+        assert sorted(str(one.message)[:20] for one in told) == ["port 'belt' of 't0':", "port 'belt' of 't1':"]
+
+
+@pytest.mark.parametrize("error", [MemoryError, fs.NotEnoughMemoryError])
+def test_a_worker_without_memory_is_named(threads: ThreadPoolExecutor, error: type[Exception]) -> None:
+    whole = system()
+    with pytest.raises(fs.WorkerError, match=r"'t1'.*ran out of memory.*2 of 3") as caught:
+        fs.reduce(whole, methods(whole) | {"t1": Failing(3, error=error)}, executor=threads)
+    assert caught.value.part == "t1" and isinstance(caught.value.__cause__, error)
+
+
+@pytest.mark.parametrize("error", [fs.NotConvergedError, KeyError])
+def test_an_error_of_a_part_is_the_one_that_it_is_without_workers(threads: ThreadPoolExecutor, error: type[Exception]) -> None:
+    whole = system()
+    given = methods(whole) | {"t1": Failing(3, error=error)}
+    for options in ({}, {"executor": threads}):
+        with pytest.raises(error, match="no more") as caught:
+            fs.reduce(whole, given, **options)  # type: ignore[call-overload]
+    assert caught.value.__notes__ == ["in the worker of the part 't1'"]
+
+
+def test_a_worker_that_does_not_see_the_files_is_told(threads: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(path: Path) -> Any:
+        raise FileNotFoundError
+
+    whole = system(2)
+    monkeypatch.setattr(workers, "load", gone)
+    with pytest.raises(fs.WorkerError, match=r"the worker process failed \(WorkerError: it cannot read .* set TMPDIR"):
+        fs.reduce(whole, methods(whole), executor=threads)
+
+
+class Untouched(Executor):
+    """Fails where anything is submitted."""
+
+    def submit(self, *_: Any) -> Future[Any]:  # type: ignore[override]
+        raise AssertionError("this was to be told beforehand")
+
+
+def test_what_cannot_be_pickled_is_told_beforehand() -> None:
+    @dataclass(frozen=True)
+    class Local(fs.CraigBampton):
+        pass
+
+    whole = system()
+    with pytest.raises(fs.InputError, match=r"the part 't2' cannot be sent to a worker.*top level"):
+        fs.reduce(whole, methods(whole) | {"t2": Local(3)}, executor=Untouched())
+
+
+@pytest.mark.parametrize(("given", "kind", "words"), [
+    ({"workers": 0}, fs.InputError, "workers must be at least 1"),
+    ({"workers": -1}, fs.InputError, "workers must be at least 1"),
+    ({"workers": "two"}, fs.InputTypeError, "workers must be a whole number"),
+    ({"workers": True}, fs.InputTypeError, "workers must be a whole number"),
+    ({"workers": 10**9}, fs.InputError, "at most"),
+    ({"workers": 2, "executor": Untouched()}, fs.InputError, "exclude each other"),
+    ({"executor": 2}, fs.InputTypeError, "executor must be"),
+    ({"executor": ThreadPoolExecutor}, fs.InputTypeError, "executor must be"),
+    ({"executor": type("Client", (), {"submit": print, "get_executor": print})()}, fs.InputTypeError, "client.get_executor"),
+])
+def test_workers_that_are_none(given: dict[str, Any], kind: type[Exception], words: str) -> None:
+    whole = system(2)
+    with pytest.raises(kind, match=words):
+        fs.reduce(whole, methods(whole), **given)
+
+
+def test_workers_of_a_sweep_that_are_none() -> None:
+    with pytest.raises(fs.InputError, match="workers must be at least 1"):
+        fs.sweep(fs.chain(10, belt=2), [-0.1], workers=0)
+
+
+def test_workers_are_for_the_parts_of_a_system() -> None:
+    with pytest.raises(fs.InputError, match="for the parts of a system"):
+        fs.reduce(fs.chain(10), fs.CraigBampton(3), workers=2)  # type: ignore[call-overload]
+
+
+def test_bad_methods_are_told_beforehand() -> None:
+    whole = system()
+    with pytest.raises(fs.InputTypeError, match="unknown method"):
+        fs.reduce(whole, methods(whole) | {"t1": 3}, executor=Untouched())  # type: ignore[call-overload]
+
+
+def test_parts_that_do_not_fit_side_by_side_are_told_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, made = system(), Factor.made
+    monkeypatch.setattr(workers, "at_hand", lambda need: workers.BASE)
+    with pytest.warns(fs.FemsubWarning, match=r"only 1 of 2 workers run: 2 parts side by side need about 0.4\d* GB"):
+        found = fs.reduce(whole, methods(whole), workers=2)
+    assert Factor.made > made  # in this process
+    assert_same(fs.reduce(whole, methods(whole)), found)
+
+
+@pytest.mark.parametrize(("free", "fits"), [(1e12, 3), (9e9, 2), (8.3e9, 1), (1.0, 1), (None, 3)])
+def test_as_many_workers_run_as_fit(monkeypatch: pytest.MonkeyPatch, free: float | None, fits: int) -> None:
+    monkeypatch.setattr(workers, "at_hand", lambda need: free)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.FemsubWarning)
+        assert workers._fitting({"a": 1e9, "b": 5e9, "c": 3e9, "d": 1e9}, 3, "part") == fits
+
+
+def twins() -> fs.System:
+    """A disc between two equal pads, which have names and places of their own."""
+    pads = {name: fs.chain(12, interface=[12], damping=0.1, belt=2) for name in ("left", "right")}
+    pads = {name: fs.Substructure(pad.M, pad.K, pad.D, {"face": [11]}, pad.ports, name,
+                                  fs.DofMap(np.arange(12), np.zeros(12, int), points=np.full((12, 1), float(i))))
+            for i, (name, pad) in enumerate(pads.items())}
+    disc = fs.chain(9, interface=[1, 9], fixed=False)
+    return fs.couple({**pads, "disc": disc}, [fs.Rigid(("left", [11]), ("disc", [0])), fs.Rigid(("right", [11]), ("disc", [8]))])
+
+
+@pytest.mark.parametrize("side", [True, False])
+def test_equal_parts_are_reduced_once(side: bool, threads: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    statics = fs.CraigBampton.statics
+    monkeypatch.setattr(fs.CraigBampton, "statics", lambda self, part, *rest: (seen.append(part.sub.name),
+                                                                              statics(self, part, *rest))[1])
+    whole = twins()
+    found = fs.reduce(whole, dict.fromkeys(whole.parts, fs.CraigBampton(4)), executor=threads if side else None)
+    assert len(seen) == 2 and len({*seen} & {"left", "right"}) == 1
+    left, right = found.parts["left"], found.parts["right"]
+    alone = fs.reduce(twins().parts["right"], fs.CraigBampton(4))
+    assert isinstance(left, fs.ReducedSubstructure) and isinstance(right, fs.ReducedSubstructure)
+    assert right.V is left.V and np.array_equal(right.V, alone.V) and right.name == "right"
+    assert right.full_dofs is whole.parts["right"].dofs and right.interface_dofs.points == 1.0
+    assert list(right.sets) == ["face"]
+    seen.clear()
+    fs.reduce(whole, {"left": fs.CraigBampton(4), "right": fs.CraigBampton(3)})
+    assert len(seen) == 2
+
+
+def test_parts_of_other_matrices_or_ports_are_not_equal() -> None:
+    whole = twins()
+    left = whole.parts["left"]
+    stiffer = fs.Substructure(left.M, left.K * (1 + 1e-15), left.D, left.interface, left.ports)
+    other_port = fs.Substructure(left.M, left.K, left.D, left.interface, {"belt": left.port("belt")[::-1]})
+    for other in (stiffer, other_port, fs.Substructure(left.M, left.K.toarray(), left.D, left.interface, left.ports)):
+        found = fs.reduce(whole.with_parts({"right": other}), dict.fromkeys(("left", "right"), fs.CraigBampton(4)))
+        assert found.parts["right"].V is not found.parts["left"].V  # type: ignore[attr-defined]
+
+
+def test_a_model_of_another_part_is_refused() -> None:
+    whole = system()
+    with pytest.raises(fs.InputError, match=r"the part 't1' has .* DOF, but"):
+        fs.reduce(whole, methods(whole) | {"t1": fs.reduce(fs.chain(5), fs.CraigBampton(2))})
+
+
+SCRIPT = """
+import sys, time
+from dataclasses import dataclass
+from pathlib import Path
+import femsub as fs
+from benchmarks.joined import truss
+
+@dataclass(frozen=True)
+class Slow(fs.CraigBampton):
+    mark: str = ""
+
+    def statics(self, *given):
+        import os
+        Path(self.mark, f"{os.getpid()}.pid").touch()
+        time.sleep(60)
+
+def main():
+    system = truss(2, 16, 4).system()
+    fs.reduce(system, dict.fromkeys(system.parts, Slow(3, mark=sys.argv[1])), workers=2)
+
+"""
+GUARD = 'if __name__ == "__main__":\n    main()\n'
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def environment(folder: Path) -> dict[str, str]:
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(workers.LAUNCHER)}
+    return {**clean, "TMPDIR": str(folder), "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_their_parent_and_leave_no_file(tmp_path: Path, sent: signal.Signals) -> None:
+    script, marks, place = tmp_path / "script.py", tmp_path / "marks", tmp_path / "place"
+    marks.mkdir()
+    place.mkdir()
+    script.write_text(SCRIPT + GUARD)
+    parent = subprocess.Popen([sys.executable, script, marks], env=environment(place), stderr=subprocess.PIPE, text=True)
+    until(lambda: len(list(marks.iterdir())) == 2)
+    pids = [int(path.stem) for path in marks.iterdir()]
+    assert all(map(alive, pids))
+    parent.send_signal(sent)
+    said = parent.communicate()[1]
+    assert parent.returncode != 0 and ("KeyboardInterrupt" in said) == (sent == signal.SIGINT)
+    until(lambda: not any(map(alive, pids)))
+    until(lambda: not list(place.glob("femsub-*")))
+
+
+def until(come: Any, seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not come():
+        assert time.monotonic() < end, "it did not come to this"
+        time.sleep(0.02)
+
+
+@pytest.mark.slow
+def test_a_script_without_a_guard_is_told_what_it_lacks(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT + "main()\n")
+    done = subprocess.run([sys.executable, script, tmp_path], env=environment(tmp_path), capture_output=True, text=True,
+                          timeout=60, check=False)
+    assert done.returncode == 1 and "InputError: the worker processes ended before they began" in done.stderr
+    assert 'if __name__ == "__main__":' in done.stderr and not list(tmp_path.glob("femsub-*"))
+
+
+EXECUTORS = """
+import sys
+import numpy as np
+import femsub as fs
+from benchmarks.joined import truss
+
+def check(executor):
+    system = truss(3, 16, 4).system()
+    methods = {name: fs.CraigBampton(modes) for modes, name in enumerate(system.parts, 3)}
+    found = fs.reduce(system, methods, executor=executor, ports=True)
+    alone = fs.reduce(truss(3, 16, 4).system(), methods, ports=True)
+    for name in system.parts:
+        assert np.array_equal(found.parts[name].V, alone.parts[name].V), name
+    assert np.array_equal(fs.normal_modes(found, 4).frequencies, fs.normal_modes(alone, 4).frequencies)
+    print("the same")
+
+if __name__ == "__main__":
+"""
+DASK = """
+    from distributed import Client, LocalCluster
+    with LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None) as cluster, Client(cluster) as client:
+        check(client.get_executor())
+"""
+POOL = """
+    from mpi4py.futures import MPIPoolExecutor
+    with MPIPoolExecutor() as executor:
+        check(executor)
+"""
+COMMUNICATOR = """
+    from mpi4py import MPI
+    from mpi4py.futures import MPICommExecutor
+    with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:
+        if executor is not None:
+            check(executor)
+"""
+MPIEXEC = ["mpiexec", "-n", "3"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("package", "before", "body"), [
+    ("distributed", [sys.executable], DASK), ("mpi4py", [sys.executable], COMMUNICATOR),
+    ("mpi4py", [*MPIEXEC, sys.executable], COMMUNICATOR), ("mpi4py", [*MPIEXEC, sys.executable, "-m", "mpi4py.futures"], POOL)],
+    ids=["dask", "one process of MPI", "three processes of MPI", "mpi4py.futures"])
+def test_executors_of_others(tmp_path: Path, package: str, before: list[str], body: str) -> None:
+    pytest.importorskip(package, reason=f"{package} is not installed: pip install 'femsub[{EXTRA[package]}]'")
+    if not which(before[0]):
+        pytest.skip("there is no mpiexec")
+    script = tmp_path / "script.py"
+    script.write_text(EXECUTORS + body)
+    root = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1"}
+    done = subprocess.run([*before, str(script)], env=environment(tmp_path) | root, capture_output=True, text=True, timeout=120,
+                          check=False)
+    assert done.returncode == 0 and "the same" in done.stdout, done.stderr
+
+
+EXTRA = {"distributed": "dask", "mpi4py": "mpi"}
