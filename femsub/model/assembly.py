@@ -339,7 +339,11 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
     for key in "MDK":
         matrices = [getattr(part, key) for part in parts.values()]
         if dense:
-            A = sum(S[rows].T @ (matrix @ S[rows]) for matrix, rows in zip(matrices, blocks.values(), strict=True))
+            A = np.zeros((S.shape[1], S.shape[1]))
+            for matrix, rows in zip(matrices, blocks.values(), strict=True):
+                moving = np.flatnonzero(S[rows].any(axis=0))  # few coordinates of the system move a part
+                T = S[rows][:, moving]
+                A[np.ix_(moving, moving)] += T.T @ (matrix @ T)
         else:
             A = sp.csr_array(S.T @ (sp.block_diag([sp.csr_array(one) for one in matrices], format="csr") @ S))
         for R, link in springs:
