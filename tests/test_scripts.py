@@ -118,3 +118,12 @@ def test_others_on_their_smallest_case(name: str, options: list[str], printed: s
     command = [sys.executable, str(ROOT / "scripts" / f"{name}.py"), *(option.format(out=tmp_path) for option in options)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and printed.lower() in done.stdout.lower(), done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_workers() -> None:
+    command = [sys.executable, str(ROOT / "scripts" / "workers.py"), "--parts", "2", "--cells", "8", "--modes", "4",
+               "--repeats", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "equal to the last digit" in done.stdout, done.stdout + done.stderr
+    assert "asked" not in done.stdout

@@ -70,7 +70,7 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
     call : function
         At the top level of a module, or a `functools.partial` of such a one with what all tasks share, which is stored once.
     tasks : mapping of str to tuple
-        The arguments by name.
+        The arguments by name, in the order in which they begin.
     workers : int, optional
         Number of processes, at most one for each task. They are started for this call, by 'spawn'.
     executor : concurrent.futures.Executor, optional
@@ -78,7 +78,7 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
     what : str
         What a task is, for messages.
     needs : mapping of str to float, optional
-        Bytes of memory that the tasks need: the largest begins. If they do not fit side by side, fewer processes are started.
+        Bytes of memory that the tasks need. If they do not fit side by side, fewer processes are started.
     advice : str
         How to go on with what is done, for the message of a `WorkerError`.
 
@@ -97,7 +97,6 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
         return {name: call(*arguments) for name, arguments in tasks.items()}
     for name, arguments in tasks.items():
         _check_pickle((call, arguments), f"{what} {name!r}")
-    tasks = {name: tasks[name] for name in sorted(tasks, key=lambda name: -(needs or {}).get(name, 0.0))}
     with TemporaryDirectory(prefix="femsub-", ignore_cleanup_errors=True) as folder:
         run = _Run(tasks, Path(folder), what)
         run.store("call", call)

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, choice, instance, shown
 from femsub.errors import InputError, InputTypeError, PortWarning, WorkerError
 from femsub.linalg.factor import SMALL
-from femsub.linalg.memory import check_memory, reduction_bytes
+from femsub.linalg.memory import LARGE, check_memory, reduction_bytes
 from femsub.linalg.threads import WORK, one_thread
 from femsub.linalg.workers import check_workers, side_by_side
 from femsub.model.assembly import System
@@ -173,10 +173,12 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
                                 and methods[one] == method), name)
     tasks = {name: _checked(system.parts[name], methods[name], ports, None)  # type: ignore[arg-type]
              for name in first if first[name] == name}
+    largest = sorted(tasks, key=lambda name: -tasks[name].sub.size)  # they begin
+    beside = sum(tasks[name].sub.size for name in largest[:workers or 1])
     needs = {name: sum(reduction_bytes(task.sub.K, _columns(task.sub), task.method.modes or FIRST).values())
-             for name, task in tasks.items() if sp.issparse(task.sub.K) and (workers or executor)}
+             for name, task in tasks.items() if beside >= LARGE and sp.issparse(task.sub.K)}
     try:
-        made = side_by_side(reduce, {name: (task.sub, task.method, ports) for name, task in tasks.items()}, workers, executor,
+        made = side_by_side(reduce, {name: (tasks[name].sub, tasks[name].method, ports) for name in largest}, workers, executor,
                             needs=needs, advice=ADVICE)
     except WorkerError as error:
         error.done.update(found | _twins(error.done, first, system))
