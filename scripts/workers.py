@@ -50,7 +50,7 @@ def cpu() -> tuple[float, float]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--parts", type=int, default=8)
-    parser.add_argument("--cells", type=int, default=57, help="elements along the side of a part (4 DOF each)")
+    parser.add_argument("--cells", type=int, default=75, help="elements along the side of a part (4 DOF each)")
     parser.add_argument("--modes", type=int, default=40, help="of each part")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=3)

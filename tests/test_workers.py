@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from shutil import which
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,7 @@ def threads() -> Iterator[ThreadPoolExecutor]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where tasks and results are stored."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(workers, "MEMORY", tmp_path)
     return tmp_path
 
 
@@ -189,6 +191,27 @@ def test_a_worker_that_does_not_see_the_files_is_told(threads: ThreadPoolExecuto
     monkeypatch.setattr(workers, "load", gone)
     with pytest.raises(fs.WorkerError, match=r"the worker process failed \(WorkerError: it cannot read .* set TMPDIR"):
         fs.reduce(whole, methods(whole), executor=threads)
+
+
+def test_a_full_disk_is_told(threads: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any) -> Any:
+        raise OSError(28, "No space left on device")
+
+    whole = system(2)
+    monkeypatch.setattr(workers, "store", full)
+    with pytest.raises(fs.NotEnoughMemoryError, match=r"No space left on device.*TMPDIR"):
+        fs.reduce(whole, methods(whole), executor=threads)
+
+
+@pytest.mark.parametrize(("free", "place", "in_memory"), [(1e9, "", True), (1e9, "/tmp", False), (1e3, "", False)])
+def test_files_are_in_memory_where_it_has_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: float, place: str,
+                                               in_memory: bool) -> None:
+    monkeypatch.setattr(workers, "MEMORY", tmp_path)
+    monkeypatch.setenv("TMPDIR", place)
+    monkeypatch.setattr(workers.shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+    assert workers._has_room(1000) is in_memory
+    monkeypatch.setattr(workers, "MEMORY", tmp_path / "none")
+    assert not workers._has_room(1000)
 
 
 class Untouched(Executor):

@@ -22,7 +22,7 @@ from threading import RLock, Thread
 from typing import TYPE_CHECKING, Any
 
 from femsub.checks import shown, whole_number
-from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, WorkerError
+from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, NotEnoughMemoryError, WorkerError
 from femsub.linalg.memory import at_hand
 from femsub.linalg.petsc import versions
 from femsub.linalg.threads import BRINGING, one_thread
@@ -37,6 +37,8 @@ ALIGNED = 64  # bytes; where arrays begin in a file
 BASE = 2e8  # bytes that a process takes before its first task
 ONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # environment of a worker
 LAUNCHER = ("OMPI_", "PMIX_", "PMI_")  # variables of mpiexec, by which MPI would take a worker for the process that started it
+MEMORY = Path("/dev/shm")  # a folder in memory; on a disk, files would be written to it as well
+ROOM = 10  # times what is sent must be free there, since results come back as well
 FORWARDED = FemsubWarning, RuntimeWarning
 _lock = RLock()  # PETSc is not safe in threads: a process does one task at a time, also if the executor gives it threads
 
@@ -95,11 +97,11 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
         count = _fitting(needs or {}, count, what)
     if executor is None and count < 2:
         return {name: call(*arguments) for name, arguments in tasks.items()}
-    for name, arguments in tasks.items():
-        _check_pickle((call, arguments), f"{what} {name!r}")
-    with TemporaryDirectory(prefix="femsub-", ignore_cleanup_errors=True) as folder:
+    sent = sum(_bytes((call, arguments), f"{what} {name!r}") for name, arguments in tasks.items())
+    place = MEMORY if executor is None and _has_room(sent) else None
+    with TemporaryDirectory(prefix="femsub-", dir=place, ignore_cleanup_errors=True) as folder:
         run = _Run(tasks, Path(folder), what)
-        run.store("call", call)
+        _store(Path(folder, "call"), call)
         if executor is not None:
             return run.results([executor] * len(tasks), None, advice)
         with _processes(folder) as started:
@@ -138,7 +140,7 @@ class _Run:
             while waiting or running:
                 while waiting and free:
                     (number, name), lane = waiting.pop(0), free.pop()
-                    path = self.store(str(number), self.tasks[name])
+                    path = _store(self.folder / str(number), self.tasks[name])
                     try:
                         running[lane.submit(_run, str(path), f"{self.what} {name!r}")] = name, lane, path
                     except BrokenExecutor as error:
@@ -159,14 +161,6 @@ class _Run:
         if self.lost:
             raise self._error(advice)
         return self.done
-
-    def store(self, name: str, thing: Any) -> Path:
-        """Write what a worker needs to a file of the run's folder."""
-        try:
-            return store(self.folder / name, thing)
-        except OSError as error:
-            raise InputError(f"the temporary folder {self.folder.parent} cannot take what the workers need ({error.strerror}). "
-                             "Set TMPDIR to a folder with more room") from None
 
     def _taken(self, future: Any, name: str, path: Path) -> None:
         try:
@@ -281,7 +275,7 @@ def _run(path: str, name: str) -> None:
             with one_thread(True), warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 result = call(*arguments)
-            store(_result(Path(path)), (result, [one.message for one in told if issubclass(one.category, FORWARDED)]))
+            _store(_result(Path(path)), (result, [one.message for one in told if issubclass(one.category, FORWARDED)]))
         except Exception as error:
             error.add_note(f"in the worker of the {name}")
             raise
@@ -291,16 +285,30 @@ def _result(path: Path) -> Path:
     return path.with_suffix(".result")
 
 
-def _check_pickle(thing: Any, name: str) -> None:
+def _bytes(thing: Any, name: str) -> int:
+    """What a task's arrays have, if pickle takes the rest."""
+    arrays: list[pickle.PickleBuffer] = []
     try:
-        pickle.dumps(thing, protocol=5, buffer_callback=_apart)
+        pickle.dumps(thing, protocol=5, buffer_callback=arrays.append)
     except Exception as error:
         raise InputError(f"the {name} cannot be sent to a worker, since pickle refuses it: {error}. Define classes (such as a "
                          "method of your own) at the top level of a module") from None
+    return sum(array.raw().nbytes for array in arrays)
 
 
-def _apart(_: pickle.PickleBuffer) -> None:
-    """An array that is not to be in the pickle."""
+def _has_room(sent: int) -> bool:
+    """Whether the folder in memory will do; a TMPDIR overrules it."""
+    return not os.environ.get("TMPDIR") and MEMORY.is_dir() and os.access(MEMORY, os.W_OK | os.X_OK) and \
+        shutil.disk_usage(MEMORY).free > ROOM * sent
+
+
+def _store(path: Path, thing: Any) -> Path:
+    """The same as `store`, with an error that tells what to do if there is no room."""
+    try:
+        return store(path, thing)
+    except OSError as error:
+        raise NotEnoughMemoryError(f"{path.parent.parent} cannot take what workers share ({error.strerror}). Set TMPDIR to a "
+                                   "folder with more room") from None
 
 
 def store(path: Path, thing: Any) -> Path:
