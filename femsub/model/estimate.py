@@ -31,7 +31,7 @@ class Estimate:
     modes : int
         Elastic modes kept.
     cutoff : float
-        The band ends below 0.7 of this frequency (inf for a complete basis).
+        The frequency of the first mode left out (inf for a complete basis).
     frequencies, frequency_error : ndarray, shape (k,)
         ω of the undamped reduced model, and the estimate of (ω - ω_exact) / ω_exact; rigid-body modes are exact. The residual
         of the eigensolver is not included; it is 1e-10 at most, and its square enters ω. Craig-Chang's modes are exact,
@@ -42,6 +42,9 @@ class Estimate:
         Complex eigenvalues in the band that have no counterpart: in the reduced or in the reference model only.
     searched : int
         Elastic modes that were computed for the estimate.
+    share : float
+        The band ends below this share of the cut-off: 0.7 for one component. 1 for a system: the estimate compares with modes
+        beyond its cut-off then.
 
     Examples
     --------
@@ -62,6 +65,7 @@ class Estimate:
     eigenvalue_error: Array
     unmatched: int = 0
     searched: int = 0
+    share: float = SHARE
 
     def record(self) -> dict[str, Any]:
         """The estimate as numbers and lists, for JSON: λ as pairs (Re, Im), infinity as None."""
@@ -69,7 +73,8 @@ class Estimate:
                 "cutoff": None if np.isinf(self.cutoff) else self.cutoff,
                 "frequencies": self.frequencies.tolist(), "frequency_error": self.frequency_error.tolist(),
                 "eigenvalues": np.stack([self.eigenvalues.real, self.eigenvalues.imag], axis=1).tolist(),
-                "eigenvalue_error": self.eigenvalue_error.tolist(), "unmatched": self.unmatched, "searched": self.searched}
+                "eigenvalue_error": self.eigenvalue_error.tolist(), "unmatched": self.unmatched, "searched": self.searched,
+                "share": self.share}
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> Estimate:
@@ -89,7 +94,8 @@ class Estimate:
                 raise ValueError("its lists differ in length")
             return cls((float(lo), float(hi)), float(record["tol"]), int(record["modes"]),
                        np.inf if record["cutoff"] is None else float(record["cutoff"]), omega, omega_error,
-                       parts[:, 0] + 1j * parts[:, 1], error, int(record["unmatched"]), int(record["searched"]))
+                       parts[:, 0] + 1j * parts[:, 1], error, int(record["unmatched"]), int(record["searched"]),
+                       float(record.get("share", SHARE)))
         except (KeyError, TypeError, ValueError) as problem:
             raise InputError(f"the estimate is damaged ({type(problem).__name__}: {problem})") from None
 
@@ -102,8 +108,8 @@ class Estimate:
 
     @property
     def met(self) -> bool:
-        """Whether all estimated errors are within `tol` and the band ends below 0.7 of the cut-off."""
-        return self.worst <= self.tol and self.band[1] < SHARE * self.cutoff
+        """Whether all estimated errors are within `tol` and the band ends below the `share` of the cut-off."""
+        return self.worst <= self.tol and self.band[1] < self.share * self.cutoff
 
     def __repr__(self) -> str:
         told = f"{len(self.frequencies)} ω within {self.frequency_error.max(initial=0.0):.1e}"

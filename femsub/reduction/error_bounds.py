@@ -2,12 +2,15 @@
 
 Everything here is dense and small. `Nested` holds M, D and K in coordinates U = [C Φ Ξ]. They contain the reduced model of
 every size up to the number of modes in Φ. Ξ = (I - ΦΦᵀM)K⁻¹[…] adds the static responses to the residuals of the largest one.
+Joined parts are a component whose modes with the interface fixed are those of the parts, each with a number of its own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,6 +25,7 @@ from femsub.quadratic.dense import solve
 from femsub.quadratic.matching import match
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
+Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
 MARGIN = 1.01  # safety factor on each estimate: with all modes the estimate is the error itself, and rounding could undercut it
 
 
@@ -33,6 +37,9 @@ class Nested:
     response belongs to every reduced model. All K⁻¹F and, for C, all K⁻¹MC lie in the span of U. D is None without damping.
     `rounding` (n_c, n_c) bounds the rounding error of CᵀKC, which is large where stiff springs meet a soft interface. Mass
     per stiffness below `lightest` times that of the modes counts as none (see `static_shapes.lightest`).
+
+    Of joined parts, `parts` are the numbers of elastic modes and of columns of Ξ of each part, in whose order Φ and Ξ stand.
+    A `count` of modes is then one number for each part.
     """
 
     M: Array
@@ -45,10 +52,32 @@ class Nested:
     rounding: Array
     symmetric: bool = True
     lightest: float = 1e-14
+    parts: tuple[tuple[int, int], ...] = ()
 
     @property
     def modes(self) -> int:
         return len(self.values)
+
+    @cached_property
+    def most(self) -> Array:
+        """All modes: how many each part has."""
+        return np.array([modes for modes, _ in self.parts] or [self.modes])
+
+    @cached_property
+    def _owner(self) -> Array:
+        """The part of each elastic mode."""
+        return np.repeat(np.arange(len(self.most)), self.most)
+
+    @cached_property
+    def _groups(self) -> list[slice]:
+        """The columns of Ξ of each part."""
+        ends = self.rest.start + np.cumsum([0, *(rests for _, rests in self.parts)])
+        return [slice(int(a), int(b)) for a, b in pairwise(ends)] or [self.rest]
+
+    def held(self, count: Count) -> Array:
+        """Which elastic modes a model with `count` modes holds: the lowest of each part, bool (modes,)."""
+        rank = np.arange(self.modes) - np.append(0, np.cumsum(self.most))[self._owner]
+        return rank < np.atleast_1d(count)[self._owner]
 
     @cached_property
     def _first(self) -> int:
@@ -65,45 +94,57 @@ class Nested:
         """Whether all modes of the component are in Φ. Ξ is then empty, or holds the static shapes of massless DOF."""
         return not self.M.diagonal()[self.rest].any()
 
-    def cutoff(self, count: int) -> float:
-        """The frequency of the first mode left out if `count` modes are kept (inf if none is known)."""
-        if count < self.modes:
-            return float(np.sqrt(self.values[count]))
-        return np.inf if self.complete or not self.modes else float(np.sqrt(self.values[-1]))
+    @cached_property
+    def tops(self) -> Array:
+        """The highest ω² known of each part; inf where nothing with mass is left out, or no mode is known."""
+        mass, found = self.M.diagonal(), np.full(len(self.most), np.inf)
+        for at, group in enumerate(self._groups):
+            mine = self.values[self._owner == at]
+            if len(mine) and mass[group].any():
+                found[at] = mine[-1]
+        return found
 
-    def basis(self, count: int) -> Array:
-        """T (R, r): the reduced model with the `count` lowest elastic modes in the coordinates of U.
+    def cutoff(self, count: Count) -> float:
+        """The frequency of the first mode left out if `count` modes are kept (inf if none is known)."""
+        left = np.append(self.values[~self.held(count)], self.tops)
+        return float(np.sqrt(left.min()))
+
+    def basis(self, count: Count) -> Array:
+        """T (R, r): the reduced model with the `count` lowest elastic modes (of each part) in the coordinates of U.
 
         The static shapes of F, without `count` modes, are Ξ(ΞᵀKΞ)⁻¹ΞᵀF plus φ_k (φ_kᵀF)/ω_k² of the modes left out. If their
         mass is only rounding, it is set to 0.
         """
-        first, kept = self._first, self._first + count
+        first, holds = self._first, self.held(count)
+        kept, left = first + np.flatnonzero(holds), first + np.flatnonzero(~holds)
+        values = self.values[holds]
         shapes = np.zeros(self.loads.shape)
-        shapes[kept:first + self.modes] = self.loads[kept:first + self.modes] / self.values[count:, None]
+        shapes[left] = self.loads[left] / self.values[~holds, None]
         shapes[self.rest] = self.loads[self.rest] / self.K.diagonal()[self.rest, None]
-        held = self.loads[first:kept]
+        held = self.loads[kept]
         energy = shapes.T @ (self.K @ shapes)
-        whole = energy.diagonal() + np.einsum("ij,ij->j", held, held / self.values[:count, None])
+        whole = energy.diagonal() + np.einsum("ij,ij->j", held, held / values[:, None])
         change, _ = energy_directions(energy, whole)
         mass = self.M.diagonal()[first:]
         inertia, turn = np.linalg.eigh((shapes[first:] @ change).T @ (mass[:, None] * (shapes[first:] @ change)))
         change = change @ turn
-        motion = np.sqrt(mass @ shapes[first:] ** 2 + ((held / self.values[:count, None]) ** 2).sum(axis=0))
-        top = np.append(inertia, 1 / self.values[count - 1:count]).max(initial=0.0)
+        motion = np.sqrt(mass @ shapes[first:] ** 2 + ((held / values[:, None]) ** 2).sum(axis=0))
+        top = np.append(inertia, 1 / np.sort(values)[-1:]).max(initial=0.0)
         massless = inertia <= np.maximum(self.lightest * top, (NOISE * (np.abs(change).T @ motion)) ** 2)
         shapes = shapes @ (change / np.sqrt(np.where(massless, 1.0, inertia)))
         shapes[np.ix_(first + np.flatnonzero(mass), massless)] = 0.0
-        return np.hstack([np.eye(len(self.M))[:, :kept], shapes])
+        return np.hstack([np.eye(len(self.M))[:, np.append(np.arange(first), kept)], shapes])
 
     def projected(self, T: Array) -> tuple[Array, Array]:
         """TᵀMT and TᵀKT, exactly symmetric."""
         M, K = T.T @ self.M @ T, T.T @ self.K @ T
         return (M + M.T) / 2, (K + K.T) / 2
 
-    def undamped(self, count: int) -> tuple[Array, Array]:
+    def undamped(self, count: Count) -> tuple[Array, Array]:
         """ω of the undamped reduced model with `count` modes, ascending and without rigid-body modes, and their rounding."""
         if not self.constraint:
-            return np.sqrt(self.values[:count]), np.zeros(count)
+            omega = np.sqrt(self.values[self.held(count)])
+            return omega, np.zeros(len(omega))
         T = self.basis(count)
         M, K = self.projected(T)
         found = all_modes(K, M)
@@ -115,7 +156,8 @@ class Nested:
         """Lower bounds of the component's elastic frequencies, ascending. Only those below the cut-off are meaningful.
 
         The component's ω² are the λ at which S(λ) = K_r - λM_r - λ² B(Ω² - λ)⁻¹Bᵀ is singular. Here K_r and M_r belong to
-        [C Φ], Ω² ≥ θ_c to the modes left out, and B = CᵀMΦ_left is their coupling. For λ < θ_c
+        [C Φ], Ω² ≥ θ_c to the modes left out, and B = CᵀMΦ_left is their coupling. Of joined parts each adds such a term, with
+        a θ_c of its own. For λ < θ_c
 
             B(Ω² - λ)⁻¹Bᵀ ≤ G₀ + λG₁ / (1 - λ/θ_c),   G₀ = BΩ⁻²Bᵀ = ZᵀK⁻¹Z, G₁ = BΩ⁻⁴Bᵀ = ZᵀK⁻¹MK⁻¹Z,
 
@@ -136,19 +178,25 @@ class Nested:
         q, r = ritz.shapes[:self.constraint], ritz.rigid
         if self.complete:
             return ritz.frequencies[r:]
-        stiffness = self.K.diagonal()[self.rest]
-        inertia = self.M.diagonal()[self.rest]
-        coupling = self.M[:self.constraint, self.rest].T @ q
-        top = float(self.values[-1])
-        static = coupling / np.sqrt(stiffness)[:, None]  # G₀ = staticᵀ static
-        dynamic = coupling * (np.sqrt(inertia) / stiffness)[:, None]
-        soft = _root(static.T @ static - top * (dynamic.T @ dynamic))
-        L = np.vstack([np.sqrt(top) * dynamic, soft])  # rows: substitute modes at θ_c, scaled by stiffness; then at infinity
+        # rows: substitute modes of each part at θ_c, scaled by stiffness; then at infinity
+        rows, flexibility = [np.zeros((0, q.shape[1]))], []
+        for group, top in zip(self._groups, self.tops, strict=True):
+            stiffness = self.K.diagonal()[group]
+            inertia = self.M.diagonal()[group]
+            coupling = self.M[:self.constraint, group].T @ q
+            static = coupling / np.sqrt(stiffness)[:, None]  # G₀ = staticᵀ static
+            if not np.isfinite(top):  # massless
+                continue
+            dynamic = coupling * (np.sqrt(inertia) / stiffness)[:, None]
+            soft = _root(static.T @ static - top * (dynamic.T @ dynamic))
+            rows += [np.sqrt(top) * dynamic, soft]
+            flexibility += [np.full(len(dynamic), 1 / top), np.zeros(len(soft))]
+        L, below = np.vstack(rows), np.concatenate(flexibility)
         a, b = len(ritz.eigenvalues), len(L)
         weight = np.concatenate([np.zeros(r), ritz.eigenvalues[r:] ** -0.5])
         mass = np.zeros((a + b,) * 2)
         mass[:a, :a], mass[:a, a:], mass[a:, :a] = np.eye(a), L.T, L
-        mass[a:, a:] = np.diag(np.concatenate([np.full(len(dynamic), 1 / top), np.zeros(len(soft))]))
+        mass[a:, a:] = np.diag(below)
         elastic = mass[r:, r:] - mass[r:, :r] @ mass[:r, r:]  # rigid-body motion is condensed: it has no stiffness
         scale = np.concatenate([weight[r:], np.ones(b)])
         inverse = np.linalg.eigvalsh(scale[:, None] * elastic * scale)[::-1]
@@ -160,7 +208,7 @@ class Nested:
         """λ of the model in all coordinates U with Im λ ≥ 0, without rigid-body ones, and the rounding error of each."""
         return self._solved(np.eye(len(self.M)))[:2]
 
-    def damped(self, count: int) -> tuple[Array, Array, Array, Array, Array]:
+    def damped(self, count: Count) -> tuple[Array, Array, Array, Array, Array]:
         """λ (k,), rounding (k,), right and left shapes in U (R, k) and |yᴴP'(λ)x| of the reduced model, Im λ ≥ 0."""
         return self._solved(self.basis(count))
 
@@ -216,7 +264,7 @@ class Nested:
         1692 (second-order Krylov spaces).
         """
         assert self.D is not None
-        values, _, X, Y, slope = self.damped(self.modes)
+        values, _, X, Y, slope = self.damped(self.most)
         if self.rest.start == self.rest.stop or not self.modes:  # nothing with mass is left out
             return values, np.zeros(len(values))
         pencil = Pencil(self.M, self.D, self.K)
@@ -224,10 +272,10 @@ class Nested:
         right = pencil.residual(values, X)[self.rest]
         left = right.conj() if self.symmetric else pencil.transposed().residual(values.conj(), Y)[self.rest]
         size = np.sqrt((np.abs(right) ** 2 / stiffness).sum(axis=0) * (np.abs(left) ** 2 / stiffness).sum(axis=0))
-        ratio = np.minimum(np.abs(values) ** 2 / self.values[-1], SHARE)
+        ratio = np.minimum(np.abs(values) ** 2 / self.tops.min(), SHARE)
         return values, ratio**2 / (1 - ratio) * np.divide(size, slope, out=np.full(len(size), np.inf), where=slope > 0)
 
-    def estimate(self, count: int, band: tuple[float, float], tol: float, damped: bool = True) -> Estimate:
+    def estimate(self, count: Count, band: tuple[float, float], tol: float, damped: bool = True) -> Estimate:
         """The error estimate of the reduced model with `count` modes."""
         (omega, rounding), low = self.undamped(count), self.bounds
         known = min(len(omega), len(low))
@@ -239,11 +287,12 @@ class Nested:
         if self.D is not None and damped:
             values, errors, more = self._compared(count, band)
             unmatched += more
-        return Estimate(band, tol, count, self.cutoff(count), omega[inside], error, values, errors, unmatched, self.modes)
+        return Estimate(band, tol, int(self.held(count).sum()), self.cutoff(count), omega[inside], error, values, errors,
+                        unmatched, self.modes)
 
     def floor(self, band: tuple[float, float]) -> float:
         """The largest relative error that rounding alone may have made in the band."""
-        omega, rounding = self.undamped(self.modes)
+        omega, rounding = self.undamped(self.most)
         inside = in_band(omega, band)
         floor = float((rounding[inside] / omega[inside]).max(initial=4 * EPS))
         if self.D is None:
@@ -252,7 +301,7 @@ class Nested:
         inside = within(exact, band)
         return max(floor, float((bar[inside] / np.abs(exact[inside])).max(initial=0.0)))
 
-    def _compared(self, count: int, band: tuple[float, float]) -> tuple[Array, Array, int]:
+    def _compared(self, count: Count, band: tuple[float, float]) -> tuple[Array, Array, int]:
         """λ of the reduced model matched with the reference in the band, their errors, and the number without a match."""
         found, bar = self.damped(count)[:2]
         exact, exact_bar = self.reference

@@ -106,28 +106,23 @@ class Search:
                       lightest=lightest(statics.handle)), span
 
     def _residuals(self, plain: Nested, span: Span, band: tuple[float, float]) -> Array:
-        """Residuals λ²MΞx + λDUx (n_i, k), and the left ones if D is unsymmetric.
+        """The residuals of the largest model's complex modes, compressed; see `residual`."""
+        sides = [self.residual(span, value, x, left) for value, x, left in sides_of(plain, band)]
+        return compressed(np.hstack(sides), self.statics.handle.K.diagonal())
+
+    def residual(self, span: Span, value: Array, x: Array, left: bool) -> Array:
+        """Residuals (λ²MΞx + λDUx)/|λ|, real and imaginary parts (n_i, 2k); of the transposed pencil for `left` vectors.
 
         Their parts in MΦ, F and MC are left out: U already contains K⁻¹ times these.
         """
         assert self.pencil is not None
-        values, _, X, Y, _ = plain.damped(plain.modes)
-        wanted = (values.imag <= 1.1 * band[1]) & (np.abs(values) <= 2 * band[1])
-        sides = [(values[wanted], X[:, wanted], self.pencil.D)]
-        if not self.pencil.symmetric[1]:
-            sides.append((values[wanted].conj(), Y[:, wanted], self.pencil.D.T))
-        blocks = []
-        for value, x, D in sides:
-            size = np.abs(value)
-            # scaled to equal kinetic plus elastic energy; scaled by mass alone, a shape without mass would dominate
-            kinetic, elastic = (np.abs(np.einsum("ij,ij->j", x.conj(), part @ x)) for part in (plain.M, plain.K))
-            x = x / np.sqrt(kinetic + elastic / size**2)
-            for part in (np.real, np.imag):
-                static = np.zeros(x.shape)
-                static[plain.rest] = part(x * (value**2 / size))[plain.rest]
-                residual = self.pencil.M @ span.times(static) + D @ span.times(part(x * (value / size)))
-                blocks.append(residual[self.statics.part.rows])
-        return _compressed(np.hstack(blocks), self.statics.handle.K.diagonal())
+        D, size, blocks = self.pencil.D.T if left else self.pencil.D, np.abs(value), []
+        for part in (np.real, np.imag):
+            static = np.zeros(x.shape)
+            static[span.rest] = part(x * (value**2 / size))[span.rest]
+            residual = self.pencil.M @ span.times(static) + D @ span.times(part(x * (value / size)))
+            blocks.append(residual[self.statics.part.rows])
+        return np.hstack(blocks)
 
 
 def lowest(statics: Statics, count: int) -> Kept:
@@ -219,7 +214,20 @@ def _further(nested: Nested, best: Estimate, search: Search, name: str) -> int:
     return int(count * np.clip(1.1 * factor, 1.5, 3.0)) + 1
 
 
-def _compressed(columns: Array, stiffness: Array) -> Array:
+def sides_of(nested: Nested, band: tuple[float, float]) -> list[tuple[Array, Array, bool]]:
+    """λ and vectors in U of the largest reduced model about the band, of equal energy; the left ones if D is unsymmetric."""
+    values, _, X, Y, _ = nested.damped(nested.most)
+    wanted = (values.imag <= 1.1 * band[1]) & (np.abs(values) <= 2 * band[1])
+    sides = []
+    for value, x, left in ((values, X, False), (values.conj(), Y, True))[:2 - nested.symmetric]:
+        value, x = value[wanted], x[:, wanted]
+        # kinetic plus elastic energy; scaled by mass alone, a shape without mass would dominate
+        kinetic, elastic = (np.abs(np.einsum("ij,ij->j", x.conj(), part @ x)) for part in (nested.M, nested.K))
+        sides.append((value, x / np.sqrt(kinetic + elastic / np.abs(value) ** 2), left))
+    return sides
+
+
+def compressed(columns: Array, stiffness: Array) -> Array:
     """A basis of the columns, orthonormal after scaling each row by sqrt(K_ii); negligible directions are left out."""
     unit = np.where(stiffness > 0, stiffness, 1.0)[:, None] ** -0.5
     scaled = unit * columns

@@ -94,6 +94,12 @@ class Span:
     modes: Array
     static: Array
 
+    @property
+    def rest(self) -> slice:
+        """The columns of Ξ."""
+        first = self.statics.constraint.shape[1] + self.modes.shape[1]
+        return slice(first, first + self.static.shape[1])
+
     def dot(self, x: Array) -> Array:
         """Uᵀx, shape (R, k), for x (n, k)."""
         inner = x[self.statics.part.rows]
