@@ -105,6 +105,7 @@ if TYPE_CHECKING:
         Rubin as Rubin,
         reduce as reduce,
     )
+    from femsub.reduction.system_estimate import system_estimate as system_estimate
     from femsub.stability.critical_slope import (
         CriticalSlope as CriticalSlope,
         StabilitySweep as StabilitySweep,

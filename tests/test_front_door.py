@@ -96,6 +96,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     one = {"mesh": mesh, "name": "x"}
     soft = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
     parts = {"a": fs.chain(4, interface=[4]), "b": fs.chain(3, interface=[1], fixed=False)}
+    pair = fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0]))])
 
     pair = fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0]))])
 
@@ -125,6 +126,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                              "tolerance": None, "name": ""}),
         "Tied": (fs.Tied, {"first": ("a", "right"), "second": ("b", "left"), "meshes": {"a": mesh, "b": mesh}, "tolerance": None,
                            "name": ""}),
+        "system_estimate": (fs.system_estimate, {"full": pair, "rom": fs.reduce(pair, {"b": fs.CraigBampton(1)}),
+                                                 "band": (0.0, 1.0), "contacts": None, "tol": 1e-2}),
         "couple": (fs.couple, {"parts": parts, "joints": [fs.Rigid(("a", [3]), ("b", [0]))], "name": "pair", "assembly": "primal",
                                "interface": [("a", [3])]}),
         "Belt": (fs.Belt, {"port": "belt", "force": 1.0, "speed": 0.2, "law": fs.StribeckArctan(), "slope": None}),

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,6 +31,9 @@ from femsub.model.joints import End, Joint, Link, spatial
 from femsub.model.matrices import is_symmetric
 from femsub.model.open_interface import distinct, listed, open_rows, unjoined, whole_sets
 from femsub.model.substructure import ReducedSubstructure, Substructure, checked_sets
+
+if TYPE_CHECKING:
+    from femsub.model.estimate import Estimate
 
 FULL = 0.3  # of all entries that are not 0: from here on a system of full and reduced parts is kept dense
 
@@ -59,6 +62,8 @@ class System(Substructure):
         'primal' or 'dual', as in `couple`.
     spurious : int
         Negative or infinite eigenvalues ω² of the assembly of dual Craig-Bampton parts. The system does not contain them.
+    estimate : Estimate, optional
+        Error estimates of its modes in the band, if its parts were reduced to a tolerance of the system.
 
     Examples
     --------
@@ -82,6 +87,7 @@ class System(Substructure):
     multipliers: Mapping[str, Matrix] = field(default_factory=dict)
     spurious: int = 0
     assembly: str = "primal"
+    estimate: Estimate | None = field(default=None, init=False)
 
     def __init__(self, M: Any, K: Any, D: Any, interface: Any, ports: Mapping[str, Any], name: str, *,
                  parts: Mapping[str, Substructure], joints: Iterable[Joint], L: Matrix, open: Mapping[str, Array],
@@ -186,6 +192,17 @@ class System(Substructure):
             choice("part", name, self.parts)
         ends = [(name, self.parts[name].interface_numbers[places]) for name, places in self.open.items() if len(places)]
         return couple(dict(self.parts) | dict(parts), self.joints, self.name, assembly=self.assembly, interface=ends)
+
+    def with_damping(self, D: Any) -> Self:
+        """A copy with another D, shape (n, n), and without the estimate, which is not valid for it."""
+        return super().with_damping(D).estimated_by(None)
+
+    def estimated_by(self, estimate: Estimate | None) -> Self:
+        """A copy that carries an estimate of its errors, whose cut-off is not above the system's."""
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__)
+        copy._set(estimate=None if estimate is None else replace(estimate, cutoff=min(estimate.cutoff, self.cutoff)))
+        return copy
 
     def interface_forces(self, omega: Array, x: Array) -> dict[str, Array]:
         """The forces g on the interface of each part in undamped motion: Bᵀg = (K - ω²M)q with u_b = Bq, {name: (n_b, k)}.

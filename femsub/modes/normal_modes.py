@@ -126,12 +126,12 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
     return _sparse(handle, count, finite, defer, known, certify)
 
 
-def all_modes(K: Matrix, M: Matrix) -> NormalModes:
-    """All modes, by LAPACK. A DOF without mass has none."""
-    return _dense(ShiftInvert(K, M), None)
+def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED) -> NormalModes:
+    """All modes, by LAPACK. A DOF without mass has none. `accepted` is the largest relative residual of a mode."""
+    return _dense(ShiftInvert(K, M), None, accepted)
 
 
-def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
+def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -> NormalModes:
     """All modes by LAPACK. Massless DOF are condensed.
 
     K + ω² MΦ_rΦ_rᵀM shifts the rigid-body modes to ω² = λ₁/4 and leaves the elastic modes unchanged.
@@ -164,15 +164,15 @@ def _dense(handle: ShiftInvert, count: int | None) -> NormalModes:
         raise InputError(f"{count} elastic modes were asked for, but only {len(values) - rigid} have a clearly finite frequency")
     if len(values):
         # a limit far above all modes: if M is nearly singular, the highest mode loses digits first
-        limit, below = _limit(values, rigid + count) if rigid + count < len(values) else (2 * float(values[-1]), len(values))
-        _check_count(negative_eigenvalues(K - limit * M), below, limit)
+        edge, below = _limit(values, rigid + count) if rigid + count < len(values) else (2 * float(values[-1]), len(values))
+        _check_count(negative_eigenvalues(K - edge * M), below, edge)
     keep = slice(rigid, rigid + count)
     shapes = np.zeros((handle.K.shape[0], count))
     shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
     shapes = shapes if turn is None else turn @ shapes
     shapes = handle.deflate(shapes)
     shapes /= np.sqrt(np.einsum("ij,ij->j", shapes, handle.M @ shapes))
-    return _result(handle, values[keep], shapes, (np.inf, len(values)))
+    return _result(handle, values[keep], shapes, (np.inf, len(values)), accepted=accepted)
 
 
 def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: NormalModes | None, certify: bool) -> NormalModes:
@@ -251,14 +251,15 @@ def _missed(counted: int, found: int, limit: float) -> MissedModesError:
                             f"{counted}. There may be a cluster of frequencies. Ask for a few modes more or fewer")
 
 
-def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], confirmed: bool = True) -> NormalModes:
+def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], confirmed: bool = True,
+            accepted: float = ACCEPTED) -> NormalModes:
     values = np.concatenate([np.zeros(handle.rigid.shape[1]), values])
     shapes = np.hstack([handle.rigid, shapes])
     orthonormalise(shapes, handle.M)
     residual, rounding = _certificates(handle.K, handle.M, values, shapes)
-    if not residual.max(initial=0.0) <= ACCEPTED:
+    if not residual.max(initial=0.0) <= accepted:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "
-                                f"at most {ACCEPTED:g} is accepted. Check the scaling of K and M")
+                                f"at most {accepted:g} is accepted. Check the scaling of K and M")
     if rounding.max(initial=0.0) > LOST:
         warnings.warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative "
                       f"{rounding.max():.0e}, because large elastic forces cancel in this mode. Reduce the stiffness contrast "

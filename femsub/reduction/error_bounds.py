@@ -7,7 +7,7 @@ Joined parts are a component whose modes with the interface fixed are those of t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TypeAlias
@@ -26,6 +26,8 @@ from femsub.quadratic.matching import match
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
+ACCEPTED = 1e-7  # residual of modes of these small matrices. Where parts are joined their ω² span up to 12 decades; ω is wrong
+# by much less
 MARGIN = 1.01  # safety factor on each estimate: with all modes the estimate is the error itself, and rounding could undercut it
 
 
@@ -143,13 +145,19 @@ class Nested:
     def undamped(self, count: Count) -> tuple[Array, Array]:
         """ω of the undamped reduced model with `count` modes, ascending and without rigid-body modes, and their rounding."""
         if not self.constraint:
-            omega = np.sqrt(self.values[self.held(count)])
+            omega = np.sqrt(np.sort(self.values[self.held(count)]))
             return omega, np.zeros(len(omega))
         T = self.basis(count)
         M, K = self.projected(T)
-        found = all_modes(K, M)
+        found = all_modes(K, M, ACCEPTED)
         omega, q = found.frequencies[found.rigid:], T[:self.constraint] @ found.shapes[:, found.rigid:]
-        return omega, np.einsum("ij,ij->j", q, self.rounding @ q) / (2 * omega)
+        solver = EPS * omega**3 / omega[:1] ** 2  # of 1/ω², each has the error of the largest
+        return omega, np.einsum("ij,ij->j", q, self.rounding @ q) / (2 * omega) + solver
+
+    @cached_property
+    def _largest(self) -> tuple[Array, Array]:
+        """ω of the largest reduced model, and their rounding."""
+        return self.undamped(self.most)
 
     @cached_property
     def bounds(self) -> Array:
@@ -172,9 +180,9 @@ class Nested:
         (1949) 334; C. Beattie, F. Goerisch, Numer. Math. 72 (1995) 143.
         """
         if not self.constraint:
-            return np.sqrt(self.values)
+            return np.sqrt(np.sort(self.values))
         kept = self._first + self.modes
-        ritz = all_modes(self.K[:kept, :kept], self.M[:kept, :kept])
+        ritz = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
         q, r = ritz.shapes[:self.constraint], ritz.rigid
         if self.complete:
             return ritz.frequencies[r:]
@@ -237,7 +245,7 @@ class Nested:
     def at_zero(self) -> int:
         """Number of λ at 0: one per rigid-body mode, two where D does not damp it."""
         kept = self._first + self.modes
-        found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept])
+        found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
         if self.D is None or not found.rigid:
             return 2 * found.rigid
         Z, D = found.shapes[:, :found.rigid], self.D[:kept, :kept]
@@ -277,22 +285,33 @@ class Nested:
 
     def estimate(self, count: Count, band: tuple[float, float], tol: float, damped: bool = True) -> Estimate:
         """The error estimate of the reduced model with `count` modes."""
-        (omega, rounding), low = self.undamped(count), self.bounds
+        found = self.damped(count)[:2] if damped and self.D is not None else None
+        judged = self.judged(*self.undamped(count), found, band, tol)
+        return replace(judged, modes=int(self.held(count).sum()), cutoff=self.cutoff(count))
+
+    def judged(self, omega: Array, rounding: Array, found: tuple[Array, Array] | None, band: tuple[float, float],
+               tol: float) -> Estimate:
+        """The error estimate of any reduced model, from its ω without rigid-body ones, its λ, and the rounding of each.
+
+        The component's ω lie between `bounds` and those of the largest model here, whatever the reduced model is.
+        """
+        low, high = self.bounds, self._largest[0]
         known = min(len(omega), len(low))
-        inside = np.flatnonzero(~beyond(low[:known], band[1]) & ~beyond(band[0], omega[:known]))
-        error = MARGIN * np.maximum(omega[inside] - low[inside], 0.0) / low[inside]
+        above = np.maximum(omega[:known], high[:known])
+        inside = np.flatnonzero(~beyond(low[:known], band[1]) & ~beyond(band[0], above))
+        apart = np.maximum(omega[inside] - low[inside], high[inside] - omega[inside])
+        error = MARGIN * np.maximum(apart, 0.0) / low[inside]
         error += rounding[inside] / omega[inside] + 4 * EPS
         lacking = int(np.count_nonzero(~beyond(low[known:], band[1])))
         values, errors, unmatched = np.zeros(0, dtype=complex), np.zeros(0), lacking
-        if self.D is not None and damped:
-            values, errors, more = self._compared(count, band)
+        if found is not None:
+            values, errors, more = self._compared(*found, band)
             unmatched += more
-        return Estimate(band, tol, int(self.held(count).sum()), self.cutoff(count), omega[inside], error, values, errors,
-                        unmatched, self.modes)
+        return Estimate(band, tol, 0, np.inf, omega[inside], error, values, errors, unmatched, self.modes)
 
     def floor(self, band: tuple[float, float]) -> float:
         """The largest relative error that rounding alone may have made in the band."""
-        omega, rounding = self.undamped(self.most)
+        omega, rounding = self._largest
         inside = in_band(omega, band)
         floor = float((rounding[inside] / omega[inside]).max(initial=4 * EPS))
         if self.D is None:
@@ -301,9 +320,8 @@ class Nested:
         inside = within(exact, band)
         return max(floor, float((bar[inside] / np.abs(exact[inside])).max(initial=0.0)))
 
-    def _compared(self, count: Count, band: tuple[float, float]) -> tuple[Array, Array, int]:
+    def _compared(self, found: Array, bar: Array, band: tuple[float, float]) -> tuple[Array, Array, int]:
         """λ of the reduced model matched with the reference in the band, their errors, and the number without a match."""
-        found, bar = self.damped(count)[:2]
         exact, exact_bar = self.reference
         at, to = match(exact, found, far=FAR)
         distance = np.abs(found[to] - exact[at])

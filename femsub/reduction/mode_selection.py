@@ -80,10 +80,12 @@ class Search:
         """M, D and K, with Ξ extended by the static responses to the residuals of the complex modes in the band."""
         plain = self._with_damping(plain, span)
         loads = self._residuals(plain, span, band)
-        if not loads.shape[1]:
-            return plain
+        return self._with_damping(*self.extended(loads)) if loads.shape[1] else plain
+
+    def extended(self, loads: Array) -> tuple[Nested, Span]:
+        """M and K in U, and U, with Ξ extended by the static responses to further loads."""
         rest = self.statics.handle.elastic_solve(loads, self.found.shapes)
-        return self._with_damping(*self._space(np.hstack([self.loads, loads]), np.hstack([self.rest, rest])))
+        return self._space(np.hstack([self.loads, loads]), np.hstack([self.rest, rest]))
 
     def nested(self, band: tuple[float, float]) -> Nested:
         """The complete model for the estimate: damped if there is a pencil."""

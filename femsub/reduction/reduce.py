@@ -22,7 +22,7 @@ from femsub.model.estimate import SHARE
 from femsub.model.matrices import same
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import confirm
-from femsub.reduction.basis import Basis, projected
+from femsub.reduction.basis import Basis, Kept, projected
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.craig_chang import CraigChang
 from femsub.reduction.craig_chang_physical import CraigChangPhysical
@@ -35,7 +35,8 @@ from femsub.reduction.macneal import MacNeal
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
 from femsub.reduction.rubin import Rubin
-from femsub.reduction.statics import Partition, square
+from femsub.reduction.statics import Partition, Statics, square
+from femsub.reduction.system_modes import Goal, chosen_together, common_goal
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -60,8 +61,8 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = ...,
 
 
 @overload
-def reduce(sub: Substructure, method: Mapping[str, Method | ReducedSubstructure], ports: bool = ..., contacts: None = ..., *,
-           workers: int | None = ..., executor: Executor | None = ...) -> System: ...
+def reduce(sub: Substructure, method: Mapping[str, Method | ReducedSubstructure], ports: bool = ...,
+           contacts: Belt | Sequence[Belt] | None = ..., *, workers: int | None = ..., executor: Executor | None = ...) -> System: ...
 
 
 def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubstructure], ports: bool | Sequence[str] = False,
@@ -78,7 +79,9 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubs
     - hi is below 0.7 of the cut-off frequency.
 
     The estimate needs no solution of the full model. Its figures are in ``.estimate`` (see `Nested.bounds` and
-    `Nested.doubt`). A DOF with damping but no mass has a real λ of its own. It is kept only if the DOF is interface or port.
+    `Nested.doubt`). Of a system whose parts are reduced by `CraigBampton` or `Hurty`, band and tolerance are the system's: all
+    parts get the same, and the modes of each are chosen so that the system is within `tol`, with few modes in all. A DOF with
+    damping but no mass has a real λ of its own. It is kept only if the DOF is interface or port.
 
     Parameters
     ----------
@@ -156,14 +159,21 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
     system = instance("sub", sub, System, "made by couple, where each part has a method of its own")
     if not isinstance(ports, bool):
         raise InputTypeError(f"ports must be True or False where the parts of a system are reduced, not {shown(ports)}")
-    if contacts is not None:
-        raise InputError("contacts belong to one component with a tolerance; where the parts of a system are reduced, leave them "
-                         "out")
     check_workers(workers, executor)
+    for name in methods:
+        choice("part", name, system.parts)
+    if (wanted := common_goal(methods)) is not None:
+        if workers is not None or executor is not None:
+            raise InputError("workers reduce parts by given numbers of modes; with a tolerance the modes of all parts are chosen "
+                             "together, in this process. Leave workers out, or give modes=")
+        return _together(system, methods, ports, contacts, wanted)
+    if contacts is not None:
+        raise InputError("contacts belong to one component with a tolerance, or to a system whose parts are given one: with "
+                         "numbers of modes they have no effect. Leave them out")
     found: dict[str, ReducedSubstructure] = {}
     first: dict[str, str] = {}  # the part that a part is equal to, or its own name
     for name, method in methods.items():
-        part = system.parts[choice("part", name, system.parts)]
+        part = system.parts[name]
         if isinstance(method, ReducedSubstructure):
             if len(method.V) != part.size:
                 raise InputError(f"the part {name!r} has {part.size} DOF, but {method!r} was made of {len(method.V)}")
@@ -202,6 +212,24 @@ def _twins(made: Mapping[str, ReducedSubstructure], first: Mapping[str, str], sy
     return {name: made[one] if parts[name] is parts[one] else replace(
         made[one], name=parts[name].name, full_dofs=parts[name].dofs, interface_dofs=parts[name].interface_dofs,
         sets=parts[name].sets) for name, one in first.items() if one in made}
+
+
+def _together(system: System, methods: Mapping[str, Method], ports: bool, contacts: Belt | Sequence[Belt] | None,
+              goal: Goal) -> System:
+    """The parts reduced so that the system meets a tolerance; see `chosen_together`."""
+    tasks = {name: _checked(system.parts[name], method, ports, None) for name, method in methods.items()}
+    parts = {name: task.method.part(task.sub) for name, task in tasks.items()}
+    with one_thread(sum(map(_work, tasks.values())) < WORK):
+        statics = {name: tasks[name].method.statics(part, part.factored(), tasks[name].extra) for name, part in parts.items()
+                   if len(part.sub.interior)}
+        kept, estimate = chosen_together(system, statics, {name: task.method.modes for name, task in tasks.items()
+                                                           if name in statics and task.method.modes is not None},
+                                         contacts, goal)
+        bases = {name: _finished(task, statics[name], kept[name]) if name in statics else _whole(task, parts[name])
+                 for name, task in tasks.items()}
+    found = system.with_parts({name: _projected(task, bases[name]) for name, task in tasks.items()})
+    log.info("%r: %r", found, estimate)
+    return found.estimated_by(estimate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,9 +293,13 @@ def _columns(sub: Substructure) -> int:
 
 def _basis(task: _Task, part: Partition) -> Basis:
     """The four steps; a method may override each."""
+    statics = task.method.statics(part, part.factored(), task.extra)
+    return _finished(task, statics, task.method.kept(statics, task.pencil))
+
+
+def _finished(task: _Task, statics: Statics, kept: Kept) -> Basis:
+    """The last two steps, and the count of the modes."""
     method = task.method
-    statics = method.statics(part, part.factored(), task.extra)
-    kept = method.kept(statics, task.pencil)
     responses = method.responses(statics, kept, task.ports)
     statics.handle.release()  # frees memory before `confirm` makes a factor of its own
     confirm(statics.handle, kept.found)

@@ -1,0 +1,246 @@
+"""Error estimates of joined parts: one `Nested` for the whole system, from the factors that the reductions of its parts keep.
+
+With all interfaces held, the modes of a system are those of its parts. In U = [C Φ Ξ], C the joined constraint modes and Φ, Ξ
+those of all parts, the system is therefore the component that `error_bounds` knows. Nothing of the whole is factorised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, check_band, finite_number, instance
+from femsub.errors import InputError
+from femsub.model.assembly import System, couple
+from femsub.model.bands import upper
+from femsub.model.estimate import SHARE, Estimate
+from femsub.model.friction import Belt
+from femsub.model.joined import linked, rows_of_parts, sprung
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.modes.normal_modes import all_modes
+from femsub.modes.static_shapes import lightest
+from femsub.quadratic.complex_modes import complex_modes
+from femsub.reduction.craig_bampton import CraigBampton
+from femsub.reduction.error_bounds import ACCEPTED, Nested
+from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed, sides_of
+from femsub.reduction.statics import Span, Statics
+
+
+SHARP = 0.3  # of the error that is judged: more of it should not be due to the model it is compared with
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Image(Substructure):
+    """A part in the coordinates of its U = [C Φ Ξ], with the interface, the sets and the ports of the part itself."""
+
+    def __init__(self, sub: Substructure, nested: Nested, span: Span) -> None:
+        ports = {name: span.dot(w.reshape(sub.size, -1)) for name, w in sub.ports.items()}
+        super().__init__(nested.M, nested.K, nested.D, range(nested.constraint), ports, sub.name, sets=sub.sets)
+        self.__dict__.update(interface_dofs=sub.interface_dofs, numbers=sub.interface_numbers)
+
+    @property
+    def interface_numbers(self) -> Array:
+        """Those of the part itself."""
+        found: Array = self.__dict__["numbers"]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """U of each part, and where its coordinates are in those of the joined `Nested`: T_p (R_p, R)."""
+
+    own: Mapping[str, tuple[Nested, Span]]
+    turns: Mapping[str, Array]
+
+
+class JoinedSearch:
+    """The modes found so far of all parts that are reduced; the other parts stand as they are."""
+
+    def __init__(self, system: System, statics: Mapping[str, Statics], contacts: Belt | Sequence[Belt] | None, top: float,
+                 least: Mapping[str, int]) -> None:
+        pencil, self.system = system.linearised(contacts), system
+        belts = [contacts] if isinstance(contacts, Belt) else list(contacts or ())
+        self.damped, self.symmetric = pencil.norms[1] > 0, pencil.symmetric[1]
+        self.parts = {name: damped_part(system, name, belts) for name in system.parts}
+        whole = {name: part.size for name, part in system.parts.items() if name not in statics}
+        if sum(whole.values()) > DENSE:
+            raise InputError(f"no estimate can be had of {system.name!r}: {max(whole, key=lambda name: whole[name])!r} and other parts "
+                             f"that are not reduced have {sum(whole.values())} DOF in all, more than {DENSE}. Reduce them, too")
+        self.searches = {name: Search(one, self.parts[name].pencil) for name, one in statics.items()}
+        for name, search in self.searches.items():
+            if search.modes < least.get(name, 0):
+                search.grow(least[name])
+            while not search.complete and SHARE * search.top <= top:
+                search.grow(search.needed(top / SHARE))
+
+    @property
+    def complete(self) -> bool:
+        return all(search.complete for search in self.searches.values())
+
+    def grow(self, factor: float) -> None:
+        """More modes of each part that has any left."""
+        for search in self.searches.values():
+            if not search.complete:
+                search.grow(int(np.ceil(factor * search.modes)) + 1)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether each part has given all modes there are, or as many as a large part gives."""
+        return all(one.complete or (one.modes >= MOST and one.statics.handle.K.shape[0] > DENSE) for one in self.searches.values())
+
+    def most(self) -> Array:
+        """The most modes of each part that a model may have: where more exist, the highest one known is the cut-off."""
+        return np.array([search.modes - (not search.complete) for search in self.searches.values()])
+
+    def plain(self) -> tuple[Nested, Space]:
+        """The joined model of all modes, with its damping, and its coordinates."""
+        return self._joined({name: search.undamped() for name, search in self.searches.items()})
+
+    def nested(self, plain: Nested, space: Space, band: tuple[float, float]) -> Nested:
+        """With Ξ extended by the static responses to the residuals of the complex modes in the band."""
+        sides, own = sides_of(plain, band), {}
+        for name, search in self.searches.items():
+            turn, (_, span) = space.turns[name], space.own[name]
+            loads = np.hstack([search.residual(span, value, turn @ x, left) for value, x, left in sides])
+            own[name] = search.extended(compressed(loads, search.statics.handle.K.diagonal()))
+        return self._joined(own)[0]
+
+    def _joined(self, own: Mapping[str, tuple[Nested, Span]]) -> tuple[Nested, Space]:
+        images: dict[str, Substructure] = {}
+        for name, part in self.parts.items():
+            images[name] = part
+            if name in own:
+                nested, span = own[name]
+                D = span.projected(part.D) if self.damped else np.zeros(nested.M.shape)
+                images[name] = Image(part, replace(nested, D=(D + D.T) / 2 if part.pencil.symmetric[1] else D), span)
+        joined = couple(images, self.system.joints, self.system.name, interface=[])
+        rows = dict(zip(images, rows_of_parts(images), strict=True))
+        moved = sprung(images, [linked(joint, images) for joint in self.system.joints])
+        L, inner = sp.csr_array(joined.L), {}
+        for name, (nested, _) in own.items():
+            later = np.arange(rows[name].start + nested.constraint, rows[name].stop)
+            if moved[later].any():
+                raise InputError(f"a spring or damper acts on a port inside {name!r}, where the modes with its interface held are "
+                                 f"no modes of the system, so no estimate can be had: put that port's DOF into the interface")
+            inner[name] = L[later].indices  # one each: no joint reaches them
+        return self._ordered(joined, own, L, inner, rows)
+
+    def _ordered(self, joined: System, own: Mapping[str, tuple[Nested, Span]], L: Any, inner: Mapping[str, Array],
+                 rows: Mapping[str, slice]) -> tuple[Nested, Space]:
+        """The joined matrices in the order [C Φ Ξ]."""
+        modes = [inner[name][:nested.modes] for name, (nested, _) in own.items()]
+        rests = [inner[name][nested.modes:] for name, (nested, _) in own.items()]
+        within = np.concatenate([*modes, *rests])
+        outside = np.setdiff1d(np.arange(joined.size), within)
+        order = np.concatenate([outside, within])
+        M, K, D = (_dense(A)[np.ix_(order, order)] for A in (joined.M, joined.K, joined.D))
+        turns = {name: L[rows[name]].toarray()[:, order] for name in own}
+        count, forces, rounding = len(outside), [np.zeros((len(order), 0))], np.zeros((len(outside),) * 2)
+        for name, (nested, _) in own.items():
+            C = turns[name][:nested.constraint, :count]
+            rounding += C.T @ nested.rounding @ C
+            forces.append(turns[name].T @ nested.loads)
+        values = np.concatenate([nested.values for nested, _ in own.values()])
+        return Nested(M, K, D if self.damped else None, count, 0, values, np.hstack(forces), rounding, self.symmetric,
+                      max(lightest(search.statics.handle) for search in self.searches.values()),
+                      tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True))), Space(own, turns)
+
+
+def damped_part(system: System, name: str, contacts: Sequence[Belt]) -> Substructure:
+    """A part with the damping of the contacts on its ports."""
+    part, own = system.parts[name], [belt for belt in contacts if belt.port.partition(".")[0] == name]
+    if not own:
+        return part
+    return part.with_damping(part.linearised([replace(belt, port=belt.port.partition(".")[2]) for belt in own]).D)
+
+
+def _dense(A: Any) -> Array:
+    return A.toarray() if sp.issparse(A) else np.asarray(A)
+
+
+def system_estimate(full: System, rom: System, band: tuple[float, float], contacts: Belt | Sequence[Belt] | None = None, *,
+                    tol: float = 0.01) -> Estimate:
+    """What the reductions of all parts together cost a system: the errors of its ω and λ in a band, without its full solution.
+
+    The parts may be reduced by any method. All ω of the full system lie between two sets: those of a larger model whose
+    interfaces are held, with more modes and static shapes, from above, and those of `Nested.bounds` from below. Both come from
+    the factors of the parts with held interfaces, which Craig-Bampton and Hurty have made already. The figures of ω are
+    therefore bounds of the errors. Those of λ are estimates of first order (`Nested.doubt`).
+
+    Parameters
+    ----------
+    full : System
+        The system before its parts were reduced.
+    rom : System
+        ``reduce(full, {...})``, or the same parts joined otherwise than by `reduce`.
+    band : (lo, hi)
+        Radians per unit of time.
+    contacts : Belt or sequence of Belt, optional
+        The belts under which λ is judged. Without damping and contacts there are no figures of λ.
+    tol : float
+        What ``.met`` compares with.
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Systems of different parts; a part that its interface does not hold; a spring on a port inside a part; full parts with
+        more than 3,000 DOF in all.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> parts = {"a": fs.chain(20, interface=[20]), "b": fs.chain(30, interface=[1], fixed=False)}
+    >>> full = fs.couple(parts, [fs.Rigid(("a", [19]), ("b", [0]))])
+    >>> rom = fs.reduce(full, {"a": fs.CraigBampton(4), "b": fs.Rubin(4)})
+    >>> fs.system_estimate(full, rom, (0, 0.2)).met
+    True
+    """
+    lo, hi = check_band(band)
+    if not 0 < finite_number("tol", tol) < 1:
+        raise InputError(f"tol is a relative error between 0 and 1, not {tol!r}")
+    instance("full", full, System, "whose parts were reduced")
+    instance("rom", rom, System, "made of the reduced parts")
+    statics = {}
+    for name, part in _same_parts(full, rom).items():
+        held = CraigBampton(modes=0).part(part)
+        if len(part.interior):
+            statics[name] = CraigBampton(modes=0).statics(held, held.factored(), np.zeros((part.size, 0)))
+    found = all_modes(_dense(rom.K), _dense(rom.M), ACCEPTED)
+    omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
+    pencil, values = rom.linearised(contacts), None
+    search = JoinedSearch(full, statics, contacts, hi, {})
+    if search.damped:
+        modes = complex_modes(pencil.dense())
+        keep = upper(modes.eigenvalues) & ~modes.rigid & (modes.eigenvalues != 0)
+        values = modes.eigenvalues[keep], modes.error_bar[keep]
+    while True:
+        nested, space = search.plain()
+        if search.damped:
+            nested = search.nested(nested, space, (lo, hi))
+        judged = nested.judged(omega, omega * rounding / 2, values, (lo, hi), tol)
+        if search.exhausted or nested.estimate(nested.most, (lo, hi), tol).worst <= max(SHARP * judged.worst, SHARP * tol):
+            kept = sum(part.modes for part in rom.parts.values() if isinstance(part, ReducedSubstructure))
+            return replace(judged, modes=kept, cutoff=rom.cutoff, share=1.0)
+        search.grow(1.5)
+
+
+def _same_parts(full: System, rom: System) -> dict[str, Substructure]:
+    """The full parts that are reduced in `rom`."""
+    found = {}
+    for name in [*full.parts, *rom.parts]:
+        one, other = full.parts.get(name), rom.parts.get(name)
+        size = other.V.shape[0] if isinstance(other, ReducedSubstructure) else getattr(other, "size", 0)
+        if one is None or size != (one.V.shape[0] if one is other and isinstance(one, ReducedSubstructure) else one.size):
+            raise InputError(f"{rom.name!r} is not {full.name!r} with reduced parts: {name!r} is not a part of both, or not of the "
+                             "same size")
+        if one is not other:
+            found[name] = one
+    return found
