@@ -19,13 +19,17 @@ Random = np.random.Generator
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A full system with damping and a belt, the band that is asked, and its frequencies by LAPACK, without rigid-body ones."""
+    """A full system, a belt where it is damped, the band that is asked, and its lowest frequencies without rigid-body ones.
+
+    `rounding` is the relative change of each ω² if each entry of K and M is rounded once.
+    """
 
     seed: int
     system: fs.System
     band: tuple[float, float]
     belt: fs.Belt | None
     omega: np.ndarray
+    rounding: np.ndarray
     kinds: tuple[str, ...]
     damped: bool = field(default=False)
 
@@ -63,17 +67,16 @@ def random_system(seed: int, plates: bool = True) -> Case:
         joints.append(fs.Rigid(end, "ground") if random.random() < 0.5 else fs.Spring(
             end, stiffness=float(np.median(parts[held[0]].K.diagonal()))))
     system = fs.couple(parts, joints)
-    K, M = (A.toarray() if sp.issparse(A) else A for A in (system.K, system.M))
-    square = la.eigvalsh(K, M)
-    omega = np.sqrt(square[fs.normal_modes(system, count=0).rigid:])
     last = int(random.integers(2, 10))
+    modes = fs.normal_modes(system, count=last + 1)
+    omega = modes.frequencies[modes.rigid:]
     hi = float(omega[last - 1] + random.uniform(0.1, 0.9) * (omega[last] - omega[last - 1]))
     belt = None
     if damped and random.random() < 0.7:
         name = str(random.choice(list(system.ports)))
         w = system.ports[name]
-        belt = fs.Belt(port=name, slope=float(-0.02 * hi * (w.T @ (M @ w)).item()))
-    return Case(seed, system, (0.0, hi), belt, omega, tuple(kinds[:len(parts)]), damped)
+        belt = fs.Belt(port=name, slope=-0.02 * hi * float(w @ (system.M @ w)))
+    return Case(seed, system, (0.0, hi), belt, omega, modes.rounding[modes.rigid:], tuple(kinds[:len(parts)]), damped)
 
 
 def _part(random: Random, kind: str) -> fs.Substructure:
@@ -104,19 +107,21 @@ def _part(random: Random, kind: str) -> fs.Substructure:
 
 def _tuned(random: Random, sub: fs.Substructure, name: str, damped: bool) -> fs.Substructure:
     """With a first held frequency between 0.5 and 3 rad/time, a mass of its own, and a port on some DOF."""
+    mass = sub.M.diagonal()
     inside = sub.interior
+    moving = inside[mass[inside] > 0.3 * mass.max()]  # deflections of a beam or plate, no slopes
     K, M = (A.toarray() if sp.issparse(A) else A for A in (sub.K, sub.M))
     square = la.eigvalsh(K[np.ix_(inside, inside)], M[np.ix_(inside, inside)])
-    mass = 10 ** random.uniform(-0.7, 0.7) / float(np.trace(M))
-    stiffness = mass * 10 ** (2 * random.uniform(-0.3, 0.5)) / square[0]
+    scale = 10 ** random.uniform(-0.7, 0.7) / float(np.trace(M))
+    stiffness = scale * 10 ** (2 * random.uniform(-0.3, 0.5)) / square[0]
     D = None
     if damped:
-        place = random.choice(inside, 2, replace=False)
-        spots = sp.csr_array((random.uniform(0.0, 0.01, 2) * mass, (place, place)), shape=K.shape)
-        D = sp.csr_array(sub.M * mass) * random.uniform(0, 0.02) + sp.csr_array(sub.K * stiffness) * random.uniform(0, 0.002) + spots
+        place = random.choice(moving, 2, replace=False)
+        spots = sp.csr_array((random.uniform(0.0, 0.01, 2) * scale * mass[place].max(), (place, place)), shape=K.shape)
+        D = sp.csr_array(sub.M * scale) * random.uniform(0, 0.02) + sp.csr_array(sub.K * stiffness) * random.uniform(0, 0.002) + spots
     w = np.zeros(sub.size)
-    w[random.choice(sub.interface if random.random() < 0.5 else inside)] = 1.0
-    return fs.Substructure(sub.M * mass, sub.K * stiffness, D, sub.interface, {"belt": w}, name)
+    w[random.choice(sub.interface[:1] if random.random() < 0.5 else moving)] = 1.0
+    return fs.Substructure(sub.M * scale, sub.K * stiffness, D, sub.interface, {"belt": w}, name)
 
 
 def compositions(total: int, least: np.ndarray, most: np.ndarray) -> itertools.chain[np.ndarray]:

@@ -31,6 +31,7 @@ from femsub.reduction.statics import Span, Statics
 
 
 SHARP = 0.3  # of the error that is judged: more of it should not be due to the model it is compared with
+FINE = 1e-4  # of the tolerance: nobody asks for smaller errors
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,6 +151,13 @@ class JoinedSearch:
                       tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True))), Space(own, turns)
 
 
+def held_statics(sub: Substructure) -> Statics:
+    """The factor and the constraint modes of a part with its interface held, as Craig-Bampton makes them."""
+    method = CraigBampton(modes=0)
+    part = method.part(sub)
+    return method.statics(part, part.factored(), np.zeros((sub.size, 0)))
+
+
 def damped_part(system: System, name: str, contacts: Sequence[Belt]) -> Substructure:
     """A part with the damping of the contacts on its ports."""
     part, own = system.parts[name], [belt for belt in contacts if belt.port.partition(".")[0] == name]
@@ -208,11 +216,7 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
         raise InputError(f"tol is a relative error between 0 and 1, not {tol!r}")
     instance("full", full, System, "whose parts were reduced")
     instance("rom", rom, System, "made of the reduced parts")
-    statics = {}
-    for name, part in _same_parts(full, rom).items():
-        held = CraigBampton(modes=0).part(part)
-        if len(part.interior):
-            statics[name] = CraigBampton(modes=0).statics(held, held.factored(), np.zeros((part.size, 0)))
+    statics = {name: held_statics(part) for name, part in _same_parts(full, rom).items() if len(part.interior)}
     found = all_modes(_dense(rom.K), _dense(rom.M), ACCEPTED)
     omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
     pencil, values = rom.linearised(contacts), None
@@ -223,13 +227,24 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
         values = modes.eigenvalues[keep], modes.error_bar[keep]
     while True:
         nested, space = search.plain()
-        if search.damped:
+        judged = nested.judged(omega, omega * rounding / 2, None, (lo, hi), tol)
+        sharp = _sharp(nested.estimate(nested.most, (lo, hi), tol, False), judged)
+        if search.damped and (sharp or search.exhausted):
             nested = search.nested(nested, space, (lo, hi))
-        judged = nested.judged(omega, omega * rounding / 2, values, (lo, hi), tol)
-        if search.exhausted or nested.estimate(nested.most, (lo, hi), tol).worst <= max(SHARP * judged.worst, SHARP * tol):
+            judged = nested.judged(omega, omega * rounding / 2, values, (lo, hi), tol)
+            sharp = _sharp(nested.estimate(nested.most, (lo, hi), tol), judged)
+        if sharp or search.exhausted:
             kept = sum(part.modes for part in rom.parts.values() if isinstance(part, ReducedSubstructure))
             return replace(judged, modes=kept, cutoff=rom.cutoff, share=1.0)
         search.grow(1.5)
+
+
+def _sharp(largest: Estimate, judged: Estimate) -> bool:
+    """Whether the model that is compared with is so good that what it lacks decides no figure."""
+    if len(largest.frequencies) != len(judged.frequencies) or largest.unmatched:
+        return judged.unmatched > 0
+    fine = largest.frequency_error <= np.maximum(SHARP * judged.frequency_error, FINE * judged.tol)
+    return bool(fine.all()) and largest.eigenvalue_error.max(initial=0.0) <= SHARP * max(judged.worst, judged.tol)
 
 
 def _same_parts(full: System, rom: System) -> dict[str, Substructure]:

@@ -171,7 +171,11 @@ def _below(nested: Nested, hi: float) -> Array:
 
 
 def _estimate(nested: Nested, counts: Array, band: tuple[float, float], tol: float, damped: bool = True) -> Estimate:
-    return replace(nested.estimate(counts, band, tol, damped), share=1.0)
+    """The estimate of the system; that of λ only where ω are within the tolerance, since it takes far longer."""
+    found = replace(nested.estimate(counts, band, tol, False), share=1.0)
+    if not damped or nested.D is None or not found.met:
+        return found
+    return replace(nested.estimate(counts, band, tol), share=1.0)
 
 
 def _confirmed(search: JoinedSearch, counts: Array) -> dict[str, Kept]:

@@ -1,0 +1,216 @@
+"""Are the estimates of systems right, and do they choose few modes? Over random systems of 2 to 5 parts.
+
+    python scripts/system_effectivity.py [--systems 240] [--from 0] [--out out/system-effectivity]
+
+For each system of benchmarks/random_systems.py: ``reduce(system, {part: CraigBampton(band, tol=1e-3), ...})`` against the full
+system, its estimate against the true errors, and its modes against the fewest that meet the tolerance, found by trying all
+numbers of modes of the parts. Then `system_estimate` of the same system with parts by a random method and number of modes.
+Writes system-effectivity.json, row by row: what is there is not measured again; and system-effectivity.txt, the summary.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import femsub as fs
+from benchmarks.random_systems import Case, compositions, random_system
+from femsub.io.atomic import write_whole
+from femsub.model.bands import upper, within
+from femsub.quadratic.matching import match
+from femsub.reduction.error_bounds import FAR, Nested
+from femsub.reduction.system_estimate import JoinedSearch, held_statics
+
+ROOT = Path(__file__).resolve().parent.parent
+TOL = 1e-3
+SMALLEST = 1e-9  # true relative errors below it are rounding
+TRIALS = 3000  # numbers of modes that are tried for the fewest
+OTHERS = (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.Rubin, fs.Herting)
+
+
+def moving(model: fs.Substructure, belt: fs.Belt | None) -> np.ndarray:
+    """All λ with Im λ ≥ 0 that are no rigid-body ones, by LAPACK."""
+    modes = fs.complex_modes(model.linearised(belt).dense())
+    return modes.eigenvalues[upper(modes.eigenvalues) & ~modes.rigid & (modes.eigenvalues != 0)]
+
+
+def frequencies(model: fs.Substructure, count: int) -> np.ndarray:
+    modes = fs.normal_modes(model, count=min(count, fs.normal_modes(model, count=0).counted[1] or model.size))
+    return modes.frequencies[modes.rigid:]
+
+
+def of_omega(case: Case, omega: np.ndarray) -> np.ndarray:
+    """True relative errors of the frequencies in the band; infinite where there is none."""
+    exact = case.omega[case.omega <= case.band[1]]
+    error = np.full(len(exact), np.inf)
+    error[:len(omega)] = omega[:len(exact)] / exact[:len(omega)] - 1
+    return error
+
+
+def of_lambda(case: Case, full: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """True relative errors of the eigenvalues in the band, and the reduced model's that belong to them."""
+    inside = within(full, case.band)
+    error, partner = np.full(len(full), np.inf), np.full(len(full), np.nan + 0j)
+    at, to = match(full, values, far=FAR)
+    error[at], partner[at] = np.abs(values[to] - full[at]) / np.abs(full[at]), values[to]
+    return error[inside], partner[inside]
+
+
+def pairs(case: Case, full: np.ndarray | None, rom: fs.System, estimate: fs.Estimate) -> dict[str, Any]:
+    """(true error, estimate) of each frequency and eigenvalue, and the largest true error.
+
+    What rounding in the full matrices may have done to the true error of a frequency is granted to the estimate.
+    """
+    error = of_omega(case, frequencies(rom, len(case.omega)))
+    known = min(len(error), len(estimate.frequency_error))
+    found = estimate.frequency_error[:known]
+    found = np.where(np.abs(found - error[:known]) <= case.rounding[:known], np.maximum(found, error[:known]), found)
+    row: dict[str, Any] = {"omega": list(zip(error[:known].tolist(), found.tolist(), strict=True)),
+                           "true": float(error.max(initial=0.0)), "estimate": estimate.worst, "lacking": len(error) - known}
+    if full is not None:
+        error, partner = of_lambda(case, full, moving(rom, case.belt))
+        row["lambda"] = []
+        for one, value in zip(error.tolist(), partner, strict=True):
+            near = np.abs(estimate.eigenvalues - value) <= 1e-8 * np.abs(value)
+            row["lambda"].append((one, float(estimate.eigenvalue_error[near].max(initial=-1.0))))
+        row["true"] = max(row["true"], float(error.max(initial=0.0)))
+    return row
+
+
+def fewest(case: Case, full: np.ndarray | None, chosen: np.ndarray) -> tuple[int, bool, int]:
+    """The fewest modes in all that meet the tolerance, up to those chosen; whether all smaller numbers were tried; and the fewest
+    by a rule that takes the modes of all parts up to the same frequency.
+    """
+    search = JoinedSearch(case.system, {name: held_statics(part) for name, part in case.system.parts.items()}, case.belt,
+                          case.band[1], dict.fromkeys(case.system.parts, 10**6))
+    nested = search.plain()[0]
+    tried: dict[tuple[int, ...], bool] = {}
+
+    def meets(counts: np.ndarray) -> bool:
+        key = tuple(counts.tolist())
+        if key not in tried:
+            tried[key] = meets_tolerance(case, full, nested, counts)
+        return tried[key]
+
+    least = np.zeros(len(chosen), dtype=int)
+    for at in range(len(chosen)):  # with all modes of the others, which cannot do better
+        low, high = 0, int(chosen[at])
+        while low < high:
+            middle = (low + high) // 2
+            counts = nested.most.copy()
+            counts[at] = middle
+            low, high = (low, middle) if meets(counts) else (middle + 1, high)
+        least[at] = low
+    limits = np.append(0.0, np.sort(nested.values))
+    parts = np.split(nested.values, np.cumsum(nested.most)[:-1])
+    low, high = 0, len(limits) - 1
+    while low < high:
+        middle = (low + high) // 2
+        good = meets(np.array([int((part <= limits[middle]).sum()) for part in parts]))
+        low, high = (low, middle) if good else (middle + 1, high)
+    for total in range(int(least.sum()), int(chosen.sum())):
+        for counts in compositions(total, least, nested.most):
+            if len(tried) > TRIALS:
+                return total, False, low
+            if meets(counts):
+                return total, True, low
+    return int(chosen.sum()), True, low
+
+
+def meets_tolerance(case: Case, full: np.ndarray | None, nested: Nested, counts: np.ndarray) -> bool:
+    if of_omega(case, nested.undamped(counts)[0]).max(initial=0.0) > TOL:
+        return False
+    return full is None or bool(of_lambda(case, full, nested.damped(counts)[0])[0].max(initial=0.0) <= TOL)
+
+
+def measure(seed: int) -> dict[str, Any]:
+    """All of one system."""
+    case = random_system(seed)
+    full = moving(case.system, case.belt) if case.damped else None
+    method = fs.CraigBampton(band=case.band, tol=TOL)
+    start = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        rom = fs.reduce(case.system, dict.fromkeys(case.system.parts, method), contacts=case.belt)
+    seconds = time.perf_counter() - start
+    assert rom.estimate is not None
+    chosen = np.array([part.modes for part in rom.parts.values()])
+    row = {"seed": seed, "parts": case.kinds, "size": case.system.size, "damped": case.damped, "wanted": len(case.omega) - 1,
+           "modes": chosen.tolist(), "met": rom.estimate.met, "seconds": seconds} | pairs(case, full, rom, rom.estimate)
+    row["fewest"], row["exact"], row["rule"] = fewest(case, full, chosen)
+    random = np.random.default_rng([seed, 1])
+    methods = {}
+    for name, part in case.system.parts.items():
+        kind = OTHERS[int(random.integers(len(OTHERS)))]
+        methods[name] = kind(int(min(random.integers(1, 9), len(part.interior) - 1)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.FemsubWarning)
+        other = fs.reduce(case.system, methods)
+        row["other"] = {"methods": [str(one) for one in methods.values()]} | pairs(
+            case, full, other, fs.system_estimate(case.system, other, case.band, case.belt))
+    return row
+
+
+def shares(rows: list[dict[str, Any]], key: str) -> np.ndarray:
+    """Estimate over true error, of all that are above rounding and have both."""
+    found = np.array([pair for row in rows for pair in row.get(key, []) if SMALLEST < pair[0] < 1 and pair[1] >= 0]).reshape(-1, 2)
+    return found[:, 1] / found[:, 0]
+
+
+def summary(rows: list[dict[str, Any]]) -> str:
+    lines = [f"{len(rows)} systems of {min(len(r['parts']) for r in rows)} to {max(len(r['parts']) for r in rows)} parts, "
+             f"{min(r['size'] for r in rows)} to {max(r['size'] for r in rows)} DOF, {sum(r['damped'] for r in rows)} damped"]
+    for title, these in (("tol 1e-3", rows), ("any method", [row["other"] for row in rows if "other" in row])):
+        for key, limit in (("omega", "bound"), ("lambda", "estimate")):
+            share = shares(these, key)
+            if len(share):
+                lines.append(f"{title:<11}{key:<7}{len(share):>5} figures, {limit} over true error: {share.min():.4g} to "
+                             f"{share.max():.4g}, median {np.median(share):.4g}, {100 * np.mean((share >= 1) & (share <= 10)):.1f} % "
+                             f"from 1 to 10, {int((share < 1).sum())} below 1")
+    missed = [row["seed"] for row in rows if not row["true"] <= TOL]
+    lines.append(f"tol 1e-3: missed in {len(missed)} {missed or ''}; largest true error {max(row['true'] for row in rows):.3g}")
+    share = np.array([sum(row["modes"]) / max(row["fewest"], 1) for row in rows])
+    more = [(row["seed"], sum(row["modes"]), row["fewest"]) for row, one in zip(rows, share, strict=True) if one > 1.3]
+    lines.append(f"modes over the fewest: median {np.median(share):.3f}, largest {share.max():.3f}, {len(more)} above 1.3 "
+                 f"{more or ''}; {sum(not row['exact'] for row in rows)} against a lower bound of the fewest")
+    share = np.array([row["rule"] / max(sum(row["modes"]), 1) for row in rows])
+    lines.append(f"modes in all systems: {sum(sum(row['modes']) for row in rows)}; {sum(row['rule'] for row in rows)} where all parts "
+                 f"have theirs up to one frequency, the lowest that meets the tolerance (median {np.median(share):.2f} times as "
+                 f"many, at most {share.max():.2f})")
+    lines.append(f"seconds per reduction: median {np.median([row['seconds'] for row in rows]):.2f}, largest "
+                 f"{max(row['seconds'] for row in rows):.2f}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--systems", type=int, default=240)
+    parser.add_argument("--from", type=int, default=0, dest="first", help="the first seed")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "system-effectivity")
+    asked = parser.parse_args()
+    asked.out.mkdir(parents=True, exist_ok=True)
+    file = asked.out / "system-effectivity.json"
+    rows: list[dict[str, Any]] = json.loads(file.read_text()) if file.exists() else []
+    done = {row["seed"] for row in rows}
+    for seed in range(asked.first, asked.first + asked.systems):
+        if seed not in done:
+            start = time.perf_counter()
+            rows.append(measure(seed))
+            text = json.dumps(rows).encode()
+            write_whole(asked.out, {file.name: lambda stream, text=text: stream.write(text)})
+            row = rows[-1]
+            print(f"{seed}: {row['modes']} ({row['fewest']}{'' if row['exact'] else ' or more'}), true {row['true']:.2e}, estimate "
+                  f"{row['estimate']:.2e}; {time.perf_counter() - start:.1f} s", flush=True)
+    told = summary(rows)
+    write_whole(asked.out, {"system-effectivity.txt": lambda stream: stream.write(f"{told}\n".encode())})
+    print(told)
+
+
+if __name__ == "__main__":
+    main()
