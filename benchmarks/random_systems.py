@@ -1,4 +1,4 @@
-"""Random systems of 2 to 5 parts, small enough for the truth by LAPACK: chains, networks, beams and plates in a tree of joints."""
+"""Random systems of 2 to 5 parts, small enough for full solutions: chains, networks, beams and plates in a tree of joints."""
 
 from __future__ import annotations
 
@@ -56,10 +56,11 @@ def random_system(seed: int, plates: bool = True) -> Case:
             joints.append(fs.Rigid(*ends))
         else:
             k = float(np.median(parts[other].K.diagonal())) * 10 ** random.uniform(-1.5, 1.0)
-            joints.append(fs.Spring(*ends, stiffness=k, damping=2e-3 * k if damped else 0.0))
+            joints.append(fs.Spring(ends[0], ends[1], stiffness=k, damping=2e-3 * k if damped else 0.0))
         if not free[f"p{i}"] and not any(free[f"p{j}"] for j in range(i)):
             break
-    joined = {name for joint in joints for name, _ in (joint.ends if isinstance(joint, fs.Rigid) else (joint.first, joint.second))}
+    ends_of = [joint.ends if isinstance(joint, fs.Rigid) else (joint.first, joint.second) for joint in joints]
+    joined = {name for ends in ends_of for name, _ in ends}
     parts = {name: part for name, part in parts.items() if name in joined}
     held = [name for name in parts if free[name]]
     if random.random() < 0.7 and held:
@@ -118,7 +119,8 @@ def _tuned(random: Random, sub: fs.Substructure, name: str, damped: bool) -> fs.
     if damped:
         place = random.choice(moving, 2, replace=False)
         spots = sp.csr_array((random.uniform(0.0, 0.01, 2) * scale * mass[place].max(), (place, place)), shape=K.shape)
-        D = sp.csr_array(sub.M * scale) * random.uniform(0, 0.02) + sp.csr_array(sub.K * stiffness) * random.uniform(0, 0.002) + spots
+        alpha, beta = random.uniform(0, 0.02), random.uniform(0, 0.002)
+        D = sp.csr_array(sub.M * scale) * alpha + sp.csr_array(sub.K * stiffness) * beta + spots
     w = np.zeros(sub.size)
     w[random.choice(sub.interface[:1] if random.random() < 0.5 else moving)] = 1.0
     return fs.Substructure(sub.M * scale, sub.K * stiffness, D, sub.interface, {"belt": w}, name)
@@ -130,7 +132,8 @@ def compositions(total: int, least: np.ndarray, most: np.ndarray) -> itertools.c
     def rest(at: int, left: int) -> list[tuple[int, ...]]:
         if at == len(least) - 1:
             return [(int(least[at]) + left,)] if least[at] + left <= most[at] else []
-        return [(int(least[at]) + k, *tail) for k in range(min(left, int(most[at] - least[at])) + 1) for tail in rest(at + 1, left - k)]
+        return [(int(least[at]) + k, *tail) for k in range(min(left, int(most[at] - least[at])) + 1)
+                for tail in rest(at + 1, left - k)]
 
     spare = total - int(least.sum())
     return itertools.chain(map(np.array, rest(0, spare)) if spare >= 0 else [])

@@ -13,12 +13,11 @@ from femsub.checks import Array, items, positive_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
 from femsub.linalg.subspace import orthonormal
 from femsub.model.assembly import System
-from femsub.model.matrices import Difference
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.modes.shift_invert import ShiftInvert
 from femsub.quadratic import dense
 from femsub.quadratic.complex_modes import ComplexModes, with_bars
+from femsub.quadratic.full_solve import FullSolve, solve_of
 from femsub.quadratic.matching import assigned, pair_costs
 
 if TYPE_CHECKING:
@@ -49,7 +48,9 @@ class Refined:
     lost : ndarray of bool, shape (k,)
         The refined mode has less than half of the reduced shape: the full model has no such mode.
     steps, factorisations, solves : int
-        Number of iterations, of factorisations of the full model, and of right-hand sides solved.
+        Number of iterations, of factorisations made for it (0 if those of earlier calls served), and of right-hand sides solved.
+    whole : str
+        Why the whole of a system was factorised; empty if the factors of its parts served.
 
     Examples
     --------
@@ -71,13 +72,15 @@ class Refined:
     steps: int
     factorisations: int
     solves: int
+    whole: str = ""
 
     def __repr__(self) -> str:
         size = np.abs(self.reduced)
         share = np.divide(self.moved, size, out=np.zeros(len(size)), where=(size > 0) & np.isfinite(self.moved))
         lost = f", {int(self.lost.sum())} without a counterpart in the full model" if self.lost.any() else ""
         return (f"Refined: {len(self.which)} complex modes{lost}, moved by up to {share.max(initial=0.0):.2g} of |λ|; "
-                f"{self.steps} steps, {self.factorisations} factorisations, {self.solves} solves; backward error "
+                f"{self.steps} steps, {self.factorisations} factorisations, {self.solves} solves"
+                f"{'' if self.whole else ' through the parts'}; backward error "
                 f"{self.modes.backward_error.max(initial=0.0):.0e}")
 
 
@@ -91,6 +94,10 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     each step multiplies an error component with the frequency Ω by about ω²/Ω². Therefore the corrections of all modes
     join the reduction basis, and λ and x come from the pencil projected on it (Voss's nonlinear Arnoldi method, in a
     block). Then only components with Ω above the basis' cut-off remain.
+
+    Of a system the whole is not factorised. A⁻¹ is made of the factors of its parts with their interfaces held, which
+    Craig-Bampton and Hurty have made already, and of a dense matrix for the DOF between the parts (see `ByParts`). Where that
+    cannot be done, ``.whole`` says why, and the whole is factorised.
 
     Parameters
     ----------
@@ -144,8 +151,8 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     whole_number("steps", steps, least=1)
     rows, mirrored = _representatives(modes, chosen)
     pencil = full.linearised(contacts)
-    handle = ShiftInvert(full.K, full.M)
-    space = _Space(pencil, handle)
+    by = solve_of(full, rom)
+    space = _Space(pencil, by)
     values, X = modes.eigenvalues[rows], V @ modes.shapes[:, rows]
     down = values.imag < 0
     values, X = np.where(down, values.conj(), values), np.where(down, X.conj(), X)
@@ -185,11 +192,11 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     Y = X.conj() if left is None else space.V @ left
     Y = Y / np.linalg.norm(Y, axis=0)
     return _result(full, pencil, modes, chosen, (values, X, Y, share, twin, down), rows, mirrored,
-                   (step, handle.factorisations, space.solves))
+                   (step, by.factorisations, space.solves), by.whole)
 
 
 def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Array, found: tuple[Array, ...], rows: Array,
-            mirrored: Array, effort: tuple[int, int, int]) -> Refined:
+            mirrored: Array, effort: tuple[int, int, int], whole: str) -> Refined:
     values, X, Y, share, twin, down = found
     at = np.array([int(np.flatnonzero(rows == row)[0]) for row in mirrored], dtype=int)
     flip = down[at] != (mirrored != chosen)
@@ -207,30 +214,30 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
             f"{int(lost.sum())} of {len(chosen)} reduced modes have no counterpart in the full model. The first is row "
             f"{chosen[one]}, λ = {modes.eigenvalues[chosen[one]]:.6g}: refined to λ = {values[one]:.6g} it keeps "
             f"{100 * share[at][one]:.2g} % of its shape{also}. Keep more modes in the basis", FemsubWarning, stacklevel=3)
-    return Refined(result, chosen, modes.eigenvalues[chosen], moved, share[at], merged, lost, *effort)
+    return Refined(result, chosen, modes.eigenvalues[chosen], moved, share[at], merged, lost, *effort, whole)
 
 
 class _Space:
-    """V with VᵀAV = I, A = K - σM, and the pencil projected on it."""
+    """V with VᵀAV = I, and the pencil projected on it."""
 
-    def __init__(self, pencil: Pencil, handle: ShiftInvert) -> None:
-        self.full, self.handle, self.solves = pencil, handle, 0
-        self.A = Difference(handle.K, handle.M, handle.sigma)
+    def __init__(self, pencil: Pencil, by: FullSolve) -> None:
+        self.full, self.by, self.solves = pencil, by, 0
         self.V = np.zeros((pencil.size, 0))
         self.M, self.D = np.zeros((0, 0)), np.zeros((0, 0))
-        self.added = None if pencil.K is pencil.K0 else pencil.K - pencil.K0  # by contacts
+        self.contact = None if pencil.K is pencil.K0 else pencil.K - pencil.K0
 
     @property
     def pencil(self) -> Pencil:
-        own = np.eye(len(self.M)) + self.handle.sigma * self.M
-        return Pencil(self.M, self.D, own if self.added is None else own + self.V.T @ (self.added @ self.V))
+        added = self.by.added(self.V, self.M)
+        own = np.eye(len(self.M)) - (added + added.T) / 2
+        return Pencil(self.M, self.D, own if self.contact is None else own + self.V.T @ (self.contact @ self.V))
 
     def coordinates(self, X: Array) -> Array:
-        return self.V.T @ (self.A @ X)
+        return self.V.T @ (self.by.product(X.real) + 1j * self.by.product(X.imag))
 
     def append(self, new: Array) -> bool:
         """Append the directions outside V, made orthonormal; False if there are none."""
-        new, old = orthonormal(new, self.A.__matmul__, self.V)[0], self.V.shape[1]
+        new, old = orthonormal(new, self.by.product, self.V)[0], self.V.shape[1]
         if not new.shape[1]:
             return False
         Mnew, Dnew = self.full.M @ new, self.full.D @ new
@@ -253,7 +260,7 @@ class _Space:
         Mx, Dx, Kx = (x[:, :k] + 1j * x[:, k:] for x in (part @ parts for part in (self.full.M, D, K)))
         r = Mx * values**2 + Dx * values + Kx
         forces = np.hstack([r.real, r.imag])
-        z = self.handle.factor.solve(forces)
+        z = self.by.solve(forces)
         self.solves += 2 * k
         square = np.maximum(np.einsum("ij,ij->j", z, forces), 0.0)
         return np.sqrt(square[:k] + square[k:]), z[:, np.sqrt(square) > least]

@@ -79,9 +79,11 @@ def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubs
     - hi is below 0.7 of the cut-off frequency.
 
     The estimate needs no solution of the full model. Its figures are in ``.estimate`` (see `Nested.bounds` and
-    `Nested.doubt`). Of a system whose parts are reduced by `CraigBampton` or `Hurty`, band and tolerance are the system's: all
-    parts get the same, and the modes of each are chosen so that the system is within `tol`, with few modes in all. A DOF with
-    damping but no mass has a real λ of its own. It is kept only if the DOF is interface or port.
+    `Nested.doubt`). A DOF with damping but no mass has a real λ of its own. It is kept only if the DOF is interface or port.
+
+    Of a system, band and tolerance are the system's. All parts that have one have the same, and are reduced by `CraigBampton`
+    or `Hurty`. The modes of each part are then chosen so that the system is within `tol`, with few modes in all, and with all
+    modes of the parts up to hi.
 
     Parameters
     ----------

@@ -29,7 +29,6 @@ from femsub.reduction.error_bounds import ACCEPTED, Nested
 from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed, sides_of
 from femsub.reduction.statics import Span, Statics
 
-
 SHARP = 0.3  # of the error that is judged: more of it should not be due to the model it is compared with
 FINE = 1e-4  # of the tolerance: nobody asks for smaller errors
 
@@ -69,8 +68,9 @@ class JoinedSearch:
         self.parts = {name: damped_part(system, name, belts) for name in system.parts}
         whole = {name: part.size for name, part in system.parts.items() if name not in statics}
         if sum(whole.values()) > DENSE:
-            raise InputError(f"no estimate can be had of {system.name!r}: {max(whole, key=lambda name: whole[name])!r} and other parts "
-                             f"that are not reduced have {sum(whole.values())} DOF in all, more than {DENSE}. Reduce them, too")
+            raise InputError(f"no estimate can be had of {system.name!r}: its parts that are not reduced have "
+                             f"{sum(whole.values())} DOF, {max(whole, key=lambda name: whole[name])!r} most of them, and at most "
+                             f"{DENSE} are allowed. Reduce them, too")
         self.searches = {name: Search(one, self.parts[name].pencil) for name, one in statics.items()}
         for name, search in self.searches.items():
             if search.modes < least.get(name, 0):
@@ -91,7 +91,8 @@ class JoinedSearch:
     @property
     def exhausted(self) -> bool:
         """Whether each part has given all modes there are, or as many as a large part gives."""
-        return all(one.complete or (one.modes >= MOST and one.statics.handle.K.shape[0] > DENSE) for one in self.searches.values())
+        return all(search.complete or (search.modes >= MOST and search.statics.handle.K.shape[0] > DENSE)
+                   for search in self.searches.values())
 
     def most(self) -> Array:
         """The most modes of each part that a model may have: where more exist, the highest one known is the cut-off."""
@@ -125,8 +126,8 @@ class JoinedSearch:
         for name, (nested, _) in own.items():
             later = np.arange(rows[name].start + nested.constraint, rows[name].stop)
             if moved[later].any():
-                raise InputError(f"a spring or damper acts on a port inside {name!r}, where the modes with its interface held are "
-                                 f"no modes of the system, so no estimate can be had: put that port's DOF into the interface")
+                raise InputError(f"no estimate can be had of {self.system.name!r}: a spring or damper acts on a port inside "
+                                 f"{name!r}. Put that port's DOF into the interface")
             inner[name] = L[later].indices  # one each: no joint reaches them
         return self._ordered(joined, own, L, inner, rows)
 
@@ -254,8 +255,8 @@ def _same_parts(full: System, rom: System) -> dict[str, Substructure]:
         one, other = full.parts.get(name), rom.parts.get(name)
         size = other.V.shape[0] if isinstance(other, ReducedSubstructure) else getattr(other, "size", 0)
         if one is None or size != (one.V.shape[0] if one is other and isinstance(one, ReducedSubstructure) else one.size):
-            raise InputError(f"{rom.name!r} is not {full.name!r} with reduced parts: {name!r} is not a part of both, or not of the "
-                             "same size")
+            raise InputError(f"{rom.name!r} is not {full.name!r} with reduced parts: {name!r} is no part of both, or has another "
+                             "size")
         if one is not other:
             found[name] = one
     return found

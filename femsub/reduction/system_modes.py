@@ -1,9 +1,12 @@
 """How many modes each part of a system needs, so that the system's band meets a tolerance with few modes in all.
 
-Modes of the parts are counted together: a part that hardly moves in the band, or that is stiff, takes few. By first-order
-perturbation, leaving out the mode j of a part raises the system's frequency ω_i by η_ij² (θ_j - ω_i²) / (2ω_i²) of itself, with θ_j
-the square of the mode's own frequency and η_ij its amplitude in the system's mode i of unit modal mass. These sums choose; the
-estimate of the joined model decides.
+A part that hardly moves in the band, or that is stiff, takes few modes. Leaving out the mode j of a part raises the system's
+frequency ω_i, to first order and relatively, by
+
+    η_ij² (θ_j - ω_i²) / (2ω_i²),
+
+with θ_j the square of the mode's own frequency and η_ij its amplitude in the system's mode i of unit modal mass. These sums
+choose. The estimate of the joined model decides.
 """
 
 from __future__ import annotations
@@ -57,18 +60,18 @@ def common_goal(methods: Mapping[str, Method]) -> Goal | None:
     (first, goal), *_ = goals.items()
     for name, other in goals.items():
         if other != goal:
-            raise InputError(f"band and tol are those of the system, and the same for all parts, but {first!r} has {goal.tol:g} in "
+            raise InputError(f"band and tol are those of the system, the same for all parts, but {first!r} has {goal.tol:g} in "
                              f"{goal.band} and {name!r} {other.tol:g} in {other.band}")
     for name, method in methods.items():
         if not (isinstance(method, CraigBampton) and type(method).kept is CraigBampton.kept):
-            raise InputError(f"a system meets a tolerance with parts by CraigBampton and Hurty only: modes with interfaces held "
-                             f"are those of the system, and of {method} for {name!r} nothing of that kind can be said. Give "
-                             "numbers of modes to all parts, and ask fs.system_estimate what they cost the system")
+            raise InputError("modes are chosen for the band of a system where its parts are reduced by CraigBampton or Hurty, not "
+                             f"by {method} ({name!r}). Give numbers of modes to all parts, and ask fs.system_estimate what "
+                             "their reductions cost the system")
     return goal
 
 
-def chosen_together(system: System, statics: Mapping[str, Statics], given: Mapping[str, int], contacts: Belt | Sequence[Belt] | None,
-                    goal: Goal) -> tuple[dict[str, Kept], Estimate]:
+def chosen_together(system: System, statics: Mapping[str, Statics], given: Mapping[str, int],
+                    contacts: Belt | Sequence[Belt] | None, goal: Goal) -> tuple[dict[str, Kept], Estimate]:
     """The modes kept of each part, and the estimate of the system made of them.
 
     Parameters
@@ -195,7 +198,7 @@ def _lacking(system: System, found: Estimate, nested: Nested, band: tuple[float,
              given: Mapping[str, int]) -> str:
     floor = nested.floor(band)
     rounding = f". Rounding alone causes {floor:.1e}" if floor > tol else ""
-    held = f", give {', '.join(map(repr, given))} more modes" if given else ""
+    held = f", give more modes to {', '.join(map(repr, given))}" if given else ""
     return (f"the parts of {system.name!r} cannot be reduced to a relative error of {tol:g} from {band[0]:.5g} to {band[1]:.5g} "
-            f"rad/time. With {found.modes} modes in all: {found!r}{rounding}. Lower the band, raise tol{held}, put ports into the "
-            "interfaces, or call reduce(..., ports=True)")
+            f"rad/time. With {found.modes} modes in all: {found!r}{rounding}. Lower the band, raise tol{held}, put ports into "
+            "the interfaces, or call reduce(..., ports=True)")
