@@ -177,8 +177,9 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
     for name, method in methods.items():
         part = system.parts[name]
         if isinstance(method, ReducedSubstructure):
-            if len(method.V) != part.size:
-                raise InputError(f"the part {name!r} has {part.size} DOF, but {method!r} was made of {len(method.V)}")
+            full = len(part.V) if isinstance(part, ReducedSubstructure) else part.size
+            if len(method.V) not in (part.size, full):
+                raise InputError(f"the part {name!r} has {full} DOF, but {method!r} was made of {len(method.V)}")
             found[name] = method
         else:
             first[name] = next((one for one in first if first[one] == one and _equal(system.parts[one], part)
@@ -195,7 +196,8 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
     except WorkerError as error:
         error.done.update(found | _twins(error.done, first, system))
         raise
-    return system.with_parts(with_common_shapes(system, found | _twins(made, first, system)))
+    found |= _twins(made, first, system)
+    return system.with_parts(with_common_shapes(system, {name: found[name] for name in methods}))
 
 
 def _equal(one: Substructure, other: Substructure) -> bool:
