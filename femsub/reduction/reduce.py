@@ -62,7 +62,8 @@ def reduce(sub: Substructure, method: Method, ports: bool | Sequence[str] = ...,
 
 @overload
 def reduce(sub: Substructure, method: Mapping[str, Method | ReducedSubstructure], ports: bool = ...,
-           contacts: Belt | Sequence[Belt] | None = ..., *, workers: int | None = ..., executor: Executor | None = ...) -> System: ...
+           contacts: Belt | Sequence[Belt] | None = ..., *, workers: int | None = ...,
+           executor: Executor | None = ...) -> System: ...
 
 
 def reduce(sub: Substructure, method: Method | Mapping[str, Method | ReducedSubstructure], ports: bool | Sequence[str] = False,
@@ -168,7 +169,8 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
         if workers is not None or executor is not None:
             raise InputError("workers reduce parts by given numbers of modes; with a tolerance the modes of all parts are chosen "
                              "together, in this process. Leave workers out, or give modes=")
-        return _together(system, methods, ports, contacts, wanted)
+        chosen = {name: one for name, one in methods.items() if isinstance(one, Method)}
+        return _together(system, chosen, ports, contacts, wanted)
     if contacts is not None:
         raise InputError("contacts belong to one component with a tolerance, or to a system whose parts are given one: with "
                          "numbers of modes they have no effect. Leave them out")

@@ -30,6 +30,7 @@ from femsub.reduction.system_estimate import JoinedSearch
 
 if TYPE_CHECKING:
     from femsub.model.assembly import System
+    from femsub.model.substructure import ReducedSubstructure
     from femsub.model.friction import Belt
     from femsub.reduction.statics import Statics
 
@@ -45,7 +46,7 @@ class Goal:
     tol: float
 
 
-def common_goal(methods: Mapping[str, Method]) -> Goal | None:
+def common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | None:
     """The band and the tolerance that the methods of the parts share, or None where each has a number of modes.
 
     Raises
