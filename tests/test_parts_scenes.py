@@ -14,6 +14,7 @@ import scipy.io
 
 import femsub as fs
 from femsub.app.cli import main
+from femsub.app.scene import load
 from femsub.components.chain import cut_chain
 from femsub.modes.normal_modes import all_modes
 
@@ -146,6 +147,7 @@ between = ["held.right", "loose.left"]
     assert f"full: critical slope {rows[0]['slope']:.6g}" in printed
     worst = max(row["port_error"] for row in rows)
     assert worst > 0.01 and f"the static response to the belt is off by up to {100 * worst:.2g} %" in printed
+    assert not {"modes.csv", "modes.vtu"} & {path.name for path in (tmp_path / "out").iterdir()}  # nobody asked
     # a part with one set is joined there, whether the set is named or not
     again = run(tmp_path, text.replace('"held.right", "loose.left"', '"held", "loose"').replace("[12]", "[12]\nports = true"))
     assert again["methods"]["rows"][0]["slope"] == pytest.approx(rows[0]["slope"], rel=1e-9)
@@ -221,7 +223,8 @@ def test_natural_frequencies_are_listed(tmp_path: Path, capsys: pytest.CaptureFi
     text = OWN.replace('["hcb", "rubin"]', '["hcb"]').replace("[2, 5]", "[2]").replace("[0.0, 0.3]", "[0.1, 0.6]").replace(
         "slope = -0.1", 'slope = -0.1\nunits = "SI"\ntolerance = 0.05')
     data = run(tmp_path, text)["methods"]
-    pieces = {"front": fs.Substructure(front.M, front.K, interface=[0, 7]), "back": fs.Substructure(back.M, back.K, interface=[0])}
+    pieces = {"front": fs.Substructure(front.M, front.K, interface=[0, 7]),
+              "back": fs.Substructure(back.M, back.K, interface=[0])}
     system = fs.couple(pieces, [fs.Rigid(("front", [7]), ("back", [0])), fs.Spring(("front", [0]), "ground", stiffness=0.5)])
     own, model = (all_modes(one.K, one.M).frequencies[1:4]  # the first lies below the band
                   for one in (system, fs.reduce(system, {"front": fs.CraigBampton(2)})))
@@ -237,6 +240,73 @@ def test_natural_frequencies_are_listed(tmp_path: Path, capsys: pytest.CaptureFi
     np.testing.assert_allclose([row["omega"] for row in alone], own, rtol=1e-9)
     assert "reduced" not in alone[0]
     assert re.search(r"natural frequencies of the full system in the band, in rad/s:\nmode +ω +Hz\n", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("kinds", [("hexahedron", "hexahedron"), ("hexahedron", "tetra")])
+def test_modes_of_joined_parts_are_drawn_on_their_meshes(kinds: tuple[str, str], tmp_path: Path) -> None:
+    """Two blocks side by side, and a chain on them: one field a mode, the largest displacement of all meshes 1."""
+    meshio = pytest.importorskip("meshio")
+    pytest.importorskip("matplotlib")
+    written(tmp_path)
+    meshes = [fs.block((0.1, 0.1, 0.1), (1, 1, 1), kind) for kind in kinds]
+    meshes[1] = fs.Mesh(meshes[1].points + np.array([0.1, 0, 0]), meshes[1].cells, kinds[1], meshes[1].sets)
+    for name, mesh in zip("ab", meshes, strict=True):
+        fs.write_mesh(tmp_path / f"{name}.vtu", mesh)
+    text = """
+scene = "own-parts"
+outputs = ["modes"]
+band = [0.0, 3e4]
+units = "SI"
+[[parts]]
+name = "a"
+mesh = "a.vtu"
+supports = ["left"]
+interface = ["right"]
+[[parts]]
+name = "b"
+mesh = "b.vtu"
+interface = ["left"]
+[[parts]]
+name = "chain"
+M = "front-M.mtx"
+K = "front-K.mtx"
+interface = [0]
+[[joints]]
+kind = "tied"
+between = ["b.left", "a.right"]
+[[joints]]
+kind = "spring"
+between = ["chain:0", "a:1"]
+stiffness = 1.0
+"""
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    scene, compute = load(str(tmp_path / "scene.toml"))
+    result = compute(scene, lambda _: None)
+    rows = result.data["modes"]
+    parts = {name: fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), supports={"left": "clamped"} if name == "a" else {},
+                            interface=["right" if name == "a" else "left"]) for name, mesh in zip("ab", meshes, strict=True)}
+    system = fs.couple(parts, [fs.Tied(("b", "left"), ("a", "right"), dict(zip("ab", meshes, strict=True)))])
+    found = fs.normal_modes(system, band=(10.0, 3e4))  # above those of the chain
+    assert len(rows) == 8 + len(found.frequencies) > 10
+    np.testing.assert_allclose([row["omega"] for row in rows[8:]], found.frequencies, rtol=1e-8)
+    assert "not drawn, since they have no mesh: chain" in result.text
+    pieces = {"modes": [0, 1]} if kinds[0] == kinds[1] else {"modes-hexahedron": [0], "modes-tetra": [1]}
+    assert set(result.drawings) == set(pieces) == {name.removesuffix(".vtu") for name in result.files}
+    moved, fields = system.expand(found.shapes[:, 2]), []
+    for mesh, (name, part) in zip(meshes, parts.items(), strict=True):
+        assert part.dofs is not None
+        fields.append(fs.displacements(mesh, part.dofs, moved[name]))
+    largest = max(np.linalg.norm(field, axis=1).max() for field in fields)
+    for name, places in pieces.items():
+        with (tmp_path / f"{name}.vtu").open("wb") as file:
+            result.files[f"{name}.vtu"](file)
+        drawn = meshio.read(tmp_path / f"{name}.vtu")
+        np.testing.assert_allclose(drawn.points, np.vstack([meshes[i].points for i in places]))
+        assert set(np.concatenate([block.data.ravel() for block in drawn.cells])) == set(range(len(drawn.points)))
+        assert len([key for key in drawn.point_data if key.startswith("mode-")]) == len(rows)
+        shape = drawn.point_data[f"mode-11 {rows[10]['omega'] / (2 * np.pi):.4g} Hz"]
+        np.testing.assert_allclose(abs(shape), abs(np.vstack([fields[i] for i in places])) / largest, atol=1e-6)
+        assert len([axis for axis in result.drawings[name]().axes if axis.get_title().startswith("mode ")]) == 6
 
 
 def test_figures_of_parts_are_drawn(tmp_path: Path) -> None:

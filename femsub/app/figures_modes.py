@@ -41,7 +41,8 @@ def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, 
             axis.set_ylabel(upward)
     shown = {label: line for axis in axes.ravel() for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
              if len(line.get_xdata())}
-    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=max(2, len(shown)))
+    if shown:
+        figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=max(2, len(shown)))
     figure.suptitle(title)
     return figure
 

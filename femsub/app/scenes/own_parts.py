@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from femsub import Material, Mesh, Rigid, Spring, Substructure, couple, read_component, read_mesh, solid
+from femsub import Material, Mesh, Rigid, Spring, Substructure, Tied, couple, read_component, read_mesh, solid
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, other_method_names, run_outputs
 from femsub.app.scenes.joined_parts import Choice, JoinedScene, compared
 from femsub.app.scenes.solid import motions
+from femsub.app.scenes.system_shapes import system_modes
 from femsub.components.solid import DIRECTIONS
-from femsub.components.ties import Tied
 from femsub.errors import InputError, unknown_name
-from femsub.model.joints import Joint
 from femsub.reduction.reduce import METHODS
 
 GROUND, FULL, ALL = "ground", "full", "interface"
@@ -94,7 +93,7 @@ class JointKeys:
     tolerance: float = key(0.0, "how far places that meet may lie apart", unit="length", least=0,
                            otherwise="a small share of the distance of neighbours")
 
-    def made(self, parts: dict[str, Substructure], meshes: dict[str, Mesh]) -> Joint:
+    def made(self, parts: dict[str, Substructure], meshes: dict[str, Mesh]) -> Rigid | Spring | Tied:
         """The joint between the parts."""
         ends = [_end(one, parts) for one in self.between]
         tolerance = self.tolerance or None
@@ -122,6 +121,7 @@ class OwnPartsScene(JoinedScene):
     folder: str = "."
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("methods",)
+    ON_REQUEST: ClassVar[tuple[str, ...]] = ("modes",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -154,8 +154,9 @@ def run(scene: OwnPartsScene, progress: Progress) -> Result:
     joined = f"{len(scene.joints)} joint{'s' * (len(scene.joints) != 1)}"
     text = [f"{scene.name}: {len(parts)} parts, {joined}" + (f", {scene.friction_words}" if rubbing else "")]
     text += [repr(sub) for sub in parts.values()]
-    return run_outputs(scene.outputs, lambda output: compared(scene, system, belt, scene.name, output, progress, choices), data,
-                       text)
+    outputs = {"methods": lambda: compared(scene, system, belt, scene.name, "methods", progress, choices),
+               "modes": lambda: system_modes(scene, system, meshes)}
+    return run_outputs(scene.outputs, lambda output: outputs[output](), data, text)
 
 
 def _end(said: str, parts: dict[str, Substructure]) -> Any:

@@ -1,0 +1,66 @@
+"""The output modes of joined parts: the system's normal modes in the band, drawn on the meshes of its parts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from femsub import Mesh, System, displacements, normal_modes
+from femsub.app.figures_modes import shapes_figure
+from femsub.app.scene import Result
+from femsub.app.scenes.joined_parts import LISTED, JoinedScene
+from femsub.checks import Array
+from femsub.studies.tables import table
+
+DRAWN = 6  # modes
+Drawn = tuple[Mesh, Array]
+
+
+def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh]) -> Result:
+    """The modes as a table; of parts that have meshes a figure and a file for each kind of cells."""
+    found = normal_modes(system, band=(scene.band[0], scene.band[1]))
+    rows: list[dict[str, Any]] = [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
+                                  for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), 1)]
+    if not rows:
+        return Result({"modes": rows}, {}, f"{scene.name}: the system has no normal mode in the band", {})
+    said = [f"Normal modes of {system.name!r} in the band in rad/time, {found.rigid} of them rigid; {found.evidence}",
+            table(["mode", "ω", "residual"], [[row["mode"], row["omega"], row["residual"]] for row in rows[:LISTED]],
+                  ["d", ".6g", ".0e"], scene.system.beside("ω"))]
+    if bare := [name for name in system.parts if meshes and name not in meshes]:
+        said.append(f"not drawn, since they have no mesh: {', '.join(bare)}")
+    result = Result({"modes": rows}, {"modes": rows}, "\n".join(said), {})
+    if not meshes or not scene.figures:
+        return result
+    titles = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows[:DRAWN]]
+    names = [f"mode-{row['mode']:02d} {scene.system.frequency(row['omega'])}" for row in rows]
+    drawn = _by_kind(system, meshes, found.shapes)
+    for kind, (mesh, fields) in drawn.items():
+        name = "modes" if len(drawn) == 1 else f"modes-{kind}"
+        result.drawings[name] = partial(shapes_figure, mesh, fields[..., :DRAWN], titles, f"{scene.name}: normal modes", {})
+        result.files[f"{name}.vtu"] = partial(_vtu, mesh, {named: fields[..., i] for i, named in enumerate(names)})
+    return result
+
+
+def _by_kind(system: System, meshes: Mapping[str, Mesh], shapes: Array) -> dict[str, Drawn]:
+    """The parts' meshes of each kind as one, and the modes on it (nodes, 3, k), the largest displacement of all parts 1."""
+    moved = system.expand(shapes)
+    fields = {name: displacements(mesh, dofs, moved[name]) for name, mesh in meshes.items()
+              if (dofs := system.parts[name].dofs) is not None}
+    largest = np.max([np.linalg.norm(field, axis=1).max(axis=0) for field in fields.values()], axis=0)
+    drawn: dict[str, Drawn] = {}
+    for kind in dict.fromkeys(mesh.kind for mesh in meshes.values()):
+        names = [name for name, mesh in meshes.items() if mesh.kind == kind]
+        starts = np.cumsum([0, *(len(meshes[name].points) for name in names)])
+        whole = Mesh(np.vstack([meshes[name].points for name in names]),
+                     np.vstack([meshes[name].cells + start for name, start in zip(names, starts, strict=False)]), kind)
+        drawn[kind] = whole, np.concatenate([fields[name] for name in names]) / np.where(largest > 0, largest, 1.0)
+    return drawn
+
+
+def _vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
+    from femsub.io.mesh_files import mesh_bytes
+
+    file.write(mesh_bytes(mesh, shapes))
