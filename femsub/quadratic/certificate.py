@@ -39,7 +39,8 @@ class _Disc:
             if (parts := self.parts) is not None:
                 there = radius * (1 + share)
                 try:
-                    return shared((parts.K0, parts.M), ("edge", there, parts.W.shape[1] > 0),
+                    owners = (parts.K0, parts.M, *([] if parts.skew is None else [self.problem.pencil.D]))
+                    return shared(owners, ("edge", there, parts.W.shape[1] > 0),
                                   partial(disc_count.edge, parts, there))
                 except SingularMatrixError:
                     continue

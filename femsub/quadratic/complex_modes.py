@@ -161,8 +161,9 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     certify : bool, optional
         Whether to count the eigenvalues independently. There are two ways. If D is proportional except for at most 40 columns
         (belts, dashpots), the count is made in a disc around 0 that contains the region. It costs one factorisation of
-        K - R²M, which a band needs anyway, and some solves (`disc_count`). This is the default for a band, and for a `count`
-        up to 200,000 DOF. Otherwise a band is checked by the winding number of det P, which costs about fifty complex
+        K - R²M, which a band needs anyway, and some solves (`disc_count`). If D is skew and K positive definite, as for a part
+        that turns without damping, it costs one of twice the size. This is the default for a band, and for a `count` up to
+        200,000 DOF. Otherwise a band is checked by the winding number of det P, which costs about fifty complex
         factorisations. This is the default up to 2,000 DOF. LAPACK's results are complete and need no count.
 
     Returns

@@ -23,7 +23,10 @@ EXACT = 1e-12  # relative difference of D and αM + βK, entry by entry, that co
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """P(s) = (1 + βs)K0 + (s² + αs)M + W(sC_D + C_K)Wᵀ: K0 symmetric (n, n), W (n, q) orthonormal, C_D, C_K (q, q)."""
+    """P(s) = (1 + βs)K0 + (s² + αs)M + W(sC_D + C_K)Wᵀ: K0 symmetric (n, n), W (n, q) orthonormal, C_D, C_K (q, q).
+
+    Or P(s) = K0 + s²M + sG with `skew` G = -Gᵀ (n, n), of a part that turns.
+    """
 
     M: Matrix
     K0: Matrix
@@ -32,6 +35,7 @@ class Split:
     W: Array
     C_D: Array
     C_K: Array
+    skew: Matrix | None = None
 
     def coupling(self, s: Array) -> Array:
         """sC_D + C_K at each s, shape (m, q, q)."""
@@ -43,9 +47,23 @@ class Split:
 
 
 def split(pencil: Pencil) -> Split | None:
-    """The split pencil; None if more than 40 columns W are needed, e.g. because the damping is nowhere proportional."""
+    """The split pencil; None if more than 40 columns W are needed, e.g. because the damping is nowhere proportional.
+
+    No columns are needed where D is skew and K symmetric.
+    """
     if not pencil.is_sparse or not pencil.symmetric[0]:
         return None
+    return _proportional_but_for_columns(pencil) or _turning(pencil)
+
+
+def _turning(pencil: Pencil) -> Split | None:
+    D, none = pencil.D, np.zeros((0, 0))
+    if pencil.contacts or pencil.symmetric[1:] != (False, True) or abs(D + D.T).max() > EXACT * abs(D).max():
+        return None
+    return Split(pencil.M, pencil.K, 0.0, 0.0, np.zeros((pencil.size, 0)), none, none, (D - D.T) * 0.5)
+
+
+def _proportional_but_for_columns(pencil: Pencil) -> Split | None:
     M, D, K0 = pencil.M, pencil.D, pencil.symmetric_stiffness
     own = np.sqrt(np.abs(D.diagonal()))
     D = _without_contacts(D, pencil, own)

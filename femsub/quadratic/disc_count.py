@@ -1,7 +1,8 @@
 """The number of eigenvalues in a disc: an independent count without complex factorisations, for models of any size.
 
 Without a few contacts and dashpots the pencil has proportional damping, and the inertia of K - ω²M counts its modes. The
-effect of the contacts follows from a small determinant, whose size is the number of contact columns.
+effect of the contacts follows from a small determinant, whose size is the number of contact columns. For a part that turns
+without damping, the inertia of K - ω²M + iωG counts the modes.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 
-from femsub.checks import CERTIFIED, CONFIRMED, Array
+from femsub.checks import CERTIFIED, CONFIRMED, Array, Matrix
 from femsub.errors import SingularMatrixError
-from femsub.linalg.factor import counting, factorise, inertia
+from femsub.linalg.factor import counting, factorise, inertia, shared_factor
 from femsub.linalg.subspace import orthonormal
 from femsub.model.matrices import Difference
 from femsub.quadratic.damping_split import Split
@@ -43,8 +45,10 @@ def edge(parts: Split, radius: float) -> Edge:
     Raises
     ------
     SingularMatrixError
-        A mode lies on the edge.
+        A mode lies on the edge, or K is not positive definite although the part turns.
     """
+    if parts.skew is not None:
+        return Edge(radius, _turning_below(parts, parts.skew, radius), 1.0)
     A = Difference(parts.K0, parts.M, radius**2)
     if not parts.W.shape[1]:
         return Edge(radius, inertia(A), 1.0)
@@ -58,6 +62,21 @@ def edge(parts: Split, radius: float) -> Edge:
     if not near < CLOSE:
         raise SingularMatrixError(f"a mode lies at ω = {radius:.6g}, within a relative distance of {1 / near:.1e}")
     return Edge(radius, below, near)
+
+
+def _turning_below(parts: Split, skew: Matrix, radius: float) -> int:
+    """The number of eigenvalues iω with 0 < ω < R of K + sG + s²M, with K positive definite and G skew.
+
+    All eigenvalues are imaginary. The quadratic form of the Hermitian P(iω) is k + ωg - ω²m with k > 0, so it changes its sign
+    once as ω grows, and the number of negative eigenvalues of P(iR) is the number of ω below R (P. Lancaster, Lambda-Matrices
+    and Vibrating Systems, 1966). It is half of that of the real [[A, -RG], [RG, A]], A = K - R²M.
+    """
+    shared_factor(parts.K0, "definite")  # or an error
+    A, B = parts.K0 - radius**2 * parts.M, radius * skew
+    negative = inertia(sp.block_array([[A, -B], [B, A]], format="csr"))
+    if negative % 2:
+        raise SingularMatrixError(f"an eigenvalue lies at ω = {radius:.6g}")
+    return negative // 2
 
 
 @dataclass(frozen=True)
