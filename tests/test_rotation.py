@@ -209,6 +209,10 @@ def test_a_turning_disc_is_reduced_as_any_other(method: Any) -> None:
     G, C = (still.V.T @ A @ still.V for A in (rotor.gyroscopic, rotor.centrifugal))
     other = fs.complex_modes(replace(still, D=still.D + 250.0 * G, K=still.K + 250.0**2 * C), band=band)
     assert len(full.eigenvalues) == len(other.eigenvalues)
+    K = [(1.0, rotor.part.K), (lambda speed: speed**2, rotor.centrifugal)]
+    family = fs.Affine(rotor.part.M, [("speed", rotor.gyroscopic)], K).reduced(still.V)
+    lam = fs.complex_modes(family.at(speed=250.0), band=band).eigenvalues
+    assert np.allclose(np.sort(lam.imag), np.sort(other.eigenvalues.imag), rtol=1e-9)
     assert np.allclose(np.sort(full.eigenvalues.imag), np.sort(other.eigenvalues.imag), rtol=1e-3)
 
 
