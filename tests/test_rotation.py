@@ -196,7 +196,8 @@ def test_a_spinning_membrane(wave: int, circles: int) -> None:
         assert np.abs(lam - 1j * omega).min() < 2e-3 * (1 + omega)
 
 
-@pytest.mark.parametrize("method", [fs.CraigBampton(modes=14), fs.CraigChang(modes=14)])
+@pytest.mark.parametrize("method", [fs.CraigBampton(modes=14), fs.CraigChang(modes=14),
+                                    fs.CraigBampton(band=(1.0, 1.2e4), tol=1e-3)])
 def test_a_turning_disc_is_reduced_as_any_other(method: Any) -> None:
     rotor = disc(16, interface=True)[1]
     turning, band = rotor.at(250.0), (1.0, 1.2e4)
