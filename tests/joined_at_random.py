@@ -68,7 +68,7 @@ class Model:
         if not moving.shape[1] or (len(soft) and np.linalg.cond(soft) > 1e8):
             return ()
         T = moving - bare @ np.linalg.solve(soft, bare.T @ K @ moving)
-        return T.T @ M @ T, T.T @ D @ T, T.T @ K @ T, T.T @ w
+        return T.T @ M @ T, T.T @ D @ T, T.T @ K @ T, T.T @ w * (np.linalg.norm(w) > 1e-12)
 
 
 def dense(A: object) -> np.ndarray:
@@ -126,7 +126,7 @@ def complete(sub: fs.Substructure, key: str) -> fs.Substructure:
     """The part with all modes of a method; the part itself where the method has none for it."""
     method = METHODS[key]
     mass = sub.M.diagonal()
-    if key == "guyan" and not mass[sub.interior].all() or not sub.K.diagonal()[mass > 0].any():
+    if (key == "guyan" and not mass[sub.interior].all()) or not sub.K.diagonal()[mass > 0].any():
         return sub
     if key == "guyan":
         modes = len(sub.interior)

@@ -415,3 +415,11 @@ def test_a_product_is_sparse_if_both_are(rng: np.random.Generator, monkeypatch: 
     assert product(filled, filled).nnz == 81
     with pytest.raises(TypeError):
         product(filled, sparse)
+
+
+def test_joints_that_lock_a_complete_part_are_no_error() -> None:
+    parts = {"a": fs.chain(3, interface=[3]), "b": fs.chain(2, interface=[1, 2], fixed=False)}
+    joints = [fs.Rigid(("a", [2]), ("b", [0])), fs.Rigid(("b", [1]), "ground"), fs.Rigid(("b", [0]), "ground")]
+    complete = {"a": fs.reduce(parts["a"], fs.CraigChang(3)), "b": fs.reduce(parts["b"], fs.CraigChang(1))}
+    found = [fs.couple(those, joints) for those in (complete, parts)]
+    np.testing.assert_allclose(*(elastic(system) for system in found), rtol=1e-9)

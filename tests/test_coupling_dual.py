@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from test_coupling import HOW, agree, beams, crosses, cut, elastic, quarter
 
 import femsub as fs
+from femsub.model.dual import finite_span
 from femsub.model.joined import joint_forces, units_of_energy
 
 
@@ -222,3 +223,49 @@ def test_a_spring_at_a_joint_meets_the_flexibility_that_no_mode_has() -> None:
     full = fs.couple({"a": part, "b": other}, joints)
     weak = fs.couple({"a": fs.reduce(part, fs.DualCraigBampton(2)), "b": other}, joints)
     np.testing.assert_allclose(fs.complex_modes(weak).frequencies, fs.complex_modes(full).frequencies, atol=1e-9)
+
+
+def test_a_weak_joint_that_repeats_an_exact_one_is_redundant() -> None:
+    """a and c, complete, are joined exactly, so that a = b = c asks a = c again: rounding of modes is no equation.
+
+    As an equation it would cost a mode. b has a massless DOF at the joint, and so a multiplier.
+    """
+    rng = np.random.default_rng(5)
+
+    def held(n: int, mass: np.ndarray, wall: float) -> fs.Substructure:
+        springs = rng.uniform(0.5, 2.0, n - 1)
+        K = np.diag([wall, *np.zeros(n - 1)])
+        for i, k in enumerate(springs):
+            K[i:i + 2, i:i + 2] += k * np.array([[1, -1], [-1, 1]])
+        return fs.Substructure(np.diag(mass), K, interface=[n - 1])
+
+    parts = {"a": held(5, rng.uniform(0.5, 2.0, 5), 1.0), "c": held(6, rng.uniform(0.5, 2.0, 6), 0.7),
+             "b": held(3, np.array([1.0, 1.5, 0.0]), 0.0)}
+    joints = [fs.Rigid(("a", [4]), ("c", [5])), fs.Rigid(("a", [4]), ("b", [2]), ("c", [5]))]
+    modes = {"a": 5, "b": 1, "c": 6}
+    weak = fs.couple({name: fs.reduce(part, fs.DualCraigBampton(modes[name])) for name, part in parts.items()}, joints)
+    full = fs.couple(parts, joints)
+    assert weak.redundant == full.redundant == 1
+    agree(weak, elastic(full))
+
+
+def test_finite_modes_are_as_many_as_the_rank_of_the_mass_says() -> None:
+    """2 coordinates with mass and a multiplier without: K = [[1, 0, 1], [0, 2, 1], [1, 1, -g]] has both modes for any g > 0."""
+    M, nothing = np.diag([1.0, 1.0, 0.0]), sp.csr_array((0, 3))
+    for g in (1.0, 1e-6, 1e3):
+        K = np.array([[1.0, 0.0, 1.0], [0.0, 2.0, 1.0], [1.0, 1.0, -g]])
+        assert finite_span(M, 0 * M, K, 1, nothing)[0].shape[1] == 2
+        with pytest.raises(fs.MissedModesError, match="2 finite modes were found .* it has 3"):
+            finite_span(M, 0 * M, K, 0, nothing)
+
+
+def test_flexibility_without_mass_stays_at_the_open_interface() -> None:
+    """A massless end, left open: what is joined to it later meets its spring."""
+    tail = fs.Substructure(np.diag([1.0, 2.0, 0.0]), np.array([[2.0, -1, 0], [-1, 4, -3], [0, -3, 3]]), interface=[0, 2])
+    parts = {"a": fs.chain(4, interface=[4]), "b": tail, "c": fs.chain(3, interface=[3])}
+    first, last = fs.Rigid(("a", [3]), ("b", [0])), ("b", [2])
+    whole = fs.couple(parts, [first, fs.Rigid(last, ("c", [2]))])
+    made = {name: fs.reduce(part, fs.DualCraigBampton(part.size - (name == "b"))) for name, part in parts.items()}
+    front = fs.couple({"a": made["a"], "b": made["b"]}, [first], interface=[last])
+    system = fs.couple({"front": front, "c": made["c"]}, [fs.Rigid(("front", front.interface_numbers.tolist()), ("c", [2]))])
+    agree(system, elastic(whole))

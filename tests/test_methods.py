@@ -401,3 +401,30 @@ def test_loose_pieces_in_the_interface_stay_rigid_to_the_last_digit(key: str) ->
         loose = np.flatnonzero(sub.interface < 2)
         assert not rom.K[loose].any()
         np.testing.assert_allclose(rom.K, K[np.ix_(sub.interface, sub.interface)], atol=1e-9)
+
+
+@pytest.mark.parametrize("key", PHYSICAL)
+def test_a_massless_interface_dof_has_no_mass_by_rounding(key: str) -> None:
+    """With all modes kept, modes and one massless shape are solved for the interface: a mass of 1e-80 would be a mode of its own."""
+    K = np.array([[6.765, -2.175, -4.59], [-2.175, 2.175, 0.0], [-4.59, 0.0, 4.59]])
+    sub = fs.Substructure(np.diag([2.315, 0.0, 1.747]), K, interface=[0, 1, 2])
+    rom = reduced(sub, key, 0 if METHODS[key].held else 1)
+    assert not rom.M[1].any() and not rom.M[:, 1].any()
+    system = fs.couple({"a": rom, "b": fs.chain(3, interface=[3])}, [fs.Rigid(("a", [1]), ("b", [2]))])
+    full = fs.couple({"a": sub, "b": fs.chain(3, interface=[3])}, [fs.Rigid(("a", [1]), ("b", [2]))])
+    assert np.allclose(spectrum(system), spectrum(full), rtol=1e-9)
+
+
+def test_a_part_without_stiffness_is_named() -> None:
+    ball = fs.Substructure([[2.0]], [[0.0]], interface=[0], name="ball")
+    with pytest.raises(fs.SingularMatrixError, match="'ball': no DOF has both stiffness and mass"):
+        fs.reduce(ball, fs.Rubin(0))
+
+
+def test_macneal_where_a_regular_mass_is_needed_tells_of_rubin() -> None:
+    rom = fs.reduce(fs.chain(10, belt=10, interface=[10], damping=0.1), fs.MacNeal(4))
+    with pytest.raises(fs.InputError, match="Rubin"):
+        fs.critical_slope(rom)
+    for method in ("auto", "alpha"):
+        with pytest.raises(fs.InputError, match="by Rubin: MacNeal leaves the interface without mass"):
+            fs.transient(rom, fs.Belt(speed=0.1911, law=fs.StribeckArctan(eps=0.02)), time=(0, 1), method=method)

@@ -15,7 +15,7 @@ from femsub.checks import Array, Matrix, choice, instance, items, mapping
 from femsub.errors import InputError
 from femsub.model.dof_map import DofMap
 from femsub.model.dual import Multiplied, by_forces, check_span, finite_span, multiplied
-from femsub.model.elimination import congruent, eliminate, recovered, without_dust, without_rounding
+from femsub.model.elimination import congruent, eliminate, largest, recovered, units, without_dust, without_rounding
 from femsub.model.joined import (
     check_connected,
     checked_parts,
@@ -313,7 +313,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
             check_span(joined.S.shape[1], name)
     if not joined.S.shape[1]:
         raise InputError(f"the joints of {name!r} leave nothing to move")
-    matrices = _matrices(parts, links, joined, dense or weakly)
+    matrices = _matrices(parts, links, joined, equations.unit, dense or weakly)
     chosen = unjoined(parts, links) if interface is None else listed(parts, interface)
     if weakly:
         X, unit, matrices, spurious = finite_span(*matrices, joined.multipliers, open_rows(parts, joined.S, chosen))
@@ -328,10 +328,18 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
         M, D, K = (A.toarray() for A in matrices)
     L = joined.S if sp.issparse(K) else joined.S.toarray()
-    ports = {f"{part}.{port}": L[rows].T @ w for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True)
-             for port, w in sub.ports.items()}
+    unit = units(M.diagonal(), K.diagonal())[0]
+    ports = {f"{part}.{port}": _port(L[rows], w, unit, equations.unit[rows])
+             for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True) for port, w in sub.ports.items()}
     return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),
                   redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly)
+
+
+def _port(L: Matrix, w: Array, unit: Array, before: Array) -> Array:
+    """Lᵀw, exactly 0 where the joints hold the port: else it would lose its stability at a slope of 1e30."""
+    columns = w.reshape(len(w), -1)
+    whole = (np.abs(columns) * before[:, None]).max(axis=0, initial=0.0)
+    return without_rounding(columns.T @ L, unit, whole).T.reshape(-1, *w.shape[1:])
 
 
 def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
@@ -346,12 +354,15 @@ def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
 
 
 def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: Multiplied,
-              dense: bool) -> tuple[Matrix, Matrix, Matrix]:
+              unit: Array, dense: bool) -> tuple[Matrix, Matrix, Matrix]:
     """M, D, K in the coordinates of the system, with springs and multipliers."""
     blocks = dict(zip(parts, rows_of_parts(parts), strict=True))
     S = joined.S.toarray() if dense else joined.S
-    springs = [(without_rounding(_moved(link, blocks, S), _moved(link, blocks, S, abs), joined.unit), link)
-               for link in links if link.motions]
+    springs = []
+    for link in links:
+        if link.motions:
+            whole = np.max([largest(abs(R) * unit[blocks[part]]) for part, R in link.motions.items()], axis=0)
+            springs.append((without_rounding(_moved(link, blocks, S), joined.unit, whole), link))
     found = []
     for key in "MDK":
         matrices = [getattr(part, key) for part in parts.values()]
@@ -396,8 +407,11 @@ def _settled(parts: Mapping[str, Substructure], links: Sequence[Link], joined: M
         if key == "D":
             found.append(A)
             continue
-        bound = sum(S[rows].multiply(abs(getattr(part, key)) @ S[rows]).sum(axis=0)
-                    for part, rows in zip(parts.values(), blocks.values(), strict=True))
+        bound = np.zeros(len(mixed))
+        for part, rows in zip(parts.values(), blocks.values(), strict=True):
+            at = np.flatnonzero(np.diff(S[rows].indptr))
+            own = S[rows][at]
+            bound += own.multiply(abs(getattr(part, key)[at][:, at]) @ own).sum(axis=0)
         for link in links if key == "K" else ():
             if link.motions and np.any(link.stiffness):
                 R = _moved(link, blocks, S, abs)

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, MissedModesError
-from femsub.model.elimination import Equations, congruent, eliminate, independent, product
+from femsub.model.elimination import Equations, congruent, eliminate, independent, product, units
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
@@ -150,9 +150,9 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int,
     K is indefinite: the weak joints of dual Craig-Bampton parts give as many negative or infinite ω² as multipliers. M is
     positive semidefinite, M = FFᵀ. With s > 0 the eigenvalues θ of Fᵀ(K + sM)⁻¹F are 1/(ω² + s), and x = (K + sM)⁻¹F v/θ.
 
-    How many columns X₁ must have is counted beside. K has one negative eigenvalue for each multiplier, since without these the parts
-    and springs are stable. N spans the null space of M; those of NᵀKN that are negative give an infinite ω², the others a
-    finite one below 0. So X₁ has rank M - multipliers + (negative eigenvalues of NᵀKN) columns. X₀ = N (NᵀKN)⁻¹NᵀBᵀ, turned.
+    How many columns X₁ must have is counted beside. K has one negative eigenvalue for each multiplier, since without these the
+    parts and springs are stable. N spans the null space of M; those of NᵀKN that are negative give an infinite ω², the others
+    a finite one below 0. So X₁ has rank M - multipliers + (negative eigenvalues of NᵀKN) columns. X₀ = N (NᵀKN)⁻¹NᵀBᵀ, turned.
 
     Returns
     -------
@@ -168,11 +168,7 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int,
     MissedModesError
         Another number was found, or NᵀKN is singular within rounding, so that the number is not known.
     """
-    size, mass = np.abs(K.diagonal()), M.diagonal()
-    both = (size > 0) & (mass > 0)
-    typical = float(np.median(size[both] / mass[both])) if both.any() else 1.0
-    energy = size + typical * mass  # free coordinates have no stiffness but rounding
-    unit = np.where(energy > 0, energy, np.median(energy[energy > 0])) ** -0.5
+    unit, typical = units(M.diagonal(), K.diagonal())  # free coordinates have no stiffness but rounding
     stiffness, inertia = unit[:, None] * K * unit, unit[:, None] * M * unit
     mass, turn = np.linalg.eigh(inertia)
     kept = mass > INFINITE * mass[-1]
@@ -214,6 +210,6 @@ def _responses(N: Array, stiffness: Array, B: Matrix) -> Array:
 def _check_count(found: int, expected: int, far: int) -> None:
     """`far` more are too high for their sign to be known: they count as infinite."""
     if not found <= expected <= found + far:
-        raise MissedModesError(f"{found} finite modes were found in a system of Dual Craig-Bampton parts, but by the rank of M it "
-                               f"has {expected}. Its joints are too stiff, or its parts too unlike, for weak joints: reduce the "
-                               "parts by CraigChang, which spans the same space")
+        raise MissedModesError(f"{found} finite modes were found in a system of Dual Craig-Bampton parts, but by the rank of M "
+                               f"it has {expected}. Its joints are too stiff, or its parts too unlike, for weak joints: reduce "
+                               "the parts by CraigChang, which spans the same space")

@@ -51,6 +51,16 @@ class Equations:
         return Equations(A, unit, physical, self.owner[rows])
 
 
+def units(mass: Array, stiffness: Array) -> tuple[Array, float]:
+    """How far coordinates move at unit energy, (|k_jj| + ω² m_jj)^(-1/2), (n,), with a typical ω², which is the second result."""
+    size = np.abs(stiffness)
+    both = (size > 0) & (mass > 0)
+    typical = float(np.median(size[both] / mass[both])) if both.any() else 1.0
+    energy = size + typical * mass
+    usual = float(np.median(energy[energy > 0])) if energy.any() else 1.0
+    return np.where(energy > 0, energy, usual) ** -0.5, typical
+
+
 @dataclass(frozen=True, eq=False)
 class Eliminated:
     """x = L y, L (n, k), for every x that fulfils the equations; `redundant` is the number of redundant equations."""
@@ -77,7 +87,7 @@ def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None]) -
     """
     given, size = equations.A.shape
     L = sp.eye_array(size, format="csr")
-    scale = _largest(abs(equations.A) @ sp.diags_array(equations.unit)) if given else np.zeros(0)
+    scale = largest(abs(equations.A) @ sp.diags_array(equations.unit)) if given else np.zeros(0)
     while True:
         equations, scale = _pruned(equations, scale)
         step = _equal(equations)
@@ -100,7 +110,7 @@ def _changed(equations: Equations, scale: Array, T: Matrix, unit: Array, physica
     return equations.through(T, unit, physical, rows), scale[rows]
 
 
-def _largest(A: Matrix) -> Array:
+def largest(A: Matrix) -> Array:
     """The largest entry of each row of a sparse A ≥ 0."""
     return np.asarray(sp.csr_array(A).max(axis=1).todense()).ravel()
 
@@ -221,10 +231,9 @@ def _rank(R: Array) -> int:
     return int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
 
 
-def without_rounding(B: Matrix, size: Matrix, unit: Array) -> Matrix:
-    """B (m, n) with 0 for rounding. `size` (m, n) are the sums of which its entries are left, without their signs."""
-    limit = ROUNDING * _largest(sp.csr_array(size * unit))
-    keep = abs(B) * unit > limit[:, None]
+def without_rounding(B: Matrix, unit: Array, whole: Array) -> Matrix:
+    """Motions B x, (m, n), with 0 for rounding; `whole` (m,) is their size at unit energy before the joints."""
+    keep = abs(B) * unit > ROUNDING * whole[:, None]
     return B.multiply(keep) if sp.issparse(B) else np.where(keep, B, 0.0)
 
 
@@ -261,7 +270,7 @@ def congruent(A: Matrix, T: Matrix) -> Matrix:
 
 
 def without_dust(A: Matrix, bound: Array) -> Matrix:
-    """A positive semidefinite A with 0 in the rows and columns whose diagonal entry is rounding, of either sign, of `bound` (n,)."""
+    """A positive semidefinite A with 0 in rows and columns whose diagonal entry is rounding, of either sign, of `bound` (n,)."""
     dust = A.diagonal() <= LEAST * bound
     if not A.diagonal()[dust].any():
         return A

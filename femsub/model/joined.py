@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from femsub.checks import Array, Matrix, instance, mapping, word
 from femsub.errors import InputError, InputTypeError
 from femsub.model.dual import FORCE, by_forces
-from femsub.model.elimination import Equations
+from femsub.model.elimination import Equations, units
 from femsub.model.joints import Joint, Link
 from femsub.model.substructure import Substructure
 
@@ -76,10 +76,7 @@ def units_of_energy(parts: Mapping[str, Substructure]) -> Array:
     """How far each coordinate moves at unit energy: (k_jj + ω² m_jj)^(-1/2) with a typical ω of all parts."""
     K = np.concatenate([np.abs(part.K.diagonal()) for part in parts.values()])
     M = np.concatenate([np.abs(part.M.diagonal()) for part in parts.values()])
-    both = (K > 0) & (M > 0)
-    typical = float(np.median(K[both] / M[both])) if both.any() else 1.0
-    energy = K + typical * M
-    return np.where(energy > 0, energy, 1.0) ** -0.5
+    return units(M, K)[0]
 
 
 def physical_coordinates(parts: Mapping[str, Substructure]) -> Array:

@@ -124,7 +124,7 @@ def equations(contact: Sliding, start: State) -> Equations:
     # entry by entry: rotations and displacements in one vector have masses of different units
     if (np.diagonal(L) ** 2 <= len(M) * EPS * M.diagonal()).any():
         raise InputError(f"M of {model.name!r} is singular (massless DOF), so velocities are not determined there. Condense "
-                         "those DOF, or reduce the model first")
+                         "those DOF, or reduce the model first (by Rubin: MacNeal leaves the interface without mass)")
     Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))
     T = la.solve_triangular(L, Q, lower=True, trans="T")
     K, D, G = T.T @ K @ T, T.T @ D @ T, T.T @ contact.W

@@ -60,7 +60,7 @@ class AlphaFlow:
         self.M, self.D, self.K = (sp.csr_array(part) for part in (model.M, model.D, model.K))
         if self.M.diagonal().min() <= 0:
             raise InputError(f"M of {model.name!r} is singular (massless DOF), so velocities are not determined there. Condense "
-                             "those DOF, or reduce the model first")
+                             "those DOF, or reduce the model first (by Rubin: MacNeal leaves the interface without mass)")
         self.kind: Any = "definite" if model.pencil.symmetric[1] else "general"
         self.weight = self.M.diagonal()
         self.steps = self.rhs = self.jacobians = 0

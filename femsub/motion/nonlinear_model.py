@@ -217,7 +217,8 @@ def mass_solve(M: Matrix, load: Array) -> Array:
         handle = factorise(M, "definite")
     except SingularMatrixError:
         raise InputError("M is singular (massless DOF), so an impulse or a field of velocities has no meaning there. "
-                         "Condense those DOF, or reduce the model first") from None
+                         "Condense those DOF, or reduce the model first (by Rubin: MacNeal leaves the interface without "
+                         "mass)") from None
     found = handle.solve(load)
     handle.close()
     return found

@@ -76,8 +76,8 @@ def definite_form(pencil: Pencil) -> ModalForm:
     form = modal_form(pencil.dense())
     if form is None:
         raise InputError("M is singular or nearly so (massless DOF), but the stability border needs a regular M. Condense such "
-                         "DOF, or give them a little mass. In a reduced model keep fewer modes. complex_modes and sweep accept "
-                         "a singular M")
+                         "DOF, or give them a little mass. In a reduced model keep fewer modes, or take Rubin in place of "
+                         "MacNeal, whose interface has no mass. complex_modes and sweep accept a singular M")
     return form
 
 

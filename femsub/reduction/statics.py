@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
+from femsub.errors import SingularMatrixError
 from femsub.modes.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
@@ -37,7 +38,10 @@ class Partition:
 
     def factored(self) -> ShiftInvert:
         """The factor of the part, for modes and static solves; a factor made earlier for the same part is reused."""
-        return ShiftInvert(self.sub.K, self.sub.M, self.rows)
+        try:
+            return ShiftInvert(self.sub.K, self.sub.M, self.rows)
+        except SingularMatrixError as error:
+            raise SingularMatrixError(f"{self.sub.name!r}: {error}") from None
 
 
 @dataclass(frozen=True, eq=False)
