@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from test_coupling import HOW, agree, beams, crosses, cut, elastic, quarter
 
 import femsub as fs
 from femsub.model.dual import finite_span
+from femsub.model.elimination import Equations, independent
 from femsub.model.joined import joint_forces, units_of_energy
 
 
@@ -255,7 +257,7 @@ def test_finite_modes_are_as_many_as_the_rank_of_the_mass_says() -> None:
     for g in (1.0, 1e-6, 1e3):
         K = np.array([[1.0, 0.0, 1.0], [0.0, 2.0, 1.0], [1.0, 1.0, -g]])
         assert finite_span(M, 0 * M, K, 1, nothing)[0].shape[1] == 2
-        with pytest.raises(fs.MissedModesError, match="2 finite modes were found .* it has 3"):
+        with pytest.raises(fs.MissedModesError, match=r"2 finite modes were found .* it has 3"):
             finite_span(M, 0 * M, K, 0, nothing)
 
 
@@ -269,3 +271,12 @@ def test_flexibility_without_mass_stays_at_the_open_interface() -> None:
     front = fs.couple({"a": made["a"], "b": made["b"]}, [first], interface=[last])
     system = fs.couple({"front": front, "c": made["c"]}, [fs.Rigid(("front", front.interface_numbers.tolist()), ("c", [2]))])
     agree(system, elastic(whole))
+
+
+@pytest.mark.parametrize(("gap", "kept"), [(1e-6, 2), (1e-9, 2), (1e-11, 1), (1e-15, 1)])
+def test_an_equation_that_is_nearly_redundant_is_told(gap: float, kept: int) -> None:
+    A = sp.csr_array(np.array([[1.0, 1.0], [1.0, 1.0 + gap]]))
+    equations = Equations(A, np.ones(2), np.zeros(2, dtype=bool), np.zeros(2, dtype=int))
+    doubt = pytest.warns(fs.ConditionWarning, match="is redundant, or costs a mode") if 1e-12 < gap < 1e-8 else nullcontext()
+    with doubt:
+        assert len(independent(equations, np.ones(2))) == kept

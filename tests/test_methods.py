@@ -405,7 +405,7 @@ def test_loose_pieces_in_the_interface_stay_rigid_to_the_last_digit(key: str) ->
 
 @pytest.mark.parametrize("key", PHYSICAL)
 def test_a_massless_interface_dof_has_no_mass_by_rounding(key: str) -> None:
-    """With all modes kept, modes and one massless shape are solved for the interface: a mass of 1e-80 would be a mode of its own."""
+    """With all modes kept, modes and one massless shape are solved for the interface: a mass of 1e-80 would be a mode."""
     K = np.array([[6.765, -2.175, -4.59], [-2.175, 2.175, 0.0], [-4.59, 0.0, 4.59]])
     sub = fs.Substructure(np.diag([2.315, 0.0, 1.747]), K, interface=[0, 1, 2])
     rom = reduced(sub, key, 0 if METHODS[key].held else 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -10,12 +11,14 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import Array, Matrix
+from femsub.errors import ConditionWarning
 from femsub.model.matrices import is_symmetric
 
 ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
 DUST = 1e-15  # share of a column's largest entry, in units of energy, below which an entry is rounding
 LEAST = 4e-15  # share of the sizes of which a mass or stiffness is the sum below which it is rounding (as of rigid-body modes)
 DEPENDENT = 1e-10  # an equation with a pivot below this share of the largest is redundant
+UNSURE = 100.0  # factor about it within which an equation may be either
 PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
 FILLED = 0.3  # of all entries that are not 0: from here on the product of two sparse matrices is faster by dense ones
 SPREAD_PIVOT = 0.1  # the same for a generalised coordinate, in units of energy
@@ -223,7 +226,17 @@ def _decomposed(equations: Equations, rows: Array, columns: Array) -> tuple[Arra
 
     A = equations.A[rows][:, columns].toarray() * equations.unit[columns]
     Q, R, _ = la.qr((A / np.linalg.norm(A, axis=1)[:, None]).T, pivoting=True, check_finite=False)
+    pivots = np.abs(R.diagonal())
+    _check_gap(pivots / pivots.max(initial=1e-300))
     return Q, _rank(R)
+
+
+def _check_gap(pivots: Array) -> None:
+    near = pivots[(pivots > DEPENDENT / UNSURE) & (pivots < DEPENDENT * UNSURE)]
+    if len(near):
+        warnings.warn(f"the parts' shapes fulfil an equation of the joints to {near[0]:.0e} (relative) already: whether it is "
+                      "redundant, or costs a mode, depends on rounding. Keep more modes, or join fewer DOF", ConditionWarning,
+                      stacklevel=7)
 
 
 def _rank(R: Array) -> int:
@@ -249,7 +262,9 @@ def independent(equations: Equations, size: Array) -> Array:
     for rows, columns in groups(equations.A):
         A = equations.A[rows][:, columns].toarray() * equations.unit[columns] / size[rows, None]
         R, order = la.qr(A.T, mode="r", pivoting=True, check_finite=False)
-        found.append(rows[order[:np.count_nonzero(np.abs(R.diagonal()) > DEPENDENT)]])
+        pivots = np.abs(R.diagonal())
+        _check_gap(pivots)
+        found.append(rows[order[:np.count_nonzero(pivots > DEPENDENT)]])
     return np.sort(np.concatenate(found))
 
 
