@@ -2,9 +2,9 @@
 
     python scripts/critical_values.py [FIRST] [NUMBER]
 
-Undamped circulatory models, damped ones, gyroscopic ones, negative damping, and factors that are not affine, in turn. The number of
-growing eigenvalues that follows from the losses and regains is compared with the number counted at 2,001 values of the parameter
-and between any two crossings. Each crossing that bisection finds on this grid must be in the result.
+Undamped circulatory models, damped ones, gyroscopic ones, negative damping, and factors that are not affine, in turn. The number
+of growing eigenvalues that follows from the losses and regains is compared with the number counted at 2,001 values of the
+parameter and between any two crossings. Each crossing that bisection finds on this grid must be in the result.
 """
 
 from __future__ import annotations
@@ -45,17 +45,14 @@ def problem(seed: int) -> Problem:
     M, K, any_K, skew = spd(0.5), 4 * spd(0.3), rng.standard_normal((n, n)), rng.standard_normal((n, n))
     skew, damping = skew - skew.T, 10.0 ** rng.uniform(-4, 0) * spd(0.01)
     between = (-float(rng.uniform(0.1, 3)), float(rng.uniform(0.5, 6)))
-    if kind == "circulatory":
-        return Problem(kind, fs.Affine(M, None, [(1.0, K), ("p", any_K)]), between, True)
-    if kind == "damped":
-        return Problem(kind, fs.Affine(M, damping, [(1.0, K), ("p", any_K)]), between, False)
-    if kind == "gyroscopic":
-        return Problem(kind, fs.Affine(M, [(1.0, 2 * skew)], [(1.0, K - 3 * np.eye(n)), ("p", spd(0.0) - np.eye(n))]), between, True)
-    if kind == "negative damping":
-        return Problem(kind, fs.Affine(M, [(1.0, damping), ("p", 0.1 * (any_K + any_K.T))], [(1.0, K), ("p", 0.2 * skew)]), between,
-                       False)
-    return Problem(kind, fs.Affine(M, damping, [(1.0, K), (lambda p: np.sin(3 * p), any_K), (lambda p: p**2, 0.1 * skew)]), between,
-                   False)
+    eye = np.eye(n)
+    terms: dict[str, tuple[Any, Any]] = {
+        "circulatory": (None, [(1.0, K), ("p", any_K)]),
+        "damped": (damping, [(1.0, K), ("p", any_K)]),
+        "gyroscopic": ([(1.0, 2 * skew)], [(1.0, K - 3 * eye), ("p", spd(0.0) - eye)]),
+        "negative damping": ([(1.0, damping), ("p", 0.1 * (any_K + any_K.T))], [(1.0, K), ("p", 0.2 * skew)]),
+        "not affine": (damping, [(1.0, K), (lambda p: np.sin(3 * p), any_K), (lambda p: p**2, 0.1 * skew)])}
+    return Problem(kind, fs.Affine(M, *terms[kind]), between, kind in ("circulatory", "gyroscopic"))
 
 
 def counter(task: Problem) -> Callable[[Array], tuple[Array, Array]]:

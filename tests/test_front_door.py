@@ -54,6 +54,7 @@ RESULTS = {
     "Branch",
     "ComplexModes",
     "CriticalSlope",
+    "CriticalValue",
     "Estimate",
     "LimitCycle",
     "NormalModes",
@@ -215,6 +216,10 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         ),
         "complex_modes(band)": (fs.complex_modes, {"model": rom, "contacts": slope, "band": (0.0, 0.5), "re": (-1.0, 1.0)}),
         "critical_slope": (fs.critical_slope, {"model": sub, "port": "belt", "force": 1.0, "band": (0.0, 3.0), "method": "auto"}),
+        "critical_value": (
+            fs.critical_value,
+            {"model": sub, "contacts": slope, "parameter": "slope", "between": (-0.1, 0.0), "band": (0.0, 3.0)},
+        ),
         "damped": (fs.damped, {"sub": sub, "rayleigh": (0.1, 0.1), "ratios": None, "modal": None, "dashpots": {0: 0.1}}),
         "damped(modal)": (fs.damped, {"sub": sub, "modal": 0.01}),
         "damped(ratios)": (fs.damped, {"sub": sub, "ratios": ((0.5, 0.01), (1.0, 0.01))}),

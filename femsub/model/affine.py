@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import cached_property, lru_cache, partial, reduce
 from inspect import Parameter, signature
 from operator import add
 from typing import Any, TypeAlias
@@ -80,7 +80,7 @@ class Affine(Frozen):
     def size(self) -> int:
         return int(self.M[0][1].shape[0])
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for theta, _ in self._all for name in _names(theta)))
 
@@ -92,18 +92,22 @@ class Affine(Frozen):
         InputError
             A parameter is missing or unknown, or a θ is not finite there.
         """
-        rest = self.fixed(**values)
-        if rest.parameters:
-            raise InputError(f"no value is given for {', '.join(rest.parameters)}. Give all of {', '.join(self.parameters)}")
-        return Pencil(*(reduce(add, (theta * A for theta, A in terms)) if terms else None for terms in (rest.M, rest.D, rest.K)))
+        self._check(values)
+        if rest := [name for name in self.parameters if name not in values]:
+            raise InputError(f"no value is given for {', '.join(rest)}. Give all of {', '.join(self.parameters)}")
+        return Pencil(*(reduce(add, (_fixed(theta, values) * A for theta, A in terms)) if terms else None
+                        for terms in (self.M, self.D, self.K)))
 
     def fixed(self, **values: float) -> Affine:
         """The same with values given to some of the parameters, and the others left."""
+        self._check(values)
+        return self._with(lambda theta, A: (_fixed(theta, values), A))
+
+    def _check(self, values: Mapping[str, float]) -> None:
         for name, value in values.items():
             if name not in self.parameters:
                 raise unknown_name("parameter", name, self.parameters)
             finite_number(name, value)
-        return self._with(lambda theta, A: (_fixed(theta, values), A))
 
     def reduced(self, V: Any) -> Affine:
         """Each matrix projected once, VᵀA_iV (r, r), on a basis V (n, r), e.g. that of a reduced model."""
@@ -143,6 +147,7 @@ def _is_matrix(value: Any) -> bool:
         return False
 
 
+@lru_cache(maxsize=1000)
 def _names(theta: Theta) -> list[str]:
     """The parameters of a factor."""
     if isinstance(theta, str):

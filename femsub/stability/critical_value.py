@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,9 +17,11 @@ from femsub.model.affine import Affine
 from femsub.model.bands import in_band
 from femsub.model.contact import Contacts, contacts_of
 from femsub.model.estimate import usable_band
-from femsub.model.pencil import Pencil
 from femsub.model.substructure import Substructure
 from femsub.stability.exclusion import Family, Part, Spectrum
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
 
 log = logging.getLogger(__name__)
 
@@ -117,9 +119,10 @@ class CriticalValue:
         else:
             first = "none"
         losses = f"{len(self.losses)} loss{'' if len(self.losses) == 1 else 'es'}"
+        regains = f"{len(self.regains)} regain{'' if len(self.regains) == 1 else 's'}"
         rest = f", {len(self.open)} intervals open" if self.open else ""
-        return (f"CriticalValue: {self.parameter} = {first} of {losses} and {len(self.regains)} regain"
-                f"{'' if len(self.regains) == 1 else 's'} from {self.searched[0]:g} to {self.searched[1]:g}; {self.evidence}{rest}")
+        return (f"CriticalValue: {self.parameter} = {first} of {losses} and {regains} from {self.searched[0]:g} to "
+                f"{self.searched[1]:g}; {self.evidence}{rest}")
 
 
 def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: str, *, between: tuple[float, float],
@@ -162,13 +165,15 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
     Examples
     --------
     >>> import femsub as fs
-    >>> found = fs.critical_value(fs.chain(10, belt=2), fs.Belt(slope=0.0), "slope", between=(0.0, -0.03)[::-1])
-    >>> print(f"{found.regains[0].value:.6f} {found.regains[0].kind}")
+    >>> found = fs.critical_value(fs.chain(10, belt=2), fs.Belt(slope=0.0), "slope", between=(-0.03, 0.0))
+    >>> print(f"{found.regains[-1].value:.6f} {found.regains[-1].kind}")
     -0.025567 hopf
     """
     lo, hi = interval("between", between)
     pencil_at = _family(model, contacts, word("parameter", parameter))
-    limits = usable_band(model, band) if isinstance(model, Substructure) else check_band(band) if band is not None else (0.0, np.inf)
+    limits = (0.0, np.inf) if band is None else check_band(band)
+    if isinstance(model, Substructure):
+        limits = usable_band(model, band)
     with one_thread(model.size <= FEW):
         family = Family(pencil_at, (lo, hi))
         if family.floating:

@@ -10,8 +10,8 @@ F = (I - h|X|)⁻¹ (h|B'| + h²|C| + rounding), h half the width. Each eigenval
 with the radii Σ_j f_ij. If row and column i are scaled by 1/τ and τ, a disc that is clear of all others shrinks to the second
 order in F, and holds exactly one eigenvalue. An interval is excluded if no disc touches the axis.
 
-Without damping (and for gyroscopic forces with a symmetric K) the spectrum is symmetric about the axis. There an eigenvalue on the
-axis stays on it as long as its disc is clear of all others: it can only leave together with another one.
+Without damping (and for gyroscopic forces with a symmetric K) the spectrum is symmetric about the axis. There an eigenvalue on
+the axis stays on it as long as its disc is clear of all others: it can only leave together with another one.
 
 Sources: S. Gershgorin 1931; R. S. Varga, Geršgorin and His Circles (2004), sec. 1.1 and 2.1 (scaled discs and their counts).
 """
@@ -22,15 +22,17 @@ import heapq
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
-import scipy.sparse as sp
 
 from femsub.checks import EPS, Array
-from femsub.model.pencil import Pencil
 from femsub.quadratic.dense import definite_form
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
 
 STRAIGHT = 1e-13  # largest distance of A(p) from the chord between its ends, relative, at which A counts as affine
 BETWEEN = 1.5  # safety factor on the largest |E| sampled, if A is not affine
@@ -50,20 +52,9 @@ class Spectrum(NamedTuple):
     noise: Array
 
 
-class Verdict(NamedTuple):
-    """Whether an interval is excluded, the number of growing eigenvalues in it, those that may touch the axis, and whether
-    rounding alone keeps them there.
-    """
-
-    excluded: bool
-    growing: int
-    touching: Array
-    drowned: bool
-
-
 @dataclass(frozen=True)
 class Part:
-    """An interval: without any crossing (`growing` eigenvalues throughout), or not excluded, with the z that may touch the axis."""
+    """An interval without a crossing (`growing` eigenvalues throughout), or not excluded, with the z that may touch the axis."""
 
     begin: float
     end: float
@@ -74,8 +65,8 @@ class Part:
 class Family:
     """The state matrices A(p) of a pencil over a range of p.
 
-    The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine` tells whether A is
-    affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis.
+    The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine` tells whether A
+    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis.
     """
 
     def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float]) -> None:
@@ -84,7 +75,7 @@ class Family:
         self.middle = (lo + hi) / 2
         form = definite_form(pencil_at(self.middle))
         self.shapes, self.omega = form.shapes, np.maximum(form.omega, SLOWEST * form.omega.max())
-        self.matrix = lru_cache(maxsize=64)(self._matrix)
+        self.matrix = lru_cache(maxsize=256)(self._matrix)
         points = [lo + share * (hi - lo) for share in SAMPLES]
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
         self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
@@ -102,11 +93,9 @@ class Family:
         """A(p), shape (2n, 2n)."""
         pencil, n = self.pencil_at(p), len(self.omega)
         M, D, K = (self.shapes.T @ (part @ self.shapes) for part in (pencil.M, pencil.D, pencil.K))
-        if np.abs(M - np.eye(n)).max() <= 1e-10:  # M of the middle
-            M = np.eye(n)
-        A = np.zeros((2 * n, 2 * n))
+        A, forces = np.zeros((2 * n, 2 * n)), np.hstack([K / self.omega, D])
         A[:n, n:] = np.diag(self.omega)
-        A[n:] = -la.solve(M, np.hstack([K / self.omega, D]), check_finite=False)
+        A[n:] = -forces if np.abs(M - np.eye(n)).max() <= 1e-10 else -la.solve(M, forces, check_finite=False)  # M of the middle
         return A
 
     def _magnitude(self, pencil: Pencil) -> Array:
@@ -136,45 +125,89 @@ class Family:
         x: Array = self.shapes @ (found.V[:len(self.omega), at] / self.omega)
         return x / np.linalg.norm(x)
 
-    def verdict(self, begin: float, end: float) -> Verdict:
-        """The test of one interval, from the decomposition in its middle."""
+    def tested(self, begin: float, end: float) -> list[Part]:
+        """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out."""
         m, h = (begin + end) / 2, (end - begin) / 2
         found = self.spectrum(m)
         with np.errstate(all="ignore"):
-            curved: Array = np.zeros(1)
-            slope = self.slope
+            slope, curved, towards = self.slope, np.zeros_like(found.noise), np.zeros(len(found.z))
             if not self.affine:
                 slope, A = (self.at(end) - self.at(begin)) / (end - begin), self.at(m)
-                curved = BETWEEN * np.max([np.abs(found.inverse @ ((self.at(p) - A - (p - m) * slope) @ found.V))
-                                           for p in (begin, (begin + m) / 2, (m + end) / 2, end)], axis=0)
-            discs = _discs(found.z, h, found.inverse @ slope @ found.V, found.noise + curved)
+                rest = np.array([found.inverse @ ((self.at(p) - A - (p - m) * slope) @ found.V)
+                                 for p in (begin, (begin + m) / 2, (m + end) / 2, end)])
+                curved = BETWEEN * np.abs(rest).max(axis=0)
+                towards = BETWEEN * np.abs(np.einsum("kii->ki", rest).real).max(axis=0)
+            discs = _discs(found.z, h, found.inverse @ slope @ found.V, found.noise + curved, found.noise.diagonal() + towards)
         if discs is None:
-            return Verdict(False, 0, found.z, False)
+            return [Part(begin, end, None, tuple(found.z))]
         touching, on_axis = _touching(discs, self.mirrored)
-        noise = found.noise.sum(axis=1)
-        drowned = bool(touching.any() and (np.abs(discs.drift) + discs.F.sum(axis=1) <= 2 * noise)[touching].all())
-        growing = int(np.count_nonzero(found.z.real[~on_axis] > 0))
-        return Verdict(not touching.any(), growing, found.z[touching], drowned)
+        growing = int(np.count_nonzero(found.z.real[~on_axis & ~touching] > 0))
+        if not touching.any():
+            return [Part(begin, end, growing)]
+        cut = self._cut(discs, touching, growing, begin, end)
+        return [Part(begin, end, None, tuple(found.z[touching]))] if cut is None else cut
+
+    def _cut(self, discs: _Discs, touching: Array, growing: int, begin: float, end: float) -> list[Part] | None:
+        """The interval without the places where no clear disc reaches the axis; None if a disc is not clear or much would remain.
+
+        The centre of a disc moves evenly, z_i + t b_i. So its eigenvalue crosses only where |Re(z_i + t b_i)| is below what else
+        the disc may hold. That shrinks by a power of h, and an interval around a simple crossing in one step.
+        """
+        h = (end - begin) / 2
+        speed = discs.drift.real[touching] / h
+        radius = discs.axis[touching] + _isolated(discs)[touching]
+        if self.mirrored or not np.isfinite(radius).all() or not speed.all():
+            return None
+        rate = discs.z.real[touching]
+        centre, half = -rate / speed, radius / np.abs(speed)
+        order = np.argsort(centre - half, kind="stable")
+        pieces: list[list[float]] = []
+        for lo, hi in zip(np.maximum(centre - half, -h)[order], np.minimum(centre + half, h)[order], strict=True):
+            if pieces and lo <= pieces[-1][1]:
+                pieces[-1][1] = max(pieces[-1][1], float(hi))
+            else:
+                pieces.append([float(lo), float(hi)])
+        if sum(hi - lo for lo, hi in pieces) > h:
+            return None
+        middle, result = (begin + end) / 2, []
+        edges = [begin, *(min(max(middle + edge, begin), end) for piece in pieces for edge in piece), end]
+        for i, (lo, hi) in enumerate(pairwise(edges)):
+            inner = growing + int(np.count_nonzero(rate + ((lo + hi) / 2 - middle) * speed > 0))
+            if lo < hi:
+                result.append(Part(lo, hi, None, tuple(discs.z[touching])) if i % 2 else Part(lo, hi, inner))
+        return result
+
+    def _undecided(self, begin: float, end: float) -> bool:
+        """Whether rounding alone leaves open, at several places, which eigenvalues grow: then dividing does not help."""
+        for p in ((begin + end) / 2, (3 * begin + end) / 4, (begin + 3 * end) / 4):
+            found = self.spectrum(p)
+            with np.errstate(all="ignore"):
+                discs = _discs(found.z, 0.0, np.zeros_like(found.V), found.noise, found.noise.diagonal())
+            if discs is not None and not _touching(discs, self.mirrored)[0].any():
+                return False
+        return True
 
     def parts(self, most: int) -> list[Part]:
         """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
         lo, hi = self.between
         least = max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
-        open_ones, done = [(lo - hi, lo, hi)], []
+        waiting, done = [(lo - hi, lo, hi)], []
         for _ in range(most):
-            if not open_ones:
+            if not waiting:
                 break
-            _, a, b = heapq.heappop(open_ones)
-            found = self.verdict(a, b)
-            if found.excluded:
-                done.append(Part(a, b, found.growing))
-            elif b - a <= least or found.drowned:
-                done.append(Part(a, b, None, tuple(found.touching)))
-            else:
-                m = (a + b) / 2
-                for begin, end in ((a, m), (m, b)):
-                    heapq.heappush(open_ones, (begin - end, begin, end))
-        done += [Part(a, b, None, tuple(self.verdict(a, b).touching)) for _, a, b in open_ones]
+            _, a, b = heapq.heappop(waiting)
+            for part in self.tested(a, b):
+                if part.growing is not None or part.end - part.begin <= least:
+                    done.append(part)
+                elif part.end - part.begin < (b - a) / 2:
+                    heapq.heappush(waiting, (part.begin - part.end, part.begin, part.end))
+                elif self._undecided(a, b):
+                    done.append(part)
+                else:
+                    m = (a + b) / 2
+                    for begin, end in ((a, m), (m, b)):
+                        heapq.heappush(waiting, (begin - end, begin, end))
+        done += [Part(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
         return _joined(sorted(done, key=lambda part: part.begin))
 
 
@@ -208,15 +241,18 @@ class _Discs(NamedTuple):
 
     @property
     def apart(self) -> Array:
-        """Smallest distance between the centres over the interval, less what is on both diagonals, (m, m); inf on its diagonal."""
+        """Smallest distance of the centres over the interval, less what is on both diagonals, (m, m); inf on its diagonal."""
         own = self.F.diagonal()
         found = np.abs(self.z[:, None] - self.z) - np.abs(self.drift[:, None] - self.drift) - own[:, None] - own
         np.fill_diagonal(found, np.inf)
         return np.asarray(found)
 
 
-def _discs(z: Array, h: float, B: Array, extra: Array) -> _Discs | None:
-    """The discs of an interval of half width h; `extra` (m, m) bounds rounding, and what is not affine. None if they overflow."""
+def _discs(z: Array, h: float, B: Array, extra: Array, towards: Array) -> _Discs | None:
+    """The discs of an interval of half width h; None if they overflow.
+
+    `extra` (m, m) bounds rounding and what is not affine, `towards` (m,) the real part of its diagonal.
+    """
     b = B.diagonal().copy()
     gap = z - z[:, None]  # z_j - z_i
     far = np.abs(gap) > FAR * h * (np.abs(B) + np.abs(B).T)
@@ -226,12 +262,12 @@ def _discs(z: Array, h: float, B: Array, extra: Array) -> _Discs | None:
         X = np.zeros_like(X)
     first = np.where(X != 0, 0.0, np.abs(B))
     np.fill_diagonal(first, 0.0)
-    C, extra = B @ X - X * b, extra + h * extra @ np.abs(X)
-    G = h * first + h**2 * np.abs(C) + extra
+    C, turned = B @ X - X * b, h * extra @ np.abs(X)
+    G = h * first + h**2 * np.abs(C) + extra + turned
     if not np.isfinite(G).all():
         return None
     F = la.solve(np.eye(len(z)) - h * np.abs(X), G, check_finite=False)
-    axis = h**2 * np.abs(C.diagonal().real) + extra.diagonal() + h * np.einsum("ij,ji->i", np.abs(X), F)
+    axis = h**2 * np.abs(C.diagonal().real) + towards + turned.diagonal() + h * np.einsum("ij,ji->i", np.abs(X), F)
     return _Discs(z, h * b, F, axis)
 
 
@@ -260,9 +296,10 @@ def _touching(discs: _Discs, mirrored: bool) -> tuple[Array, Array]:
     if not touch.any():
         return none, none
     # the plain discs that hang together hold as many eigenvalues as they are; one that touches the axis puts all in doubt
-    links = sp.csr_array(discs.apart <= rest[:, None] + rest)
-    label = sp.csgraph.connected_components(links, directed=False)[1]
-    near = np.isin(label, label[touch]) & (rate <= discs.reach(_isolated(discs)))
+    links, doubtful, count = discs.apart <= rest[:, None] + rest, touch, 0
+    while count < (count := int(np.count_nonzero(doubtful))):
+        doubtful = doubtful | links[:, doubtful].any(axis=1)
+    near = doubtful & (rate <= discs.reach(_isolated(discs)))
     if not mirrored or not near.any():
         return near, none
     # a disc centred on the axis that is clear of all others: with its eigenvalue it holds the mirrored one, hence they are one

@@ -1,0 +1,129 @@
+"""`critical_value`: every loss and regain of stability over a parameter, none missed, none invented."""
+
+from __future__ import annotations
+
+import runpy
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from femsub.stability.exclusion import Family
+
+SCRIPT = runpy.run_path(str(Path(__file__).parent.parent / "scripts" / "critical_values.py"))
+EYE = np.eye(2)
+TWO_MODE = fs.Affine(EYE, None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_random_models_agree_with_a_dense_scan(seed: int) -> None:
+    """A shortened scripts/critical_values.py: flutter, negative damping, divergence, several losses and regains."""
+    task = SCRIPT["problem"](seed)
+    found = fs.critical_value(task.family, None, "p", between=task.between)
+    assert not SCRIPT["differences"](task, found)
+    assert found.evidence == ("confirmed" if task.kind == "not affine" else "certified") and not found.open
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_an_excluded_interval_holds_no_crossing(seed: int) -> None:
+    """The number of growing eigenvalues is the same at its ends and inside as the test says, and neighbours agree."""
+    task = SCRIPT["problem"](seed)
+    family = Family(lambda p: task.family.at(p=p), task.between)
+    parts = family.parts(2000)
+    assert parts[0].begin == task.between[0] and parts[-1].end == task.between[1]
+    assert all(one.end == two.begin for one, two in pairwise(parts))
+    known = [part for part in parts if part.growing is not None]
+    grown = SCRIPT["counter"](task)
+    for share in (1e-3, 0.3, 0.999):
+        counts, _ = grown(np.array([part.begin + share * (part.end - part.begin) for part in known]))
+        wide = np.array([part.end - part.begin for part in known]) > 1e-5
+        assert np.array_equal(counts[wide], np.array([part.growing for part in known])[wide])
+    assert all(one.growing == two.growing for one, two in pairwise(parts) if None not in (one.growing, two.growing))
+
+
+def test_a_short_loss_between_two_samples_is_found() -> None:
+    """Damping d - p² + w: negative only for |p - 0.3| < 1e-4, a ten-thousandth of the range."""
+    family = fs.Affine([[1.0]], [(lambda p: (p - 0.3) ** 2 - 1e-8, [[1.0]])], [[4.0]])
+    found = fs.critical_value(family, None, "p", between=(0.0, 2.0))
+    assert found.evidence == "confirmed" and found.losses[0].kind == "hopf"
+    assert found.value == pytest.approx(0.2999, abs=1e-9) and found.regains[0].value == pytest.approx(0.3001, abs=1e-9)
+    assert found.losses[0].omega == pytest.approx(2.0, rel=1e-9)
+
+
+def test_a_belt_is_lost_where_the_critical_slope_is() -> None:
+    for model in (fs.chain(10, belt=2), fs.reduce(fs.chain(10, belt=2), fs.CraigChang(4), ports=True)):
+        found = fs.critical_value(model, fs.Belt(slope=0.0), "slope", between=(-0.03, 0.01))
+        border = fs.critical_slope(model)
+        assert found.regains[-1].value == pytest.approx(border.slope, rel=1e-8) and found.regains[-1].kind == "hopf"
+        assert found.regains[-1].omega == pytest.approx(border.omega, rel=1e-6)
+        assert found.regains[-1].growth[0] > 0 > found.regains[-1].growth[1] and found.growing > 0 and float(found) == -0.03
+        shape = found.regains[-1].shape
+        assert abs(shape.conj() @ border.shape) == pytest.approx(np.linalg.norm(border.shape), rel=1e-6)
+
+
+def test_a_law_over_the_speed_with_another_contact_beside_it() -> None:
+    """The belt's slope over its speed is no affine function: found where μ'(v) = the critical slope under both."""
+    model, eps = fs.chain(6, belt=2), 5e-2
+    law = fs.StribeckArctan(eps=eps)
+    dashpot = fs.LinearContact("belt", damping=[[0.02]])
+    found = fs.critical_value(model, [fs.Belt(speed=0.2, law=law), dashpot], "speed", between=(0.1, 1.5))
+    border = float(fs.critical_slope(model)) - 0.02
+    assert found.evidence == "confirmed" and len(found.losses) >= 1 and len(found.regains) >= 1
+    assert float(law.slope(found.losses[0].value)) == pytest.approx(border, rel=1e-8)
+    assert float(law.slope(found.regains[-1].value)) == pytest.approx(border, rel=1e-8)
+
+
+def test_only_crossings_in_the_band_count() -> None:
+    M, K = np.diag([1.0, 1.0, 1.0, 1.0]), np.diag([2.0, 2.2, 50.0, 55.0])
+    skew = np.zeros((4, 4))
+    skew[0, 1], skew[1, 0], skew[2, 3], skew[3, 2] = 1.0, -1.0, 20.0, -20.0
+    family = fs.Affine(M, None, [(1.0, K), ("mu", skew)])
+    both = fs.critical_value(family, None, "mu", between=(0.0, 1.0))
+    assert [round(one.value, 9) for one in both.losses] == [0.1, 0.125] and both.evidence == "certified"
+    low, high = (fs.critical_value(family, None, "mu", between=(0.0, 1.0), band=band) for band in ((0.0, 3.0), (3.0, 10.0)))
+    assert [round(float(one), 9) for one in (low, high)] == [0.1, 0.125] and len(low.losses) == len(high.losses) == 1
+    late = fs.critical_value(family, None, "mu", between=(0.11, 1.0))
+    assert late.growing == 2 and late.value == 0.11 and len(late.losses) == 1 and "grow from the begin" in repr(late)
+    never = fs.critical_value(family, None, "mu", between=(-0.05, 0.05))
+    assert never.value == np.inf and "none" in repr(never)
+
+
+def test_what_cannot_be_excluded_is_listed() -> None:
+    """Two undamped modes of one frequency over the whole range, which do not act on each other: no disc is clear."""
+    family = fs.Affine(np.eye(3), None, [(1.0, np.diag([1.0, 1.0, 9.0])), ("p", np.diag([0.1, 0.1, 0.5]))])
+    found = fs.critical_value(family, None, "p", between=(0.0, 1.0))
+    assert found.evidence == "not checked" and found.open == ((0.0, 1.0),) and not found.losses
+    assert "1 intervals open" in repr(found) and found.solved < 20
+
+
+def test_divergence_passes_zero() -> None:
+    family = fs.Affine(EYE, 0.1 * EYE, [(1.0, [[3.0, 0.5], [0.5, 2.0]]), ("load", -EYE)])
+    found = fs.critical_value(family, None, "load", between=(0.0, 5.0))
+    exact = np.linalg.eigvalsh([[3.0, 0.5], [0.5, 2.0]])
+    assert [one.kind for one in found.losses] == ["divergence"] * 2 and all(one.omega == 0 for one in found.losses)
+    np.testing.assert_allclose([one.value for one in found.losses], exact, rtol=1e-10)
+    shape = found.losses[0].shape
+    assert not np.iscomplexobj(shape)
+    np.testing.assert_allclose(np.array([[3.0, 0.5], [0.5, 2.0]]) @ shape, exact[0] * shape, atol=1e-8)
+
+
+def test_what_has_no_answer_is_refused() -> None:
+    sub, belt = fs.chain(5, belt=2), fs.Belt(slope=-0.1)
+    several = fs.Affine(EYE, None, [("a", EYE), ("b", EYE)])
+    refused: list[tuple[Any, str]] = [
+        (lambda: fs.critical_value(sub, belt, "mu", between=(0, 1)), "unknown parameter 'mu'"),
+        (lambda: fs.critical_value(sub, None, "mu", between=(0, 1)), "unknown parameter 'mu'"),
+        (lambda: fs.critical_value(TWO_MODE, belt, "mu", between=(0, 1)), "no ports"),
+        (lambda: fs.critical_value(TWO_MODE, None, "nu", between=(0, 1)), "unknown parameter 'nu'; did you mean 'mu'"),
+        (lambda: fs.critical_value(several, None, "a", between=(0, 1)), r"b must have values: give model.fixed\(b"),
+        (lambda: fs.critical_value(TWO_MODE, None, "mu", between=(1, 0)), "lo < hi"),
+        (lambda: fs.critical_value(fs.chain(400, belt=2), belt, "slope", between=(-1, 0)), "up to 300 DOF"),
+        (lambda: fs.critical_value(fs.chain(5, belt=2, fixed=False), belt, "slope", between=(-1, 0)), "floats"),
+        (lambda: fs.critical_value(sub, belt, "force", between=(-1, 1)), "force must not be negative"),
+        (lambda: fs.critical_value(3, belt, "slope", between=(-1, 0)), "model must be a Substructure")]  # type: ignore[arg-type]
+    for call, told in refused:
+        with pytest.raises((fs.InputError, fs.InputTypeError), match=told):
+            call()
