@@ -215,7 +215,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             {"model": sub, "contacts": slope, "count": 4, "band": None, "re": None, "certify": None},
         ),
         "complex_modes(band)": (fs.complex_modes, {"model": rom, "contacts": slope, "band": (0.0, 0.5), "re": (-1.0, 1.0)}),
-        "critical_slope": (fs.critical_slope, {"model": sub, "port": "belt", "force": 1.0, "band": (0.0, 3.0), "method": "auto"}),
+        "critical_slope": (fs.critical_slope, {"model": sub, "port": "belt", "force": 1.0, "contacts": None, "band": (0.0, 3.0),
+                                                "method": "auto"}),
         "critical_value": (
             fs.critical_value,
             {"model": sub, "contacts": slope, "parameter": "slope", "between": (-0.1, 0.0), "band": (0.0, 3.0)},

@@ -63,7 +63,8 @@ class JoinedSearch:
     def __init__(self, system: System, statics: Mapping[str, Statics], contacts: Belt | Sequence[Belt] | None, top: float,
                  least: Mapping[str, int]) -> None:
         pencil, self.system = system.linearised(contacts), system
-        belts = [contacts] if isinstance(contacts, Belt) else list(contacts or ())
+        belts = [instance("each contact of an estimate", belt, Belt)
+                 for belt in ([contacts] if isinstance(contacts, Belt) else contacts or ())]
         self.damped, self.symmetric = pencil.norms[1] > 0, pencil.symmetric[1]
         self.parts = {name: damped_part(system, name, belts) for name in system.parts}
         whole = {name: part.size for name, part in system.parts.items() if name not in statics}

@@ -28,6 +28,8 @@ from femsub.stability.border import dense_border, sparse_border
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from femsub.model.contact import Contacts
+
 log = logging.getLogger(__name__)
 
 SMALL = 150  # DOF up to which a sparse model is treated as dense
@@ -246,7 +248,8 @@ def _leading(values: Array, band: tuple[float, float]) -> tuple[float, float]:
 
 
 def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.0,
-                   band: tuple[float, float] | None = None, method: str = "auto") -> CriticalSlope:
+                   contacts: Contacts = None, band: tuple[float, float] | None = None,
+                   method: str = "auto") -> CriticalSlope:
     """The friction slope c/F at which steady sliding on a port loses its stability.
 
     On the border a pair λ = iω fulfils 1 + c·iω·wᵀ(-ω²M + iωD + K)⁻¹w = 0. Every root found is verified on the pencil.
@@ -260,6 +263,8 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
         complex modes instead of found as a root.
     force : float
         Normal force F; the slope returned is c/F.
+    contacts : Belt, LinearContact or another contact, or a sequence of them, optional
+        Contacts that act as well, with terms in D only. For terms in K see `critical_value`.
     band : (lo, hi), optional
         Only pairs with lo ≤ Im λ ≤ hi count. Default: all pairs of a dense (or small sparse) model; for a reduced model those
         below its cut-off. A band above the cut-off is refused, since modes there are artefacts of the reduction, often hardly
@@ -277,7 +282,8 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     UnstableModelError
         The model is unstable at c = 0; the message shows λ.
     InputError
-        An unknown port or method, a force that is not positive, a missing band, or one that reaches above the cut-off.
+        An unknown port or method, a force that is not positive, a missing band, or one that reaches above the cut-off; a contact
+        that adds to K.
     NotConvergedError
         A root could not be verified on the pencil; rounding may move it by a relative 1e-3 or more; or a pair that lost its
         stability outside the band has moved into it before.
@@ -297,6 +303,11 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     instance("model", model, Substructure, "with a port")
     positive_number("force", force)
     choice("method", method, ("auto", "scalar", "bracketing"))
+    if contacts is not None:
+        pencil = model.linearised(contacts)
+        if pencil.K is not model.pencil.K:
+            raise InputError("the critical slope takes contacts that add to D only. See critical_value, which takes any")
+        model = model.with_damping(pencil.D)
     w = model.port(port).reshape(model.size, -1)
     if method == "scalar" and w.shape[1] > 1:
         raise InputError(f"port {port!r} has {w.shape[1]} columns, but the scalar function takes one. Use method='bracketing'")

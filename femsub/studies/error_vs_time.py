@@ -196,10 +196,7 @@ def border_or_reason(model: Substructure, port: str, force: float, band: tuple[f
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", CutoffWarning)  # the error is measured anyway
-            pencil = model.linearised(others)
-            if pencil.K is not model.pencil.K:
-                return np.nan, np.nan, "the critical slope takes contacts that add to D only. See critical_value"
-            found = critical_slope(model.with_damping(pencil.D) if others else model, port, force=force, band=band)
+            found = critical_slope(model, port, force=force, contacts=others or None, band=band)
             return found.slope, found.omega, ""
     except FemsubError as error:
         return np.nan, np.nan, str(error)
