@@ -23,8 +23,9 @@ import femsub as fs
 from benchmarks.random_systems import Case, compositions, random_system
 from femsub.io.atomic import write_whole
 from femsub.model.bands import upper, within
+from femsub.modes.normal_modes import all_modes
 from femsub.quadratic.matching import match
-from femsub.reduction.error_bounds import FAR, Nested
+from femsub.reduction.error_bounds import ACCEPTED, FAR, Nested
 from femsub.reduction.system_estimate import JoinedSearch, held_statics
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -38,11 +39,6 @@ def moving(model: fs.Substructure, belt: fs.Belt | None) -> np.ndarray:
     """All λ with Im λ ≥ 0 that are no rigid-body ones, by LAPACK."""
     modes = fs.complex_modes(model.linearised(belt).dense())
     return modes.eigenvalues[upper(modes.eigenvalues) & ~modes.rigid & (modes.eigenvalues != 0)]
-
-
-def frequencies(model: fs.Substructure, count: int) -> np.ndarray:
-    modes = fs.normal_modes(model, count=min(count, fs.normal_modes(model, count=0).counted[1] or model.size))
-    return modes.frequencies[modes.rigid:]
 
 
 def of_omega(case: Case, omega: np.ndarray) -> np.ndarray:
@@ -67,7 +63,8 @@ def pairs(case: Case, full: np.ndarray | None, rom: fs.System, estimate: fs.Esti
 
     What rounding in the full matrices may have done to the true error of a frequency is granted to the estimate.
     """
-    error = of_omega(case, frequencies(rom, len(case.omega)))
+    modes = all_modes(rom.K, rom.M, ACCEPTED)
+    error = of_omega(case, modes.frequencies[modes.rigid:])
     known = min(len(error), len(estimate.frequency_error))
     found = estimate.frequency_error[:known]
     found = np.where(np.abs(found - error[:known]) <= case.rounding[:known], np.maximum(found, error[:known]), found)
@@ -175,7 +172,8 @@ def summary(rows: list[dict[str, Any]]) -> str:
                              f"{share.max():.4g}, median {np.median(share):.4g}, "
                              f"{100 * np.mean((share >= 1) & (share <= 10)):.1f} % from 1 to 10, {int((share < 1).sum())} below 1")
     missed = [row["seed"] for row in rows if not row["true"] <= TOL]
-    lines.append(f"tol 1e-3: missed in {len(missed)} {missed or ''}; largest true error {max(row['true'] for row in rows):.3g}")
+    lines.append(f"tol 1e-3: missed in {len(missed)} {missed or ''}; largest true error "
+                 f"{max(row['true'] for row in rows):.3g}")
     share = np.array([sum(row["modes"]) / max(row["fewest"], 1) for row in rows])
     more = [(row["seed"], sum(row["modes"]), row["fewest"]) for row, one in zip(rows, share, strict=True) if one > 1.3]
     lines.append(f"modes over the fewest: median {np.median(share):.3f}, largest {share.max():.3f}, {len(more)} above 1.3 "

@@ -7,22 +7,26 @@ Joined parts are a component whose modes with the interface fixed are those of t
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
+import scipy.linalg as la
 
 from femsub.checks import EPS, Array
 from femsub.model.bands import beyond, in_band, moving, upper, within
 from femsub.model.estimate import SHARE, Estimate
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import all_modes
-from femsub.modes.shift_invert import RIGID
+from femsub.modes.shift_invert import RIGID, ShiftInvert
 from femsub.modes.static_shapes import NOISE, energy_directions
 from femsub.quadratic.dense import solve
 from femsub.quadratic.matching import match
+from femsub.quadratic.region import region_of
+from femsub.quadratic.search import search
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
@@ -41,7 +45,7 @@ class Nested:
     per stiffness below `lightest` times that of the modes counts as none (see `static_shapes.lightest`).
 
     Of joined parts, `parts` are the numbers of elastic modes and of columns of Ξ of each part, in whose order Φ and Ξ stand.
-    A `count` of modes is then one number for each part.
+    A `count` of modes is then one number for each part. ω and |λ| above `limit` are not looked for, where that saves time.
     """
 
     M: Array
@@ -55,6 +59,7 @@ class Nested:
     symmetric: bool = True
     lightest: float = 1e-14
     parts: tuple[tuple[int, int], ...] = ()
+    limit: float = np.inf
 
     @property
     def modes(self) -> int:
@@ -147,12 +152,33 @@ class Nested:
         if not self.constraint:
             omega = np.sqrt(np.sort(self.values[self.held(count)]))
             return omega, np.zeros(len(omega))
-        T = self.basis(count)
-        M, K = self.projected(T)
-        found = all_modes(K, M, ACCEPTED)
-        omega, q = found.frequencies[found.rigid:], T[:self.constraint] @ found.shapes[:, found.rigid:]
+        if self.loads.shape[1]:
+            T = self.basis(count)
+            M, K = self.projected(T)
+        else:
+            kept = np.append(np.arange(self._first), self._first + np.flatnonzero(self.held(count)))
+            T, M, K = np.eye(self.constraint, len(kept)), self.M[np.ix_(kept, kept)], self.K[np.ix_(kept, kept)]
+        omega, shapes = self.lowest(M, K)
+        q = T[:self.constraint] @ shapes
         solver = EPS * omega**3 / omega[:1] ** 2  # of 1/ω², each has the error of the largest
         return omega, np.einsum("ij,ij->j", q, self.rounding @ q) / (2 * omega) + solver
+
+    def lowest(self, M: Array, K: Array) -> tuple[Array, Array]:
+        """ω and shapes of a reduced model up to `limit`, ascending and without rigid-body modes. Its first coordinates are C."""
+        if np.isfinite(self.limit):
+            held = M[:, :self.constraint] @ self._rigid
+            with suppress(la.LinAlgError):  # rigid motion goes above the limit
+                inverse, shapes = la.eigh(M, K + (2 * self.limit) ** 2 * (held @ held.T), check_finite=False,
+                                          subset_by_value=(self.limit**-2, np.inf))
+                return inverse[::-1] ** -0.5, shapes[:, ::-1]
+        found = all_modes(K, M, ACCEPTED)
+        return found.frequencies[found.rigid:], found.shapes[:, found.rigid:]
+
+    @cached_property
+    def _rigid(self) -> Array:
+        """Rigid-body modes in C (n_c, n_r), ZᵀMZ = I: of joined parts they have no other coordinates."""
+        part = slice(0, self.constraint)
+        return ShiftInvert(self.K[part, part], self.M[part, part]).rigid if self.constraint else np.zeros((0, 0))
 
     @cached_property
     def _largest(self) -> tuple[Array, Array]:
@@ -226,7 +252,11 @@ class Nested:
         M, K = self.projected(T)
         D = T.T @ self.D @ T
         pencil = Pencil(M, (D + D.T) / 2 if self.symmetric else D, K)
-        values, X, Y = solve(pencil)
+        if np.isfinite(self.limit):
+            found = search(pencil, region_of(pencil, None, (0.0, self.limit), None), False)
+            values, X, Y = found.values, found.X, found.Y
+        else:
+            values, X, Y = solve(pencil)
         slope = np.abs(np.einsum("ij,ij->j", Y.conj(), (pencil.M @ X) * (2 * values) + pencil.D @ X))
         x, y, size = np.abs(X), np.abs(Y), np.abs(values)
         noise = EPS * np.einsum("ij,ij->j", y, (np.abs(M) @ x) * size**2 + (np.abs(D) @ x) * size)
@@ -245,13 +275,17 @@ class Nested:
     def at_zero(self) -> int:
         """Number of λ at 0: one per rigid-body mode, two where D does not damp it."""
         kept = self._first + self.modes
-        found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
-        if self.D is None or not found.rigid:
-            return 2 * found.rigid
-        Z, D = found.shapes[:, :found.rigid], self.D[:kept, :kept]
+        if self.rigid or not self.constraint:
+            found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
+            Z = found.shapes[:, :found.rigid]
+        else:
+            kept, Z = self.constraint, self._rigid
+        if self.D is None or not Z.shape[1]:
+            return 2 * Z.shape[1]
+        D = self.D[:kept, :kept]
         force = np.linalg.svd(Z.T @ D @ Z, compute_uv=False)
         scale = float(np.linalg.norm(np.abs(Z).T @ np.abs(D) @ np.abs(Z)))
-        return 2 * found.rigid - int(np.count_nonzero(force > RIGID * scale))
+        return 2 * Z.shape[1] - int(np.count_nonzero(force > RIGID * scale))
 
     @cached_property
     def doubt(self) -> tuple[Array, Array]:
@@ -296,7 +330,7 @@ class Nested:
         The component's ω lie between `bounds` and those of the largest model here, whatever the reduced model is.
         """
         low, high = self.bounds, self._largest[0]
-        known = min(len(omega), len(low))
+        known = min(len(omega), len(low), len(high))
         above = np.maximum(omega[:known], high[:known])
         inside = np.flatnonzero(~beyond(low[:known], band[1]) & ~beyond(band[0], above))
         apart = np.maximum(omega[inside] - low[inside], high[inside] - omega[inside])

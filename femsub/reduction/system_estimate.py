@@ -62,7 +62,7 @@ class JoinedSearch:
 
     def __init__(self, system: System, statics: Mapping[str, Statics], contacts: Belt | Sequence[Belt] | None, top: float,
                  least: Mapping[str, int]) -> None:
-        pencil, self.system = system.linearised(contacts), system
+        pencil, self.system, self.limit = system.linearised(contacts), system, 2 * top
         belts = [instance("each contact of an estimate", belt, Belt)
                  for belt in ([contacts] if isinstance(contacts, Belt) else contacts or ())]
         self.damped, self.symmetric = pencil.norms[1] > 0, pencil.symmetric[1]
@@ -119,7 +119,9 @@ class JoinedSearch:
             if name in own:
                 nested, span = own[name]
                 D = span.projected(part.D) if self.damped else np.zeros(nested.M.shape)
-                images[name] = Image(part, replace(nested, D=(D + D.T) / 2 if part.pencil.symmetric[1] else D), span)
+                D = (D + D.T) / 2 if part.pencil.symmetric[1] else D
+                M, K = sp.csr_array(nested.M), sp.csr_array(nested.K)  # hardly filled: C apart, they are diagonal
+                images[name] = Image(part, replace(nested, M=M, D=sp.csr_array(D), K=K), span)
         joined = couple(images, self.system.joints, self.system.name, interface=[])
         rows = dict(zip(images, rows_of_parts(images), strict=True))
         moved = sprung(images, [linked(joint, images) for joint in self.system.joints])
@@ -150,7 +152,7 @@ class JoinedSearch:
         values = np.concatenate([nested.values for nested, _ in own.values()])
         return Nested(M, K, D if self.damped else None, count, 0, values, np.hstack(forces), rounding, self.symmetric,
                       max(lightest(search.statics.handle) for search in self.searches.values()),
-                      tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True))), Space(own, turns)
+                      tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True)), self.limit), Space(own, turns)
 
 
 def held_statics(sub: Substructure) -> Statics:

@@ -21,10 +21,10 @@ from femsub.checks import Array
 from femsub.errors import InputError, NotConvergedError
 from femsub.model.bands import beyond
 from femsub.model.estimate import Estimate
-from femsub.modes.normal_modes import all_modes, lowest_modes
+from femsub.modes.normal_modes import lowest_modes
 from femsub.reduction.basis import Kept
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.error_bounds import ACCEPTED, Nested
+from femsub.reduction.error_bounds import Nested
 from femsub.reduction.method import Method
 from femsub.reduction.system_estimate import JoinedSearch
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from femsub.model.friction import Belt
     from femsub.reduction.statics import Statics
 
-ENOUGH = 0.1  # of the tolerance: what is unknown of the largest model should not decide how many modes are kept
+ENOUGH = 0.3  # of the tolerance: the largest model is to leave some choice
 TRIALS = 12  # choices by first order that are tried before all modes are taken
 
 
@@ -96,7 +96,7 @@ def chosen_together(system: System, statics: Mapping[str, Statics], given: Mappi
         most = np.where(fixed >= 0, fixed, most)
         largest = _estimate(nested, most, band, tol, False)
         if not search.exhausted and (not largest.met or (not given and largest.worst > ENOUGH * tol)):
-            search.grow(1.5)
+            search.grow(2.0)
             continue
         if largest.met and search.damped:
             nested = search.nested(nested, space, band)
@@ -104,7 +104,7 @@ def chosen_together(system: System, statics: Mapping[str, Statics], given: Mappi
         if not largest.met:
             if search.exhausted:
                 raise NotConvergedError(_lacking(system, largest, nested, band, tol, given))
-            search.grow(1.5)
+            search.grow(2.0)
             continue
         counts, found = fewest(nested, np.where(fixed >= 0, fixed, _below(nested, band[1])), most, band, tol)
         if kept := _confirmed(search, counts):
@@ -146,10 +146,10 @@ def _trimmed(nested: Nested, least: Array, best: tuple[Array, Estimate], band: t
 def _costs(nested: Nested, band: tuple[float, float]) -> list[Array]:
     """Of each part, what leaving out a mode costs each frequency of the band, relatively and to first order, (modes, k)."""
     kept = nested.rest.start
-    ritz = all_modes(nested.K[:kept, :kept], nested.M[:kept, :kept], ACCEPTED)
-    inside = np.flatnonzero(~beyond(ritz.frequencies, band[1]) & ~beyond(band[0], ritz.frequencies))
-    inside = inside[inside >= ritz.rigid]
-    amplitude, square = ritz.shapes[kept - nested.modes:, inside], ritz.eigenvalues[inside]
+    omega, shapes = nested.lowest(nested.M[:kept, :kept], nested.K[:kept, :kept])
+    inside = np.flatnonzero(~beyond(omega, band[1]) & ~beyond(band[0], omega))
+    shapes, square = shapes[:, inside], omega[inside] ** 2
+    amplitude = shapes[kept - nested.modes:] / np.sqrt(np.einsum("ij,ij->j", shapes, nested.M[:kept, :kept] @ shapes))
     cost = amplitude**2 * np.maximum(nested.values[:, None] - square, 0.0) / (2 * square)
     return np.split(cost, np.cumsum(nested.most)[:-1])
 
