@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import scipy.linalg as la
@@ -13,8 +13,10 @@ from femsub.checks import Array, Matrix
 from femsub.model.assembly import System
 from femsub.model.joined import linked, rows_of_parts, sprung
 from femsub.model.matrices import Difference
-from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
 
 log = logging.getLogger(__name__)
 
@@ -147,11 +149,10 @@ def _against(full: System) -> str:
     return "" if own else "no part has DOF inside its interface"
 
 
-def _constraint_modes(part: Substructure, rom: Substructure, handle: ShiftInvert, loads: Matrix) -> Array:
+def _constraint_modes(part: Substructure, rom: Any, handle: ShiftInvert, loads: Matrix) -> Array:
     """Ψ = -K_ii⁻¹ K_ib (n_i, n_b): those of the reduced part's basis if it has them, else solved for."""
-    columns = rom.interface
-    if isinstance(rom, ReducedSubstructure) and len(columns) == len(part.interface) and \
-            all(rom.kinds[j] == "constraint" for j in columns):
+    columns, kinds = rom.interface, getattr(rom, "kinds", ())  # of a reduced part
+    if kinds and len(columns) == len(part.interface) and all(kinds[j] == "constraint" for j in columns):
         static = rom.V[np.ix_(part.interior, columns)]
         forces = handle.K @ static
         if np.linalg.norm(forces + loads) <= STATIC * (np.linalg.norm(abs(handle.K) @ abs(static)) + sp.linalg.norm(loads)):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,17 +17,19 @@ from femsub.checks import Array, check_band, finite_number, instance
 from femsub.errors import InputError
 from femsub.model.assembly import System, couple
 from femsub.model.bands import upper
-from femsub.model.estimate import SHARE, Estimate
+from femsub.model.estimate import SHARE
 from femsub.model.friction import Belt
 from femsub.model.joined import linked, rows_of_parts, sprung
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import all_modes
-from femsub.modes.static_shapes import lightest
 from femsub.quadratic.complex_modes import complex_modes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.error_bounds import ACCEPTED, Nested
 from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed, sides_of
 from femsub.reduction.statics import Span, Statics
+
+if TYPE_CHECKING:
+    from femsub.model.estimate import Estimate
 
 SHARP = 0.3  # of the error that is judged: more of it should not be due to the model it is compared with
 FINE = 1e-4  # of the tolerance: nobody asks for smaller errors
@@ -151,7 +153,7 @@ class JoinedSearch:
             forces.append(turns[name].T @ nested.loads)
         values = np.concatenate([nested.values for nested, _ in own.values()])
         return Nested(M, K, D if self.damped else None, count, 0, values, np.hstack(forces), rounding, self.symmetric,
-                      max(lightest(search.statics.handle) for search in self.searches.values()),
+                      max(nested.lightest for nested, _ in own.values()),
                       tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True)), self.limit), Space(own, turns)
 
 

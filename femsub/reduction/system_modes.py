@@ -20,7 +20,6 @@ import numpy as np
 from femsub.checks import Array
 from femsub.errors import InputError, NotConvergedError
 from femsub.model.bands import beyond
-from femsub.model.estimate import Estimate
 from femsub.modes.normal_modes import lowest_modes
 from femsub.reduction.basis import Kept
 from femsub.reduction.craig_bampton import CraigBampton
@@ -30,8 +29,9 @@ from femsub.reduction.system_estimate import JoinedSearch
 
 if TYPE_CHECKING:
     from femsub.model.assembly import System
-    from femsub.model.substructure import ReducedSubstructure
+    from femsub.model.estimate import Estimate
     from femsub.model.friction import Belt
+    from femsub.model.substructure import ReducedSubstructure
     from femsub.reduction.statics import Statics
 
 ENOUGH = 0.3  # of the tolerance: the largest model is to leave some choice
@@ -65,8 +65,8 @@ def common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | N
                              f"{goal.band} and {name!r} {other.tol:g} in {other.band}")
     for name, method in methods.items():
         if not (isinstance(method, CraigBampton) and type(method).kept is CraigBampton.kept):
-            raise InputError("modes are chosen for the band of a system where its parts are reduced by CraigBampton or Hurty, not "
-                             f"by {method} ({name!r}). Give numbers of modes to all parts, and ask fs.system_estimate what "
+            raise InputError("modes are chosen for the band of a system where its parts are reduced by CraigBampton or Hurty, "
+                             f"not by {method} ({name!r}). Give numbers of modes to all parts, and ask fs.system_estimate what "
                              "their reductions cost the system")
     return goal
 
