@@ -27,6 +27,7 @@ import femsub as fs
 from benchmarks.joined import truss
 from femsub.linalg import workers
 from femsub.linalg.factor import Factor
+from femsub.linalg.threads import libraries
 from femsub.reduction.method import Method
 
 REDUCE = import_module("femsub.reduction.reduce")  # fs.reduce is the function
@@ -127,6 +128,39 @@ def test_any_executor_will_do_and_gets_no_matrix(threads: ThreadPoolExecutor) ->
     assert len(sent) == 3 and max(sent) < 1000 < len(pickle.dumps(whole.parts["t0"].K))
 
 
+def surroundings() -> tuple[set[int], dict[str, str]]:
+    """How many threads each BLAS of a process has, and variables that matter."""
+    told = {name: value for name, value in os.environ.items() if name in workers.ONE or name == "PMIX_RANK"}
+    return {library.get() for library in libraries()}, told
+
+
+def test_a_worker_has_one_thread_of_blas_and_is_no_child_of_mpiexec(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in (*workers.ONE, "PMIX_RANK"):
+        monkeypatch.setenv(name, "2")
+    found = workers.side_by_side(surroundings, {"a": (), "b": ()}, 2)
+    assert list(found.values()) == [({1}, workers.ONE)] * 2
+    assert all(os.environ[name] == "2" for name in (*workers.ONE, "PMIX_RANK"))
+
+
+def test_a_worker_of_another_executor_has_one_thread_while_it_works(threads: ThreadPoolExecutor) -> None:
+    before = [(library, library.get()) for library in libraries()]
+    try:
+        for library, _ in before:
+            library.put(2)
+        assert workers.side_by_side(surroundings, {"a": ()}, executor=threads)["a"][0] == {1}
+        assert all(library.get() == 2 for library, _ in before)
+    finally:
+        for library, count in before:
+            library.put(count)
+
+
+def test_an_executor_that_is_shut_down_is_told() -> None:
+    whole, pool = system(2), ThreadPoolExecutor(1)
+    pool.shutdown()
+    with pytest.raises(fs.InputError, match="the executor takes no task"):
+        fs.reduce(whole, methods(whole), executor=pool)
+
+
 def test_what_is_stored_comes_back_as_a_map_of_the_file(tmp_path: Path) -> None:
     part = system().parts["t1"]
     thing = {"part": part, "none": np.zeros((0, 3)), "column": np.asfortranarray(np.arange(6.0).reshape(3, 2)), "word": "x"}
@@ -212,6 +246,19 @@ def test_files_are_in_memory_where_it_has_room(tmp_path: Path, monkeypatch: pyte
     assert workers._has_room(1000) is in_memory
     monkeypatch.setattr(workers, "MEMORY", tmp_path / "none")
     assert not workers._has_room(1000)
+
+
+def test_what_a_killed_run_left_in_memory_is_removed(tmp_path: Path) -> None:
+    left, foreign = tmp_path / "femsub-left", tmp_path / "femsub-foreign"
+    for folder in (left, foreign):
+        folder.mkdir()
+        (folder / "0.result").write_bytes(b"x")
+    (left / workers.ALIVE).touch()
+    with workers._folder(tmp_path) as first:
+        assert not left.exists() and foreign.exists()
+        with workers._folder(tmp_path) as second:
+            assert Path(first, workers.ALIVE).exists() and first != second
+    assert list(tmp_path.iterdir()) == [foreign]
 
 
 class Untouched(Executor):
@@ -367,17 +414,19 @@ def environment(folder: Path) -> dict[str, str]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL, signal.SIGTERM])
-def test_workers_end_with_their_parent_and_leave_no_file(tmp_path: Path, sent: signal.Signals) -> None:
+@pytest.mark.parametrize(("sent", "to_all"), [(signal.SIGINT, False), (signal.SIGINT, True), (signal.SIGKILL, False),
+                                              (signal.SIGTERM, False), (signal.SIGTERM, True)])
+def test_workers_end_with_their_parent_and_leave_no_file(tmp_path: Path, sent: signal.Signals, to_all: bool) -> None:
     script, marks, place = tmp_path / "script.py", tmp_path / "marks", tmp_path / "place"
     marks.mkdir()
     place.mkdir()
     script.write_text(SCRIPT + GUARD)
-    parent = subprocess.Popen([sys.executable, script, marks], env=environment(place), stderr=subprocess.PIPE, text=True)
+    parent = subprocess.Popen([sys.executable, script, marks], env=environment(place), stderr=subprocess.PIPE, text=True,
+                              start_new_session=True)
     until(lambda: len(list(marks.iterdir())) == 2)
     pids = [int(path.stem) for path in marks.iterdir()]
     assert all(map(alive, pids))
-    parent.send_signal(sent)
+    (os.killpg if to_all else os.kill)(parent.pid, sent)
     said = parent.communicate()[1]
     assert parent.returncode != 0 and ("KeyboardInterrupt" in said) == (sent == signal.SIGINT)
     until(lambda: not any(map(alive, pids)))

@@ -39,6 +39,8 @@ ONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # environment of a 
 LAUNCHER = ("OMPI_", "PMIX_", "PMI_")  # variables of mpiexec, by which MPI would take a worker for the process that started it
 MEMORY = Path("/dev/shm")  # a folder in memory; on a disk, files would be written to it as well
 ROOM = 10  # times what is sent must be free there, since results come back as well
+ALIVE = "alive"  # a file that is locked as long as a run lives
+PATIENCE = 5.0  # seconds
 FORWARDED = FemsubWarning, RuntimeWarning
 _lock = RLock()  # PETSc is not safe in threads: a process does one task at a time, also if the executor gives it threads
 
@@ -98,8 +100,7 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
     if executor is None and count < 2:
         return {name: call(*arguments) for name, arguments in tasks.items()}
     sent = sum(_bytes((call, arguments), f"{what} {name!r}") for name, arguments in tasks.items())
-    place = MEMORY if executor is None and _has_room(sent) else None
-    with TemporaryDirectory(prefix="femsub-", dir=place, ignore_cleanup_errors=True) as folder:
+    with _folder(MEMORY if executor is None and _has_room(sent) else None) as folder:
         run = _Run(tasks, Path(folder), what)
         _store(Path(folder, "call"), call)
         if executor is not None:
@@ -145,6 +146,8 @@ class _Run:
                         running[lane.submit(_run, str(path), f"{self.what} {name!r}")] = name, lane, path
                     except BrokenExecutor as error:
                         self.lost[name] = error
+                    except RuntimeError as error:
+                        raise InputError(f"the executor takes no task: {error}") from error
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     name, lane, path = running.pop(future)
                     self._taken(future, name, path)
@@ -245,17 +248,18 @@ def _environment() -> Iterator[None]:
 def _begin(folder: str) -> None:
     """The first thing a worker process does: Ctrl-C is for its parent, and when its parent dies it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=_end_with_parent, args=(folder,), daemon=True).start()
+    signal.signal(signal.SIGTERM, lambda *_: _end_with_parent(folder, PATIENCE))  # its parent may have got one as well
+    Thread(target=_end_with_parent, args=(folder, None), daemon=True).start()
 
 
-def _end_with_parent(folder: str) -> None:
+def _end_with_parent(folder: str, patience: float | None) -> None:
+    """End this process when its parent has died, and remove what it has left; after so many seconds end it in any case."""
     from multiprocessing import parent_process
     from multiprocessing.connection import wait
 
     parent = parent_process()
-    assert parent is not None
-    wait([parent.sentinel])
-    shutil.rmtree(folder, ignore_errors=True)
+    if parent is not None and wait([parent.sentinel], patience):
+        shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)
 
 
@@ -294,6 +298,29 @@ def _bytes(thing: Any, name: str) -> int:
         raise InputError(f"the {name} cannot be sent to a worker, since pickle refuses it: {error}. Define classes (such as a "
                          "method of your own) at the top level of a module") from None
     return sum(array.raw().nbytes for array in arrays)
+
+
+@contextmanager
+def _folder(memory: Path | None) -> Iterator[str]:
+    """A folder for the files of one run, in memory or in the temporary folder.
+
+    In memory nobody tidies up if all processes are killed at once. So the run locks a file there as long as it lives, and
+    removes folders whose file is not locked any more.
+    """
+    with TemporaryDirectory(prefix="femsub-", dir=memory, ignore_cleanup_errors=True) as folder:
+        if memory is None:
+            yield folder
+            return
+        from fcntl import LOCK_EX, LOCK_NB, flock
+
+        for left in memory.glob(f"femsub-*/{ALIVE}"):
+            with suppress(OSError), left.open("ab") as file:
+                flock(file, LOCK_EX | LOCK_NB)
+                shutil.rmtree(left.parent)
+        with Path(folder, "new").open("wb") as file:
+            flock(file, LOCK_EX)
+            os.rename(file.name, Path(folder, ALIVE))
+            yield folder
 
 
 def _has_room(sent: int) -> bool:
