@@ -33,6 +33,7 @@ logging.getLogger("femsub").addHandler(logging.NullHandler())
 if TYPE_CHECKING:
     from femsub.components.beam import beam as beam
     from femsub.components.chain import chain as chain, chain_frequencies as chain_frequencies
+    from femsub.components.cutting import Cut as Cut, cut as cut
     from femsub.components.damping import damped as damped
     from femsub.components.fields import displacements as displacements
     from femsub.components.friction_contact import FrictionContact as FrictionContact

@@ -11,6 +11,7 @@ MUMPS reports no error for a singular matrix. So each of its factors is tested w
 from __future__ import annotations
 
 import atexit
+import ctypes
 import os
 import sys
 import weakref
@@ -57,6 +58,7 @@ def _load() -> tuple[Any, Any]:
     os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
     # All such processes share one folder in /tmp, and the first to end takes it from those that start: MPI_Init aborts.
     os.environ.setdefault("OMPI_MCA_orte_create_session_dirs", "0")
+    os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")  # more threads give other parts at each call
     try:
         _load_wheel()
         import petsc4py
@@ -118,6 +120,31 @@ def package(kind: Kind, A: Matrix) -> str:
     if not has("mumps"):
         raise MissingPackageError(f"this PETSc was built without MUMPS, which {kind} matrices need. {INSTALL}")
     return "mumps"
+
+
+def scotch_parts(graph: Matrix, count: int) -> Array | None:
+    """The part, 0 to count - 1, of each node of a graph (n, n) by SCOTCH, shape (n,); None where PETSc was built without it.
+
+    Few edges lead from part to part. Parts have about the same size. The same graph always gives the same parts.
+    """
+    PETSc, _ = _load()
+    if not has("ptscotch"):
+        return None
+    try:  # SCOTCH goes on with the random numbers of the call before; the name is searched in all that petsc4py is linked to
+        ctypes.CDLL(PETSc.__file__).SCOTCH_randomReset()
+    except AttributeError:
+        return None
+    with ExitStack() as stack:
+        adjacency = _until(stack, _matrix(sp.csr_array(graph, dtype=float)).convert("mpiadj"))
+        partitioning = _until(stack, PETSc.MatPartitioning().create(comm=PETSc.COMM_SELF))
+        partitioning.setAdjacency(adjacency)
+        partitioning.setType("ptscotch")
+        PETSc.Options().setValue("femsub_mat_partitioning_nparts", count)  # petsc4py 3.18 has no call for it
+        partitioning.setOptionsPrefix("femsub_")
+        partitioning.setFromOptions()
+        found = _until(stack, PETSc.IS().create(comm=PETSc.COMM_SELF))
+        partitioning.apply(found)
+        return np.array(found.getIndices(), dtype=np.intp)
 
 
 def _destroy(objects: list[Any]) -> None:
