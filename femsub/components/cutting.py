@@ -18,6 +18,7 @@ from femsub.model.dof_map import DofMap
 from femsub.model.joints import Rigid
 from femsub.model.substructure import Substructure
 
+DOMINANT = 1e-9  # share of the diagonal entry that the sum of the others may exceed it by, as rounding
 PLACES = ("supports", "interface", "ports")  # arguments of `plate` and `solid` that name sets of nodes
 
 
@@ -232,14 +233,17 @@ def _cut_matrices(whole: Substructure, into: int) -> Cut:
     count = int(node.max()) + 1
     into = whole_number("into, the number of parts,", into, 2, count)
     of_node = sp.csr_array((np.ones(len(node)), (node, np.arange(len(node)))), shape=(count, len(node)))
-    part = partition(of_node @ A @ of_node.T, into)
+    graph = sp.csr_array(of_node @ A @ of_node.T)
+    part = partition(graph, into)
+    ported = np.zeros(count, dtype=bool)
     for w in whole.ports.values():
         under = np.unique(node[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))])
         part[under] = np.bincount(part[under]).argmax()
-    owner = np.unique(part, return_inverse=True)[1][node]
-    member = _members(A, owner, int(owner.max()) + 1)
-    rows = {f"p{number + 1}": np.flatnonzero(column) for number, column in enumerate(member.T)}
-    shares = [_divided(sp.csr_array(B), A, member) for B in (whole.M, whole.D, whole.K)]
+        ported[under] = True
+    member, common = _members(graph, part, ported, into)
+    member, common = member[node], [sp.csr_array(of_node.T @ one @ of_node) for one in common]
+    rows = {f"p{at + 1}": np.flatnonzero(column) for at, column in enumerate(member.T)}
+    shares = [_divided(sp.csr_array(B), common, member) for B in (whole.M, whole.D, whole.K)]
     return _joined(whole, rows, dict(zip(rows, zip(*shares, strict=True), strict=True)), {})
 
 
@@ -250,47 +254,84 @@ def _pattern(whole: Substructure) -> Matrix:
     return sp.csr_array((np.ones(found.nnz), found.indices, found.indptr), shape=found.shape)
 
 
-def _members(A: Matrix, owner: Array, count: int) -> Array:
-    """Which parts each DOF belongs to, bool (n, p), so that each entry of A lies within a part.
+def _members(graph: Matrix, owner: Array, ported: Array, count: int) -> tuple[Array, list[Matrix]]:
+    """Which parts each node of a graph belongs to, bool (n, p), so that each edge lies within a part.
 
-    The DOF at a cut are those with a neighbour in a part of a higher number. They belong to every part with an inner DOF beside
-    them; two of them that have no part in common belong to that of the first.
+    Of two neighbours in different parts the one in the part of the lower number is a node at a cut, unless it lies under a port
+    and the other does not. Nodes at a cut belong to every part with an inner node
+    beside them. Two neighbours that have no inner node of one part beside both are taken for two nodes of an element of nodes
+    at a cut, which goes to a part as a whole.
+
+    Returns
+    -------
+    member : ndarray of bool, shape (n, p)
+    common : list of sparse, shape (n, n)
+        For each part, how many inner nodes and elements of it two nodes at a cut have in common.
     """
-    edges = sp.coo_array(A)
-    row, column = edges.coords
+    edges = sp.coo_array(graph)
     shared = np.zeros(len(owner), dtype=bool)
-    shared[row[owner[row] < owner[column]]] = True
-    member = np.zeros((len(owner), count), dtype=bool)
-    member[np.arange(len(owner)), owner] = True
-    beside = shared[row] & ~shared[column]
-    member[row[beside], owner[column[beside]]] = True
-    apart = shared[row] & shared[column] & (owner[row] < owner[column])
-    apart[apart] = ~(member[row[apart]] & member[column[apart]]).any(axis=1)
-    member[column[apart], owner[row[apart]]] = True
-    return member
+    rank = owner + count * ported
+    shared[edges.row[(owner[edges.row] != owner[edges.col]) & (rank[edges.row] < rank[edges.col])]] = True
+    linked = sp.csr_array((np.ones(edges.nnz), edges.coords), shape=graph.shape)
+    linked = sp.diags_array(shared.astype(float)) @ linked  # rows of nodes at a cut
+    common = []
+    for part in range(count):
+        beside = linked @ sp.diags_array((~shared & (owner == part)).astype(float))
+        common.append(sp.csr_array((beside @ beside.T).multiply(linked)))
+    member = np.stack([one.diagonal() > 0 for one in common], axis=1)
+    member[~shared, owner[~shared]] = True
+    found = [sp.coo_array(common_) for common_ in common]
+    total = sp.csr_array(sum(common))
+    bare = sp.coo_array(linked @ sp.diags_array(shared.astype(float)) - (total > 0) * 1.0)
+    waiting = [(int(i), int(j)) for i, j, value in zip(*bare.coords, bare.data, strict=True) if value > 0 and i <= j]
+    near = {i: set(linked.indices[linked.indptr[i]:linked.indptr[i + 1]][shared[linked.indices[linked.indptr[i]:linked.indptr[i + 1]]]].tolist()) for pair in waiting for i in pair}
+    done: set[tuple[int, int]] = set()
+    extra: list[list[tuple[int, int]]] = [[] for _ in range(count)]
+    for i, j in waiting:
+        if (i, j) in done:
+            continue
+        clique = {i, j}
+        for k in sorted(near[i] & near[j] - clique, key=lambda k: (-total[i, k] - total[j, k] == 0, k)):
+            if k not in near:
+                near[k] = set(linked.indices[linked.indptr[k]:linked.indptr[k + 1]][shared[linked.indices[linked.indptr[k]:linked.indptr[k + 1]]]].tolist())
+            if clique <= near[k]:
+                clique.add(k)
+        nodes = sorted(clique)
+        part = int((member[nodes].sum(axis=0) + 0.5 * (np.arange(count) == owner[i])).argmax())
+        member[nodes, part] = True
+        extra[part] += [(a, b) for a in nodes for b in nodes]
+        done |= {(a, b) for a in nodes for b in nodes}
+    if not member.any(axis=0).all():
+        raise InputError(f"into={count} parts of {len(owner)} nodes are too many: one has no node of its own. Take fewer")
+    for part, pairs in enumerate(extra):
+        if pairs:
+            at = np.array(pairs)
+            common[part] = sp.csr_array(common[part] + sp.csr_array((np.ones(len(at)), (at[:, 0], at[:, 1])), shape=graph.shape))
+    return member, common
 
 
-def _divided(B: Matrix, A: Matrix, member: Array) -> list[Matrix]:
+def _divided(B: Matrix, common: Sequence[Matrix], member: Array) -> list[Matrix]:
     """B (n, n) as a sum of matrices of the parts, each in the part's own rows.
 
-    An entry between two DOF at a cut goes to the parts that have both, by how many neighbours both have within each. The
-    diagonal entry goes to them as the sum of the absolute values beside it. So a diagonally dominant B has diagonally
-    dominant parts.
+    An entry between two DOF at a cut goes to the parts that have both, by what both have in `common` there. The diagonal entry
+    goes to them as the sum of the absolute values beside it. So a diagonally dominant B has diagonally dominant parts.
     """
     shared = member.sum(axis=1) > 1
     inner = member & ~shared[:, None]
-    between = np.sqrt(A @ inner + 1.0)  # (n, p)
     edges = sp.coo_array(B)
     at_cut = shared[edges.row] & shared[edges.col]
     rest = sp.csr_array((edges.data[~at_cut], (edges.row[~at_cut], edges.col[~at_cut])), shape=B.shape)
     row, column, values = edges.row[at_cut], edges.col[at_cut], edges.data[at_cut]
-    share = (member[row] & member[column]) * between[row] * between[column]  # of each entry (k, p)
+    share = np.stack([_entries(one, row, column) for one in common], axis=1)  # of each entry (k, p)
+    share = np.where(share.any(axis=1, keepdims=True), share, member[row] & member[column])
     share /= share.sum(axis=1, keepdims=True)
     own = np.flatnonzero(row == column)
     share[own] = 0.0
     beside = abs(rest) @ inner.astype(float)
     np.add.at(beside, row, np.abs(values)[:, None] * share)
-    beside = np.where(beside.any(axis=1, keepdims=True), beside, 1.0) * member
+    dominant = (beside.sum(axis=1) <= (1 + DOMINANT) * np.abs(B.diagonal())) & beside.any(axis=1)
+    counted = np.stack([one.diagonal() for one in common], axis=1)
+    beside = np.where(dominant[:, None], beside, counted)
     share[own] = beside[row[own]] / beside[row[own]].sum(axis=1, keepdims=True)
     found = []
     for number, chosen in enumerate(member.T):
@@ -299,6 +340,15 @@ def _divided(B: Matrix, A: Matrix, member: Array) -> list[Matrix]:
         extra = sp.csr_array((values[here] * share[here, number], (place[row[here]], place[column[here]])), shape=(len(kept),) * 2)
         found.append(sp.csr_array(rest[kept][:, kept] + extra))
     return found
+
+
+def _entries(A: Matrix, row: Array, column: Array) -> Array:
+    """The entries at so many places of a sparse A (n, n)."""
+    found = sp.coo_array(A)
+    known, wanted = found.row * A.shape[1] + found.col, row * A.shape[1] + column
+    order = np.argsort(known)
+    place = np.minimum(np.searchsorted(known[order], wanted), max(len(order) - 1, 0))
+    return np.where(known[order][place] == wanted, found.data[order][place], 0.0) if len(order) else np.zeros(len(wanted))
 
 
 def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, tuple[Matrix, Matrix, Matrix]],
