@@ -34,6 +34,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "CraigChangPhysical": lambda: fs.CraigChangPhysical(modes=3),
     "CriticalSlope": lambda: fs.critical_slope(full()),
     "CriticalValue": lambda: fs.critical_value(full(), fs.Belt(slope=0.0), "slope", between=(-0.1, 0.0)),
+    "Cut": lambda: fs.cut(full(), into=2),
     "DofMap": lambda: fs.DofMap([3, 3, 5], [0, 1, 0], points=np.eye(3)),
     "DualCraigBampton": lambda: fs.DualCraigBampton(modes=3),
     "Estimate": lambda: made("ReducedSubstructure").estimate,

@@ -4,46 +4,61 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import Array, Matrix, choice, instance, items, whole_number
+from femsub.components.matrix_cut import divided, members, pattern
 from femsub.components.mesh import Mesh, corners_of
 from femsub.errors import InputError, InputTypeError
-from femsub.linalg.ordering import quotient
-from femsub.linalg.partitioning import partition
-from femsub.model.dof_map import DofMap
+from femsub.linalg.partitioning import partition, runs
+from femsub.model.frozen import Frozen
 from femsub.model.joints import Rigid
 from femsub.model.substructure import Substructure
 
-DOMINANT = 1e-9  # share of the diagonal entry that the sum of the others may exceed it by, as rounding
+if TYPE_CHECKING:
+    from femsub.model.dof_map import DofMap
+
 PLACES = ("supports", "interface", "ports")  # arguments of `plate` and `solid` that name sets of nodes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Cut:
+class Cut(Frozen):
     """Parts of one model, and the joints between them. `cut` makes it; ``parts, joints = cut(...)`` takes it apart.
 
     Attributes
     ----------
-    parts : dict of str to Substructure
+    parts : mapping of str to Substructure
     joints : tuple of Rigid
         One for each group of parts that meet. It joins all DOF that these parts, and no others, share.
-    rows : dict of str to ndarray of int, shape (n_p,)
+    rows : mapping of str to ndarray of int, shape (n_p,)
         For each part, its DOF as rows of the model.
-    cells : dict of str to ndarray of int
+    cells : mapping of str to ndarray of int
         For each part, its cells as rows of the mesh; empty for matrices.
     size : int
         The number of DOF of the model, n.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> halves = fs.cut(fs.chain(10), into=2)
+    >>> system = fs.couple(*halves)
+    >>> u = fs.normal_modes(system, 1).shapes
+    >>> halves.whole(system.expand(u)).shape
+    (10, 1)
     """
 
-    parts: dict[str, Substructure]
+    parts: Mapping[str, Substructure]
     joints: tuple[Rigid, ...]
-    rows: dict[str, Array]
+    rows: Mapping[str, Array]
     size: int
-    cells: dict[str, Array] = field(default_factory=dict)
+    cells: Mapping[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._set(parts=self.parts, joints=self.joints, rows=self.rows, size=self.size, cells=self.cells)
 
     def __iter__(self) -> Iterator[Any]:
         return iter((self.parts, self.joints))
@@ -71,10 +86,9 @@ def cut(model: Mesh | Substructure, build: Callable[..., Substructure] | None = 
     parts that meet there, and to the interface of each. Supports, ports, named sets and damping go to the parts that have them.
 
     A mesh is cut between its cells, and K_p is the sum of the part's own elements: any reduction method may follow. Of matrices
-    the elements are not known. The entries between DOF at a cut are then divided between the parts. Fixed-interface methods
-    (Craig-Bampton, Guyan, Hurty) depend on their sum alone, and are exact in the same sense as for a mesh. Free-interface
-    methods need a K_p that is positive semidefinite. It is where K is diagonally dominant, as for chains of springs; else cut
-    the mesh.
+    the elements are not known. The entries between DOF at a cut are then divided between the parts. Craig-Bampton and Guyan use
+    their sum alone, and serve as well as for a mesh. All other methods need a K_p that is positive semidefinite, and refuse
+    another one (SingularMatrixError). K_p is so where K is diagonally dominant, as for chains of springs; else cut the mesh.
 
     Parameters
     ----------
@@ -93,7 +107,7 @@ def cut(model: Mesh | Substructure, build: Callable[..., Substructure] | None = 
     Returns
     -------
     Cut
-        Unpacks to the parts, a dict of `Substructure`, and the joints. The DOF that some parts share are the interface set
+        Unpacks to the parts, by name, and the joints. The DOF that some parts share are the interface set
         'p1+p2' of each of them, called after these parts.
 
     Raises
@@ -131,12 +145,12 @@ def cut(model: Mesh | Substructure, build: Callable[..., Substructure] | None = 
     return _cut_mesh(model, build, into, sets, arguments)
 
 
-def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: int | None, sets: Sequence[str] | None,
+def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: Sequence[str] | None,
               arguments: Mapping[str, Any]) -> Cut:
     whole = build(mesh, **arguments)
     if instance("what build returns", whole, Substructure).dofs is None:
         raise InputError("the component that build returns has no map of its DOF (dofs=), by which parts find theirs")
-    cells = _groups(mesh, sets) if into is None else _pieces(mesh, whole, into)
+    cells = _pieces(mesh, whole, into) if sets is None else _groups(mesh, sets)
     own = {key: value for key, value in arguments.items() if key not in PLACES}
     matrices, rows = {}, {}
     for name, chosen in cells.items():
@@ -169,21 +183,33 @@ def _pieces(mesh: Mesh, whole: Substructure, into: int) -> dict[str, Array]:
     neighbours = sp.coo_array(corners @ corners.T)
     beside = neighbours.data >= mesh.dimension
     graph = sp.csr_array((np.ones(beside.sum()), (neighbours.row[beside], neighbours.col[beside])), shape=(count, count))
-    part = partition(graph, into)
-    nodes = _incidence(mesh.cells, len(mesh.points))
+    nodes, numbers = _incidence(mesh.cells, len(mesh.points)), mesh.numbers
+    if mesh.kind == "triangle":  # a plate's edges have DOF, too
+        edges = _edges(mesh)
+        nodes = sp.csr_array(sp.hstack([nodes, (nodes @ _incidence(edges, len(mesh.points)).T >= 2) * 1.0]))
+        numbers = np.concatenate([numbers, numbers.max() + 1 + np.arange(len(edges))])
     assert whole.dofs is not None
+    together = []
     for w in whole.ports.values():
-        under = np.isin(mesh.numbers, whole.dofs.nodes[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))])
+        under = np.isin(numbers, whole.dofs.nodes[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))])
         held = nodes @ under  # how many of its nodes each cell has
         cell, node = sp.coo_array(nodes[:, under]).coords
         order = np.lexsort((cell, -held[cell], node))
-        chosen = cell[order][np.flatnonzero(np.diff(node[order], prepend=-1))]
-        part[chosen] = np.bincount(part[chosen]).argmax()
-    return _numbered(part)
+        together.append(np.unique(cell[order][np.flatnonzero(np.diff(node[order], prepend=-1))]))
+    part = _partition(graph, into, together)
+    return {f"p{number + 1}": np.flatnonzero(part == number) for number in range(into)}
 
 
-def _numbered(part: Array) -> dict[str, Array]:
-    return {f"p{number + 1}": np.flatnonzero(part == label) for number, label in enumerate(np.unique(part))}
+def _partition(graph: Matrix, into: int, together: Sequence[Array]) -> Array:
+    """The part of each node of a graph, (n,); the nodes of each group of `together` are in one part."""
+    pairs = np.concatenate([np.stack([group, np.full(len(group), group[0])]) for group in together if len(group)]
+                           + [np.zeros((2, 0), dtype=int)], axis=1)
+    count, cluster = connected_components(sp.csr_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=graph.shape),
+                                          directed=False)
+    if count < into:
+        raise InputError(f"into={into} parts are too many: the ports leave {count} pieces that can be parts. Take fewer")
+    merged = sp.csr_array((np.ones(len(cluster)), (cluster, np.arange(len(cluster)))), shape=(count, len(cluster)))
+    return partition(merged @ graph @ merged.T, into)[cluster]
 
 
 def _incidence(cells: Array, count: int) -> Matrix:
@@ -224,131 +250,25 @@ def _edges(mesh: Mesh) -> Array:
 
 
 def _cut_matrices(whole: Substructure, into: int) -> Cut:
-    A = _pattern(whole)
+    A = pattern(whole)
     if whole.dofs is None:
-        graph, weight = quotient(A)
-        node = np.repeat(np.arange(len(weight)), weight.astype(int))
+        node = runs(A)
     else:
         _, node = np.unique(whole.dofs.nodes, return_inverse=True)
     count = int(node.max()) + 1
     into = whole_number("into, the number of parts,", into, 2, count)
     of_node = sp.csr_array((np.ones(len(node)), (node, np.arange(len(node)))), shape=(count, len(node)))
-    graph = sp.csr_array(of_node @ A @ of_node.T)
-    part = partition(graph, into)
+    graph = sp.coo_array(of_node @ A @ of_node.T)
+    graph = sp.csr_array((np.ones(graph.nnz), graph.coords), shape=graph.shape)
+    under = [np.unique(node[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]) for w in whole.ports.values()]
+    owner = _partition(graph, into, under)
     ported = np.zeros(count, dtype=bool)
-    for w in whole.ports.values():
-        under = np.unique(node[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))])
-        part[under] = np.bincount(part[under]).argmax()
-        ported[under] = True
-    member, common = _members(graph, part, ported, into)
+    ported[np.concatenate([*under, np.zeros(0, dtype=int)]).astype(int)] = True
+    member, common = members(graph, owner, ported, into)
     member, common = member[node], [sp.csr_array(of_node.T @ one @ of_node) for one in common]
     rows = {f"p{at + 1}": np.flatnonzero(column) for at, column in enumerate(member.T)}
-    shares = [_divided(sp.csr_array(B), common, member) for B in (whole.M, whole.D, whole.K)]
+    shares = [divided(sp.csr_array(B), common, member) for B in (whole.M, whole.D, whole.K)]
     return _joined(whole, rows, dict(zip(rows, zip(*shares, strict=True), strict=True)), {})
-
-
-def _pattern(whole: Substructure) -> Matrix:
-    """|K| + |M| + |D| + |D|ᵀ by its pattern, each entry 1."""
-    found = sum(sp.csr_array(abs(B)) for B in (whole.K, whole.M, whole.D, whole.D.T))
-    found = sp.csr_array(found)
-    return sp.csr_array((np.ones(found.nnz), found.indices, found.indptr), shape=found.shape)
-
-
-def _members(graph: Matrix, owner: Array, ported: Array, count: int) -> tuple[Array, list[Matrix]]:
-    """Which parts each node of a graph belongs to, bool (n, p), so that each edge lies within a part.
-
-    Of two neighbours in different parts the one in the part of the lower number is a node at a cut, unless it lies under a port
-    and the other does not. Nodes at a cut belong to every part with an inner node
-    beside them. Two neighbours that have no inner node of one part beside both are taken for two nodes of an element of nodes
-    at a cut, which goes to a part as a whole.
-
-    Returns
-    -------
-    member : ndarray of bool, shape (n, p)
-    common : list of sparse, shape (n, n)
-        For each part, how many inner nodes and elements of it two nodes at a cut have in common.
-    """
-    edges = sp.coo_array(graph)
-    shared = np.zeros(len(owner), dtype=bool)
-    rank = owner + count * ported
-    shared[edges.row[(owner[edges.row] != owner[edges.col]) & (rank[edges.row] < rank[edges.col])]] = True
-    linked = sp.csr_array((np.ones(edges.nnz), edges.coords), shape=graph.shape)
-    linked = sp.diags_array(shared.astype(float)) @ linked  # rows of nodes at a cut
-    common = []
-    for part in range(count):
-        beside = linked @ sp.diags_array((~shared & (owner == part)).astype(float))
-        common.append(sp.csr_array((beside @ beside.T).multiply(linked)))
-    member = np.stack([one.diagonal() > 0 for one in common], axis=1)
-    member[~shared, owner[~shared]] = True
-    found = [sp.coo_array(common_) for common_ in common]
-    total = sp.csr_array(sum(common))
-    bare = sp.coo_array(linked @ sp.diags_array(shared.astype(float)) - (total > 0) * 1.0)
-    waiting = [(int(i), int(j)) for i, j, value in zip(*bare.coords, bare.data, strict=True) if value > 0 and i <= j]
-    near = {i: set(linked.indices[linked.indptr[i]:linked.indptr[i + 1]][shared[linked.indices[linked.indptr[i]:linked.indptr[i + 1]]]].tolist()) for pair in waiting for i in pair}
-    done: set[tuple[int, int]] = set()
-    extra: list[list[tuple[int, int]]] = [[] for _ in range(count)]
-    for i, j in waiting:
-        if (i, j) in done:
-            continue
-        clique = {i, j}
-        for k in sorted(near[i] & near[j] - clique, key=lambda k: (-total[i, k] - total[j, k] == 0, k)):
-            if k not in near:
-                near[k] = set(linked.indices[linked.indptr[k]:linked.indptr[k + 1]][shared[linked.indices[linked.indptr[k]:linked.indptr[k + 1]]]].tolist())
-            if clique <= near[k]:
-                clique.add(k)
-        nodes = sorted(clique)
-        part = int((member[nodes].sum(axis=0) + 0.5 * (np.arange(count) == owner[i])).argmax())
-        member[nodes, part] = True
-        extra[part] += [(a, b) for a in nodes for b in nodes]
-        done |= {(a, b) for a in nodes for b in nodes}
-    if not member.any(axis=0).all():
-        raise InputError(f"into={count} parts of {len(owner)} nodes are too many: one has no node of its own. Take fewer")
-    for part, pairs in enumerate(extra):
-        if pairs:
-            at = np.array(pairs)
-            common[part] = sp.csr_array(common[part] + sp.csr_array((np.ones(len(at)), (at[:, 0], at[:, 1])), shape=graph.shape))
-    return member, common
-
-
-def _divided(B: Matrix, common: Sequence[Matrix], member: Array) -> list[Matrix]:
-    """B (n, n) as a sum of matrices of the parts, each in the part's own rows.
-
-    An entry between two DOF at a cut goes to the parts that have both, by what both have in `common` there. The diagonal entry
-    goes to them as the sum of the absolute values beside it. So a diagonally dominant B has diagonally dominant parts.
-    """
-    shared = member.sum(axis=1) > 1
-    inner = member & ~shared[:, None]
-    edges = sp.coo_array(B)
-    at_cut = shared[edges.row] & shared[edges.col]
-    rest = sp.csr_array((edges.data[~at_cut], (edges.row[~at_cut], edges.col[~at_cut])), shape=B.shape)
-    row, column, values = edges.row[at_cut], edges.col[at_cut], edges.data[at_cut]
-    share = np.stack([_entries(one, row, column) for one in common], axis=1)  # of each entry (k, p)
-    share = np.where(share.any(axis=1, keepdims=True), share, member[row] & member[column])
-    share /= share.sum(axis=1, keepdims=True)
-    own = np.flatnonzero(row == column)
-    share[own] = 0.0
-    beside = abs(rest) @ inner.astype(float)
-    np.add.at(beside, row, np.abs(values)[:, None] * share)
-    dominant = (beside.sum(axis=1) <= (1 + DOMINANT) * np.abs(B.diagonal())) & beside.any(axis=1)
-    counted = np.stack([one.diagonal() for one in common], axis=1)
-    beside = np.where(dominant[:, None], beside, counted)
-    share[own] = beside[row[own]] / beside[row[own]].sum(axis=1, keepdims=True)
-    found = []
-    for number, chosen in enumerate(member.T):
-        kept, place = np.flatnonzero(chosen), np.cumsum(chosen) - 1
-        here = np.flatnonzero(share[:, number])
-        extra = sp.csr_array((values[here] * share[here, number], (place[row[here]], place[column[here]])), shape=(len(kept),) * 2)
-        found.append(sp.csr_array(rest[kept][:, kept] + extra))
-    return found
-
-
-def _entries(A: Matrix, row: Array, column: Array) -> Array:
-    """The entries at so many places of a sparse A (n, n)."""
-    found = sp.coo_array(A)
-    known, wanted = found.row * A.shape[1] + found.col, row * A.shape[1] + column
-    order = np.argsort(known)
-    place = np.minimum(np.searchsorted(known[order], wanted), max(len(order) - 1, 0))
-    return np.where(known[order][place] == wanted, found.data[order][place], 0.0) if len(order) else np.zeros(len(wanted))
 
 
 def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, tuple[Matrix, Matrix, Matrix]],

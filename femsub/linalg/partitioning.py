@@ -7,6 +7,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from femsub.checks import Array, Matrix
+from femsub.linalg.ordering import quotient
 from femsub.linalg.petsc import scotch_parts
 
 ROUNDS = 10  # of moving pieces of a part that has several: a piece may join another that moves in its turn
@@ -62,3 +63,9 @@ def in_one_piece(graph: Matrix, part: Array) -> Array:
         owner[loose] = outside[loose].toarray().argmax(axis=1)
         part = owner[piece]
     return part
+
+
+def runs(A: Matrix) -> Array:
+    """The number of the run of equal patterns that each row of A (n, n) is in, (n,): the DOF of a mesh node are one run."""
+    _, sizes = quotient(sp.csr_array(A))
+    return np.repeat(np.arange(len(sizes)), sizes.astype(int))
