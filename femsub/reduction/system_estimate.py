@@ -213,7 +213,7 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     >>> import femsub as fs
     >>> parts = {"a": fs.chain(20, interface=[20]), "b": fs.chain(30, interface=[1], fixed=False)}
     >>> full = fs.couple(parts, [fs.Rigid(("a", [19]), ("b", [0]))])
-    >>> rom = fs.reduce(full, {"a": fs.CraigBampton(4), "b": fs.Rubin(4)})
+    >>> rom = fs.reduce(full, {"a": fs.CraigBampton(4), "b": fs.Rubin(4)}, ports=True)
     >>> fs.system_estimate(full, rom, (0, 0.2)).met
     True
     """
