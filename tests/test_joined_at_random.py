@@ -12,9 +12,13 @@ def test_complete_parts_joined_at_random(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("seed", "key"), [
-    (17, "dual-craig-bampton"),  # a massless DOF at the open interface of a system within the system
     (28, "dual-craig-bampton"),  # a coordinate of the system is rigid motion, and its stiffness what a cancellation leaves
-    (44, "craig-chang"),  # joints that lock a part
+    (111, "craig-chang"),  # a port that the joints hold, of a system within the system
     (160, "craig-chang")])
 def test_seeds_that_were_wrong(seed: int, key: str) -> None:
     assert findings(seed, [key]) == []
+
+
+def test_a_mass_that_is_the_square_of_a_rounding_is_none() -> None:
+    """It moved the complex eigenvalues under the belt: a pole of its own, at 1e15."""
+    assert findings(187, sorted(METHODS)) == []

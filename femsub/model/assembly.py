@@ -35,6 +35,7 @@ from femsub.model.substructure import ReducedSubstructure, Substructure, checked
 if TYPE_CHECKING:
     from femsub.model.estimate import Estimate
 
+FAINT = 1e-12  # mass in units of stiffness over a typical ω², of which 4e-15 (`without_dust`) is no mass
 FULL = 0.3  # of all entries that are not 0: from here on a system of full and reduced parts is kept dense
 
 
@@ -416,6 +417,9 @@ def _settled(parts: Mapping[str, Substructure], links: Sequence[Link], joined: M
             if link.motions and np.any(link.stiffness):
                 R = _moved(link, blocks, S, abs)
                 bound = bound + R.multiply(abs(link.stiffness) @ R).sum(axis=0)
+        if key == "M":  # the square of a rounding, beside the stiffness of the coordinate
+            stiffness = np.abs(matrices[2].diagonal())
+            bound = np.maximum(bound, FAINT * stiffness[mixed] / units(A.diagonal(), stiffness)[1])
         whole = np.zeros(A.shape[0])
         whole[mixed] = bound
         found.append(without_dust(A, whole))
