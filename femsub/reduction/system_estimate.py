@@ -6,8 +6,9 @@ those of all parts, the system is therefore the component that `error_bounds` kn
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,8 +18,8 @@ from femsub.checks import Array, check_band, finite_number, instance
 from femsub.errors import InputError
 from femsub.model.assembly import System, couple
 from femsub.model.bands import upper
+from femsub.model.contact import Contacts, columns_of, contacts_of, small_matrices
 from femsub.model.estimate import SHARE
-from femsub.model.friction import Belt
 from femsub.model.joined import linked, rows_of_parts, sprung
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import all_modes
@@ -62,13 +63,11 @@ class Space:
 class JoinedSearch:
     """The modes found so far of all parts that are reduced; the other parts stand as they are."""
 
-    def __init__(self, system: System, statics: Mapping[str, Statics], contacts: Belt | Sequence[Belt] | None, top: float,
+    def __init__(self, system: System, statics: Mapping[str, Statics], contacts: Contacts, top: float,
                  least: Mapping[str, int]) -> None:
         pencil, self.system, self.limit = system.linearised(contacts), system, 2 * top
-        belts = [instance("each contact of an estimate", belt, Belt)
-                 for belt in ([contacts] if isinstance(contacts, Belt) else contacts or ())]
         self.damped, self.symmetric = pencil.norms[1] > 0, pencil.symmetric[1]
-        self.parts = {name: damped_part(system, name, belts) for name in system.parts}
+        self.parts = damped_parts(system, contacts)
         whole = {name: part.size for name, part in system.parts.items() if name not in statics}
         if sum(whole.values()) > DENSE:
             raise InputError(f"no estimate can be had of {system.name!r}: its parts that are not reduced have "
@@ -164,19 +163,33 @@ def held_statics(sub: Substructure) -> Statics:
     return method.statics(part, part.factored(), np.zeros((sub.size, 0)))
 
 
-def damped_part(system: System, name: str, contacts: Sequence[Belt]) -> Substructure:
-    """A part with the damping of the contacts on its ports."""
-    part, own = system.parts[name], [belt for belt in contacts if belt.port.partition(".")[0] == name]
-    if not own:
-        return part
-    return part.with_damping(part.linearised([replace(belt, port=belt.port.partition(".")[2]) for belt in own]).D)
+def damped_parts(system: System, contacts: Contacts) -> dict[str, Substructure]:
+    """The parts with the damping of the contacts on their ports.
+
+    Raises
+    ------
+    InputError
+        A contact between parts, or one with stiffness.
+    """
+    found = dict(system.parts)
+    for contact in contacts_of(contacts):
+        ports, sets = contact.ports, tuple(getattr(contact, "sets", ()))
+        owner, *more = {name.partition(".")[0] for name in (*ports, *sets)}
+        if more or system.linearised(contact).K is not system.pencil.K:
+            raise InputError(f"no estimate can be had of {system.name!r} under {contact!r}: it takes contacts that add to D "
+                             "alone, each on one part, such as belts. Leave the contact out, or give numbers of modes")
+        ports, sets = (tuple(name.partition(".")[2] for name in names) for names in (ports, sets))
+        W = columns_of(found[owner], SimpleNamespace(ports=ports, sets=sets))
+        damping = small_matrices(system, contact)[1]
+        found[owner] = found[owner].with_damping(found[owner].pencil.with_contact(damping, W).D)
+    return found
 
 
 def _dense(A: Any) -> Array:
     return A.toarray() if sp.issparse(A) else np.asarray(A)
 
 
-def system_estimate(full: System, rom: System, band: tuple[float, float], contacts: Belt | Sequence[Belt] | None = None, *,
+def system_estimate(full: System, rom: System, band: tuple[float, float], contacts: Contacts = None, *,
                     tol: float = 0.01) -> Estimate:
     """What the reductions of all parts together cost a system: the errors of its ω and λ in a band, without its full solution.
 
@@ -193,8 +206,8 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
         ``reduce(full, {...})``, or the same parts joined otherwise than by `reduce`.
     band : (lo, hi)
         Radians per unit of time.
-    contacts : Belt or sequence of Belt, optional
-        The belts under which λ is judged. Without damping and contacts there are no figures of λ.
+    contacts : Belt or another contact, or a sequence of them, optional
+        Those under which λ is judged: they add to D, each on one part. Without damping and contacts there are no figures of λ.
     tol : float
         What ``.met`` compares with.
 
@@ -206,7 +219,7 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     ------
     InputError, InputTypeError
         Systems of different parts; a part that its interface does not hold; a spring on a port inside a part; full parts with
-        more than 3,000 DOF in all.
+        more than 3,000 DOF in all; a contact with stiffness, or between parts.
 
     Examples
     --------

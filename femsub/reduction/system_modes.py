@@ -29,12 +29,13 @@ from femsub.reduction.system_estimate import JoinedSearch
 
 if TYPE_CHECKING:
     from femsub.model.assembly import System
+    from femsub.model.contact import Contacts
     from femsub.model.estimate import Estimate
-    from femsub.model.friction import Belt
     from femsub.model.substructure import ReducedSubstructure
     from femsub.reduction.statics import Statics
 
 ENOUGH = 0.3  # of the tolerance: the largest model is to leave some choice
+EXCHANGED = 4  # modes of one part that are tried at a time in place of those of others
 TRIALS = 12  # choices by first order that are tried before all modes are taken
 
 
@@ -72,7 +73,7 @@ def common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | N
 
 
 def chosen_together(system: System, statics: Mapping[str, Statics], given: Mapping[str, int],
-                    contacts: Belt | Sequence[Belt] | None, goal: Goal) -> tuple[dict[str, Kept], Estimate]:
+                    contacts: Contacts, goal: Goal) -> tuple[dict[str, Kept], Estimate]:
     """The modes kept of each part, and the estimate of the system made of them.
 
     Parameters
@@ -129,7 +130,7 @@ def fewest(nested: Nested, least: Array, most: Array, band: tuple[float, float],
 
 def _trimmed(nested: Nested, least: Array, best: tuple[Array, Estimate], band: tuple[float, float],
              tol: float) -> tuple[Array, Estimate]:
-    """One mode less, or two less and one more of another part, as long as the estimate allows it."""
+    """One mode less of each part in turn, as long as the estimate allows it."""
     number, going = len(least), True
     while going:
         going = False
@@ -155,11 +156,33 @@ def _costs(nested: Nested, band: tuple[float, float]) -> list[Array]:
 
 
 def _leanest(costs: Sequence[Array], least: Array, most: Array, allowed: float) -> Array:
-    """Counts whose summed cost stays within what is allowed: from all modes on, always the cheapest one goes."""
-    counts = most.copy()
-    spent = np.zeros(costs[0].shape[1])
+    """Few modes in all whose summed cost stays within what is allowed.
+
+    From all modes on, always the cheapest one goes. Then up to EXCHANGED more of one part are tried against fewer of others.
+    """
+    tails = [np.vstack([np.cumsum(cost[:count][::-1], axis=0)[::-1], np.zeros((1, cost.shape[1]))])
+             for cost, count in zip(costs, most, strict=True)]  # of each part: what all modes from a number on cost
+    counts = _without_the_cheapest(tails, least, most, allowed)
+    going = True
+    while going:
+        going = False
+        for at in range(len(counts)):
+            for more in range(1, EXCHANGED + 1):
+                trial = counts.copy()
+                trial[at] = min(trial[at] + more, most[at])
+                trial = _without_the_cheapest(tails, least, trial, allowed)
+                if trial.sum() < counts.sum():
+                    counts, going = trial, True
+    return counts
+
+
+def _without_the_cheapest(tails: Sequence[Array], least: Array, counts: Array, allowed: float) -> Array:
+    """Always the mode goes that leaves the smallest largest cost, until that would exceed what is allowed."""
+    counts = counts.copy()
+    spent = np.sum([tail[count] for tail, count in zip(tails, counts, strict=True)], axis=0)
     while True:
-        trials = {at: spent + costs[at][counts[at] - 1] for at in range(len(counts)) if counts[at] > least[at]}
+        trials = {at: spent + tails[at][counts[at] - 1] - tails[at][counts[at]] for at in range(len(counts))
+                  if counts[at] > least[at]}
         if not trials:
             return counts
         at = min(trials, key=lambda one: float(trials[one].max(initial=0.0)))

@@ -1,0 +1,281 @@
+"""What the reductions of all parts cost their system: bounds, estimates, the choice of modes, and refinement by the parts."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_coupling import cut
+
+import femsub as fs
+from benchmarks.random_systems import Case, random_system
+from femsub.linalg import factor
+from femsub.model.bands import upper, within
+from femsub.model.estimate import Estimate
+from femsub.modes.normal_modes import all_modes
+from femsub.quadratic import full_solve
+from femsub.quadratic.matching import match
+from femsub.reduction.error_bounds import ACCEPTED, FAR
+from femsub.reduction.system_estimate import JoinedSearch, held_statics
+
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
+TOL = 1e-3
+ROUNDING = 1e-9
+SEEDS = (0, 3, 5, 6, 9, 11, 17, 21)  # 2 to 5 parts of all kinds, held and floating, damped or not, with springs between them
+
+
+def together(case: Case, tol: float = TOL, kind: type = fs.CraigBampton) -> fs.System:
+    return fs.reduce(case.system, dict.fromkeys(case.system.parts, kind(band=case.band, tol=tol)), contacts=case.belt)
+
+
+def moving(model: fs.Substructure, belt: fs.Belt | None) -> np.ndarray:
+    modes = fs.complex_modes(model.linearised(belt).dense())
+    return modes.eigenvalues[upper(modes.eigenvalues) & ~modes.rigid & (modes.eigenvalues != 0)]
+
+
+def check(case: Case, rom: fs.System, estimate: Estimate, most: float = 10.0) -> float:
+    """The largest true error. Each is below its bound or estimate, but for rounding, and not far below."""
+    exact = case.omega[case.omega <= case.band[1]]
+    modes = all_modes(rom.K, rom.M, ACCEPTED)
+    error = np.abs(modes.frequencies[modes.rigid:][:len(exact)] / exact - 1)
+    room = ROUNDING + case.rounding[:len(exact)]
+    assert len(error) == len(estimate.frequency_error[:len(exact)]) == len(exact)
+    assert (error <= estimate.frequency_error[:len(exact)] + room).all()
+    assert (estimate.frequency_error[:len(exact)] <= most * error + 10 * room).all()
+    assert not estimate.unmatched
+    worst = float(error.max())
+    if case.damped:
+        full, found = moving(case.system, case.belt), moving(rom, case.belt)
+        at, to = match(full, found, far=FAR)
+        error = np.abs(found[to] - full[at]) / np.abs(full[at])
+        for value, one in zip(found[to][within(full[at], case.band)], error[within(full[at], case.band)], strict=True):
+            told = estimate.eigenvalue_error[np.abs(estimate.eigenvalues - value) <= 1e-7 * np.abs(value)].max()
+            assert one <= told + ROUNDING and told <= most * one + 10 * ROUNDING
+        worst = max(worst, float(error[within(full[at], case.band)].max()))
+    return worst
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_system_meets_its_tolerance_with_few_modes(seed: int) -> None:
+    case = random_system(seed)
+    rom = together(case)
+    assert rom.estimate is not None and rom.estimate.met and rom.estimate.tol == TOL
+    assert check(case, rom, rom.estimate) <= TOL
+    assert rom.cutoff > case.band[1] and rom.estimate.cutoff == rom.cutoff
+    chosen = np.array([part.modes for part in rom.parts.values()])  # type: ignore[attr-defined]
+    assert rom.estimate.modes == chosen.sum()
+    # one mode less in any part, or one moved from a part to another, is no longer within the tolerance
+    statics = {name: held_statics(part) for name, part in case.system.parts.items()}
+    search = JoinedSearch(case.system, statics, case.belt, case.band[1], dict.fromkeys(statics, 10**6))
+    nested = search.plain()[0]
+    exact = case.omega[case.omega <= case.band[1]]
+    for at in range(len(chosen)):
+        fewer = chosen - (np.arange(len(chosen)) == at)
+        if fewer[at] >= 0 and not case.damped:
+            omega = nested.undamped(fewer)[0][:len(exact)]
+            assert len(omega) < len(exact) or (omega / exact - 1).max() > 0.95 * TOL or \
+                nested.cutoff(fewer) <= case.band[1]
+
+
+@pytest.mark.parametrize("kinds", [(fs.CraigBampton, fs.Rubin), (fs.CraigChang, fs.Herting), (fs.MacNeal, fs.CraigBampton),
+                                   (fs.DualCraigBampton,)])
+@pytest.mark.parametrize("seed", [6, 9, 14, 23])
+def test_what_any_methods_cost_a_system(seed: int, kinds: tuple[Callable[[int], fs.CraigBampton], ...]) -> None:
+    case = random_system(seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.FemsubWarning)
+        rom = fs.reduce(case.system, {name: kinds[i % len(kinds)](8) for i, name in enumerate(case.system.parts)})
+        found = fs.system_estimate(case.system, rom, case.band, case.belt)
+    assert found.share == 1.0 and found.modes == 8 * len(rom.parts)
+    check(case, rom, found, most=1e4)  # these bases may be nearer to the full system than what they are compared with
+
+
+def test_the_bounds_hold_however_little_is_known() -> None:
+    """Nothing but ten modes of each part, and all shapes that stand for the rest."""
+    for seed in range(12):
+        case = random_system(seed)
+        statics = {name: held_statics(part) for name, part in case.system.parts.items()}
+        nested = JoinedSearch(case.system, statics, None, 0.0, {}).plain()[0]
+        known = np.flatnonzero(case.omega < 0.9 * nested.cutoff(nested.most))
+        known = known[known < len(nested.bounds)]
+        assert (nested.bounds[known] <= case.omega[known] * (1 + ROUNDING + case.rounding[known])).all()
+
+
+def system(pieces: int = 3, n: int = 60, fixed: bool = True) -> fs.System:
+    parts, joints, _ = cut(n, pieces, fixed)
+    return fs.couple(parts, joints)
+
+
+def test_a_tolerance_takes_fewer_modes_than_one_limit_for_all_parts() -> None:
+    """A stiff part and a soft one: modes up to one frequency in both, the lowest that will do, are many more."""
+    soft = fs.chain(60, interface=[60])
+    stiff = fs.chain(40, masses=np.full(40, 0.05), springs=np.full(40, 0.5), interface=[1], fixed=False)
+    full = fs.couple({"soft": soft, "stiff": stiff}, [fs.Rigid(("soft", [59]), ("stiff", [0]))])
+    band = (0.0, 0.4)
+    rom = fs.reduce(full, dict.fromkeys(full.parts, fs.CraigBampton(band=band, tol=TOL)))
+    exact = fs.normal_modes(full, band=band).frequencies
+    held = {name: np.sort(JoinedSearch(full, {n: held_statics(p) for n, p in full.parts.items()}, None, 0.4,
+                                       dict.fromkeys(full.parts, 100)).searches[name].found.frequencies) for name in full.parts}
+    for limit in np.unique(np.concatenate(list(held.values()))):
+        counts = {name: int((one <= limit).sum()) for name, one in held.items()}
+        model = fs.reduce(full, {name: fs.CraigBampton(count) for name, count in counts.items()})
+        if (fs.normal_modes(model, count=len(exact)).frequencies / exact - 1).max() <= TOL:
+            break
+    assert rom.estimate is not None and rom.estimate.modes < 0.9 * sum(counts.values())
+
+
+def test_parts_that_stay_and_given_numbers_of_modes() -> None:
+    full = system(4)
+    method = fs.CraigBampton(band=(0.0, 0.3), tol=TOL)
+    exact = fs.normal_modes(full, band=(0.0, 0.3)).frequencies
+    for methods in ({"p0": method, "p2": method}, {"p0": method, "p1": fs.CraigBampton(12), "p2": method, "p3": fs.Hurty(11)}):
+        rom = fs.reduce(full, methods)
+        assert rom.estimate is not None and rom.estimate.met
+        assert [rom.parts[name].modes for name in methods if methods[name].modes] == [  # type: ignore[attr-defined]
+            one.modes for one in methods.values() if one.modes]
+        error = fs.normal_modes(rom, count=len(exact)).frequencies / exact - 1
+        assert (error <= rom.estimate.frequency_error).all() and rom.estimate.frequency_error.max() <= TOL
+    assert rom.with_damping(None).estimate is None and rom.with_parts({}).estimate is None
+    assert replace(rom.estimate, band=(0.0, 1.01 * rom.cutoff)).met is False
+    assert Estimate.of_record(rom.estimate.record()).share == 1.0
+
+
+def test_ports_and_contacts_of_a_system() -> None:
+    full, belt = system(), fs.Belt(port="p1.belt", slope=-0.05)
+    methods = dict.fromkeys(full.parts, fs.Hurty(band=(0.0, 0.35), tol=TOL))
+    for contacts in (belt, [belt], fs.LinearContact(("p1.belt",), damping=[[-0.05]])):
+        rom = fs.reduce(full, methods, ports=True, contacts=contacts)
+        assert rom.estimate is not None and rom.estimate.met and len(rom.estimate.eigenvalues)
+        exact, found = (fs.complex_modes(model, contacts, band=(0.0, 0.35)).eigenvalues for model in (full, rom))
+        assert (np.abs(exact - found) <= TOL * np.abs(exact)).all()
+    for contact in (fs.LinearContact(("p1.belt",), stiffness=[[1.0]]),
+                    fs.LinearContact(("p0.belt", "p1.belt"), damping=[[1.0, 0.0], [0.0, 1.0]])):
+        with pytest.raises(fs.InputError, match="contacts that add to D"):
+            fs.reduce(full, methods, contacts=contact)
+
+
+BOTH = fs.CraigBampton(band=(0.0, 0.3), tol=TOL)
+
+
+@pytest.mark.parametrize(("methods", "words"), [
+    ({"p0": BOTH, "p1": fs.CraigBampton(band=(0.0, 0.2), tol=TOL)}, "same for all parts"),
+    ({"p0": BOTH, "p1": fs.CraigBampton(band=(0.0, 0.3), tol=1e-2)}, "same for all parts"),
+    ({"p0": BOTH, "p1": fs.CraigChang(4)}, "system_estimate"),
+    ({"p0": fs.Rubin(band=(0.0, 0.3), tol=TOL)}, "system_estimate"),
+    ({"p0": BOTH, "p1": fs.Guyan(2)}, "system_estimate"),
+])
+def test_what_a_system_cannot_be_asked_is_told(methods: dict[str, fs.CraigBampton], words: str) -> None:
+    with pytest.raises(fs.InputError, match=words):
+        fs.reduce(system(), methods)
+
+
+def test_a_tolerance_that_is_not_met_is_told() -> None:
+    full = system()
+    with pytest.raises(fs.NotConvergedError, match="give more modes to 'p1'"):
+        fs.reduce(full, {"p0": BOTH, "p1": fs.CraigBampton(0), "p2": BOTH})
+    with pytest.raises(fs.NotConvergedError, match="Rounding alone"):
+        fs.reduce(full, dict.fromkeys(full.parts, fs.CraigBampton(band=(0.0, 0.3), tol=1e-17)))
+
+
+def test_systems_without_an_estimate_are_told() -> None:
+    full = system()
+    sprung = fs.couple(full.parts, [*full.joints, fs.Spring(("p1", "belt"), stiffness=1.0)])
+    rom = fs.reduce(sprung, {"p1": fs.CraigBampton(4)})
+    with pytest.raises(fs.InputError, match="port inside 'p1'"):
+        fs.system_estimate(sprung, rom, (0.0, 0.3))
+    for other in (fs.couple(full.parts, full.joints[:1] + full.joints[1:], name="same"), system(2), full):
+        if len(other.parts) < 3:
+            with pytest.raises(fs.InputError, match="no part of both"):
+                fs.system_estimate(full, other, (0.0, 0.3))
+        else:
+            assert fs.system_estimate(full, other, (0.0, 0.3)).worst < 1e-9
+    with pytest.raises(fs.InputError, match="at most"):
+        long = fs.couple({"a": fs.chain(4000, interface=[4000]), "b": fs.chain(9, interface=[1], fixed=False)},
+                         [fs.Rigid(("a", [3999]), ("b", [0]))])
+        fs.system_estimate(long, fs.reduce(long, {"b": fs.CraigBampton(3)}), (0.0, 1e-3))
+
+
+def test_a_system_is_estimated_from_the_factors_of_its_parts() -> None:
+    full = system(3, 900)
+    rom = fs.reduce(full, dict.fromkeys(full.parts, fs.CraigBampton(6)))
+    before = factor.Factor.made
+    sizes: list[int] = []
+    made = factor.factorise
+
+    def counted(A: object, kind: str) -> object:
+        sizes.append(A.shape[0])  # type: ignore[attr-defined]
+        return made(A, kind)  # type: ignore[arg-type]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(factor, "factorise", counted)
+        found = fs.system_estimate(full, rom, (0.0, 0.01))
+    assert found.worst < 1e-2 and factor.Factor.made >= before
+    assert max(sizes, default=0) < 250  # dense ones of the joined model
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_refined_by_the_parts(seed: int) -> None:
+    case = random_system(seed)
+    kinds = (fs.CraigBampton, fs.Rubin) if seed % 2 else (fs.CraigBampton,)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.FemsubWarning)
+        rom = fs.reduce(case.system, {name: kinds[i % len(kinds)](8) for i, name in enumerate(case.system.parts)})
+        modes = fs.complex_modes(rom, case.belt, band=case.band)
+        found = fs.refine(case.system, modes, rom, case.belt)
+    exact = fs.complex_modes(case.system.linearised(case.belt).dense())
+    assert not found.whole and "through the parts" in repr(found)
+    assert found.modes.backward_error.max() < 1e-8
+    for value, rigid in zip(found.modes.eigenvalues, found.modes.rigid, strict=True):
+        near = np.abs(exact.eigenvalues - value)
+        assert rigid or near.min() <= 1e-6 * abs(value) + 100 * exact.error_bar[near.argmin()]
+
+
+def plates() -> fs.System:
+    parts = {f"p{i}": fs.plate(fs.rectangle((0.5, 0.4), (10, 6)), E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01,
+                               interface=["left", "right"] if i else ["right"], supports={} if i else {"left": "clamped"},
+                               rayleigh=(2.0, 1e-6), name=f"p{i}") for i in range(3)}
+    return fs.couple(parts, [fs.Rigid((f"p{i}", "right"), (f"p{i + 1}", "left"), tolerance=np.inf) for i in range(2)])
+
+
+def test_refinement_factorises_nothing_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    full = plates()
+    band = (0.0, 1000.0)
+    rom = fs.reduce(full, dict.fromkeys(full.parts, fs.CraigBampton(4)))
+    modes = fs.complex_modes(rom, band=band)
+    sizes: list[int] = []
+    made = factor.factorise
+    monkeypatch.setattr(factor, "factorise", lambda A, kind: sizes.append(A.shape[0]) or made(A, kind))  # type: ignore[func-returns-value]
+    found = fs.refine(full, modes, rom)
+    inside = min(len(part.interior) for part in full.parts.values())
+    assert found.factorisations == 0 and not found.whole and max(sizes, default=0) < inside < full.size / 3
+    monkeypatch.setattr(full_solve, "_against", lambda full: "for the test")
+    by_whole = fs.refine(full, modes, rom)
+    assert by_whole.whole == "for the test" and max(sizes) == full.size and "parts" not in repr(by_whole)
+    np.testing.assert_allclose(found.modes.eigenvalues, by_whole.modes.eigenvalues, rtol=1e-8)
+    assert (found.moved > 1e-6 * np.abs(found.reduced)).any()
+
+
+def test_where_the_parts_cannot_serve_the_whole_does_and_that_is_said() -> None:
+    full = system()
+    sprung = fs.couple(full.parts, [*full.joints, fs.Spring(("p1", "belt"), stiffness=1.0)])
+    loose = fs.couple({"a": fs.beam(1.0, 9, E=1.0, I=1.0, rho=1.0, A=1.0, supports={"left": "clamped"}, interface=["right"]),
+                       "b": fs.beam(1.0, 9, E=1.0, I=1.0, rho=1.0, A=1.0, interface=["left"])},
+                      [fs.Rigid(("a", "right"), ("b", "left"), tolerance=np.inf)])
+    pinned = fs.Substructure(loose.parts["b"].M, loose.parts["b"].K, interface=[0])
+    loose = fs.couple({"a": loose.parts["a"], "b": pinned}, [fs.Rigid(("a", [16]), ("b", [0]))])
+    for one, words in ((sprung, "port inside 'p1'"), (loose, "does not hold 'b'")):
+        rom = fs.reduce(one, dict.fromkeys(one.parts, fs.Rubin(4)))
+        found = fs.refine(one, fs.complex_modes(rom, count=4), rom)
+        assert words in found.whole
+    with pytest.raises(fs.InputError, match="does not hold"):
+        fs.system_estimate(loose, rom, (0.0, 1.0))
+
+
+def test_refinement_that_does_not_converge_says_so() -> None:
+    full = plates()
+    rom = fs.reduce(full, dict.fromkeys(full.parts, fs.CraigBampton(0)))
+    with pytest.raises(fs.NotConvergedError, match="after 1 steps"):
+        fs.refine(full, fs.complex_modes(rom, count=20), rom, which=range(20), steps=1)
