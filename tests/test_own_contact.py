@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
@@ -119,6 +120,66 @@ def test_a_study_takes_several_contacts() -> None:
     assert both.full.slope < one.full.slope
     alone = fs.critical_slope(sub.with_damping(sub.linearised(two[1]).D), band=(0.0, 0.5))
     assert both.full.slope == alone.slope == fs.critical_slope(sub, contacts=two[1], band=(0.0, 0.5)).slope
+
+
+@dataclass(frozen=True)
+class Hardening(Rubbing):
+    """The same with a normal force k u_n + h u_n³ and a dashpot: what it exerts, and the tangents."""
+
+    h: float = 0.0
+    d: float = 0.0
+
+    def linearised(self, model: fs.Substructure) -> tuple[Array, Array]:  # type: ignore[override]
+        return np.diag([self.d, 0.0]), super().linearised(model)[1]
+
+    def exerted(self, u: Array, v: Array) -> Array:
+        normal = self.k * u[0] + self.h * u[0] ** 3
+        return np.array([-normal - self.d * v[0], -self.mu * normal])
+
+    def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
+        slope = self.k + 3 * self.h * u[0] ** 2
+        return np.array([[-slope, 0.0], [-self.mu * slope, 0.0]]), np.diag([-self.d, 0.0])
+
+
+def test_in_time_a_linear_contact_moves_as_its_pencil_says() -> None:
+    sub = part(4, sparse=False)
+    rubbing = Hardening(k=0.7, mu=0.4, d=0.05)
+    run = fs.transient(sub, rubbing, (0.0, 30.0), impulse={"normal": 1e-2}, samples=60, record="states")
+    pencil, n = sub.linearised(rubbing), sub.size
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(pencil.M, pencil.K), -np.linalg.solve(pencil.M, pencil.D)]])
+    start = np.concatenate([np.zeros(n), np.linalg.solve(sub.M, 1e-2 * sub.port("normal"))])
+    exact = (la.expm(A * 30.0) @ start)[:n]
+    assert run.states is not None and np.abs(run.states[0][-1] - exact).max() < 1e-7 * np.abs(exact).max()
+    assert run.energy.residual < 1e-6 and run.effort.method == "lsoda"
+    given = fs.LinearContact(("normal", "tangential"), stiffness=[[0.7, 0.0], [0.28, 0.0]], damping=np.diag([0.05, 0.0]))
+    other = fs.transient(sub, given, (0.0, 30.0), impulse={"normal": 1e-2}, samples=60, record="states")
+    assert other.states is not None and np.abs(other.states[0][-1] - exact).max() < 1e-7 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("method", ["lsoda", "radau"])
+def test_in_time_it_acts_beside_a_belt(method: str) -> None:
+    sub, law = part(4, sparse=False), fs.StribeckArctan(eps=5e-2)
+    contacts = [fs.Belt(speed=0.2, law=law), Hardening(k=0.7, mu=0.4, h=0.5, d=0.05)]
+    run = fs.transient(sub, contacts, (0.0, 40.0), impulse=0.05, step=0.05, method=method)
+    assert run.energy.residual < 1e-6 and list(run.contact.ports) == ["belt", "normal", "tangential"]
+    assert "Hardening on normal, tangential" in repr(run.contact)
+    rest = run.contact.equilibrium
+    assert not run.contact.pull(rest).any() and np.abs(run.contact.exerted(run.contact.W.T @ rest, np.zeros(3))[1:]).min() > 0
+    u, v, h = np.array([0.1, 0.2, 0.3]), np.array([0.4, -0.1, 0.2]), 1e-6
+    for at, tangent in enumerate(run.contact.tangents(u, v)):
+        for j in range(3):
+            step = h * np.eye(3)[j]
+            moved = [run.contact.exerted(u + sign * step * (at == 0), v + sign * step * (at == 1)) for sign in (1, -1)]
+            np.testing.assert_allclose(tangent[:, j], (moved[0] - moved[1]) / (2 * h), atol=1e-7)
+    assert "normal" in run.displacements and np.isfinite(run.velocity("tangential")).all()
+
+
+def test_what_moves_not_is_refused_by_name() -> None:
+    sub = part(4, sparse=False)
+    with pytest.raises(fs.InputTypeError, match=r"Rubbing has no exerted\(u, v\)"):
+        fs.transient(sub, Rubbing())
+    with pytest.raises(fs.InputError, match="takes Belts only, not Hardening"):
+        fs.transient(part(4), Hardening(), method="alpha")
 
 
 def test_where_a_friction_law_is_needed_it_is_refused_by_name() -> None:

@@ -130,19 +130,24 @@ def equations(contact: Sliding, start: State) -> Equations:
     K, D, G = T.T @ K @ T, T.T @ D @ T, T.T @ contact.W
     K = (K + K.T) / 2
     highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
-    Tinv, steady = T.T @ M, contact.force(np.zeros(contact.columns))
-    rest, thrust = _rest(contact, start, Tinv, K, G @ steady), float(np.linalg.norm(G @ steady))
+    Tinv = T.T @ M
+    rest = _rest(contact, start, Tinv, K, G)
+    steady = contact.resting(start.displacement if rest is None else T @ rest)
+    thrust = float(np.linalg.norm(G @ steady))
     if rest is None:
         rest, steady = np.zeros(len(K)), np.zeros_like(steady)
-    rhs, jacobian = _functions(contact, K, D, G[:min(contact.columns, len(M))], steady)
+    rhs, jacobian = _functions(contact, K, D, G[:min(contact.columns, len(M))], steady, rest)
     return Equations(T, Tinv, K, rest, rhs, jacobian, *_scale(contact, start, K, G, highest), thrust, highest)
 
 
-def _rest(contact: Sliding, start: State, Tinv: Array, K: Array, force: Array) -> Array | None:
-    """x₀: the start, if it is an equilibrium; else K⁻¹ force, if it exists and is accurate enough; else None."""
+def _rest(contact: Sliding, start: State, Tinv: Array, K: Array, G: Array) -> Array | None:
+    """x₀: the start, if it is an equilibrium; else K⁻¹ G f(0), if it exists and is accurate enough; else None."""
     begin = Tinv @ start.displacement
     if not contact.pull(start.displacement).any():
         return begin
+    if contact.others:
+        return None
+    force = G @ contact.force(np.zeros(contact.columns))
     try:
         found = la.cho_solve(la.cho_factor(K), force)
     except la.LinAlgError:
@@ -156,15 +161,15 @@ def _scale(contact: Sliding, start: State, K: Array, G: Array, highest: float) -
     norm = np.sqrt(np.einsum("ij,ij->j", G, G))
     pull = max((float(g @ (K @ g) / (g @ g)) for g in G.T if g.any()), default=0.0)
     omega = np.sqrt(pull) if pull > (1e-6 * highest) ** 2 else highest or 1.0
-    speed = max(*(abs(belt.speed or 0.0) for belt in contact.belts), float(np.abs(contact.W.T @ start.velocity).max()))
+    speed = max([*(abs(belt.speed or 0.0) for belt in contact.belts), float(np.abs(contact.W.T @ start.velocity).max())])
     thickest = norm.max() or 1.0
     if speed == 0:  # belt and start at rest: the speed that friction alone can cause
-        speed = thickest**2 * float(np.abs(contact.force(np.zeros(contact.columns))).max()) / omega
+        speed = thickest**2 * float(np.abs(contact.resting(start.displacement)).max()) / omega
     return (speed or 1.0) / thickest, float(omega)
 
 
-def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array) -> tuple[Right, Right]:
-    """rhs and the transposed Jacobian; G holds the rows of GᵀW that are not zero, (p, p); `steady` is the friction at x₀."""
+def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array, rest: Array) -> tuple[Right, Right]:
+    """rhs and the transposed Jacobian; G holds the rows of TᵀW that are not zero, (p, p); `steady` is the friction at x₀."""
     n, p = len(K), len(G)
     work, loss, size = 2 * n, 2 * n + 1, 2 * n + 2
     symmetric = (D + D.T) / 2
@@ -197,7 +202,28 @@ def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array) ->
         np.copyto(gradient, linear)
         gradient[n:work, loss] = 2 * (symmetric @ y[n:work])
 
-    if contact.columns == 1:
+    if contact.others:
+        still = rest[:p] @ G
+
+        def rhs(t: float, y: Array) -> Array:
+            dot(y, whole)
+            v = y[n:n + p] @ G
+            f = contact.exerted(still + y[:p] @ G, v)
+            out[n:n + p] += G @ (f - steady)
+            dissipated()
+            out[work] = f @ v
+            return out
+
+        def jacobian(t: float, y: Array) -> Array:
+            start_gradient(y)
+            u, v = still + y[:p] @ G, y[n:n + p] @ G
+            of_u, of_v = contact.tangents(u, v)
+            gradient[:p, n:n + p] += (G @ of_u @ G.T).T
+            gradient[n:n + p, n:n + p] += (G @ of_v @ G.T).T
+            gradient[:p, work] = G @ (of_u.T @ v)
+            gradient[n:n + p, work] = G @ (contact.exerted(u, v) + of_v.T @ v)
+            return gradient
+    elif contact.columns == 1:
         belt, g = contact.belts[0], float(G[0, 0])
         force, speed, first = belt.force, float(belt.speed or 0.0), float(steady[0])
         mu, mu_slope = scalar_law(belt.law)  # type: ignore[arg-type]

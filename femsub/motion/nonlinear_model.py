@@ -3,7 +3,8 @@
     M q̈ + D q̇ + K q = W f(Wᵀq̇),   f_c(v) = F_c μ_c(v0_c - v_c)
 
 with one column of W (n, p) for each column of each belt's port, and v = Wᵀq̇ (p,) the speeds under the belts. Friction
-stands on the right, see `friction`. Full and reduced models alike: W of a reduced one is VᵀW.
+stands on the right, see `friction`. Full and reduced models alike: W of a reduced one is VᵀW. Other contacts exert f(u, v),
+which depends on the displacements u = Wᵀq as well; `transient` takes them.
 """
 
 from __future__ import annotations
@@ -14,15 +15,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, real_array
-from femsub.errors import InputError, InputTypeError, SingularMatrixError
+from femsub.errors import InputError, InputTypeError, NotConvergedError, SingularMatrixError
 from femsub.linalg.factor import factorise
+from femsub.model.contact import columns_of, contacts_of
 from femsub.model.friction import Belt, width_of
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 
+NEWTON = 50  # largest number of steps to an equilibrium
 RESIDUE = 16 * EPS  # relative to the forces that cancel in an equilibrium: the rounding that remains
 
 
@@ -47,25 +51,36 @@ class State:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sliding:
-    """M q̈ + D q̇ + K q = W f(Wᵀq̇) with W (n, p): a model and the belts on its ports.
+    """M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇) with W (n, p): a model, the belts on its ports, and other contacts.
 
     Attributes
     ----------
     model : Substructure
     belts : tuple of Belt
     W : ndarray, shape (n, p)
+        The belts' columns first.
     owner : tuple of int, length p
-        The belt to which each column belongs.
+        The belt to which each column belongs; the other contacts are counted on.
+    others : tuple of Contact
+        Only with these f depends on u = Wᵀq, and the columns of one contact act on each other.
     """
 
     model: Substructure
     belts: tuple[Belt, ...]
     W: Array
     owner: tuple[int, ...]
+    others: tuple[Any, ...] = ()
 
     def __repr__(self) -> str:
         under = ", ".join(f"{belt.port!r} at {belt.speed:g}" for belt in self.belts)
-        return f"Sliding: {self.model.name!r} with {self.model.size} DOF, belts under {under}"
+        more = ", ".join(f"{type(other).__name__} on {', '.join(other.ports)}" for other in self.others)
+        return f"Sliding: {self.model.name!r} with {self.model.size} DOF" + (f", belts under {under}" if under else "") + \
+               (f", {more}" if more else "")
+
+    @property
+    def ports(self) -> list[str]:
+        """The ports of all contacts, each once."""
+        return list(dict.fromkeys(port for contact in (*self.belts, *self.others) for port in contact.ports))
 
     @property
     def columns(self) -> int:
@@ -80,8 +95,27 @@ class Sliding:
         return result
 
     def force(self, v: Array) -> Array:
-        """f(v) = F μ(v0 - v), in the shape of v, (p,) or (p, m): one row per column of W."""
+        """f(v) = F μ(v0 - v), in the shape of v, (p,) or (p, m): one row per column of W. Of belts only, see `exerted`."""
         return self._each("value", v)
+
+    def exerted(self, u: Array, v: Array) -> Array:
+        """f(u, v) of all contacts at displacements u (p,) and speeds v (p,) of the columns, shape (p,)."""
+        result, owner = np.empty(self.columns), np.array(self.owner)
+        for at, contact in enumerate((*self.belts, *self.others)):
+            rows = owner == at
+            result[rows] = contact.exerted(u[rows], v[rows])
+        return result
+
+    def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """(∂f/∂u, ∂f/∂v) of all contacts, shape (p, p) each, block by block."""
+        owner = np.array(self.owner)
+        parts = [contact.tangents(u[owner == at], v[owner == at]) for at, contact in enumerate((*self.belts, *self.others))]
+        return la.block_diag(*(part[0] for part in parts)), la.block_diag(*(part[1] for part in parts))
+
+    def resting(self, displacement: Array) -> Array:
+        """f at rest at a displacement q (n,), shape (p,)."""
+        still = np.zeros(self.columns)
+        return self.exerted(self.W.T @ displacement, still) if self.others else self.force(still)
 
     def tangent(self, v: Array) -> Array:
         """The diagonal of df/dv = -F μ'(v0 - v), shape (p,) or (p, m). It is diagonal since each column is a separate contact."""
@@ -103,25 +137,38 @@ class Sliding:
 
     @cached_property
     def equilibrium(self) -> Array:
-        """K q = W F μ(v0): steady sliding, shape (n,).
+        """K q = W f at rest: steady sliding, shape (n,). With other contacts than belts by Newton's method for u = WᵀK⁻¹W f(u, 0).
 
         Raises
         ------
         InputError
             The model floats, so nothing balances the friction.
+        NotConvergedError
+            Newton's method found no equilibrium.
         """
         handle = ShiftInvert(self.model.K, self.model.M)
         if handle.floating:
             handle.release()
             raise InputError(f"{self.model.name!r} floats ({handle.rigid.shape[1]} rigid-body modes), so the belt drags it away "
                              "and there is no sliding equilibrium. Hold it with supports or springs")
-        found = handle.factor.solve(self.W @ self.force(np.zeros(self.columns)))
+        if not self.others:
+            found = handle.factor.solve(self.W @ self.force(np.zeros(self.columns)))
+            handle.release()
+            return found
+        Z = handle.factor.solve(self.W)
         handle.release()
-        return found
+        H, u, still = self.W.T @ Z, np.zeros(self.columns), np.zeros(self.columns)
+        for _ in range(NEWTON):
+            rest = u - H @ self.exerted(u, still)
+            if np.abs(rest).max() <= RESIDUE * (np.abs(u) + np.abs(H) @ np.abs(self.exerted(u, still))).max():
+                return Z @ self.exerted(u, still)
+            u = u - np.linalg.solve(np.eye(len(u)) - H @ self.tangents(u, still)[0], rest)
+        raise NotConvergedError(f"no equilibrium of {self.model.name!r} under its contacts was found in {NEWTON} steps of Newton's "
+                                "method. Give a start")
 
     def pull(self, displacement: Array) -> Array:
-        """W f(0) - K q (n,), the force on a model at rest; 0 where only rounding is left of it."""
-        f = self.force(np.zeros(self.columns))
+        """W f - K q (n,), the force on a model at rest; 0 where only rounding is left of it."""
+        f = self.resting(displacement)
         left = self.W @ f - self.model.K @ displacement
         terms = np.abs(self.W) @ np.abs(f) + abs(self.model.K) @ np.abs(displacement)
         return left if np.abs(left).max() > RESIDUE * terms.max() else np.zeros_like(left)
@@ -137,7 +184,7 @@ class Sliding:
         size : float or mapping of str to float
             J (mass · length / time), on the first belt's port or on the ports named.
         """
-        blows = size if isinstance(size, Mapping) else {self.belts[0].port: size}
+        blows = size if isinstance(size, Mapping) else {self.ports[0]: size}
         load = np.zeros(self.model.size)
         for port, value in blows.items():
             column = self.model.port(port).reshape(self.model.size, -1).sum(axis=1)
@@ -161,32 +208,39 @@ class Sliding:
         return State(self.equilibrium + parts[0], parts[1])
 
 
-def sliding(model: Substructure, belts: Belt | Sequence[Belt], what: str = "the nonlinear model") -> Sliding:
-    """A model with its belts, checked.
+def sliding(model: Substructure, belts: Any, what: str = "the nonlinear model", others: bool = False) -> Sliding:
+    """A model with its belts, and with `others` also other contacts that exert a force, checked.
 
     Raises
     ------
     InputError, InputTypeError
         No belt, a belt without a friction law (a slope alone is not enough for nonlinear motion), two belts on one port, an
-        unknown port.
+        unknown port, a contact that does not say what it exerts.
     """
     if not isinstance(model, Substructure):
         raise InputTypeError(f"{what} takes a Substructure with a port, not {type(model).__name__}")
-    contacts = (belts,) if isinstance(belts, Belt) else tuple(belts) if isinstance(belts, Sequence) else (belts,)
-    for belt in contacts:
+    given = tuple(belts) if isinstance(belts, Sequence) else (belts,)
+    contacts = tuple(belt for belt in given if isinstance(belt, Belt))
+    free = contacts_of(tuple(belt for belt in given if not isinstance(belt, Belt))) if others else ()
+    for contact in free:
+        if not all(callable(getattr(contact, name, None)) for name in ("exerted", "tangents")):
+            raise InputTypeError(f"{what} needs what a contact exerts in motion, but {type(contact).__name__} has no exerted(u, v) "
+                                 "and tangents(u, v)")
+    for belt in contacts if others else given:
         if not isinstance(belt, Belt):
             raise InputTypeError(f"{what} takes Belts, whose friction laws it needs, not {type(belt).__name__}")
         if belt.law is None:
             raise InputError(f"the belt on port {belt.port!r} has a slope only, but {what} needs a friction law and the belt's "
                              "speed, e.g. Belt(speed=0.19113, law=StribeckArctan(eps=1e-3))")
-    if not contacts:
+    if not contacts and not free:
         raise InputError(f"{what} needs at least one Belt")
     names = [belt.port for belt in contacts]
     if len(set(names)) < len(names):
         raise InputError(f"two belts act on one port: {names}. Give each its own port")
-    columns = [model.port(belt.port).reshape(model.size, -1) for belt in contacts]
+    columns = [columns_of(model, contact) for contact in (*contacts, *free)]
+    columns = [W.toarray() if sp.issparse(W) else W for W in columns]
     owner = tuple(at for at, column in enumerate(columns) for _ in range(column.shape[1]))
-    return Sliding(model, contacts, np.hstack(columns), owner)
+    return Sliding(model, contacts, np.hstack(columns), owner, free)
 
 
 def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:

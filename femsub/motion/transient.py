@@ -20,6 +20,7 @@ from femsub.motion.first_order import METHODS, Flow, equations
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
+    from femsub.model.contact import Contact
     from femsub.model.friction import Belt
     from femsub.model.substructure import Substructure
     from femsub.motion.generalised_alpha import AlphaFlow
@@ -153,7 +154,7 @@ class Transient:
         return histories[name]
 
 
-def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[float, float] = (0.0, 500.0), *,
+def transient(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], time: tuple[float, float] = (0.0, 500.0), *,
               start: State | None = None, impulse: Mapping[str, float] | float | None = None, ports: Sequence[str] = (),
               step: float | None = None, samples: int | None = None, record_from: float | None = None,
               record: str = "ports", tol: float | None = None, method: str = "auto",
@@ -164,8 +165,9 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     ----------
     model : Substructure
         Full or reduced; M must not be singular.
-    belts : Belt or sequence of Belt
-        On any ports, of one or several columns; each needs a friction law.
+    belts : Belt or another contact, or a sequence of them
+        On any ports, of one or several columns. A belt needs a friction law, another contact `exerted` and `tangents` (see
+        `femsub.model.contact.Contact`). Sparse models above 300 DOF take belts only.
     time : (t0, t1)
         Start and end.
     start : State, optional
@@ -212,7 +214,7 @@ def transient(model: Substructure, belts: Belt | Sequence[Belt], time: tuple[flo
     0 to 20 in 101 points
     """
     began = clock.perf_counter()
-    contact = sliding(model, belts, "transient")
+    contact = sliding(model, belts, "transient", others=True)
     t0, t1 = interval("time", time)
     choice("method", method, ("auto", "alpha", *METHODS))
     tell = listener("progress", progress)
@@ -256,6 +258,9 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
     if method == "alpha" or (method == "auto" and large):
         from femsub.motion.generalised_alpha import AlphaFlow
 
+        if contact.others:
+            raise InputError(f"the generalised-α method takes Belts only, not {type(contact.others[0]).__name__}. Reduce the model "
+                             "first")
         points = _grid(*time, *grid, 0.0)
         apart = float(points[1] - points[0]) if len(points) > 1 else time[1] - time[0]
         return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns, whole), points
@@ -271,7 +276,7 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
 def _columns(contact: Sliding, ports: Sequence[str]) -> tuple[Array, dict[str, Any]]:
     """The recorded columns, (n, c), and the position of each port in them: an index for a port of one column, else a slice."""
     asked = [word("ports", name) for name in items("ports", ports, "names of ports")]
-    names = dict.fromkeys([*(belt.port for belt in contact.belts), *asked])
+    names = dict.fromkeys([*contact.ports, *asked])
     parts, places, at = [], {}, 0
     for name in names:
         column = contact.model.port(name)
