@@ -84,10 +84,10 @@ def test_full_and_complete_reduced_model_agree_under_it() -> None:
 
 
 def test_a_large_model_under_it_is_solved_by_pep_and_counted() -> None:
-    sub, contacts = part(400), [Rubbing(k=0.5, mu=0.8), fs.Belt(slope=-0.02)]
-    modes = fs.complex_modes(sub, contacts, band=(0.0, 0.03))
+    sub, contacts = part(200), [Rubbing(k=0.5, mu=0.8), fs.Belt(slope=-0.02)]
+    modes = fs.complex_modes(sub, contacts, band=(0.0, 0.06))
     exact = spectrum(*explicit(sub, Rubbing(0.5, 0.8), -0.02))
-    inside = exact[(exact.imag >= 0) & (exact.imag <= 0.03) & (np.abs(exact.real) <= 0.03)]
+    inside = exact[(exact.imag >= 0) & (exact.imag <= 0.06) & (np.abs(exact.real) <= 0.06)]
     assert len(modes) == len(inside) > 5 and modes.evidence == "confirmed"
     assert apart(inside, modes.eigenvalues) < 1e-9
 
@@ -99,14 +99,30 @@ def test_a_linear_contact_says_the_same() -> None:
     belt = fs.LinearContact("belt", damping=[[-0.1]])
     assert np.array_equal(sub.linearised(belt).D.toarray(), sub.linearised(fs.Belt(slope=-0.1)).D.toarray())
     turning = fs.LinearContact(("normal", "tangential"), damping=[[0.0, 0.3], [-0.3, 0.1]], stiffness=np.eye(2))
-    large = fs.complex_modes(part(400), [turning, belt], band=(0.0, 0.02))  # D with an unsymmetric term, K with a symmetric one
+    large = fs.complex_modes(part(200), [turning, belt], band=(0.0, 0.04))  # D with an unsymmetric term, K with a symmetric one
     assert large.evidence == "confirmed"
-    pencil = part(400).linearised([turning, belt]).dense()
+    pencil = part(200).linearised([turning, belt]).dense()
     exact = spectrum(pencil.M, pencil.D, pencil.K)
-    inside = exact[(exact.imag >= 0) & (exact.imag <= 0.02) & (np.abs(exact.real) <= 0.02)]
+    inside = exact[(exact.imag >= 0) & (exact.imag <= 0.04) & (np.abs(exact.real) <= 0.04)]
     assert len(inside) == len(large) and apart(inside, large.eigenvalues) < 1e-9
     u, v = np.array([1.0, 2.0]), np.array([-1.0, 0.5])
     np.testing.assert_allclose(turning.exerted(u, v), [-1.15, -2.35], atol=1e-15)
+
+
+def test_its_own_parameter_is_searched_for_the_loss_of_stability() -> None:
+    sub = part(8, sparse=False)
+    sub = sub.with_damping(0.01 * sub.K)
+    contacts = [Rubbing(k=0.5), fs.LinearContact(("normal", "tangential"), stiffness=[[0.5, 0.3], [0.3, 0.5]])]
+    full = fs.critical_value(sub, contacts, "mu", between=(-6.0, 6.0))
+    assert full.evidence == "certified" and not full.open and {"flutter", "divergence"} == {
+        one.kind for one in (*full.losses, *full.regains)}
+    for one in (*full.losses, *full.regains):
+        below, above = (len(fs.complex_modes(sub, [replace(contacts[0], mu=one.value + step), contacts[1]]).unstable)
+                        for step in (-1e-6, 1e-6))
+        assert above - below == (1 if one in full.losses else -1) * (2 if one.omega else 1)
+    rom = fs.reduce(sub, fs.CraigBampton(15), ports=True)  # complete
+    small = fs.critical_value(rom, contacts, "mu", between=(-6.0, 6.0))
+    assert [one.value for one in small.losses] == pytest.approx([one.value for one in full.losses], rel=1e-8)
 
 
 def test_a_study_takes_several_contacts() -> None:

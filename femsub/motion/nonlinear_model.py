@@ -137,7 +137,7 @@ class Sliding:
 
     @cached_property
     def equilibrium(self) -> Array:
-        """K q = W f at rest: steady sliding, shape (n,). With other contacts than belts by Newton's method for u = WᵀK⁻¹W f(u, 0).
+        """K q = W f at rest: steady sliding, shape (n,). With other contacts by Newton's method for u = WᵀK⁻¹W f(u, 0).
 
         Raises
         ------
@@ -163,8 +163,8 @@ class Sliding:
             if np.abs(rest).max() <= RESIDUE * (np.abs(u) + np.abs(H) @ np.abs(self.exerted(u, still))).max():
                 return Z @ self.exerted(u, still)
             u = u - np.linalg.solve(np.eye(len(u)) - H @ self.tangents(u, still)[0], rest)
-        raise NotConvergedError(f"no equilibrium of {self.model.name!r} under its contacts was found in {NEWTON} steps of Newton's "
-                                "method. Give a start")
+        raise NotConvergedError(f"no equilibrium of {self.model.name!r} under its contacts was found in {NEWTON} steps of "
+                                "Newton's method. Give a start")
 
     def pull(self, displacement: Array) -> Array:
         """W f - K q (n,), the force on a model at rest; 0 where only rounding is left of it."""
@@ -224,8 +224,8 @@ def sliding(model: Substructure, belts: Any, what: str = "the nonlinear model", 
     free = contacts_of(tuple(belt for belt in given if not isinstance(belt, Belt))) if others else ()
     for contact in free:
         if not all(callable(getattr(contact, name, None)) for name in ("exerted", "tangents")):
-            raise InputTypeError(f"{what} needs what a contact exerts in motion, but {type(contact).__name__} has no exerted(u, v) "
-                                 "and tangents(u, v)")
+            raise InputTypeError(f"{what} needs what a contact exerts in motion, but {type(contact).__name__} has no "
+                                 "exerted(u, v) and tangents(u, v)")
     for belt in contacts if others else given:
         if not isinstance(belt, Belt):
             raise InputTypeError(f"{what} takes Belts, whose friction laws it needs, not {type(belt).__name__}")

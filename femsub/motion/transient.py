@@ -259,8 +259,8 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
         from femsub.motion.generalised_alpha import AlphaFlow
 
         if contact.others:
-            raise InputError(f"the generalised-α method takes Belts only, not {type(contact.others[0]).__name__}. Reduce the model "
-                             "first")
+            raise InputError(f"the generalised-α method takes Belts only, not {type(contact.others[0]).__name__}. Reduce the "
+                             "model first")
         points = _grid(*time, *grid, 0.0)
         apart = float(points[1] - points[0]) if len(points) > 1 else time[1] - time[0]
         return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns, whole), points
