@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
+from femsub.errors import SingularMatrixError
 from femsub.model.bands import beyond, in_band, moving, upper, within
 from femsub.model.estimate import SHARE, Estimate
 from femsub.model.pencil import Pencil
@@ -177,8 +178,14 @@ class Nested:
     @cached_property
     def _rigid(self) -> Array:
         """Rigid-body modes in C (n_c, n_r), ZᵀMZ = I: of joined parts they have no other coordinates."""
-        part = slice(0, self.constraint)
-        return ShiftInvert(self.K[part, part], self.M[part, part]).rigid if self.constraint else np.zeros((0, 0))
+        part, kept = slice(0, self.constraint), self._first + self.modes
+        if not self.constraint:
+            return np.zeros((0, 0))
+        try:
+            return ShiftInvert(self.K[part, part], self.M[part, part]).rigid
+        except SingularMatrixError:  # C has no stiffness at all
+            found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
+            return found.shapes[part, :found.rigid]
 
     @cached_property
     def _largest(self) -> tuple[Array, Array]:
