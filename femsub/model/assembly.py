@@ -15,7 +15,7 @@ from femsub.checks import Array, Matrix, choice, instance, items, mapping
 from femsub.errors import InputError
 from femsub.model.dof_map import DofMap
 from femsub.model.dual import Multiplied, by_forces, check_span, finite_span, multiplied
-from femsub.model.elimination import congruent, eliminate, largest, recovered, units, without_dust, without_rounding
+from femsub.model.elimination import congruent, eliminate, largest, product, recovered, units, without_dust, without_rounding
 from femsub.model.joined import (
     check_connected,
     checked_parts,
@@ -370,9 +370,9 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
         if dense:
             A = np.zeros((S.shape[1], S.shape[1]))
             for matrix, rows in zip(matrices, blocks.values(), strict=True):
-                moving = np.flatnonzero(S[rows].any(axis=0))  # few coordinates of the system move a part
-                T = S[rows][:, moving]
-                A[np.ix_(moving, moving)] += T.T @ (matrix @ T)
+                moving = np.unique(joined.S[rows].indices)  # few coordinates of the system move a part
+                T = joined.S[rows][:, moving]
+                A[np.ix_(moving, moving)] += product(T.T, product(matrix, T))
         else:
             A = sp.csr_array(S.T @ (sp.block_diag([sp.csr_array(one) for one in matrices], format="csr") @ S))
         for R, link in springs:
