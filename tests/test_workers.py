@@ -175,6 +175,18 @@ def test_what_is_stored_comes_back_as_a_map_of_the_file(tmp_path: Path) -> None:
     assert (tmp_path / "file").read_bytes() == before
 
 
+def test_what_needs_a_factor_later_makes_it_again(threads: ThreadPoolExecutor) -> None:
+    whole = system()
+    reduced = fs.reduce(whole, methods(whole), executor=threads)
+    modes = fs.complex_modes(reduced, count=4)
+    made = Factor.made
+    refined = fs.refine(whole, modes, reduced)
+    assert Factor.made > made
+    alone = fs.reduce(system(), methods(whole))
+    expected = fs.refine(system(), fs.complex_modes(alone, count=4), alone)
+    np.testing.assert_allclose(refined.modes.eigenvalues, expected.modes.eigenvalues, rtol=1e-10)
+
+
 @pytest.mark.parametrize("band", [None, (0.0, 1.0)])
 def test_a_sweep_takes_workers(threads: ThreadPoolExecutor, band: tuple[float, float] | None) -> None:
     model, slopes = fs.chain(60, belt=3), np.linspace(-0.2, 0.01, 5)
