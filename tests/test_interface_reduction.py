@@ -237,6 +237,16 @@ def test_parts_that_meet_share_their_shapes(key: str, held: bool) -> None:
     assert np.allclose(elastic(further, 6), elastic(fs.reduce(system, fs.InterfaceModes(24)), 6), rtol=1e-9)
 
 
+@pytest.mark.parametrize("count", [3, 17])
+def test_parts_on_both_sides_of_one_that_is_spread_move_with_it(count: int) -> None:
+    """Its generalised coordinates belong to the interfaces of both, and some shapes of one move nothing of the other."""
+    full = plate((12, 4), (3, 1), held=False)
+    system = fs.reduce(full, {"p00": fs.CraigBampton(6), "p10": fs.CraigChang(6), "p20": fs.Rubin(6)}, ports=True)
+    local = fs.reduce(system, {name: fs.InterfaceModes(count) for name in ("p00", "p20")}, ports=True)
+    error = elastic(local, 6) / elastic(system, 6) - 1
+    assert fs.normal_modes(local, count=1).rigid == 3 and error.min() > -1e-9 and error.max() < (2e-2 if count == 3 else 1e-9)
+
+
 def test_joints_may_name_the_dof_numbers_of_the_full_parts() -> None:
     named = plate((8, 8), (2, 1))
     ends = [(name, [int(named.parts[name].interface[at]) for at in named.parts[name].sets[side]])
@@ -338,6 +348,8 @@ def test_only_the_lowest_modes_of_a_large_interface_are_computed(monkeypatch: py
      "interface DOF. Interface modes keep all of them, at most 4000: reduce its parts first"),
     (lambda: fs.reduce(fs.couple(small().parts, small().joints, assembly="dual"), fs.InterfaceModes(9)), "is of dual assembly"),
     (lambda: fs.reduce(halves(), dict.fromkeys(("h0", "h1"), fs.InterfaceModes(2))), "is a system of its own, whose inner"),
+    (lambda: fs.reduce(dual := fs.couple(small().parts, small().joints, assembly="dual"), dict.fromkeys(
+        dual.parts, fs.InterfaceModes(2))), "has joints by multipliers"),
     (lambda: fs.reduce(small(), fs.InterfaceModes(-1)), "modes"),
     (lambda: fs.InterfaceModes(), "InterfaceModes takes modes=20, or band="),
 ])

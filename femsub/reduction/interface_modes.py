@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from femsub.reduction.basis import Basis, Kept, Responses
 
 KIND, INSIDE = "interface mode", "interior"  # labels of the coordinates
-ALIKE = 1e-6  # of a shape on the interface between parts: where others contain it but for less it is no shape of its own
-EXACT = 1e-10  # the same for rigid motion
 INTERIOR = 4000  # interior coordinates that may be kept: all of them stay, in dense matrices
 
 
@@ -205,67 +203,3 @@ def _uncoupled(sub: Substructure) -> tuple[Array, Matrix]:
     K[np.ix_(b, b)] = condensed_stiffness(sub, square(sub.K, b) + loads.T @ shapes[i], shapes)
     return K, sp.csr_array(sp.eye_array(n)) + sp.csr_array(
         (shapes[i].ravel(), (np.repeat(i, len(b)), np.tile(b, len(i)))), shape=(n, n))
-
-
-def with_common_shapes(system: System, models: Mapping[str, ReducedSubstructure]) -> dict[str, ReducedSubstructure]:
-    """Parts whose interfaces were reduced one by one, with common shapes where they meet, so that they can be joined again.
-
-    Coordinates of the system that the same parts move are one group, as those of an edge. In each group every part gets the
-    shapes of all the parts that meet there. If one part alone was reduced nothing changes: its neighbours have their whole
-    interface, and follow it.
-
-    References
-    ----------
-    S.-K. Hong, B. I. Epureanu, M. P. Castanier, Mech. Syst. Signal Process. 37 (2013) 403; Krattiger et al. 2019 (local level
-    with exact compatibility).
-    """
-    own = {name: model for name, model in models.items() if KIND in model.kinds}
-    if len(own) < 2:
-        return dict(models)
-    unit = units_of_energy({"": system})
-    motion: dict[str, Matrix] = {}
-    shapes: dict[str, tuple[Array, Array]] = {}
-    member = np.zeros((system.size, len(own)), dtype=bool)
-    for name, rows in zip(system.parts, rows_of_parts(system.parts), strict=True):
-        if name in own:
-            kinds = np.array(own[name].kinds)
-            motion[name] = (sp.csr_array(system.parts[name].interface_rows) @ sp.csr_array(system.L[rows])).tocsc()
-            at = np.flatnonzero(np.diff(motion[name].indptr))
-            member[at, len(shapes)] = True
-            B = motion[name][:, at] @ sp.diags_array(unit[at])
-            inverse = B.power(-1).T if B.nnz == len(at) == B.shape[0] else np.linalg.pinv(B.toarray())
-            shapes[name] = np.zeros((system.size, len(kinds))), kinds  # in units of energy
-            shapes[name][0][at] = inverse @ own[name].interface_rows
-    signature = np.unique(member, axis=0, return_inverse=True)[1]
-    blocks = []
-    for group in (np.flatnonzero(signature == one) for one in np.unique(signature[member.any(axis=1)])):
-        met = [shapes[name] for name, meets in zip(shapes, member[group[0]], strict=True) if meets]
-        # rigid motion first and whole: where a system floats, a share of 1e-6 of it that is lost would hold the system
-        basis = np.zeros((len(group), 0))
-        for rigid, least in ((True, EXACT), (False, ALIKE)):
-            found = np.hstack([part[np.ix_(group, (kinds == "rigid") == rigid)] for part, kinds in met])
-            found = found / np.maximum(np.linalg.norm(found, axis=0), np.finfo(float).tiny)
-            U, size, _ = np.linalg.svd(found - basis @ (basis.T @ found), full_matrices=False)
-            basis = np.hstack([basis, U[:, size > least]])
-        blocks.append((group, unit[group, None] * basis))
-    return dict(models) | {name: _in_shapes(system.parts[name], own[name], [
-        motion[name][:, group] @ block for group, block in blocks if member[group[0], at]]) for at, name in enumerate(shapes)}
-
-
-def _in_shapes(part: Substructure, model: ReducedSubstructure, blocks: Sequence[Array]) -> ReducedSubstructure:
-    """The model with given shapes of the interface, blocks of (n_b, k), in place of its own."""
-    Q = np.hstack(blocks)
-    turned = InterfaceModes(0).part(part)
-    sub, i = turned.sub, turned.sub.interface
-    if part.size - len(i) != len(part.interface):
-        raise InputError(f"{part.name!r} is a system of its own, whose inner joints would lose their motion; reduce the "
-                         "interface of the whole system instead")
-    T = np.zeros((part.size, len(i) + Q.shape[1]))
-    T[i, np.arange(len(i))] = 1.0
-    T[part.interface, len(i):] = Q
-    V = T if turned.turn is None else turned.turn @ T
-    found = replace(model, M=congruent(sub.M.toarray(), T), K=congruent(sub.K.toarray(), T), D=congruent(sub.D.toarray(), T),
-                    ports={name: V.T @ w for name, w in part.ports.items()}, V=V, kinds=(INSIDE,) * len(i) + (KIND,) * Q.shape[1],
-                    modes=Q.shape[1], method=f"{Q.shape[1]} interface shapes", full_interface=part.interface, full_dofs=part.dofs,
-                    estimate=None)
-    return InterfaceModes(0).finished(part, found)

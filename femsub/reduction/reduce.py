@@ -23,6 +23,7 @@ from femsub.model.matrices import same
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import confirm
 from femsub.reduction.basis import Basis, Kept, projected
+from femsub.reduction.common_shapes import with_common_shapes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.craig_chang import CraigChang
 from femsub.reduction.craig_chang_physical import CraigChangPhysical
@@ -30,7 +31,7 @@ from femsub.reduction.dual_craig_bampton import DualCraigBampton
 from femsub.reduction.guyan import Guyan
 from femsub.reduction.herting import Herting
 from femsub.reduction.hurty import Hurty
-from femsub.reduction.interface_modes import InterfaceModes, with_common_shapes
+from femsub.reduction.interface_modes import InterfaceModes
 from femsub.reduction.macneal import MacNeal
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
