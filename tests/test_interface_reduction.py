@@ -237,6 +237,16 @@ def test_parts_that_meet_share_their_shapes(key: str, held: bool) -> None:
     assert np.allclose(elastic(further, 6), elastic(fs.reduce(system, fs.InterfaceModes(24)), 6), rtol=1e-9)
 
 
+@pytest.mark.parametrize("key", ["craig-bampton", "rubin"])
+@pytest.mark.parametrize("count", [8, 14])
+def test_a_floating_system_is_not_held_by_what_its_parts_share(key: str, count: int) -> None:
+    """Shapes of neighbours are nearly alike: what is dropped of them must not take a millionth of a rigid motion with it."""
+    system = reduced(key, 6, cells=(32, 16), pieces=(4, 2), held=False)
+    local = fs.reduce(system, dict.fromkeys(system.parts, fs.InterfaceModes(count)), ports=True)
+    assert local.size < system.size and fs.normal_modes(local, count=1).rigid == 3
+    assert np.allclose(elastic(local, 6), elastic(system, 6), rtol=1e-3)
+
+
 @pytest.mark.parametrize("count", [3, 17])
 def test_parts_on_both_sides_of_one_that_is_spread_move_with_it(count: int) -> None:
     """Its generalised coordinates belong to the interfaces of both, and some shapes of one move nothing of the other."""
