@@ -16,7 +16,6 @@ from femsub.model.joined import rows_of_parts, units_of_energy
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert, units
 from femsub.reduction.interface_modes import INSIDE, KIND, InterfaceModes
-from femsub.reduction.statics import square
 
 ALIKE = 1e-6  # of a shape on the interface between parts: where others contain it but for less it is no shape of its own
 EXACT = 1e-12  # the same for rigid motion, of which nothing may be lost: a floating system would be held by it
@@ -78,27 +77,20 @@ def _orthonormal(*stages: tuple[Array, float]) -> Array:
 
 
 def _in_shapes(part: Substructure, model: ReducedSubstructure, shapes: Array, rigid: Array) -> ReducedSubstructure:
-    """The model with given shapes of the interface (n_b, k) in place of its own; `rigid` motions (n_b, r) cost nothing."""
+    """The model with given shapes of the interface (n_b, k) and `rigid` motions (n_b, r) in place of its own."""
     turned = InterfaceModes(0).part(part)
     sub, i, b = turned.sub, turned.sub.interface, part.interface
     if part.size - len(i) != len(b):
         raise InputError(f"{part.name!r} is a system of its own, whose inner joints would lose their motion; reduce the "
                          "interface of the whole system instead")
-    K = square(sub.K, b)
-    unit = units(K)[:, None]
+    unit = units(sub.K)[b, None]
     Q = _orthonormal((rigid / unit, EXACT), (shapes / unit, EXACT))
-    held = Q.T @ (unit * K * unit.T) @ Q
-    Y = _orthonormal((Q.T @ (rigid / unit), EXACT))
-    for _ in range(2):
-        held = held - Y @ (Y.T @ held)
-        held = held - (held @ Y) @ Y.T
     T = np.zeros((part.size, len(i) + Q.shape[1]))
     T[i, np.arange(len(i))] = 1.0
     T[b, len(i):] = unit * Q
-    V, stiffness = T if turned.turn is None else turned.turn @ T, np.zeros((T.shape[1],) * 2)
-    stiffness[:len(i), :len(i)], stiffness[len(i):, len(i):] = square(sub.K, i), (held + held.T) / 2
-    found = replace(model, M=congruent(sub.M.toarray(), T), K=stiffness, D=congruent(sub.D.toarray(), T), V=V,
-                    ports={name: V.T @ w for name, w in part.ports.items()}, kinds=(INSIDE,) * len(i) + (KIND,) * Q.shape[1],
-                    modes=Q.shape[1], method=f"{Q.shape[1]} interface shapes", full_interface=b, full_dofs=part.dofs,
-                    estimate=None)
+    V = T if turned.turn is None else turned.turn @ T
+    M, D, K = (congruent(A.toarray(), T) for A in (sub.M, sub.D, sub.K))
+    found = replace(model, M=M, D=D, K=K, V=V, ports={name: V.T @ w for name, w in part.ports.items()},
+                    kinds=(INSIDE,) * len(i) + (KIND,) * Q.shape[1], modes=Q.shape[1],
+                    method=f"{Q.shape[1]} interface shapes", full_interface=b, full_dofs=part.dofs, estimate=None)
     return InterfaceModes(0).finished(part, found)
