@@ -20,42 +20,16 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from benchmarks.random_systems import Case, compositions, random_system
+from benchmarks.random_systems import Case, random_system
+from benchmarks.system_errors import fewest, moving, of_lambda, of_omega
 from femsub.io.atomic import write_whole
-from femsub.model.bands import upper, within
 from femsub.modes.normal_modes import all_modes
-from femsub.quadratic.matching import match
-from femsub.reduction.error_bounds import ACCEPTED, FAR, Nested
-from femsub.reduction.system_estimate import JoinedSearch, held_statics
+from femsub.reduction.error_bounds import ACCEPTED
 
 ROOT = Path(__file__).resolve().parent.parent
 TOL = 1e-3
 SMALLEST = 1e-9  # true relative errors below it are rounding
-TRIALS = 3000  # numbers of modes that are tried for the fewest
 OTHERS = (fs.CraigBampton, fs.CraigChang, fs.Rubin, fs.Herting, fs.MacNeal, fs.DualCraigBampton)
-
-
-def moving(model: fs.Substructure, belt: fs.Belt | None) -> np.ndarray:
-    """All λ with Im λ ≥ 0 that are no rigid-body ones, by LAPACK."""
-    modes = fs.complex_modes(model.linearised(belt).dense())
-    return modes.eigenvalues[upper(modes.eigenvalues) & ~modes.rigid & (modes.eigenvalues != 0)]
-
-
-def of_omega(case: Case, omega: np.ndarray) -> np.ndarray:
-    """True relative errors of the frequencies in the band; infinite where there is none."""
-    exact = case.omega[case.omega <= case.band[1]]
-    error = np.full(len(exact), np.inf)
-    error[:len(omega)] = np.abs(omega[:len(exact)] / exact[:len(omega)] - 1)
-    return error
-
-
-def of_lambda(case: Case, full: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """True relative errors of the eigenvalues in the band, and the reduced model's that belong to them."""
-    inside = within(full, case.band)
-    error, partner = np.full(len(full), np.inf), np.full(len(full), np.nan + 0j)
-    at, to = match(full, values, far=FAR)
-    error[at], partner[at] = np.abs(values[to] - full[at]) / np.abs(full[at]), values[to]
-    return error[inside], partner[inside]
 
 
 def pairs(case: Case, full: np.ndarray | None, rom: fs.System, estimate: fs.Estimate) -> dict[str, Any]:
@@ -80,52 +54,6 @@ def pairs(case: Case, full: np.ndarray | None, rom: fs.System, estimate: fs.Esti
     return row
 
 
-def fewest(case: Case, full: np.ndarray | None, chosen: np.ndarray) -> tuple[int, bool, int]:
-    """The fewest modes in all that meet the tolerance, up to those chosen; whether all smaller numbers were tried; and the fewest
-    by a rule that takes the modes of all parts up to the same frequency.
-    """
-    search = JoinedSearch(case.system, {name: held_statics(part) for name, part in case.system.parts.items()}, case.belt,
-                          case.band[1], dict.fromkeys(case.system.parts, 10**6))
-    nested = search.plain()[0]
-    tried: dict[tuple[int, ...], bool] = {}
-
-    def meets(counts: np.ndarray) -> bool:
-        key = tuple(counts.tolist())
-        if key not in tried:
-            tried[key] = meets_tolerance(case, full, nested, counts)
-        return tried[key]
-
-    least = np.zeros(len(chosen), dtype=int)
-    for at in range(len(chosen)):  # with all modes of the others, which cannot do better
-        low, high = 0, int(chosen[at])
-        while low < high:
-            middle = (low + high) // 2
-            counts = nested.most.copy()
-            counts[at] = middle
-            low, high = (low, middle) if meets(counts) else (middle + 1, high)
-        least[at] = low
-    limits = np.append(0.0, np.sort(nested.values))
-    parts = np.split(nested.values, np.cumsum(nested.most)[:-1])
-    low, high = 0, len(limits) - 1
-    while low < high:
-        middle = (low + high) // 2
-        good = meets(np.array([int((part <= limits[middle]).sum()) for part in parts]))
-        low, high = (low, middle) if good else (middle + 1, high)
-    for total in range(int(least.sum()), int(chosen.sum())):
-        for counts in compositions(total, least, nested.most):
-            if len(tried) > TRIALS:
-                return total, False, low
-            if meets(counts):
-                return total, True, low
-    return int(chosen.sum()), True, low
-
-
-def meets_tolerance(case: Case, full: np.ndarray | None, nested: Nested, counts: np.ndarray) -> bool:
-    if of_omega(case, nested.undamped(counts)[0]).max(initial=0.0) > TOL:
-        return False
-    return full is None or bool(of_lambda(case, full, nested.damped(counts)[0])[0].max(initial=0.0) <= TOL)
-
-
 def measure(seed: int) -> dict[str, Any]:
     """All of one system."""
     case = random_system(seed)
@@ -140,7 +68,7 @@ def measure(seed: int) -> dict[str, Any]:
     chosen = np.array([part.modes for part in rom.parts.values()])
     row = {"seed": seed, "parts": case.kinds, "size": case.system.size, "damped": case.damped, "wanted": len(case.omega) - 1,
            "modes": chosen.tolist(), "met": rom.estimate.met, "seconds": seconds} | pairs(case, full, rom, rom.estimate)
-    row["fewest"], row["exact"], row["rule"] = fewest(case, full, chosen)
+    row["fewest"], row["exact"], row["rule"] = fewest(case, full, chosen, TOL)
     random = np.random.default_rng([seed, 1])
     methods = {}
     for name, part in case.system.parts.items():

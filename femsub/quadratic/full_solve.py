@@ -6,10 +6,11 @@ import logging
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
+from femsub.errors import SingularMatrixError
+from femsub.linalg.factor import DenseFactor
 from femsub.model.assembly import System
 from femsub.model.joined import linked, rows_of_parts, sprung
 from femsub.model.matrices import Difference
@@ -74,24 +75,26 @@ class ByParts:
     whole = ""
 
     def __init__(self, full: System, rom: System) -> None:
-        self.factorisations, self._K = 0, full.K
+        self._K = full.K
         self._parts: list[tuple[Array, ShiftInvert, Array, Matrix]] = []
         L, own = sp.csr_array(full.L), _apart(full)
+        handles = {name: ShiftInvert(part.K, part.M, part.interior) for name, part in full.parts.items() if name in own}
+        self.factorisations = sum(handle.factorisations for handle in handles.values())
+        if loose := [name for name, handle in handles.items() if handle.floating]:
+            raise SingularMatrixError(f"the interface does not hold {loose[0]!r}")
         places = {name: L[at.start + full.parts[name].interior].indices for name, at in own.items()}  # each is a coordinate
         self._b = np.setdiff1d(np.arange(full.size), np.concatenate(list(places.values())))
         condensed = full.K[self._b][:, self._b]
         condensed = condensed.toarray() if sp.issparse(condensed) else condensed
         for name, at in own.items():
-            part = full.parts[name]
-            handle = ShiftInvert(part.K, part.M, part.interior)
-            self.factorisations += handle.factorisations
+            part, handle = full.parts[name], handles[name]
             loads = part.K[part.interior][:, part.interface]
             static = _constraint_modes(part, rom.parts[name], handle, loads)
             reach = L[at.start + part.interface][:, self._b]
             condensed += reach.T @ ((loads.T @ static) @ reach)
             self._parts.append((places[name], handle, static, reach))
         self._soft = SOFT * np.abs(condensed.diagonal())
-        self._factor = la.cho_factor((condensed + condensed.T) / 2 + np.diag(self._soft), lower=True, check_finite=False)
+        self._factor = DenseFactor((condensed + condensed.T) / 2 + np.diag(self._soft), "definite")
 
     def product(self, X: Array) -> Array:
         found = self._K @ X
@@ -103,7 +106,7 @@ class ByParts:
         for place, handle, static, reach in self._parts:
             found[place] = handle.factor.solve(B[place])
             load = load + reach.T @ (static.T @ B[place])
-        found[self._b] = la.cho_solve(self._factor, load, check_finite=False)
+        found[self._b] = self._factor.solve(load)
         for place, _, static, reach in self._parts:
             found[place] += static @ (reach @ found[self._b])
         return found
@@ -120,8 +123,8 @@ def solve_of(full: Substructure, rom: Any) -> FullSolve:
         if not why:
             try:
                 return ByParts(full, rom)
-            except la.LinAlgError:
-                why = "the stiffness between the parts is not positive definite"
+            except SingularMatrixError as error:
+                why = str(error)
         log.info("%r is factorised as a whole: %s", full.name, why)
     return ByWhole(full, why)
 
@@ -141,8 +144,6 @@ def _against(full: System) -> str:
     for name, at in own.items():
         if moved[at.start + full.parts[name].interior].any():
             return f"a spring or damper acts on a port inside {name!r}"
-        if ShiftInvert(full.parts[name].K, full.parts[name].M, full.parts[name].interior).floating:
-            return f"the interface does not hold {name!r}"
     between = full.size - sum(len(full.parts[name].interior) for name in own)
     if between > WIDE:
         return f"it has {between} DOF between its parts, more than {WIDE}"

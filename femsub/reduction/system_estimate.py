@@ -218,8 +218,8 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     Raises
     ------
     InputError, InputTypeError
-        Systems of different parts; a part that its interface does not hold; a spring on a port inside a part; full parts with
-        more than 3,000 DOF in all; a contact with stiffness, or between parts.
+        Systems of different parts, or the same; a part that its interface does not hold; a spring on a port inside a part; full
+        parts with more than 3,000 DOF in all; a contact with stiffness, or between parts.
 
     Examples
     --------
@@ -236,10 +236,10 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     instance("full", full, System, "whose parts were reduced")
     instance("rom", rom, System, "made of the reduced parts")
     statics = {name: held_statics(part) for name, part in _same_parts(full, rom).items() if len(part.interior)}
+    search = JoinedSearch(full, statics, contacts, hi, {})
     found = all_modes(_dense(rom.K), _dense(rom.M), ACCEPTED)
     omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
     pencil, values = rom.linearised(contacts), None
-    search = JoinedSearch(full, statics, contacts, hi, {})
     if search.damped:
         modes = complex_modes(pencil.dense())
         keep = upper(modes.eigenvalues) & ~modes.rigid & (modes.eigenvalues != 0)
@@ -277,4 +277,6 @@ def _same_parts(full: System, rom: System) -> dict[str, Substructure]:
                              "size")
         if one is not other:
             found[name] = one
+    if not any(len(part.interior) for part in found.values()):
+        raise InputError(f"no part of {rom.name!r} is reduced: it is {full.name!r} itself")
     return found
