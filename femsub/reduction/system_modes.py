@@ -168,9 +168,9 @@ def _leanest(costs: Sequence[Array], least: Array, most: Array, allowed: float) 
         going = False
         for at in range(len(counts)):
             for more in range(1, EXCHANGED + 1):
-                trial = counts.copy()
-                trial[at] = min(trial[at] + more, most[at])
-                trial = _without_the_cheapest(tails, least, trial, allowed)
+                trial, floor = counts.copy(), least.copy()
+                trial[at] = floor[at] = min(counts[at] + more, most[at])
+                trial = _without_the_cheapest(tails, floor, trial, allowed)
                 if trial.sum() < counts.sum():
                     counts, going = trial, True
     return counts
