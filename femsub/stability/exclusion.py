@@ -113,8 +113,8 @@ class Family:
         self.solved += 1
         z, V = la.eig(A, check_finite=False)
         try:
-            inverse = la.inv(V, check_finite=False)
-        except la.LinAlgError:
+            inverse = np.linalg.inv(V)
+        except np.linalg.LinAlgError:
             inverse = np.full_like(V, np.inf)
         with np.errstate(all="ignore"):
             noise = np.abs(inverse @ (A @ V) - np.diag(z)) + 4 * EPS * (np.abs(inverse) @ (self.size @ np.abs(V)))
