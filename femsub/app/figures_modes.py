@@ -26,7 +26,7 @@ def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, 
     elif mesh.dimension == 2:
         draw, upward, width, height = _contours, "y  [length]", 4.0, 0.5 + 3.3 * _aspect(mesh.points)
     else:
-        draw, upward, width, height = _surfaces, "", 4.0, 0.4 + 3.6 * _aspect(_seen(mesh.points)[0])
+        draw, upward, width, height = _surfaces, "", 4.0, 0.4 + 3.6 * _aspect(seen(mesh.points)[0])
     figure = new_figure(width * columns + (1.0 if mesh.dimension > 1 else 0), height * rows + 0.8)
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     draw(figure, axes, mesh, shapes, marks)
@@ -88,7 +88,7 @@ def _surfaces(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[
     scale = ScalarMappable(cmap="viridis")
     scale.set_clim(0, 1)
     for axis, u in zip(axes.ravel(), np.moveaxis(shapes, -1, 0), strict=False):
-        plane, depth = _seen(mesh.points + stretch * u)
+        plane, depth = seen(mesh.points + stretch * u)
         corners = plane[faces]
         side, other = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
         front = np.flatnonzero(side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0] > 0)  # anticlockwise from outside
@@ -108,20 +108,25 @@ def _surfaces(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[
         axis.set_aspect("equal")
         axis.autoscale_view()
         axis.set_axis_off()
-    _triad(axes[0, 0])
+    triad(axes[0, 0])
     figure.colorbar(scale, ax=axes, label="|u| / max|u|  [-]", shrink=0.8)
 
 
-def _seen(points: Array) -> tuple[Array, Array]:
+def seen_from() -> Array:
+    """The direction towards whom it is seen by, (3,)."""
+    return seen(np.eye(3))[1]
+
+
+def seen(points: Array) -> tuple[Array, Array]:
     """Points as they are seen (n, 2), from the right in front and above, and how near they are (n,)."""
     ca, sa, ce, se = np.cos(AZIMUTH), np.sin(AZIMUTH), np.cos(ELEVATION), np.sin(ELEVATION)
     return points @ np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce]]).T, points @ np.array([ce * ca, ce * sa, se])
 
 
-def _triad(axis: Any) -> None:
+def triad(axis: Any) -> None:
     """Which way x, y and z point."""
     origin = np.array([0.0, 0.05])
-    for name, along in zip("xyz", _seen(np.eye(3))[0], strict=True):
+    for name, along in zip("xyz", seen(np.eye(3))[0], strict=True):
         axis.annotate("", origin + 0.11 * along, origin, xycoords="axes fraction", annotation_clip=False,
                       arrowprops={"arrowstyle": "->", "lw": 0.7, "shrinkA": 0, "shrinkB": 0})
         axis.text(*(origin + 0.15 * along), name, transform=axis.transAxes, fontsize=8, ha="center", va="center")

@@ -1,16 +1,24 @@
-"""The figure of systems that were reduced part by part."""
+"""Figures of systems that were reduced part by part: the parts in colours, and errors over size and time."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from femsub import Mesh
 from femsub.app.figure_style import few_decades, look, new_figure
+from femsub.app.figures_modes import seen, seen_from, triad
+from femsub.checks import Array
+from femsub.components.mesh import boundary_faces, corner_nodes
 from femsub.studies.results import Row, Study
 
 KINDS = {"error_frequency": "frequencies", "error_growth": "growth rates", "error_slope": "critical slope",
          "error_force": "forces in the joints"}
+FINE = 8000  # cells from which on their edges are not drawn
+APART = 0.6  # of its distance from the middle that each part is moved where parts are drawn apart
+LIGHT = np.array([0.2, -0.4, 0.9])  # from where it comes, of length 1 but for rounding
 FLOOR = 1e-13  # errors below are rounding, and drawn there
 
 
@@ -48,3 +56,57 @@ def _size(row: Row) -> float:
 
 def _seconds(row: Row) -> float:
     return row.seconds
+
+
+def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
+    """Parts in colours: plane ones with their cells; solids as they are joined, and drawn apart."""
+    from matplotlib import colormaps
+    from matplotlib.collections import PolyCollection
+    from matplotlib.patches import Patch
+
+    palette = colormaps["tab20" if len(meshes) > 10 else "tab10"]
+    colours: dict[str, Any] = {name: np.array(palette(number % palette.N)[:3]) for number, name in enumerate(meshes)}
+    solid = next(iter(meshes.values())).dimension == 3
+    figure = new_figure(11.0 if solid else 6.4, 5.2)
+    axes = figure.subplots(1, 2 if solid else 1, squeeze=False)[0]
+    edge: dict[str, Any] = {"edgecolors": (0, 0, 0, 0.35),
+                            "linewidths": 0.3 if sum(len(mesh.cells) for mesh in meshes.values()) < FINE else 0.0}
+    for axis, apart in zip(axes, (0.0, APART), strict=False):
+        if solid:
+            polygons, fills = _painted(meshes, colours, apart)
+            axis.add_collection(PolyCollection(polygons, facecolors=fills, **edge))
+            axis.set_title("drawn apart" if apart else "joined")
+            axis.set_axis_off()
+        else:
+            for name, mesh in meshes.items():
+                axis.add_collection(PolyCollection(list(mesh.points[mesh.cells][:, :, :2]), facecolors=colours[name], **edge))
+            axis.set(xlabel="x  [length]", ylabel="y  [length]")
+        axis.set_aspect("equal")
+        axis.autoscale_view()
+    if solid:
+        triad(axes[0])
+    figure.legend([Patch(color=colour) for colour in colours.values()], list(colours), loc="outside lower center",
+                  ncols=min(len(colours), 8))
+    figure.suptitle(title)
+    return figure
+
+
+def _painted(meshes: Mapping[str, Mesh], colours: Mapping[str, Array], apart: float) -> tuple[list[Array], Array]:
+    """The visible faces of solids as polygons, the nearest last, and their colours; each part moved away from the middle."""
+    middle = np.mean([mesh.points.mean(axis=0) for mesh in meshes.values()], axis=0)
+    polygons: list[Array] = []
+    depths, fills = [], []
+    for name, mesh in meshes.items():
+        points = mesh.points + apart * (mesh.points.mean(axis=0) - middle)
+        faces = corner_nodes(mesh, *boundary_faces(mesh))
+        plane, depth = seen(points)
+        corners = plane[faces]
+        normal = np.cross(points[faces[:, 2]] - points[faces[:, 0]], points[faces[:, -1]] - points[faces[:, 1]])
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        front = np.flatnonzero(normal @ seen_from() > 0)
+        polygons += list(corners[front])
+        depths.append(depth[faces[front]].mean(axis=1))
+        light = 0.7 + 0.3 * np.clip(normal[front] @ LIGHT, 0, 1)
+        fills.append(light[:, None] * colours[name])
+    order = np.argsort(np.concatenate(depths), kind="stable")
+    return [polygons[i] for i in order], np.concatenate(fills)[order]

@@ -31,6 +31,8 @@ SCENES = {
     "plate": ("plate", "a thin plate, made or from a mesh file: the same, with pictures and VTU files of shapes"),
     "solid": ("solid", "a solid, a brake's disc or your own mesh: the same"),
     "chain-parts": ("chain_parts", "the chain cut into 2, 3 and 5 parts, each reduced by every method, and joined again"),
+    "plate-parts": ("plate_parts", "a plate cut into 8 parts: methods compared, and how many modes each part needs"),
+    "solid-parts": ("solid_parts", "8 solids, bolted and glued, whose meshes do not match: the same"),
     "own-parts": ("own_parts", "your own parts, from matrices and meshes, joined: methods compared part by part"),
     "chain-transient": ("chain_transient", "the chain in time: full and reduced, spectrograms (Fig. 5)"),
     "solid-transient": ("solid_transient", "a disc in time: limit cycle, full against reduced, time per period"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,6 +38,8 @@ class Cut(Frozen):
         For each part, its DOF as rows of the model.
     cells : mapping of str to ndarray of int
         For each part, its cells as rows of the mesh; empty for matrices.
+    meshes : mapping of str to Mesh
+        For each part its mesh, with the model's node numbers and what it has of the sets and groups; empty for matrices.
     size : int
         The number of DOF of the model, n.
 
@@ -56,9 +58,10 @@ class Cut(Frozen):
     rows: Mapping[str, Array]
     size: int
     cells: Mapping[str, Array] = field(default_factory=dict)
+    meshes: Mapping[str, Mesh] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._set(parts=self.parts, joints=self.joints, rows=self.rows, size=self.size, cells=self.cells)
+        self._set(parts=self.parts, joints=self.joints, rows=self.rows, size=self.size, cells=self.cells, meshes=self.meshes)
 
     def __iter__(self) -> Iterator[Any]:
         return iter((self.parts, self.joints))
@@ -152,13 +155,13 @@ def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: S
         raise InputError("the component that build returns has no map of its DOF (dofs=), by which parts find theirs")
     cells = _pieces(mesh, whole, into) if sets is None else _groups(mesh, sets)
     own = {key: value for key, value in arguments.items() if key not in PLACES}
-    matrices, rows = {}, {}
+    matrices, rows, meshes = {}, {}, {}
     for name, chosen in cells.items():
-        piece, nodes = _piece(mesh, chosen, name)
-        part = build(piece, **own)
-        rows[name], kept = _places(whole.dofs, part.dofs, mesh, piece, nodes)
+        meshes[name], nodes = _piece(mesh, chosen, name)
+        part = build(meshes[name], **own)
+        rows[name], kept = _places(whole.dofs, part.dofs, mesh, meshes[name], nodes)
         matrices[name] = tuple(A if len(kept) == part.size else A[kept][:, kept] for A in (part.M, part.D, part.K))
-    return _joined(whole, rows, matrices, cells)
+    return replace(_joined(whole, rows, matrices), cells=cells, meshes=meshes)
 
 
 def _groups(mesh: Mesh, sets: Sequence[str]) -> dict[str, Array]:
@@ -219,10 +222,11 @@ def _incidence(cells: Array, count: int) -> Matrix:
 
 
 def _piece(mesh: Mesh, cells: Array, name: str) -> tuple[Mesh, Array]:
-    """Some cells of a mesh as a mesh of its own with the same node numbers and groups, and its nodes as rows of the mesh."""
+    """Some cells of a mesh as a mesh of its own with the same node numbers, and its nodes as rows of the mesh."""
     nodes, places = np.unique(mesh.cells[cells], return_inverse=True)
     groups = {key: np.flatnonzero(np.isin(cells, chosen)) for key, chosen in mesh.groups.items()}
-    return Mesh(mesh.points[nodes], places.reshape(len(cells), -1), mesh.kind, groups=groups, numbers=mesh.numbers[nodes],
+    sets = {key: here for key, chosen in mesh.sets.items() if len(here := np.flatnonzero(np.isin(nodes, chosen)))}
+    return Mesh(mesh.points[nodes], places.reshape(len(cells), -1), mesh.kind, sets, groups, mesh.numbers[nodes],
                 name=name), nodes
 
 
@@ -268,11 +272,10 @@ def _cut_matrices(whole: Substructure, into: int) -> Cut:
     member, common = member[node], [sp.csr_array(of_node.T @ one @ of_node) for one in common]
     rows = {f"p{at + 1}": np.flatnonzero(column) for at, column in enumerate(member.T)}
     shares = [divided(sp.csr_array(B), common, member) for B in (whole.M, whole.D, whole.K)]
-    return _joined(whole, rows, dict(zip(rows, zip(*shares, strict=True), strict=True)), {})
+    return _joined(whole, rows, dict(zip(rows, zip(*shares, strict=True), strict=True)))
 
 
-def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, tuple[Matrix, Matrix, Matrix]],
-            cells: dict[str, Array]) -> Cut:
+def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, tuple[Matrix, Matrix, Matrix]]) -> Cut:
     """The parts with their interfaces, sets and ports, and the joints between them."""
     names, count = list(rows), whole.size
     member = np.zeros((count, len(names)), dtype=bool)
@@ -297,7 +300,7 @@ def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, 
             M, K, D if D.nnz else None, local[interface], {key: w[own] for key, w in whole.ports.items() if owner[key] == name},
             name, None if whole.dofs is None else whole.dofs.kept(own),
             {key: places for key, members in named.items() if len(places := place[members[member[members, number]]])})
-    return Cut(parts, joints, rows, count, cells)
+    return Cut(parts, joints, rows, count)
 
 
 def _meetings(names: Sequence[str], member: Array) -> tuple[dict[str, Array], tuple[Rigid, ...]]:

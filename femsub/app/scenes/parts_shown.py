@@ -1,0 +1,57 @@
+"""What scenes of parts with meshes show beside the study: the parts in colours, and how many modes each needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import BinaryIO
+
+import numpy as np
+
+from femsub import CraigBampton, Mesh, ReducedSubstructure, System, reduce
+from femsub.app.figures_parts import parts_figure
+from femsub.app.scene import Progress, Result
+from femsub.app.scenes.joined_parts import JoinedScene
+from femsub.studies.tables import table
+
+
+def picture(meshes: Mapping[str, Mesh], title: str) -> Result:
+    """The parts in colours, parts.png; and parts.vtu with the number of the part, counted from 1, at each node."""
+    rows = [{"part": name, "nodes": len(mesh.points), "cells": len(mesh.cells), "kind": mesh.kind}
+            for name, mesh in meshes.items()]
+    said = table(["part", "nodes", "cells", "kind"], [list(row.values()) for row in rows], ["", "d", "d", ""])
+    return Result({"parts": rows}, {"parts": rows}, said, {"parts": lambda: parts_figure(meshes, title)},
+                  {"parts.vtu": partial(_vtu, meshes)})
+
+
+def _vtu(meshes: Mapping[str, Mesh], file: BinaryIO) -> None:
+    from femsub.io.mesh_files import mesh_bytes
+
+    first = next(iter(meshes.values()))
+    nodes, cells = (np.cumsum([0, *(len(values) for values in each)]) for each in
+                    zip(*((mesh.points, mesh.cells) for mesh in meshes.values()), strict=True))
+    whole = Mesh(np.vstack([mesh.points for mesh in meshes.values()]),
+                 np.vstack([mesh.cells + start for mesh, start in zip(meshes.values(), nodes, strict=False)]), first.kind,
+                 groups={name: np.arange(a, b) for name, a, b in zip(meshes, cells, cells[1:], strict=False)})
+    number = np.repeat(np.arange(1.0, len(meshes) + 1), np.diff(nodes))
+    file.write(mesh_bytes(whole, {"part": number}, ".vtu"))
+
+
+def chosen_modes(scene: JoinedScene, system: System, name: str, progress: Progress) -> Result:
+    """How many fixed-interface modes each part needs, so that the natural frequencies of the whole are within the tolerance."""
+    undamped = system.with_parts({part: sub.with_damping(None) for part, sub in system.parts.items()})
+    progress(f"{scene.name}: modes of each part for a tolerance of {scene.tolerance:g}")
+    method = CraigBampton(band=(scene.band[0], scene.band[1]), tol=scene.tolerance)
+    found = reduce(undamped, dict.fromkeys(system.parts, method), ports=scene.ports)
+    kept = {part: own for part, own in found.parts.items() if isinstance(own, ReducedSubstructure)}
+    rows = [{"part": part, "size": system.parts[part].size, "interface": len(system.parts[part].interface), "modes": own.modes,
+             "reduced": own.size} for part, own in kept.items()]
+    most = max(kept, key=lambda part: kept[part].modes)
+    without = ", ".join(part for part, own in kept.items() if not own.modes)
+    words = (f"recommendation: Craig-Bampton with {sum(own.modes for own in kept.values())} modes in all, {found.size} of "
+             f"{system.size} DOF. {most} needs the most, {kept[most].modes}")
+    words += f". Constraint modes are enough for {without}" if without else ""
+    columns = table(["part", "DOF", "interface", "modes", "reduced DOF"], [list(row.values()) for row in rows], ["", *4 * ["d"]])
+    said = (f"fixed-interface modes of each part, for all natural frequencies in the band within {scene.tolerance:g}:\n"
+            f"{columns}\n{words}")
+    return Result({name: {"parts": rows, "size": found.size, "recommendation": words}}, {name: rows}, said, {})

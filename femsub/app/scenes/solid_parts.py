@@ -1,0 +1,128 @@
+"""A bolted and glued assembly of eight solids whose meshes do not match."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from femsub import Material, Mesh, Spring, Substructure, Tied, block, couple, solid
+from femsub.app.keys import key
+from femsub.app.scene import Progress, Result, run_outputs
+from femsub.app.scenes.joined_parts import JoinedScene, compared
+from femsub.app.scenes.parts_shown import chosen_modes, picture
+from femsub.checks import Array
+
+MOST = 16  # times finer: some 10 million DOF
+#: name: (lengths, place of the corner nearest to the origin, bricks along x, y, z), in m
+PIECES = {
+    "base": ((0.30, 0.20, 0.020), (0.0, 0.0, 0.0), (4, 2, 1)),
+    "post1": ((0.04, 0.04, 0.060), (0.03, 0.03, 0.020), (2, 2, 3)),
+    "post2": ((0.04, 0.04, 0.060), (0.23, 0.03, 0.020), (2, 2, 2)),
+    "post3": ((0.04, 0.04, 0.060), (0.03, 0.13, 0.020), (2, 2, 3)),
+    "post4": ((0.04, 0.04, 0.060), (0.23, 0.13, 0.020), (2, 2, 2)),
+    "cover": ((0.30, 0.20, 0.012), (0.0, 0.0, 0.080), (6, 4, 1)),
+    "carrier": ((0.10, 0.08, 0.015), (0.10, 0.06, 0.092), (2, 2, 1)),
+    "pad": ((0.06, 0.05, 0.010), (0.12, 0.075, 0.107), (3, 3, 1)),
+}
+POSTS = tuple(name for name in PIECES if name.startswith("post"))
+GLUED = (*(("base", post) for post in POSTS), ("cover", "carrier"), ("carrier", "pad"))  # what lies below, and what on it
+
+
+@dataclass(frozen=True)
+class SolidPartsScene(JoinedScene):
+    """A steel base, held below, with four posts glued onto it; a cover bolted to the posts; on it, glued, a carrier and a pad.
+
+    The belt slides on the pad. Glue joins surfaces whose meshes do not match. A bolt is a spring between the middle of the post's
+    head and the cover.
+    """
+
+    fineness: int = key(1, "how many times finer the meshes are along each edge", least=1, most=MOST)
+    kind: str = key("hexahedron20", "the kind of bricks", choices=lambda _: ("hexahedron", "hexahedron20", "hexahedron27"))
+    E: float = key(2.1e11, "Young's modulus", unit="Pa", above=0)
+    nu: float = key(0.3, "Poisson's ratio", above=-1, below=0.5)
+    rho: float = key(7850.0, "density", unit="kg/m³", above=0)
+    bolts: float = key(5e8, "the stiffness of a bolt, along and across", unit="N/m", above=0)
+    rayleigh: list[float] = key([5.0, 1e-7], "[alpha, beta] of the damping D = αM + βK", unit="1/s, s", form="[alpha, beta]")
+    force: float = 2000.0
+    methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang", "rubin", "guyan"])
+    modes: list[int] = field(default_factory=lambda: [5, 10])
+    ports: bool = True
+    repeats: int = 3
+    band: list[float] = key([0.0, 1.2e4], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]")
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("parts", "methods", "modes-per-part")
+
+
+SCENE = SolidPartsScene
+
+
+def meshes(fineness: int = 1, kind: str = "hexahedron20") -> dict[str, Mesh]:
+    """The meshes, each in its place, with the sets through which they are joined."""
+    made = {}
+    for name, (lengths, corner, bricks) in PIECES.items():
+        mesh = block(lengths, [fineness * count for count in bricks], kind, name=name)
+        made[name] = replace(mesh, points=mesh.points + np.array(corner))
+    for below, above in GLUED:
+        made[below] = _under(made[below], made[above], above)
+    for post in POSTS:
+        made[post] = made[post].with_sets(head=_nearest(made[post], "top", made[post].points.mean(axis=0)))
+        made["cover"] = made["cover"].with_sets(**{post: _nearest(made["cover"], "bottom", made[post].points.mean(axis=0))})
+    return made
+
+
+def _nearest(mesh: Mesh, side: str, place: Array) -> Array:
+    """The node of a side that is nearest to an axis along z."""
+    return mesh.sets[side][[np.hypot(*(mesh.points[mesh.sets[side]] - place)[:, :2].T).argmin()]]
+
+
+def _under(mesh: Mesh, other: Mesh, name: str) -> Mesh:
+    """The mesh with a set of that name: the faces of its top that lie below another mesh, if only in part."""
+    top = mesh.sets["top"]
+    chosen = np.ones(len(top), dtype=bool)
+    for axis in (0, 1):
+        places, size = mesh.points[:, axis], _size(mesh, axis)
+        lines = np.linspace(places.min(), places.max(), round(np.ptp(places) / size) + 1)
+        low = lines[lines <= other.points[:, axis].min() + 0.01 * size].max()
+        high = lines[lines >= other.points[:, axis].max() - 0.01 * size].min()
+        chosen &= np.abs(places[top] - (low + high) / 2) <= (high - low) / 2 + 0.01 * size
+    return mesh.with_sets(**{name: top[chosen]})
+
+
+def _size(mesh: Mesh, axis: int) -> float:
+    """The edge of the first brick along x, y or z."""
+    return float(np.ptp(mesh.points[mesh.cells[0], axis]))
+
+
+def assembly(found: dict[str, Mesh], material: Material, bolts: float,
+             rayleigh: tuple[float, float] | None = None) -> tuple[dict[str, Substructure], list[Spring | Tied]]:
+    """The parts and their joints."""
+    joined = {"base": POSTS, **dict.fromkeys(POSTS, ("bottom", "head")), "cover": (*POSTS, "carrier"),
+              "carrier": ("bottom", "pad"), "pad": ("bottom",)}
+    parts = {name: solid(mesh, material, supports=["bottom"] if name == "base" else [], interface=joined[name], name=name,
+                         ports={"belt": ("top", "y")} if name == "pad" else {}, rayleigh=rayleigh)
+             for name, mesh in found.items()}
+    joints: list[Spring | Tied] = [Tied((above, "bottom"), (below, above), {name: found[name] for name in (below, above)})
+                                   for below, above in GLUED]
+    return parts, joints + [Spring((post, "head"), ("cover", post), stiffness=bolts) for post in POSTS]
+
+
+def run(scene: SolidPartsScene, progress: Progress) -> Result:
+    """The parts in colours, the study over methods, and how many modes each part needs."""
+    progress(f"{scene.name}: making the parts")
+    found = meshes(scene.fineness, scene.kind)
+    parts, joints = assembly(found, Material(scene.E, scene.nu, scene.rho), scene.bolts, (scene.rayleigh[0], scene.rayleigh[1]))
+    system = couple(parts, joints, scene.name)
+    belt = replace(scene.linear_belt, port="pad.belt")
+    title = f"{scene.name}: {system.size} DOF in {len(parts)} parts"
+
+    def compute(output: str) -> Result:
+        if output == "parts":
+            return picture(found, title)
+        if output == "methods":
+            return compared(scene, system, belt, scene.name, output, progress)
+        return chosen_modes(scene, system, output, progress)
+
+    return run_outputs(scene.outputs, compute, {"band": scene.band, **scene.friction},
+                       [f"{title}, {len(joints)} joints, {scene.friction_words}"])
