@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from femsub.studies.results import Row, Study
 KINDS = {"error_frequency": "frequencies", "error_growth": "growth rates", "error_slope": "critical slope",
          "error_force": "forces in the joints"}
 FINE = 8000  # cells from which on their edges are not drawn
-APART = 0.6  # of its distance from the middle that each part is moved where parts are drawn apart
+APART = np.array([0.4, 0.4, 1.5])  # of its distance from the middle that each part is moved where parts are drawn apart
 LIGHT = np.array([0.2, -0.4, 0.9])  # from where it comes, of length 1 but for rounding
 FLOOR = 1e-13  # errors below are rounding, and drawn there
 
@@ -71,11 +72,11 @@ def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
     axes = figure.subplots(1, 2 if solid else 1, squeeze=False)[0]
     edge: dict[str, Any] = {"edgecolors": (0, 0, 0, 0.35),
                             "linewidths": 0.3 if sum(len(mesh.cells) for mesh in meshes.values()) < FINE else 0.0}
-    for axis, apart in zip(axes, (0.0, APART), strict=False):
+    for axis, apart in zip(axes, (np.zeros(3), APART), strict=False):
         if solid:
             polygons, fills = _painted(meshes, colours, apart)
             axis.add_collection(PolyCollection(polygons, facecolors=fills, **edge))
-            axis.set_title("drawn apart" if apart else "joined")
+            axis.set_title("drawn apart" if apart.any() else "joined")
             axis.set_axis_off()
         else:
             for name, mesh in meshes.items():
@@ -91,22 +92,37 @@ def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
     return figure
 
 
-def _painted(meshes: Mapping[str, Mesh], colours: Mapping[str, Array], apart: float) -> tuple[list[Array], Array]:
+def _painted(meshes: Mapping[str, Mesh], colours: Mapping[str, Array], apart: Array) -> tuple[list[Array], Array]:
     """The visible faces of solids as polygons, the nearest last, and their colours; each part moved away from the middle."""
     middle = np.mean([mesh.points.mean(axis=0) for mesh in meshes.values()], axis=0)
+    moved = {name: mesh.points + apart * (mesh.points.mean(axis=0) - middle) for name, mesh in meshes.items()}
     polygons: list[Array] = []
-    depths, fills = [], []
-    for name, mesh in meshes.items():
-        points = mesh.points + apart * (mesh.points.mean(axis=0) - middle)
-        faces = corner_nodes(mesh, *boundary_faces(mesh))
+    fills = []
+    for name in _far_to_near(moved):
+        points, faces = moved[name], corner_nodes(meshes[name], *boundary_faces(meshes[name]))
         plane, depth = seen(points)
-        corners = plane[faces]
         normal = np.cross(points[faces[:, 2]] - points[faces[:, 0]], points[faces[:, -1]] - points[faces[:, 1]])
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         front = np.flatnonzero(normal @ seen_from() > 0)
-        polygons += list(corners[front])
-        depths.append(depth[faces[front]].mean(axis=1))
-        light = 0.7 + 0.3 * np.clip(normal[front] @ LIGHT, 0, 1)
-        fills.append(light[:, None] * colours[name])
-    order = np.argsort(np.concatenate(depths), kind="stable")
-    return [polygons[i] for i in order], np.concatenate(fills)[order]
+        front = front[np.argsort(depth[faces[front]].mean(axis=1), kind="stable")]
+        polygons += list(plane[faces[front]])
+        fills.append((0.7 + 0.3 * np.clip(normal[front] @ LIGHT, 0, 1))[:, None] * colours[name])
+    return polygons, np.concatenate(fills)
+
+
+def _far_to_near(points: Mapping[str, Array]) -> list[str]:
+    """The parts in the order in which they are painted: one on the viewer's side of a plane x, y or z = const comes later."""
+    names = sorted(points, key=lambda name: float(seen(points[name])[1].mean()))
+    towards = np.sign(seen_from())
+    near, far = ({name: bound(place * towards, axis=0) for name, place in points.items()} for bound in (np.max, np.min))
+    tolerance = 1e-6 * max(float(np.ptp(place)) for place in points.values())
+
+    def before(one: str, other: str) -> bool:
+        return bool((near[one] <= far[other] + tolerance).any())
+
+    order = TopologicalSorter({other: [one for one in names if one != other and before(one, other) and not before(other, one)]
+                               for other in names})
+    try:
+        return list(order.static_order())
+    except CycleError:
+        return names
