@@ -18,7 +18,7 @@ from femsub.studies.results import Row, Study
 KINDS = {"error_frequency": "frequencies", "error_growth": "growth rates", "error_slope": "critical slope",
          "error_force": "forces in the joints"}
 FINE = 8000  # cells from which on their edges are not drawn
-APART = np.array([0.4, 0.4, 1.5])  # of its distance from the middle that each part is moved where parts are drawn apart
+APART = np.array([0.5, 0.5, 2.5])  # of its distance from the middle that each part is moved where parts are drawn apart
 LIGHT = np.array([0.2, -0.4, 0.9])  # from where it comes, of length 1 but for rounding
 FLOOR = 1e-13  # errors below are rounding, and drawn there
 
