@@ -114,6 +114,7 @@ if TYPE_CHECKING:
         sweep as sweep,
     )
     from femsub.stability.critical_value import CriticalValue as CriticalValue, critical_value as critical_value
+    from femsub.stability.tracking import Tracked as Tracked, track as track
     from femsub.studies.error_vs_time import study as study
     from femsub.studies.results import Study as Study
     from femsub.studies.self_excitation import SelfExcitation as SelfExcitation, self_excitation as self_excitation

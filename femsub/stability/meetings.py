@@ -1,0 +1,134 @@
+"""Meetings of two branches of eigenvalues: crossing, veering, coalescence and splitting, told from the eigenvalues alone.
+
+Near a meeting of λ_a and λ_b their mean and (λ_a - λ_b)² are analytic in p, also at an exceptional point, where each of the two
+has a square root. So the turn of λ_a - λ_b in the complex plane from one side to the other tells the kind: half a turn at a
+crossing, a quarter at a coalescence or splitting, none at a veering.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.model.bands import DOUBLE
+
+APART = 4.0  # the distance of two branches beside a meeting, relative to the least
+HALF, QUARTER = 3 * np.pi / 4, np.pi / 4  # limits between half a turn, a quarter, and none
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Two branches that come together, or nearly so.
+
+    Attributes
+    ----------
+    kind : str
+        'crossing': their frequencies change order; the modes act on each other less than their damping differs, or not at all.
+        'veering': they turn away and exchange their shapes. 'coalescence': two frequencies become one and the growth rates part,
+        as at the onset of flutter; also a pair that becomes two real eigenvalues. 'splitting': the reverse.
+    value : float
+        The parameter at which they are nearest.
+    width : float
+        The distance of the computed values on both sides.
+    branches : (int, int)
+        Their columns in `Tracked.eigenvalues`.
+    eigenvalue : complex
+        The mean of both. It is well-conditioned also where each of them is not.
+    gap : float
+        |λ_a - λ_b| there.
+    condition : float
+        The larger condition number of the two at the nearest computed value. At an exceptional point (gap 0, one common vector)
+        it is infinite, for numbers in floating point about 1e8.
+    error_bar : float
+        The larger error bar of the two. At an exceptional point no λ is known better than to the square root of the machine's
+        precision.
+    """
+
+    kind: str
+    value: float
+    width: float
+    branches: tuple[int, int]
+    eigenvalue: complex
+    gap: float
+    condition: float
+    error_bar: float
+
+    def __repr__(self) -> str:
+        return (f"Meeting: {self.kind} of branches {self.branches[0]} and {self.branches[1]} at {self.value:.9g}, λ = "
+                f"{self.eigenvalue:.6g} ∓ {self.gap / 2:.1g}, condition {self.condition:.1g}")
+
+
+def meetings_of(p: Array, values: Array, bar: Array, condition: Array, inside: Array) -> tuple[Meeting, ...]:
+    """All meetings of branches that are neighbours in frequency at some value."""
+    pairs = {tuple(sorted(map(int, pair))) for row in values
+             for pair in pairwise(np.lexsort((row.real, row.imag))[:np.count_nonzero(~np.isnan(row.real))])}
+    found = [meeting for a, b in sorted(pairs)
+             for meeting in _of_pair(p, values[:, [a, b]], bar[:, [a, b]], condition[:, [a, b]], inside[:, [a, b]], (a, b))]
+    above = [one for one in found if one.eigenvalue.imag >= -DOUBLE * abs(one.eigenvalue)]  # others are conjugates of these
+    return tuple(sorted(above, key=lambda one: (one.value, one.branches)))
+
+
+def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Array, branches: tuple[int, int]) -> list[Meeting]:
+    """Where two branches change the order of their frequencies, and where they are nearer than on both sides."""
+    both = np.flatnonzero(~np.isnan(values).any(axis=1))
+    if len(both) < 2:
+        return []
+    p, values, bar, condition, inside = p[both], values[both], bar[both], condition[both], inside[both]
+    gap = values[:, 0] - values[:, 1]
+    size, doubt = np.abs(gap), bar.max(axis=1) + DOUBLE * np.abs(values).max(axis=1)
+
+    def meeting(kind: str, value: float, i: int, k: int, least: float) -> Meeting:
+        mean = np.interp(value, p, values.mean(axis=1))
+        at = i + int(np.argmin(np.abs(p[i:k + 1] - value)))
+        return Meeting(kind, float(value), float(p[k] - p[i]), branches, complex(mean), float(least),
+                       float(condition[at].max()), float(bar[at].max()))
+
+    result = []
+    clear = np.flatnonzero(np.abs(gap.imag) > np.minimum(doubt, size))
+    for i, k in pairwise(clear):
+        turned = k == i + 1 or np.abs(np.angle(gap[k] / gap[i])) > HALF
+        if gap[i].imag * gap[k].imag < 0 and inside[i].all() and turned:
+            value, least = _crossing(p, gap, i, k)
+            result.append(meeting("crossing", value, i, k, least))
+    left, right = -1, -1
+    for i in np.argsort(size, kind="stable"):
+        if not 0 < i < len(p) - 1 or left < i < right:
+            continue
+        far = np.flatnonzero(size > max(APART * size[i], doubt[i]))
+        before, after = far[far < i], far[far > i]
+        if not len(before) or not len(after) or size[before[-1]:after[0] + 1].min() < size[i]:
+            continue
+        turn = np.abs(np.angle(gap[after[0]] / gap[before[-1]]))
+        if turn > HALF or not inside[i].all():
+            continue
+        left, right = before[-1], after[0]
+        steep = np.abs(gap[[left, right]].imag) > np.abs(gap[[left, right]].real)
+        kind = "veering" if turn < QUARTER else "coalescence" if steep[0] else "splitting"
+        value, least = _nearest(p[i - 1:i + 2], gap[i - 1:i + 2])
+        result.append(meeting(kind, value, i - 1, i + 1, least))
+    return result
+
+
+def _crossing(p: Array, gap: Array, i: int, k: int) -> tuple[float, float]:
+    """Where Im(λ_a - λ_b) vanishes between two values, and |λ_a - λ_b| there, by a cubic through two more."""
+    at = np.array(sorted({max(i - 1, 0), i, k, min(k + 1, len(p) - 1)}))
+    step = p[k] - p[i]
+    curve = np.polyfit((p[at] - p[i]) / step, gap[at], len(at) - 1)
+    roots = np.roots(curve.imag)
+    share = float(roots[np.argmin(np.abs(roots - gap[i].imag / (gap[i].imag - gap[k].imag)))].real)
+    share = min(max(share, 0.0), 1.0)
+    return float(p[i] + share * step), float(abs(np.polyval(curve, share)))
+
+
+def _nearest(p: Array, gap: Array) -> tuple[float, float]:
+    """Where two branches are nearest, and how near, by a parabola through (λ_a - λ_b)² at three values."""
+    middle, scale = p[1], p[2] - p[0]
+    curve = np.polyfit((p - middle) / scale, gap**2, 2)
+    roots = np.roots(curve)
+    if not len(roots):
+        return float(middle), float(abs(gap[1]))
+    at = float(np.clip(roots[np.argmin(np.abs(roots))].real, (p[0] - middle) / scale, (p[2] - middle) / scale))
+    return float(middle + at * scale), float(np.sqrt(np.abs(np.polyval(curve, at))))

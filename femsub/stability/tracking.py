@@ -1,0 +1,406 @@
+"""Modes followed over a parameter by left and right vectors, with their veering, crossing, coalescence and splitting.
+
+Modes j at p and k at q are compared by the product of two overlaps,
+
+    s_jk = y_jᴴ((λ_j + λ_k)M + D) x_k · y_kᴴ((λ_k + λ_j)M + D) x_j,   y_jᴴ(2λ_j M + D) x_j = 1,
+
+which no scaling of vectors changes. All modes at p and q together have Σ_k s_jk = 1 if M and D do not change: s is 1 for the same
+mode, 0 for another one, and 1/2 for both of a pair that meets in between, half a step away. It plays the part of the MAC, which
+knows right vectors alone and takes the two modes of a coalescence for one.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, check_band, real_array
+from femsub.errors import FemsubWarning, InputError
+from femsub.linalg.factor import QUADRATIC, WIDE
+from femsub.model.affine import Affine
+from femsub.model.bands import DOUBLE, in_band, upper
+from femsub.model.contact import Contacts
+from femsub.model.estimate import usable_band
+from femsub.model.substructure import Substructure
+from femsub.quadratic.complex_modes import with_bars
+from femsub.quadratic.matching import assigned
+from femsub.quadratic.multiplicity import clusters
+from femsub.quadratic.region import Region
+from femsub.quadratic.search import search
+from femsub.stability.meetings import Meeting, meetings_of
+from femsub.stability.parameter import pencil_over
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+
+log = logging.getLogger(__name__)
+
+ALIKE = 0.4  # |s - 1| up to which a mode is the same; a pair that meets in the step has 1/2 at least
+LEAST_ALIKE = 0.3  # |s| from which a mode may be the same, where the step is not halved any more
+DISTANCE = 0.5  # what |Δλ| = |λ| costs beside |s - 1|: it decides where vectors do not
+UNCOUPLED = 1e-16  # |s| between two modes that do not act on each other
+APPROACH = 0.6  # two modes are watched if they come nearer within a step than this share of their distance at its ends
+FINEST = 1e-9  # of the range: the shortest step of a dense model
+FINEST_SPARSE = 1e-3  # the same of a sparse one, whose every step is a search
+MOST = 3000  # eigenproblems beside those asked for
+AROUND = 0.1  # of the band's width: how far beyond its ends modes are followed, so that none is lost at an edge
+NEAR = 1e-3  # |Δλ| / |λ| up to which a defective mode, whose vectors tell nothing, is continued
+PLACES = np.linspace(0.0, 1.0, 9)  # in a step, where an approach is looked for
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tracked:
+    """Modes over a parameter, made by `track`.
+
+    Attributes
+    ----------
+    parameter : str
+    values : ndarray, shape (p,)
+        All computed values, ascending: those asked for and those at which steps were halved.
+    asked : ndarray of bool, shape (p,)
+        Which were asked for.
+    eigenvalues : ndarray, shape (p, branches)
+        λ with Im λ ≥ 0; NaN where a branch is outside the band. Where a pair becomes two real eigenvalues, one of them has a
+        branch of its own, which holds the conjugate before.
+    error_bar, condition : ndarray, shape (p, branches)
+        Of each λ, as in `ComplexModes`.
+    meetings : tuple of Meeting
+        Ascending in value.
+    band : (lo, hi)
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> two_mode = fs.Affine([[1, 0], [0, 1]], None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
+    >>> tracked = fs.track(two_mode, None, "mu", [0.0, 0.5, 1.0])
+    >>> print(f"{tracked.eigenvalues[-1].real.max():.6f}, {tracked.meetings[0].kind} at {tracked.meetings[0].value:.6f}")
+    0.202072, coalescence at 0.750000
+    """
+
+    parameter: str
+    values: Array
+    asked: Array
+    eigenvalues: Array
+    error_bar: Array
+    condition: Array
+    meetings: tuple[Meeting, ...]
+    band: tuple[float, float]
+
+    @property
+    def growing(self) -> Array:
+        """Where a branch certainly grows: Re λ above its error bar, bool (p, branches)."""
+        return np.asarray(self.eigenvalues.real > self.error_bar)
+
+    def __repr__(self) -> str:
+        kinds = [meeting.kind for meeting in self.meetings]
+        told = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "no meetings"
+        grow = int(self.growing.any(axis=0).sum())
+        return (f"Tracked: {self.eigenvalues.shape[1]} branches over {self.parameter} from {self.values[0]:g} to "
+                f"{self.values[-1]:g}, {len(self.values)} values computed, {int(self.asked.sum())} asked for; {told}; "
+                f"{grow} of the branches grow somewhere")
+
+
+def track(model: Substructure | Affine, contacts: Contacts, parameter: str, values: Any, *,
+          band: tuple[float, float] | None = None) -> Tracked:
+    """Modes followed over a parameter: continuous branches of eigenvalues, and where two of them meet.
+
+    A branch is a continuous curve of eigenvalues. So at a veering it follows its curve, and the shapes change places. Two modes
+    that do not act on each other go straight through a crossing. At a coalescence no rule follows from continuity: the branch of
+    the higher frequency continues as the one that grows. A step is halved where a mode has no clear successor, or where two modes
+    that act on each other come near within it.
+
+    Parameters
+    ----------
+    model : Substructure or Affine
+        Full or reduced.
+    contacts : Belt, LinearContact or another contact, or a sequence of them
+        On the model's ports; None for an `Affine`.
+    parameter : str
+        A field of one of the contacts, such as 'mu' or 'speed', which changes in all contacts that have it. Or the only parameter
+        of an `Affine`.
+    values : array_like, shape (p,)
+        Two or more values, in any order.
+    band : (lo, hi), optional
+        Modes with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi somewhere in the range, in radians per unit of time. Default: all, for a reduced
+        model those up to its cut-off. Required for models above 300 DOF.
+
+    Returns
+    -------
+    Tracked
+
+    Raises
+    ------
+    InputError, InputTypeError
+        An unknown parameter, fewer than two values, a missing band, or one above the cut-off.
+
+    Warns
+    -----
+    FemsubWarning
+        More than 3000 steps were halved; the rest was not.
+
+    Notes
+    -----
+    Up to 300 DOF each value costs one decomposition by LAPACK, and steps are halved down to 1e-9 of the range. For a larger model
+    each value is one search of `complex_modes` in the band with a factorisation of its own, since K changes. Steps are then
+    halved to 1e-3 of the range only: a veering narrower than that is taken for a crossing. Modes that meet and part again
+    between two values, without a trace in slopes and vectors at either, are not seen; `critical_value` excludes that.
+
+    References
+    ----------
+    A. P. Seyranian, A. A. Mailybaev, Multiparameter Stability Theory (2003), ch. 2 (veering and coalescence of eigenvalues).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> rom = fs.reduce(fs.chain(10, belt=2), fs.CraigChang(modes=4), ports=True)
+    >>> fs.track(rom, fs.Belt(slope=0.0), "slope", [-0.03, 0.0], band=(0.0, 0.8))
+    Tracked: 3 branches over slope from -0.03 to 0, 2 values computed, 2 asked for; no meetings; 2 of the branches grow somewhere
+    """
+    pencil_at = pencil_over(model, contacts, parameter)
+    points = np.unique(real_array("values", values))
+    if points.ndim != 1 or len(points) < 2:
+        raise InputError("values must be two or more numbers")
+    limits = (0.0, np.inf) if band is None else check_band(band)
+    if isinstance(model, Substructure):
+        limits = usable_band(model, band)
+    if model.size > WIDE and (band is None or not np.isfinite(limits[1])):
+        raise InputError(f"a model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
+    chain = _Chain(pencil_at, limits, (points[-1] - points[0]) * (FINEST if model.size <= WIDE else FINEST_SPARSE))
+    chain.follow(points)
+    if chain.spent >= MOST:
+        warnings.warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Track over a "
+                      "shorter range or in a narrower band", FemsubWarning, stacklevel=2)
+    result = _collected(chain, parameter, points, limits)
+    log.info("%r", result)
+    return result
+
+
+class _Node(NamedTuple):
+    """The modes at one value, conjugates included: y_jᴴ(2λ_j M + D)x_j = 1, also as a matrix within a cluster of equal λ."""
+
+    p: float
+    pencil: Pencil
+    values: Array
+    X: Array
+    Y: Array
+    bar: Array
+    condition: Array
+    cluster: Array  # the number of each mode's cluster
+    inside: Array  # whether it is in the band
+
+
+class _Chain:
+    """The nodes in ascending order of p, each with the numbers of the branches of its modes."""
+
+    def __init__(self, pencil_at: Callable[[float], Pencil], band: tuple[float, float], finest: float) -> None:
+        self.pencil_at, self.band, self.finest, self.spent, self.branches = pencil_at, band, finest, 0, 0
+        margin = AROUND * (band[1] - band[0])
+        self.wide = max(band[0] - margin, 0.0), band[1] + margin
+        self.rows: list[tuple[float, Array, Array, Array, Array, Array]] = []  # p, branch, λ, bar, condition, inside
+
+    def follow(self, points: Array) -> None:
+        """All steps from left to right, each halved as often as it must be."""
+        here = self._node(float(points[0]))
+        label = self._new(len(here.values))
+        self._keep(here, label)
+        for end in points[1:]:
+            ahead = [self._node(float(end))]
+            while ahead:
+                there = ahead[-1]
+                to, clear = _successors(here, there)
+                half = (here.p + there.p) / 2
+                if not clear and there.p - here.p > self.finest and here.p < half < there.p and self.spent < MOST:
+                    self.spent += 1
+                    ahead.append(self._node(half))
+                    continue
+                found = np.full(len(there.values), -1)
+                found[to[to >= 0]] = label[to >= 0]
+                found[found < 0] = self._new(int((found < 0).sum()))
+                here, label = _turned(here, ahead.pop(), to), found
+                self._keep(here, label)
+
+    def _new(self, count: int) -> Array:
+        self.branches += count
+        return np.arange(self.branches - count, self.branches)
+
+    def _keep(self, node: _Node, label: Array) -> None:
+        self.rows.append((node.p, label, node.values, node.bar, node.condition, node.inside))
+
+    def _node(self, p: float) -> _Node:
+        pencil = self.pencil_at(p)
+        if pencil.size <= WIDE or (not np.isfinite(self.band[1]) and pencil.size <= QUADRATIC):
+            pencil, region = pencil.dense(), Region()
+        else:
+            region = Region(box=(-self.wide[1], self.wide[1], *self.wide))
+        found = search(pencil, region, None)
+        moving = (found.values != 0) & upper(found.values)
+        moving &= in_band(np.where(moving, found.values, 0), self.wide, (-self.wide[1], self.wide[1]))
+        values, X, Y = found.values[moving], found.X[:, moving], found.Y[:, moving]
+        modes = with_bars(pencil, values, X, Y, found.known)
+        pair = values.imag > 0
+        values, X, Y = (np.concatenate([part, part[..., pair].conj()], axis=-1) for part in (values, X, Y))
+        bar, condition = (np.append(figure, figure[pair]) for figure in (modes.error_bar, modes.condition))
+        heights = values.real + 1j * np.abs(values.imag)
+        inside = in_band(heights, self.band, (-self.band[1], self.band[1]))
+        cluster, Y = np.arange(len(values)), Y.astype(complex)
+        with np.errstate(all="ignore"):
+            slope = 2 * (pencil.M @ X) * values + pencil.D @ X
+            norm = np.einsum("ij,ij->j", Y.conj(), slope).conj()
+            Y /= norm
+            for group in clusters(values, DOUBLE):
+                cluster[group] = group[0]
+                Y[:, group] = _dual(Y[:, group] * norm[group], slope[:, group])
+        return _Node(p, pencil, values, X, Y, bar, condition, cluster, inside)
+
+
+def _dual(Y: Array, slope: Array) -> Array:
+    """Y (n, k) turned such that YᴴS = 1; NaN if the group is defective."""
+    try:
+        return Y @ np.linalg.inv(Y.conj().T @ slope).conj().T
+    except np.linalg.LinAlgError:
+        return np.full_like(Y, np.nan)
+
+
+def _overlap(pencil: Pencil, left: _Node, right: _Node) -> Array:
+    """y_jᴴ((λ_j + λ_k)M + D) x_k, the left vectors of one node and the right ones of another."""
+    inertia = left.Y.conj().T @ (pencil.M @ right.X)
+    return np.asarray((left.values[:, None] + right.values) * inertia + left.Y.conj().T @ (pencil.D @ right.X))
+
+
+def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
+    """For each mode at p its successor at q or -1, and whether all of it is clear."""
+    with np.errstate(all="ignore"):
+        s = _overlap(there.pencil, here, there) * _overlap(there.pencil, there, here).T
+    s[~np.isfinite(s)] = 0.0
+    whole = _by_clusters(s, here.cluster, there.cluster)
+    far = np.abs(here.values[:, None] - there.values) / np.abs(here.values)[:, None]
+    cost = np.minimum(np.abs(whole - 1), 1.0) + 1e-3 * np.minimum(np.abs(s - 1), 1.0) + DISTANCE * np.minimum(far, 1.0)
+    rows, columns = assigned(cost)
+    taken = np.abs(whole[rows, columns]) >= LEAST_ALIKE
+    to = np.full(len(here.values), -1)
+    to[rows[taken]] = columns[taken]
+    alike = np.zeros(len(to), dtype=bool)
+    alike[rows] = np.abs(whole[rows, columns] - 1) <= ALIKE
+    missed = np.ones(len(there.values), dtype=bool)
+    missed[to[to >= 0]] = False
+    asked = here.inside.copy()
+    asked[to >= 0] |= there.inside[to[to >= 0]]
+    clear = bool(alike[asked].all()) and not (missed & there.inside).any() and not _meet(here, there, s, to, asked)
+    _continue_defective(here, there, to, missed)
+    _order_alike(here, there, s, to)
+    return to, clear
+
+
+def _by_clusters(s: Array, here: Array, there: Array) -> Array:
+    """s summed over clusters of equal eigenvalues, within which vectors are arbitrary."""
+    if len(np.unique(here)) == len(here) and len(np.unique(there)) == len(there):
+        return s
+    (_, row, many), (_, column, most) = (np.unique(part, return_inverse=True, return_counts=True) for part in (here, there))
+    summed = np.zeros((len(many), len(most)), dtype=complex)
+    np.add.at(summed, (row[:, None], column[None, :]), s)
+    return np.asarray((summed / np.minimum.outer(many, most))[np.ix_(row, column)])
+
+
+def _meet(here: _Node, there: _Node, s: Array, to: Array, asked: Array) -> bool:
+    """Whether two modes that act on each other come near within the step, by cubics through their values and slopes."""
+    rows = np.flatnonzero((to >= 0) & asked & (here.values.imag >= 0))
+    if len(rows) < 2:
+        return False
+    columns = to[rows]
+    begin, end = here.values[rows], there.values[columns]
+    rise, fall = _change(here, here, there, rows), _change(there, here, there, columns)
+    t = PLACES[:, None]
+    path = ((1 + 2 * t) * begin + t * rise) * (1 - t) ** 2 + ((3 - 2 * t) * end - (1 - t) * fall) * t**2
+    gap = path[:, :, None] - path[:, None, :]
+    ends = np.minimum(np.abs(gap[0]), np.abs(gap[-1]))
+    near = (np.abs(gap).min(axis=0) < APPROACH * ends) | ((gap[1:] * gap[:-1].conj()).real < 0).any(axis=0)
+    coupled = np.abs(s[np.ix_(rows, columns)])
+    coupled = np.maximum(coupled, coupled.T) > UNCOUPLED
+    together = np.equal.outer(here.cluster[rows], here.cluster[rows]) | np.equal.outer(there.cluster[columns],
+                                                                                      there.cluster[columns])
+    return bool((near & coupled & ~together & ~np.eye(len(rows), dtype=bool)).any())
+
+
+def _change(at: _Node, here: _Node, there: _Node, which: Array) -> Array:
+    """λ'h of modes of a node, -yᴴ(P(λ; q) - P(λ; p))x."""
+    lam, x = at.values[which], at.X[:, which]
+    moved = there.pencil.residual(lam, x) - here.pencil.residual(lam, x)
+    found = -np.einsum("ij,ij->j", at.Y[:, which].conj(), moved)
+    return np.where(np.isfinite(found), found, 0.0)
+
+
+def _continue_defective(here: _Node, there: _Node, to: Array, missed: Array) -> None:
+    """What has no successor takes the nearest eigenvalue that is left: at an exceptional point vectors tell nothing."""
+    rows, columns = np.flatnonzero(to < 0), np.flatnonzero(missed)
+    if len(rows) and len(columns):
+        distance = np.abs(here.values[rows, None] - there.values[columns])
+        for i, j in zip(*assigned(distance), strict=True):
+            if distance[i, j] <= NEAR * np.abs(here.values[rows[i]]):
+                to[rows[i]] = columns[j]
+
+
+def _order_alike(here: _Node, there: _Node, s: Array, to: Array) -> None:
+    """Where vectors do not tell two successors apart: the higher frequency continues as the larger growth, and the reverse."""
+    rows = np.flatnonzero(to >= 0)
+    rows = rows[np.abs(s[rows, to[rows]] - 1) > ALIKE]
+    if len(rows) < 2:
+        return
+    columns = to[rows]
+    size = np.abs(s[np.ix_(rows, columns)])
+    near = np.abs(here.values[rows, None] - here.values[rows]) <= 10 * np.abs(here.values[rows, None] - there.values[columns])
+    linked = (size >= LEAST_ALIKE) | (size.T >= LEAST_ALIKE) | (near & near.T)
+    half = there.values[columns].imag >= 0
+    count, part = sp.csgraph.connected_components(linked & np.equal.outer(half, half), directed=False)
+    for group in (np.flatnonzero(part == i) for i in range(count)):
+        ahead = columns[group]
+        to[rows[group[_rank(here.values[rows[group]])]]] = ahead[_rank(there.values[ahead])]
+
+
+def _rank(values: Array) -> Array:
+    return np.argsort(values.real + np.abs(values.imag) + 1e-3 * values.imag, kind="stable")
+
+
+def _turned(here: _Node, there: _Node, to: Array) -> _Node:
+    """The node with the vectors of each cluster of equal eigenvalues turned to those before, so that a crossing goes straight."""
+    from_ = np.full(len(there.values), -1)
+    from_[to[to >= 0]] = np.flatnonzero(to >= 0)
+    X, Y = there.X.copy(), there.Y.copy()
+    for number in np.unique(there.cluster):
+        group = np.flatnonzero(there.cluster == number)
+        if len(group) == 1 or (from_[group] < 0).any() or not np.isfinite(Y[:, group]).all():
+            continue
+        before = here.X[:, from_[group]]
+        lam = there.values[group]
+        Z = (lam[:, None] + here.values[from_[group]]) * (Y[:, group].conj().T @ (there.pencil.M @ before)) \
+            + Y[:, group].conj().T @ (there.pencil.D @ before)
+        unit = np.linalg.norm(Z, axis=0)
+        if np.isfinite(Z).all() and unit.all() and np.linalg.cond(Z / unit) < 1 / ALIKE**4:
+            X[:, group], Y[:, group] = X[:, group] @ (Z / unit), Y[:, group] @ np.linalg.inv(Z / unit).conj().T
+    return there._replace(X=X, Y=Y)
+
+
+def _collected(chain: _Chain, parameter: str, points: Array, band: tuple[float, float]) -> Tracked:
+    """The result, without branches that are the conjugate of another all along, or never in the band."""
+    p = np.array([row[0] for row in chain.rows])
+    values = np.full((len(p), chain.branches), np.nan + 0j)
+    bar, condition = (np.full(values.shape, np.nan) for _ in range(2))
+    inside = np.zeros(values.shape, dtype=bool)
+    for i, (_, label, *figures) in enumerate(chain.rows):
+        values[i, label], bar[i, label], condition[i, label], inside[i, label] = figures
+    kept: list[int] = []
+    for j in np.lexsort((np.nanmin(np.abs(values.imag), axis=0), -np.nanmax(values.imag, axis=0))):  # upper halves first
+        same = [k for k in kept if np.allclose(values[:, k], values[:, j].conj(), rtol=1e-9, atol=0.0, equal_nan=True)
+                and np.abs(values[:, j].imag).max(initial=0.0, where=~np.isnan(values[:, j])) > 0]
+        if inside[:, j].any() and not same:
+            kept.append(int(j))
+    first = [np.flatnonzero(~np.isnan(values[:, j].real))[0] for j in kept]
+    kept = [kept[i] for i in np.lexsort(([values[i, j].real for i, j in zip(first, kept, strict=True)],
+                                         [values[i, j].imag for i, j in zip(first, kept, strict=True)], first))]
+    values, bar, condition, inside = values[:, kept], bar[:, kept], condition[:, kept], inside[:, kept]
+    return Tracked(parameter, p, np.isin(p, points), values, bar, condition, meetings_of(p, values, bar, condition, inside), band)
