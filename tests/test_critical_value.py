@@ -99,6 +99,38 @@ def test_what_cannot_be_excluded_is_listed() -> None:
     assert "1 intervals open" in repr(found) and found.solved < 20
 
 
+def test_a_loss_among_modes_that_cannot_be_told_apart_is_found_though_not_proved() -> None:
+    """The two-mode model twice: without damping its frequencies are double for every μ."""
+    K0, K1 = np.kron(EYE, [[2, 1], [1, 2]]), np.kron(EYE, [[0, -4 / 3], [0, 0]])
+    found = fs.critical_value(fs.Affine(np.eye(4), None, [(1.0, K0), ("mu", K1)]), None, "mu", between=(0.0, 2.0))
+    assert float(found) == pytest.approx(0.75, abs=1e-9) and len(found.losses) == 2 and found.evidence == "not checked"
+    damped = fs.critical_value(fs.Affine(np.eye(4), 1e-3 * np.eye(4), [(1.0, K0), ("mu", K1)]), None, "mu", between=(0.0, 2.0))
+    # (λ² + 1e-3 λ + ω²) with ω² = 2 ± i√d: on the axis where √d = 1e-3 ω, ω² = 2, d = 4μ/3 - 1
+    assert float(damped) == pytest.approx(0.75 * (1 + 2e-6), abs=1e-10) and damped.evidence == "certified"
+    node = np.zeros((3, 3))
+    node[1, 2], node[2, 1] = 1.0, -1.0
+    some = fs.Affine(np.eye(3), np.diag([0.1, 0.0, 0.0]), [(1.0, np.diag([1.0, 2.0, 3.0])), ("p", node)])
+    beside = fs.critical_value(some, None, "p", between=(0.0, 2.0))  # a dashpot at the nodes of the modes that flutter
+    assert float(beside) == pytest.approx(0.5, abs=1e-9) and beside.evidence == "not checked"
+
+
+def test_a_range_may_begin_on_the_axis() -> None:
+    one = np.eye(1)
+    rising = fs.critical_value(fs.Affine(one, [("p", one)], one), None, "p", between=(0.0, 3.0))
+    assert rising.value == np.inf and rising.evidence == "certified" and not rising.growing
+    falling = fs.critical_value(fs.Affine(one, [("p", -one)], one), None, "p", between=(0.0, 3.0))
+    assert falling.value == pytest.approx(0.0, abs=1e-10) and falling.losses[0].kind == "hopf"
+
+
+def test_an_unsymmetric_mass_is_no_obstacle() -> None:
+    """M⁻¹K = [[1.8, 0.6 - μ], [1, 2]]: the frequencies coalesce where 0.2² + 4 (0.6 - μ) = 0."""
+    family = fs.Affine([[1.0, 0.2], [0.0, 1.0]], None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -1], [0, 0]])])
+    assert float(fs.critical_value(family, None, "mu", between=(0.0, 2.0))) == pytest.approx(0.61, abs=1e-10)
+    massless = fs.Affine([[1.0, 0.0], [1.0, 0.0]], None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -1], [0, 0]])])
+    with pytest.raises(fs.InputError, match="M is singular"):
+        fs.critical_value(massless, None, "mu", between=(0.0, 2.0))
+
+
 def test_divergence_passes_zero() -> None:
     family = fs.Affine(EYE, 0.1 * EYE, [(1.0, [[3.0, 0.5], [0.5, 2.0]]), ("load", -EYE)])
     found = fs.critical_value(family, None, "load", between=(0.0, 5.0))

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 MOST = 6000  # intervals that are tested at most
+NARROW = 1e3  # times the resolution: an interval in which a crossing is counted, and nothing else looked for
 BESIDE = 1e-3  # of the range: how far beside a crossing the growth is told, if there is no other crossing nearer
 
 
@@ -80,8 +81,8 @@ class CriticalValue:
     growing : int
         Number of eigenvalues in the band that grow at the begin of the range (a pair counts twice).
     open : tuple of (float, float)
-        Intervals in which a crossing there and back was not excluded. None of them is as wide as what the crossings are known
-        to, unless rounding or the limit of the effort says more.
+        Intervals in which a crossing, or one there and back, was not excluded: because eigenvalues pass each other on the axis or
+        touch it, because rounding hides which grow, or because the effort ends. A loss in a wide one is found by bisection.
     evidence : str
         'certified': each crossing outside these points is excluded by discs around the eigenvalues. 'confirmed': the same, but
         the pencil is not affine in the parameter, and was sampled in each interval. 'not checked': some intervals are open.
@@ -215,28 +216,32 @@ def _fields(contact: Any) -> set[str]:
 
 def _collected(family: Family, parts: Sequence[Part], parameter: str, searched: tuple[float, float],
                limits: tuple[float, float]) -> CriticalValue:
-    """The crossings in the intervals that are not excluded, in the band; the others of these intervals are open."""
+    """The crossings in the intervals that are not excluded, in the band.
+
+    Narrow ones without a crossing are open, unless they are at the edge of the range. So are wide ones; of a crossing there only
+    one place is told, found by bisection.
+    """
     losses: list[Crossing] = []
     regains: list[Crossing] = []
     left: list[tuple[float, float]] = []
     windows = [i for i, part in enumerate(parts) if part.growing is None]
     for at, i in enumerate(windows):
-        before, after = (parts[j].growing if 0 <= j < len(parts) else None for j in (i - 1, i + 1))
-        if before is None or after is None or before == after:
-            heights = np.abs(np.imag(parts[i].touching))
-            if not len(heights) or in_band(heights, limits).any():
-                left.append((parts[i].begin, parts[i].end))
+        part, edge = parts[i], i in (0, len(parts) - 1)
+        before, after = (known if known is not None else len(family.grown(p)[0]) for known, p in
+                         ((parts[i - 1].growing if i else None, part.begin),
+                          (parts[i + 1].growing if i + 1 < len(parts) else None, part.end)))
+        narrow = part.end - part.begin <= NARROW * family.least
+        heights = np.abs(np.imag(part.touching))
+        if not (narrow and (edge or before != after)) and (not len(heights) or in_band(heights, limits).any()):
+            left.append((part.begin, part.end))
+        if before == after:
             continue
-        gaps = [parts[j].begin - parts[i].end for j in windows[at + 1:at + 2]] + \
-               [parts[i].begin - parts[j].end for j in windows[max(at - 1, 0):at]]
+        gaps = [parts[j].begin - part.end for j in windows[at + 1:at + 2]] + \
+               [part.begin - parts[j].end for j in windows[max(at - 1, 0):at]]
         beside = min([BESIDE * (searched[1] - searched[0]), *(gap / 3 for gap in gaps)])
-        found = _crossings(family, parts[i], after - before, beside, searched)
+        found = _crossings(family, part if narrow else family.narrowed(part, before), after - before, beside, searched)
         (losses if after > before else regains).extend(one for one in found if in_band(np.array([one.omega]), limits)[0])
-    growing = 0
-    if (first := next((part for part in parts if part.growing is not None), None)) is not None and first.growing:
-        z = family.spectrum((first.begin + first.end) / 2).z
-        z = z[np.argsort(-z.real)][:first.growing]
-        growing = int(in_band(np.abs(z.imag), limits).sum())
+    growing = int(in_band(np.abs(family.grown(searched[0])[0].imag), limits).sum())
     value = searched[0] if growing else losses[0].value if losses else np.inf
     evidence = NOT_CHECKED if left else CERTIFIED if family.affine else CONFIRMED
     return CriticalValue(parameter, value, tuple(losses), tuple(regains), searched, limits, growing, tuple(left), evidence,

@@ -29,7 +29,10 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
+from femsub.errors import InputError
+from femsub.model.matrices import equilibration, scaled
 from femsub.quadratic.dense import definite_form
+from femsub.quadratic.singular_mass import REGULAR
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
@@ -72,9 +75,9 @@ class Family:
     def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float]) -> None:
         self.pencil_at, self.between = pencil_at, between
         lo, hi = between
-        self.middle = (lo + hi) / 2
-        form = definite_form(pencil_at(self.middle))
-        self.shapes, self.omega = form.shapes, np.maximum(form.omega, SLOWEST * form.omega.max())
+        self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
+        self.shapes, omega = _coordinates(pencil_at(self.middle))
+        self.omega = np.maximum(omega, SLOWEST * omega.max())
         self.matrix = lru_cache(maxsize=256)(self._matrix)
         points = [lo + share * (hi - lo) for share in SAMPLES]
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
@@ -82,7 +85,7 @@ class Family:
         self.size = np.maximum(*(self._magnitude(pencil) for pencil in (pencils[0], pencils[-1])))
         self.affine = all((np.abs(A - matrices[0] - (p - lo) * self.slope) <= STRAIGHT * self.size).all()
                           for p, A in zip(points, matrices, strict=True))
-        self.floating = all(definite_form(pencil).rigid for pencil in (pencils[0], pencils[2], pencils[-1]))
+        self.floating = all(_rigid(pencil) for pencil in (pencils[0], pencils[2], pencils[-1]))
         undamped = all(not np.any(pencil.D) for pencil in pencils)
         gyroscopic = all(pencil.symmetric[2] and np.array_equal(pencil.D, -pencil.D.T) for pencil in pencils)
         self.mirrored = undamped or gyroscopic
@@ -177,20 +180,30 @@ class Family:
                 result.append(Part(lo, hi, None, tuple(discs.z[touching])) if i % 2 else Part(lo, hi, inner))
         return result
 
+    def grown(self, p: float) -> tuple[Array, bool]:
+        """The eigenvalues that certainly grow at one value p, and whether rounding leaves any other undecided."""
+        found = self.spectrum(p)
+        with np.errstate(all="ignore"):
+            discs = _discs(found.z, 0.0, np.zeros_like(found.V), found.noise, found.noise.diagonal())
+        if discs is None:
+            return found.z[:0], True
+        touching, on_axis = _touching(discs, self.mirrored)
+        return found.z[(found.z.real > 0) & ~on_axis & ~touching], bool(touching.any())
+
     def _undecided(self, begin: float, end: float) -> bool:
         """Whether rounding alone leaves open, at several places, which eigenvalues grow: then dividing does not help."""
-        for p in ((begin + end) / 2, (3 * begin + end) / 4, (begin + 3 * end) / 4):
-            found = self.spectrum(p)
-            with np.errstate(all="ignore"):
-                discs = _discs(found.z, 0.0, np.zeros_like(found.V), found.noise, found.noise.diagonal())
-            if discs is not None and not _touching(discs, self.mirrored)[0].any():
-                return False
-        return True
+        return all(self.grown(p)[1] for p in ((begin + end) / 2, (3 * begin + end) / 4, (begin + 3 * end) / 4))
+
+    def narrowed(self, part: Part, before: int) -> Part:
+        """An open interval in which the number of growing eigenvalues changes, by bisection on those that certainly grow."""
+        a, b = part.begin, part.end
+        while b - a > self.least and a < (m := (a + b) / 2) < b:
+            a, b = (m, b) if len(self.grown(m)[0]) == before else (a, m)
+        return Part(a, b, None, part.touching)
 
     def parts(self, most: int) -> list[Part]:
         """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
-        lo, hi = self.between
-        least = max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
+        (lo, hi), least = self.between, self.least
         waiting, done = [(lo - hi, lo, hi)], []
         for _ in range(most):
             if not waiting:
@@ -209,6 +222,22 @@ class Family:
                         heapq.heappush(waiting, (begin - end, begin, end))
         done += [Part(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
         return _joined(sorted(done, key=lambda part: part.begin))
+
+
+def _coordinates(pencil: Pencil) -> tuple[Array, Array]:
+    """Φ (n, n) and Ω (n,) of the undamped modes; of a pencil with an unsymmetric M the DOF themselves, scaled."""
+    if pencil.symmetric[0]:
+        form = definite_form(pencil)
+        return form.shapes, form.omega
+    if np.linalg.cond(scaled(pencil.M, *equilibration(pencil.M))) > REGULAR:
+        raise InputError("M is singular or nearly so. Condense DOF without mass, or give them a little mass")
+    rows, columns = pencil.units
+    mass, stiffness = np.linalg.norm(scaled(pencil.M, rows, columns), 2), np.linalg.norm(scaled(pencil.K, rows, columns), 2)
+    return np.diag(columns), np.full(pencil.size, np.sqrt(stiffness / mass) or 1.0)
+
+
+def _rigid(pencil: Pencil) -> bool:
+    return pencil.symmetric[0] and definite_form(pencil).rigid > 0
 
 
 def _joined(parts: list[Part]) -> list[Part]:
