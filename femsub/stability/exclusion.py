@@ -42,6 +42,7 @@ BETWEEN = 1.5  # safety factor on the largest |E| sampled, if A is not affine
 FAR = 4.0  # times the change of an entry: distance of two eigenvalues from which on their vectors are turned
 TURN = 0.5  # largest turn of the vectors, as a row sum of h|X|
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
+MEMORY = 2e8  # bytes for decompositions that are kept
 SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where the form of A(p) is judged
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
@@ -78,7 +79,8 @@ class Family:
         self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
         self.shapes, omega = _coordinates(pencil_at(self.middle))
         self.omega = np.maximum(omega, SLOWEST * omega.max())
-        self.matrix = lru_cache(maxsize=256)(self._matrix)
+        kept = max(8, int(MEMORY / (50 * (2 * len(self.omega)) ** 2)))
+        self.matrix, self.spectrum = lru_cache(maxsize=kept)(self._matrix), lru_cache(maxsize=kept)(self._spectrum)
         points = [lo + share * (hi - lo) for share in SAMPLES]
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
         self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
@@ -89,7 +91,6 @@ class Family:
         undamped = all(not np.any(pencil.D) for pencil in pencils)
         gyroscopic = all(pencil.symmetric[2] and np.array_equal(pencil.D, -pencil.D.T) for pencil in pencils)
         self.mirrored = undamped or gyroscopic
-        self.spectrum = lru_cache(maxsize=256)(self._spectrum)
         self.solved = 0
 
     def _matrix(self, p: float) -> Array:
