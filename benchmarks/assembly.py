@@ -26,7 +26,7 @@ import femsub as fs
 from benchmarks.processes import Row, fresh, peak_mb
 from femsub.studies.tables import table
 
-SIDE, GLUED = 0.1, 0.25  # m; share of a face's side
+SIDE, GLUED = 0.1, 0.15  # m; share of a face's side
 COARSER = 0.87  # each second cube's bricks along an edge, by those of the others
 LOWEST = 20  # frequencies that are compared
 KEPT = "2e9"  # bytes of factors that are kept: those of the parts before are not needed
