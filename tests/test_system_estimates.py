@@ -256,3 +256,15 @@ def test_refinement_that_does_not_converge_says_so() -> None:
     rom = fs.reduce(full, dict.fromkeys(full.parts, fs.CraigBampton(0)))
     with pytest.raises(fs.NotConvergedError, match="after 1 steps"):
         fs.refine(full, fs.complex_modes(rom, count=20), rom, which=range(20), steps=1)
+
+
+def test_the_parts_solve_what_the_whole_would() -> None:
+    full, free = plates(), system(fixed=False)
+    for one, kind in ((full, fs.CraigBampton), (full, fs.Rubin), (free, fs.Hurty)):
+        by = full_solve.ByParts(one, fs.reduce(one, dict.fromkeys(one.parts, kind(4))))
+        B = np.random.default_rng(4).standard_normal((one.size, 3))
+        X = by.solve(B)
+        size = abs(one.K) @ abs(X)
+        assert (np.abs(by.product(X) - B) <= 1e-9 * size.max(axis=0)).all()
+        np.testing.assert_allclose(by.added(X, np.eye(3)), X.T @ (by.product(X) - one.K @ X), rtol=1e-6, atol=1e-9 * np.abs(
+            X.T @ (one.K @ X)).max())
