@@ -98,7 +98,7 @@ def summary(rows: list[dict[str, Any]]) -> str:
             if len(share):
                 lines.append(f"{title:<11}{key:<7}{len(share):>5} figures, {limit} over true error: {share.min():.4g} to "
                              f"{share.max():.4g}, median {np.median(share):.4g}, "
-                             f"{100 * np.mean((share >= 1) & (share <= 10)):.1f} % 1 to 10, {int((share < 1).sum())} below 1")
+                             f"{100 * np.mean((share >= 1) & (share <= 10)):.1f} % in 1-10, {int((share < 1).sum())} below 1")
     missed = [row["seed"] for row in rows if not row["true"] <= TOL]
     lines.append(f"tol 1e-3: missed in {len(missed)} {missed or ''}; largest true error "
                  f"{max(row['true'] for row in rows):.3g}")
