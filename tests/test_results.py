@@ -29,7 +29,7 @@ SMALL = {
     "plate": 'elements = [8, 6]\nmodes = [8]\nrepeats = 1\n',
     "solid": 'mesh = "part.inp"\nsupports = ["left"]\ninterface = ["right:y"]\ncontact = "top"\nmodes = [8]\nrepeats = 1\n',
     "chain-parts": 'n = 12\nparts = [2]\nmodes = [2]\nmethods = ["HCB", "rubin"]\nrepeats = 1\n',
-    "plate-parts": 'elements = [6, 4]\nparts = 2\nmodes = [2]\nmethods = ["HCB"]\nrepeats = 1\nband = [0, 1000]\n',
+    "plate-parts": 'elements = [8, 6]\nparts = 2\nmodes = [2]\nmethods = ["HCB"]\nrepeats = 1\nband = [0.0, 1000.0]\n',
     "solid-parts": 'kind = "hexahedron"\nmodes = [3]\nmethods = ["HCB"]\nrepeats = 1\n',
     "own-parts": 'methods = ["CC"]\nmodes = [3]\nband = [0.0, 0.4]\nslope = -0.1\nrepeats = 1\n[[parts]]\nname = "a"\n'
                  'M = "M.npz"\nK = "model.mat:K"\ninterface = [19]\nport = 1\n[[parts]]\nname = "b"\nM = "M.npz"\n'
