@@ -86,7 +86,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--dof", type=int, default=1_000_000)
     parser.add_argument("--parts", type=int, default=8)
-    parser.add_argument("--modes", type=int, default=15, help="of each part")
+    parser.add_argument("--modes", type=int, default=8, help="of each part")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", choices=RUNS)
     given = parser.parse_args()
