@@ -67,6 +67,7 @@ RESULTS = {
     "StabilitySweep",
     "Study",
     "System",
+    "Tracked",
     "Transient",
 }  # made by femsub, not by a caller
 
@@ -323,6 +324,10 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         ),
         "sweep": (fs.sweep, {"model": sub, "slopes": [-0.1, 0.0], "port": "belt", "force": 1.0, "band": (0.0, 3.0),
                              "workers": None, "executor": None}),
+        "track": (
+            fs.track,
+            {"model": sub, "contacts": slope, "parameter": "slope", "values": [-0.1, 0.0], "band": (0.0, 1.0)},
+        ),
         "transient": (
             fs.transient,
             {

@@ -69,6 +69,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "System": lambda: fs.couple({"a": fs.chain(6, interface=[1, 6]), "b": made("ReducedSubstructure")},
                                 [made("Rigid")], interface=[("a", [0])]),
     "Tied": lambda: fs.Tied(("a", "right"), ("b", "left"), {"a": made("Mesh"), "b": made("Mesh")}),
+    "Tracked": lambda: fs.track(full(), fs.Belt(slope=0.0), "slope", [-0.1, 0.0]),
     "Transient": lambda: fs.transient(full(), BELT, (0.0, 20.0)),
 }
 CLASSES = [name for name in fs.__all__ if inspect.isclass(getattr(fs, name)) and not issubclass(getattr(fs, name), BaseException)]

@@ -40,6 +40,8 @@ SMALL = {
     "chain-limit-cycle": 'band = [0.6, 0.9]\nfamilies = 1\ndots = 1\nperiods = 20\nharmonics = 20\npoints = 6\n'
                          'methods = ["CC"]\n',
     "plate-limit-cycle": 'elements = [4, 3]\nmodes = [8]\noutputs = ["cycles"]\n',
+    "two-mode": 'points = 11\n',
+    "ziegler": 'damping = [0.0, 0.1]\npoints = 11\n',
 }
 CHAIN = 'belts = [2]\nsizes = [3, 5]\noutputs = ["critical-slope", "size-sweep"]\nfigures = false\n'
 CLOCK = {"date", "sentence", "seconds", "seconds_per_period", "speedup", "recommended", "pareto"}  # what the clock decides

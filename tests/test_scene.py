@@ -116,7 +116,7 @@ def test_scenes_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == ["chain", "matrices", "beam", "plate", "solid", "chain-parts", "plate-parts",
                                                    "solid-parts", "own-parts", "chain-transient", "solid-transient",
-                                                   "chain-limit-cycle", "plate-limit-cycle"]
+                                                   "chain-limit-cycle", "plate-limit-cycle", "two-mode", "ziegler"]
 
 
 @pytest.mark.parametrize(("text", "words"), [

@@ -38,6 +38,8 @@ SCENES = {
     "solid-transient": ("solid_transient", "a disc in time: limit cycle, full against reduced, time per period"),
     "chain-limit-cycle": ("chain_cycles", "the chain's limit cycles, full and reduced: table, branches, stability"),
     "plate-limit-cycle": ("plate_cycles", "the plate's limit cycles over the normal force: full and reduced"),
+    "two-mode": ("two_mode", "two modes coupled by friction (Hoffmann): critical friction, flutter diagram"),
+    "ziegler": ("ziegler", "Ziegler's pendulum under a follower load: what damping destabilises, flutter diagram"),
 }
 MOST_REPEATS = 1000
 #: of the literature, and of Python's MacNeal

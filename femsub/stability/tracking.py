@@ -46,8 +46,10 @@ LEAST_ALIKE = 0.3  # |s| from which a mode may be the same, where the step is no
 DISTANCE = 0.5  # what |Δλ| = |λ| costs beside |s - 1|: it decides where vectors do not
 UNCOUPLED = 1e-16  # |s| between two modes that do not act on each other
 APPROACH = 0.6  # two modes are watched if they come nearer within a step than this share of their distance at its ends
+TURN = np.pi / 3  # or if their distance turns by more in the complex plane (wrong successors turn it by π)
 FINEST = 1e-9  # of the range: the shortest step of a dense model
 FINEST_SPARSE = 1e-3  # the same of a sparse one, whose every step is a search
+DIFFERENCE = 1e-3  # of the range: step of the difference for λ'
 MOST = 3000  # eigenproblems beside those asked for
 AROUND = 0.1  # of the band's width: how far beyond its ends modes are followed, so that none is lost at an edge
 NEAR = 1e-3  # |Δλ| / |λ| up to which a defective mode, whose vectors tell nothing, is continued
@@ -103,7 +105,7 @@ class Tracked:
         grow = int(self.growing.any(axis=0).sum())
         return (f"Tracked: {self.eigenvalues.shape[1]} branches over {self.parameter} from {self.values[0]:g} to "
                 f"{self.values[-1]:g}, {len(self.values)} values computed, {int(self.asked.sum())} asked for; {told}; "
-                f"{grow} of the branches grow somewhere")
+                f"{grow} {'branch grows' if grow == 1 else 'branches grow'} somewhere")
 
 
 def track(model: Substructure | Affine, contacts: Contacts, parameter: str, values: Any, *,
@@ -160,7 +162,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     >>> import femsub as fs
     >>> rom = fs.reduce(fs.chain(10, belt=2), fs.CraigChang(modes=4), ports=True)
     >>> fs.track(rom, fs.Belt(slope=0.0), "slope", [-0.03, 0.0], band=(0.0, 0.8))
-    Tracked: 3 branches over slope from -0.03 to 0, 2 values computed, 2 asked for; no meetings; 2 of the branches grow somewhere
+    Tracked: 3 branches over slope from -0.03 to 0, 2 values computed, 2 asked for; no meetings; 2 branches grow somewhere
     """
     pencil_at = pencil_over(model, contacts, parameter)
     points = np.unique(real_array("values", values))
@@ -171,7 +173,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
         limits = usable_band(model, band)
     if model.size > WIDE and (band is None or not np.isfinite(limits[1])):
         raise InputError(f"a model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
-    chain = _Chain(pencil_at, limits, (points[-1] - points[0]) * (FINEST if model.size <= WIDE else FINEST_SPARSE))
+    chain = _Chain(pencil_at, limits, (points[0], points[-1]), FINEST if model.size <= WIDE else FINEST_SPARSE)
     chain.follow(points)
     if chain.spent >= MOST:
         warnings.warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Track over a "
@@ -193,13 +195,16 @@ class _Node(NamedTuple):
     condition: Array
     cluster: Array  # the number of each mode's cluster
     inside: Array  # whether it is in the band
+    rates: Array  # y_jᴴP'(λ_k)x_k, (k, k), with -λ' on the diagonal: how modes act on each other as p changes
 
 
 class _Chain:
     """The nodes in ascending order of p, each with the numbers of the branches of its modes."""
 
-    def __init__(self, pencil_at: Callable[[float], Pencil], band: tuple[float, float], finest: float) -> None:
-        self.pencil_at, self.band, self.finest, self.spent, self.branches = pencil_at, band, finest, 0, 0
+    def __init__(self, pencil_at: Callable[[float], Pencil], band: tuple[float, float], searched: tuple[float, float],
+                 finest: float) -> None:
+        self.pencil_at, self.band, self.searched, self.spent, self.branches = pencil_at, band, searched, 0, 0
+        self.finest = finest * (searched[1] - searched[0])
         margin = AROUND * (band[1] - band[0])
         self.wide = max(band[0] - margin, 0.0), band[1] + margin
         self.rows: list[tuple[float, Array, Array, Array, Array, Array]] = []  # p, branch, λ, bar, condition, inside
@@ -256,7 +261,15 @@ class _Chain:
             for group in clusters(values, DOUBLE):
                 cluster[group] = group[0]
                 Y[:, group] = _dual(Y[:, group] * norm[group], slope[:, group])
-        return _Node(p, pencil, values, X, Y, bar, condition, cluster, inside)
+            rates = Y.conj().T @ self._change(p, pencil, values, X)
+        rates[~np.isfinite(rates)] = 0.0
+        return _Node(p, pencil, values, X, Y, bar, condition, cluster, inside, rates)
+
+    def _change(self, p: float, pencil: Pencil, values: Array, X: Array) -> Array:
+        """P'(λ)x, the derivative by the parameter, from a difference that stays within the range."""
+        step = DIFFERENCE * (self.searched[1] - self.searched[0])
+        step = step if p + step <= self.searched[1] else -step
+        return (self.pencil_at(p + step).residual(values, X) - pencil.residual(values, X)) / step
 
 
 def _dual(Y: Array, slope: Array) -> Array:
@@ -314,25 +327,21 @@ def _meet(here: _Node, there: _Node, s: Array, to: Array, asked: Array) -> bool:
         return False
     columns = to[rows]
     begin, end = here.values[rows], there.values[columns]
-    rise, fall = _change(here, here, there, rows), _change(there, here, there, columns)
+    step, size = there.p - here.p, np.maximum(np.abs(begin), np.abs(end))
+    first, last = here.rates[np.ix_(rows, rows)] * step, there.rates[np.ix_(columns, columns)] * step
+    rise, fall = -first.diagonal(), -last.diagonal()
     t = PLACES[:, None]
     path = ((1 + 2 * t) * begin + t * rise) * (1 - t) ** 2 + ((3 - 2 * t) * end - (1 - t) * fall) * t**2
     gap = path[:, :, None] - path[:, None, :]
     ends = np.minimum(np.abs(gap[0]), np.abs(gap[-1]))
-    near = (np.abs(gap).min(axis=0) < APPROACH * ends) | ((gap[1:] * gap[:-1].conj()).real < 0).any(axis=0)
-    coupled = np.abs(s[np.ix_(rows, columns)])
-    coupled = np.maximum(coupled, coupled.T) > UNCOUPLED
+    near = (np.abs(gap).min(axis=0) < APPROACH * ends) | (np.abs(np.angle(gap * gap[0].conj())).max(axis=0) > TURN)
+    coupled = np.abs(s[np.ix_(rows, columns)]) > UNCOUPLED
+    for rates in (first, last):
+        coupled |= np.abs(rates * rates.T) > DOUBLE**2 * np.multiply.outer(size, size)
+    coupled |= coupled.T
     together = np.equal.outer(here.cluster[rows], here.cluster[rows]) | np.equal.outer(there.cluster[columns],
                                                                                       there.cluster[columns])
     return bool((near & coupled & ~together & ~np.eye(len(rows), dtype=bool)).any())
-
-
-def _change(at: _Node, here: _Node, there: _Node, which: Array) -> Array:
-    """λ'h of modes of a node, -yᴴ(P(λ; q) - P(λ; p))x."""
-    lam, x = at.values[which], at.X[:, which]
-    moved = there.pencil.residual(lam, x) - here.pencil.residual(lam, x)
-    found = -np.einsum("ij,ij->j", at.Y[:, which].conj(), moved)
-    return np.where(np.isfinite(found), found, 0.0)
 
 
 def _continue_defective(here: _Node, there: _Node, to: Array, missed: Array) -> None:

@@ -1,0 +1,105 @@
+"""Flutter over a parameter: critical values beside closed forms, modes tracked, the flutter diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from femsub import Affine, CriticalValue, Tracked, critical_value, track
+from femsub.app.keys import key
+from femsub.app.scene import Progress, Result, Scene, run_outputs
+from femsub.checks import interval
+from femsub.studies.tables import table
+
+NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
+
+
+@dataclass(frozen=True)
+class FlutterScene(Scene):
+    """What scenes of a pencil with one parameter share."""
+
+    between: list[float] = key([0.0, 1.0], "the range of the parameter", form="[lo, hi]")
+    points: int = key(151, "values in the range at which modes are told; the diagram has those between them as well where modes "
+                      "meet", least=2, most=10000)
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("critical-value", "diagram")
+    WITHOUT: ClassVar[Mapping[str, str]] = dict.fromkeys(("slope", "law", "eps", "speed", "force", "methods", "repeats"), NO_BELT)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        interval("between", self.between)
+
+
+def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, exact: Mapping[str, float], label: str,
+            data: dict[str, Any], progress: Progress) -> Result:
+    """Computes what `scene.outputs` names, for each of the models by its name; `exact` are their critical values."""
+    between = (scene.between[0], scene.between[1])
+    found: dict[str, CriticalValue] = {}
+    for name, model in models.items():
+        progress(f"{scene.name}: critical value, {name}")
+        found[name] = critical_value(model, None, parameter, between=between)
+
+    def compute(output: str) -> Result:
+        if output == "critical-value":
+            return _critical(found, exact, label)
+        tracks = {}
+        for name, model in models.items():
+            progress(f"{scene.name}: modes tracked, {name}")
+            tracks[name] = track(model, None, parameter, np.linspace(*between, scene.points))
+        return _diagram(tracks, {name: [one.value for one in item.losses] for name, item in found.items()}, label, scene.name)
+
+    head = f"{scene.name}: {label} from {between[0]:g} to {between[1]:g}"
+    return run_outputs(scene.outputs, compute, {**data, "between": scene.between}, [head])
+
+
+def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], label: str) -> Result:
+    rows: list[dict[str, Any]] = []
+    for name, item in found.items():
+        for what, crossings in (("lost", item.losses), ("regained", item.regains)):
+            for one in crossings:
+                first = what == "lost" and one is item.losses[0] and name in exact
+                rows.append({"model": name, "stability": what, "value": one.value, "kind": one.kind, "omega": one.omega,
+                             "exact": exact[name] if first else None, "error": abs(one.value - exact[name]) if first else None,
+                             "width": one.width, "evidence": item.evidence})
+        if not item.losses and not item.regains:
+            rows.append({"model": name, "stability": "never lost" if not item.growing else "lost at the begin", "value": None,
+                         "kind": "", "omega": None, "exact": exact.get(name), "error": None, "width": None,
+                         "evidence": item.evidence})
+    said = table(["model", "stability", label, "kind", "ω", "closed form", "error", "evidence"],
+                 [[row[column] for column in ("model", "stability", "value", "kind", "omega", "exact", "error", "evidence")]
+                  for row in rows], ["s", "s", ".10f", "s", ".6g", ".10f", ".0e", "s"])
+    return Result({"critical-value": rows}, {"critical-value": rows}, f"Where stability is lost, over {label}:\n{said}", {})
+
+
+def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, list[float]], label: str, title: str) -> Result:
+    from femsub.app.figures_flutter import flutter_figure
+
+    branches, meetings = branch_rows(tracks), meeting_rows(tracks)
+    said = table(["model", "meeting", label, "branches", "Re λ", "Im λ", "|λ_a - λ_b|", "condition", "error bar"],
+                 [[row["model"], row["kind"], row["value"], f"{row['branches'][0]}, {row['branches'][1]}", row["growth"],
+                   row["omega"], row["gap"], row["condition"], row["error_bar"]] for row in meetings],
+                 ["s", "s", ".8g", "s", ".6f", ".6f", ".0e", ".0e", ".0e"])
+    told = "\n".join(f"{name}: {item!r}" for name, item in tracks.items())
+    return Result({"branches": branches, "meetings": meetings}, {"branches": branches, "meetings": meetings},
+                  f"Modes tracked:\n{told}" + (f"\n{said}" if meetings else ""),
+                  {"flutter-diagram": lambda: flutter_figure(tracks, critical, label, title)})
+
+
+def branch_rows(tracks: Mapping[str, Tracked]) -> list[dict[str, Any]]:
+    """Rows of a table: each branch at each value asked for."""
+    return [{"model": name, item.parameter: float(item.values[i]), "branch": j, "growth": float(value.real),
+             "omega": float(value.imag), "error_bar": float(item.error_bar[i, j]), "grows": bool(item.growing[i, j])}
+            for name, item in tracks.items() for i in np.flatnonzero(item.asked)
+            for j, value in enumerate(item.eigenvalues[i]) if not np.isnan(value)]
+
+
+def meeting_rows(tracks: Mapping[str, Tracked]) -> list[dict[str, Any]]:
+    """Rows of a table: each meeting of two branches."""
+    return [{"model": name, "kind": one.kind, "value": one.value, "width": one.width, "branches": list(one.branches),
+             "growth": one.eigenvalue.real, "omega": one.eigenvalue.imag, "gap": one.gap,
+             "condition": one.condition if np.isfinite(one.condition) else None,
+             "error_bar": one.error_bar if np.isfinite(one.error_bar) else None}
+            for name, item in tracks.items() for one in item.meetings]

@@ -1,0 +1,213 @@
+"""Modes followed over a parameter: closed forms of coalescence, veering and crossing, random models against fine steps."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import femsub as fs
+from femsub.app.cli import main
+from femsub.app.figures_flutter import flutter_figure
+from femsub.components.two_mode import two_mode, two_mode_critical
+from femsub.components.ziegler import ziegler, ziegler_critical
+from femsub.quadratic.matching import match
+
+EYE = np.eye(2)
+
+
+def pair(coupling: float, damping: tuple[float, float] = (0.0, 0.0)) -> fs.Affine:
+    """Two oscillators, ω² = 4 ± √(p² + c²)."""
+    return fs.Affine(EYE, np.diag(damping), [(1.0, [[4.0, coupling], [coupling, 4.0]]), ("p", [[1.0, 0.0], [0.0, -1.0]])])
+
+
+def random_model(seed: int, n: int = 4) -> fs.Affine:
+    """K0 + pK1 with a random, for even seeds unsymmetric K1; damped, so that no two eigenvalues meet exactly."""
+    rng = np.random.default_rng(seed)
+    Q = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    change, dashpots = rng.standard_normal((2, n, n))
+    return fs.Affine(np.eye(n), 0.02 * dashpots @ dashpots.T,
+                     [(1.0, (Q * rng.uniform(20, 40, n)) @ Q.T), ("p", 2 * (change if seed % 2 == 0 else change + change.T))])
+
+
+def by_fine_steps(model: fs.Affine, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """λ at p = -1 and, in the same order, at p = 1: each step takes the eigenvalues next to those continued in a line."""
+    before = here = np.zeros(0)
+    for i, p in enumerate(np.linspace(-1.0, 1.0, steps)):
+        pencil = model.at(p=p)
+        state = np.block([[np.zeros_like(pencil.M), np.eye(len(pencil.M))], [-pencil.K, -pencil.D]])
+        values = np.linalg.eigvals(state)
+        if i == 0:
+            start = before = here = values
+        else:
+            before, here = here, values[match(2 * here - before, values)[1]]
+    return start, here
+
+
+@pytest.mark.parametrize("values", [np.linspace(0, 1.5, 7), [0.0, 1.0], np.linspace(0, 1, 6)])
+def test_two_modes_coalesce_at_three_quarters(values: np.ndarray) -> None:
+    found = fs.track(two_mode(), None, "mu", values)
+    (met,) = found.meetings
+    assert met.kind == "coalescence" and met.value == pytest.approx(0.75, abs=1e-8)
+    assert met.eigenvalue == pytest.approx(1j * np.sqrt(2), abs=1e-6)
+    # the square root: ω² are 2 ± √(1 - 4μ/3), at every value computed
+    squares = -found.eigenvalues**2
+    assert np.allclose(squares.sum(axis=1), 4.0, atol=1e-8)
+    assert np.allclose((squares[:, 1] - squares[:, 0]) ** 2 / 4, 1 - 4 * found.values / 3, atol=1e-7)
+    assert found.eigenvalues[0, 0].imag < found.eigenvalues[0, 1].imag  # the higher branch grows
+    assert found.eigenvalues[-1, 1].real > 0.1 and found.growing[-1].tolist() == [False, True]
+
+
+def test_at_the_exceptional_point_no_eigenvalue_is_told_better_than_the_root_of_eps() -> None:
+    (met,) = fs.track(two_mode(), None, "mu", np.linspace(0, 1, 5)).meetings  # 3/4 is one of the values
+    assert met.gap < 1e-7 and met.condition > 1e6 and 1e-9 < met.error_bar < 1e-5
+    (met,) = fs.track(two_mode((0.05, 0.1)), None, "mu", np.linspace(0, 1, 5)).meetings  # damping keeps them apart
+    assert met.kind == "coalescence" and 1e-3 < met.gap < 0.05 and met.condition < 1e3 and met.error_bar < 1e-11
+
+
+@pytest.mark.parametrize("coupling", [0.2, 1e-2, 1e-4])
+def test_a_veering_pair_follows_its_curves(coupling: float) -> None:
+    found = fs.track(pair(coupling), None, "p", np.linspace(-1.0, 1.1, 6))
+    for column, sign in ((0, -1), (1, 1)):
+        assert np.allclose(found.eigenvalues[:, column].imag ** 2, 4 + sign * np.hypot(found.values, coupling), atol=1e-12)
+    (met,) = found.meetings
+    assert met.kind == "veering" and abs(met.value) < 0.05 * coupling and met.gap == pytest.approx(coupling / 2, rel=0.05)
+    assert len(found.values) < 60
+
+
+@pytest.mark.parametrize("damping", [(0.0, 0.0), (0.1, 0.02)])
+def test_modes_that_do_not_act_on_each_other_cross(damping: tuple[float, float]) -> None:
+    found = fs.track(pair(0.0, damping), None, "p", np.linspace(-1.0, 1.1, 6))
+    assert found.asked.all()  # no step is halved
+    for column, sign in ((0, 1), (1, -1)):
+        omega = np.sqrt(4 + sign * found.values - damping[column] ** 2 / 4)
+        assert np.allclose(found.eigenvalues[:, column], -damping[column] / 2 + 1j * omega, atol=1e-12)
+    (met,) = found.meetings
+    assert met.kind == "crossing" and abs(met.value) < 2e-3
+    assert met.gap == pytest.approx(abs(damping[0] - damping[1]) / 2, abs=1e-6)
+
+
+def test_a_crossing_at_a_value_asked_for_goes_straight() -> None:
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])  # vectors of the double eigenvalue at p = 0 are arbitrary
+    model = fs.Affine(EYE, None, [(4.0, EYE), ("p", turn @ np.diag([1.0, -1.0]) @ turn.T)])
+    found = fs.track(model, None, "p", np.linspace(-1.0, 1.0, 5))
+    assert np.allclose(found.eigenvalues.imag ** 2, 4 + np.outer(found.values, [1, -1]), atol=1e-12)
+    assert [met.kind for met in found.meetings] == ["crossing"]
+
+
+def test_two_meetings_in_one_step_are_both_seen() -> None:
+    """κ = 1 - 4/3 p(2 - p) vanishes at p = 1/2 and 3/2; the ends of the range look alike."""
+    model = fs.Affine(EYE, None, [(1.0, [[2.0, 1.0], [1.0, 2.0]]), (lambda p: p * (2 - p), [[0.0, -4 / 3], [0.0, 0.0]])])
+    found = fs.track(model, None, "p", [0.0, 2.0])
+    assert [met.kind for met in found.meetings] == ["coalescence", "splitting"]
+    assert np.allclose([met.value for met in found.meetings], [0.5, 1.5], atol=1e-7)
+
+
+def test_equal_eigenvalues_all_along_cost_nothing() -> None:
+    Q = np.linalg.qr(np.random.default_rng(3).standard_normal((4, 4)))[0]
+    first, second = (Q @ np.diag(values) @ Q.T for values in ([1.0, 1.0, 3.0, 3.0], [1.0, 1.0, 0.0, 0.0]))
+    model = fs.Affine(np.eye(4), None, [(1.0, first), ("p", second)])
+    found = fs.track(model, None, "p", np.linspace(0, 1, 5))
+    assert found.asked.all() and found.eigenvalues.shape == (5, 4)
+    assert np.allclose(np.sort(found.eigenvalues.imag**2, axis=1)[:, :2], 1 + found.values[:, None])
+
+
+def test_real_eigenvalues_have_branches_of_their_own() -> None:
+    """Above P = 7/2 + √2 Ziegler's pendulum has four real eigenvalues; the spectrum is complete at each value."""
+    found = fs.track(ziegler(), None, "P", np.linspace(0.0, 8.0, 9))
+    for P, row in zip(found.values, found.eigenvalues, strict=True):
+        exact = fs.complex_modes(ziegler().at(P=P)).eigenvalues
+        both = np.append(row, row.conj())
+        assert np.abs(exact[:, None] - both).min(axis=1).max() < 1e-6
+    at = [met.value for met in found.meetings if met.kind == "coalescence"]
+    assert np.allclose(np.unique(np.round(at, 6)), [3.5 - np.sqrt(2), 3.5 + np.sqrt(2)], atol=2e-6)
+    assert found.eigenvalues.shape[1] == 4 and np.abs(found.eigenvalues[-1].imag).max() == 0.0
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_random_models_agree_with_fine_steps(seed: int) -> None:
+    model = random_model(seed)
+    start, end = by_fine_steps(model, 1500)
+    found = fs.track(model, None, "p", np.linspace(-1.0, 1.0, 4))
+    assert found.eigenvalues.shape[1] == 4 and not np.isnan(found.eigenvalues).any()
+    for branch in found.eigenvalues.T:
+        assert abs(end[np.abs(start - branch[0]).argmin()] - branch[-1]) < 1e-8
+
+
+def test_a_reduced_model_under_a_belt() -> None:
+    full = fs.chain(10, belt=2)
+    rom = fs.reduce(full, fs.CraigChang(modes=4), ports=True)
+    slopes = np.linspace(-0.05, 0.0, 5)
+    one, other = (fs.track(model, fs.Belt(slope=0.0), "slope", slopes, band=(0.0, 0.8)) for model in (full, rom))
+    assert np.abs(one.eigenvalues[one.asked] - other.eigenvalues[other.asked]).max() < 1e-4
+    whole = fs.track(rom, fs.Belt(slope=0.0), "slope", slopes)
+    assert whole.band[1] == rom.cutoff and np.nanmax(whole.eigenvalues[0].imag) <= rom.cutoff
+    with pytest.raises(fs.InputError, match="above the cut-off"):
+        fs.track(rom, fs.Belt(slope=0.0), "slope", slopes, band=(0.0, 2 * rom.cutoff))
+
+
+def test_a_branch_may_leave_the_band() -> None:
+    found = fs.track(pair(0.0), None, "p", np.linspace(-1.0, 1.0, 9), band=(1.7, 2.02))
+    leaves = np.sqrt(4 + found.values) > 2.02 + 0.1 * 0.32
+    assert found.eigenvalues.shape[1] == 2 and np.isnan(found.eigenvalues[leaves, 0]).all()
+    assert np.allclose(found.eigenvalues[~leaves, 0].imag, np.sqrt(4 + found.values[~leaves]))
+
+
+def test_a_sparse_model_is_searched_in_its_band() -> None:
+    n = 320
+    K = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1], format="csr")
+    follower = sp.csr_array(([1.0], ([5], [n - 9])), shape=(n, n))
+    model = fs.Affine(sp.eye_array(n, format="csr"), None, [(1.0, K), ("p", follower)])
+    values, band = np.linspace(0.0, 0.004, 3), (0.0, 0.03)
+    found = fs.track(model, None, "p", values, band=band)
+    for p, row in zip(found.values, found.eigenvalues, strict=True):
+        modes = fs.complex_modes(model.at(p=p), band=band)
+        assert np.abs(modes.eigenvalues[:, None] - row[~np.isnan(row)]).min(axis=1).max() < 1e-9
+    with pytest.raises(fs.InputError, match="needs a band"):
+        fs.track(model, None, "p", values)
+
+
+def test_what_cannot_be_tracked_is_refused() -> None:
+    for values in ([1.0], [], [[0.0, 1.0], [2.0, np.nan]]):
+        with pytest.raises(fs.InputError, match="values"):
+            fs.track(two_mode(), None, "mu", values)
+    with pytest.raises(fs.InputError, match="unknown parameter 'my'; did you mean 'mu'"):
+        fs.track(two_mode(), None, "my", [0.0, 1.0])
+    with pytest.raises(fs.InputError, match="no ports for contacts"):
+        fs.track(two_mode(), fs.Belt(slope=0.0), "mu", [0.0, 1.0])
+    with pytest.raises(fs.InputError, match="unknown parameter 'mu'"):
+        fs.track(fs.chain(3), fs.Belt(slope=0.0), "mu", [0.0, 1.0])
+
+
+def test_the_closed_forms_of_both_models() -> None:
+    for damping in ((0.0, 0.0), (0.05, 0.3), (0.0, 0.2)):
+        found = fs.critical_value(two_mode(damping), None, "mu", between=(0.0, 2.0))
+        assert float(found) == pytest.approx(two_mode_critical(damping), abs=1e-10)
+    for b in (0.0, 1e-3, 0.4):
+        found = fs.critical_value(ziegler(b), None, "P", between=(0.0, 3.0))
+        assert float(found) == pytest.approx(ziegler_critical(b), abs=1e-10)
+
+
+def test_full_and_reduced_models_in_one_diagram() -> None:
+    full = fs.chain(10, belt=2)
+    models = {"full": full, "craig-chang": fs.reduce(full, fs.CraigChang(modes=4), ports=True)}
+    tracks = {name: fs.track(model, fs.Belt(slope=0.0), "slope", np.linspace(-0.05, 0.0, 11), band=(0.0, 0.8))
+              for name, model in models.items()}
+    figure = flutter_figure(tracks, {"full": [-0.0256], "craig-chang": [-0.0256]}, "slope", "chain")
+    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert told == ["full", "a mode grows (bold, filled)", "full: stability lost", "Craig-Chang", "Craig-Chang: stability lost"]
+    above, below = figure.axes
+    assert above.get_ylabel() == "Im λ  [rad/time]" and below.get_ylabel() == "Re λ  [1/time]"
+
+
+@pytest.mark.parametrize(("name", "exact"), [("two-mode", [0.75, 0.7575]), ("ziegler", [3.5 - np.sqrt(2), 41 / 28 + 5e-5])])
+def test_scenes_tell_the_critical_values_beside_the_closed_forms(tmp_path: Path, name: str, exact: list[float]) -> None:
+    (tmp_path / "a.toml").write_text(f'scene = "{name}"\npoints = 7\n', encoding="utf-8")
+    assert main(["run", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")]) == 0
+    told = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    lost = [row for row in told["critical-value"] if row["stability"] == "lost"]
+    assert np.allclose([row["value"] for row in lost][:2], exact, atol=1e-10) and max(row["error"] for row in lost) < 1e-10
+    assert {row["kind"] for row in told["meetings"]} >= {"coalescence"} and (tmp_path / "out" / "flutter-diagram.png").exists()
