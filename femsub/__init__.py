@@ -94,6 +94,7 @@ if TYPE_CHECKING:
     from femsub.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
     from femsub.quadratic.refinement import Refined as Refined, refine as refine
     from femsub.reduction.reduce import (
+        ContactModes as ContactModes,
         CraigBampton as CraigBampton,
         CraigChang as CraigChang,
         CraigChangPhysical as CraigChangPhysical,

@@ -103,6 +103,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
 
     pair = fs.couple(parts, [fs.Rigid(("a", [3]), ("b", [0]))])
 
+    sliding = fs.FrictionContact("top", "ground", mesh, 1.0, 0.4, direction=(1.0, 0.0, 0.0))
+
     def rigid(end: Any, tolerance: Any, name: Any) -> fs.Rigid:
         return fs.Rigid(end, ("b", [0]), tolerance=tolerance, name=name)
 
@@ -145,6 +147,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "CraigChangPhysical": (fs.CraigChangPhysical, {"modes": 3, "band": None, "tol": None}),
         "DofMap": (fs.DofMap, {"nodes": [1, 1], "components": [0, 1], "labels": ("ux", "uy"), "points": None}),
         "DualCraigBampton": (fs.DualCraigBampton, {"modes": 3, "band": None, "tol": None}),
+        "ContactModes": (fs.ContactModes, {"modes": 3, "band": None, "tol": None, "contacts": sliding, "parameter": "mu",
+                                           "friction": True}),
         "Guyan": (fs.Guyan, {"modes": 0, "band": None, "tol": None}),
         "Herting": (fs.Herting, {"modes": 3, "band": None, "tol": None}),
         "Hurty": (fs.Hurty, {"modes": 3, "band": None, "tol": None}),

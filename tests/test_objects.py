@@ -29,6 +29,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "Belt": lambda: BELT,
     "Branch": lambda: fs.branch(full(), BELT, start=cycle(), points=4),
     "ComplexModes": lambda: fs.complex_modes(full(), BELT),
+    "ContactModes": lambda: fs.ContactModes(modes=3, contacts=made("FrictionContact")),
     "CraigBampton": lambda: fs.CraigBampton(band=(0.0, 0.5), tol=1e-2),
     "CraigChang": lambda: fs.CraigChang(modes=3),
     "CraigChangPhysical": lambda: fs.CraigChangPhysical(modes=3),

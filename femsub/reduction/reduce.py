@@ -24,6 +24,7 @@ from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import confirm
 from femsub.reduction.basis import Basis, Kept, projected
 from femsub.reduction.common_shapes import with_common_shapes
+from femsub.reduction.contact_modes import ContactModes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.craig_chang import CraigChang
 from femsub.reduction.craig_chang_physical import CraigChangPhysical
@@ -52,8 +53,8 @@ ADVICE = "Go on with reduce(system, methods | error.done)"
 PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
 
 #: importing the methods registers them
-__all__ = ["METHODS", "CraigBampton", "CraigChang", "CraigChangPhysical", "DualCraigBampton", "Guyan", "Herting", "Hurty",
-           "InterfaceModes", "MacNeal", "Method", "Rubin", "reduce"]
+__all__ = ["METHODS", "ContactModes", "CraigBampton", "CraigChang", "CraigChangPhysical", "DualCraigBampton", "Guyan", "Herting",
+           "Hurty", "InterfaceModes", "MacNeal", "Method", "Rubin", "reduce"]
 
 
 @overload

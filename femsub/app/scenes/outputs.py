@@ -70,10 +70,10 @@ def _modes(work: Work) -> Result:
     fields = {f"mode-{row['mode']:02d} {work.units.frequency(row['omega'])}": shapes[..., i] for i, row in enumerate(rows)}
     return Result({"modes": data}, {"modes": rows}, f"{head}\n{said}",
                   {"modes": lambda: shapes_figure(mesh, shapes[..., :DRAWN], titles[:DRAWN], title, work.marks)},
-                  {"modes.vtu": partial(_vtu, mesh, fields)})
+                  {"modes.vtu": partial(vtu, mesh, fields)})
 
 
-def _vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
+def vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
     from femsub.io.mesh_files import mesh_bytes
 
     file.write(mesh_bytes(mesh, shapes))
@@ -198,25 +198,25 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {look(name).label} with "
              f"{model.size} DOF")
     named = f"{work.units.frequency(value.imag)} growth {value.real:.4g} 1/{work.units.time}"
-    files = {"least-stable.vtu": partial(_vtu, mesh, {f"real-part {named}": shape.real, f"imaginary-part {named}": shape.imag})}
+    files = {"least-stable.vtu": partial(vtu, mesh, {f"real-part {named}": shape.real, f"imaginary-part {named}": shape.imag})}
     return Result(data, {}, told, {"least-stable": lambda: shapes_figure(mesh, parts, titles, title, work.marks)},
-                  files | (_motion(mesh, shape, value.imag, named) if value.imag > 0 else {}))
+                  files | (motion_files(mesh, shape, value.imag, named) if value.imag > 0 else {}))
 
 
-def _motion(mesh: Mesh, shape: Array, omega: float, named: str) -> dict[str, Writer]:
-    """Re(u e^(iωt)) over one period: least-stable.pvd, which ParaView animates, and the file of each phase that it lists."""
+def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str = "least-stable") -> dict[str, Writer]:
+    """Re(u e^(iωt)) over one period: a .pvd file, which ParaView animates, and the file of each phase that it lists."""
     bare = Mesh(mesh.points, mesh.cells, mesh.kind)
-    times = {f"least-stable/phase-{k:02d}.vtu": 2 * np.pi * k / PHASES / omega for k in range(PHASES)}
+    times = {f"{title}/phase-{k:02d}.vtu": 2 * np.pi * k / PHASES / omega for k in range(PHASES)}
 
     def phase(time: float, file: BinaryIO) -> None:
-        _vtu(bare, {f"displacement {named}": (shape * np.exp(1j * omega * time)).real}, file)
+        vtu(bare, {f"displacement {named}": (shape * np.exp(1j * omega * time)).real}, file)
 
     def series(file: BinaryIO) -> None:
         from femsub.io.mesh_files import series_bytes
 
         file.write(series_bytes(times))
 
-    files: dict[str, Writer] = {"least-stable.pvd": series}
+    files: dict[str, Writer] = {f"{title}.pvd": series}
     return files | {name: partial(phase, time) for name, time in times.items()}
 
 

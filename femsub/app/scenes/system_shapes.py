@@ -36,7 +36,7 @@ def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh])
         return result
     titles = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows[:DRAWN]]
     names = [f"mode-{row['mode']:02d} {scene.system.frequency(row['omega'])}" for row in rows]
-    drawn = _by_kind(system, meshes, found.shapes)
+    drawn = by_kind(system, meshes, found.shapes)
     for kind, (mesh, fields) in drawn.items():
         name = "modes" if len(drawn) == 1 else f"modes-{kind}"
         result.drawings[name] = partial(shapes_figure, mesh, fields[..., :DRAWN], titles, f"{scene.name}: normal modes", {})
@@ -44,7 +44,7 @@ def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh])
     return result
 
 
-def _by_kind(system: System, meshes: Mapping[str, Mesh], shapes: Array) -> dict[str, Drawn]:
+def by_kind(system: System, meshes: Mapping[str, Mesh], shapes: Array) -> dict[str, Drawn]:
     """The parts' meshes of each kind as one, and the modes on it (nodes, 3, k), the largest displacement of all parts 1."""
     moved = system.expand(shapes)
     fields = {name: displacements(mesh, dofs, moved[name]) for name, mesh in meshes.items()

@@ -1,0 +1,330 @@
+"""A disc brake: disc, two pads, and Coulomb friction between them; flutter over μ, full and reduced."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from femsub import (
+    Affine,
+    ComplexModes,
+    ContactModes,
+    FrictionContact,
+    Material,
+    Mesh,
+    Spring,
+    Substructure,
+    System,
+    complex_modes,
+    couple,
+    read_mesh,
+    reduce,
+    solid,
+)
+from femsub.app.figures_brake import errors_figure, flutter_figure
+from femsub.app.figures_modes import shapes_figure
+from femsub.app.keys import key
+from femsub.app.scene import Progress, Result, Scene, run_outputs
+from femsub.app.scenes.outputs import motion_files, vtu
+from femsub.app.scenes.system_shapes import by_kind
+from femsub.checks import Array, check_band, interval
+from femsub.components.brake import brake_meshes, check_held, covered, opposite
+from femsub.errors import FemsubWarning, InputError, PortWarning
+from femsub.reduction.reduce import METHODS
+from femsub.studies.friction_sweep import FrictionRow, compared, first_loss, over_mu, same_loss
+from femsub.studies.tables import table
+
+PADS = ("inboard", "outboard")
+COVERED = 0.85  # of a pad's face that lies on the disc: below, there is a warning
+WITHIN = 1e-2  # relative error of the critical μ that the recommended model may have
+DRAWN = 6  # unstable modes
+UNUSED = "the friction of a brake is Coulomb's, with mu, pressure and turning"
+
+
+@dataclass(frozen=True)
+class BrakeScene(Scene):
+    """A disc of grey cast iron (radius 150 mm) held at its hub, two pads of friction material on steel plates, in SI units.
+
+    The pads are held by springs: on the mean motions of their sets, along x, y and z. Materials: grey cast iron EN-GJL-250 by
+    EN 1561, steel by EN 1993-1-1. Friction materials differ widely and are softer along the normal; 8 GPa and 2,600 kg/m³ stand
+    for a pressed lining. The contact stiffness is that of rough surfaces per area, of the size of E/thickness of the lining.
+    """
+
+    size: float = key(0.025, "length of the elements of femsub's own brake", unit="m", above=0)
+    disc: str = key("", "a mesh file of your own disc, relative to the scene file", otherwise="femsub's own", example="disc.vtu",
+                    file=True)
+    inboard: str = key("", "that of the pad on the first track", otherwise="femsub's own", required_with="disc",
+                       example="inboard.vtu", file=True)
+    outboard: str = key("", "that of the pad on the second track", otherwise="femsub's own", required_with="disc",
+                        example="outboard.vtu", file=True)
+    hub: str = key("hub", "the disc's set that is held")
+    tracks: list[str] = key(["inboard", "outboard"], "the disc's sets under the pads", form="[inboard, outboard]")
+    face: str = key("face", "the pads' set on the disc")
+    sprung: list[str] = key(["back", "leading", "trailing"], "the pads' sets that are held by springs")
+    springs: float = key(1e7, "stiffness of each of these springs, along x, y and z", unit="N/m", above=0)
+    E: list[float] = key([1.1e11, 8e9, 2.1e11], "Young's moduli", unit="Pa", above=0, form="[disc, lining, plate]")
+    nu: list[float] = key([0.26, 0.3, 0.3], "Poisson's ratios", above=-1, below=0.5, form="[disc, lining, plate]")
+    rho: list[float] = key([7200.0, 2600.0, 7850.0], "densities", unit="kg/m³", above=0, form="[disc, lining, plate]")
+    rayleigh: list[float] = key([10.0, 1e-7], "[alpha, beta] of the damping D = αM + βK of the disc", unit="1/s, s", least=0,
+                                form="[alpha, beta]")
+    rayleigh_pads: list[float] = key([50.0, 1e-6], "the same of the pads", unit="1/s, s", least=0, form="[alpha, beta]")
+    contact: float = key(2e11, "normal stiffness of the contact per area", unit="N/m³", above=0)
+    pressure: float = key(1e6, "pressure between pads and disc, for the damping by friction", unit="Pa", least=0)
+    turning: float = key(50.0, "angular velocity of the disc about z, for the damping by friction", unit="rad/s", above=0)
+    mu: list[float] = key([0.0, 0.7], "the range of the coefficient of friction", least=0, form="[lo, hi]")
+    points: int = key(36, "values of mu in the flutter diagram of the reduced model", least=2)
+    full: list[float] = key([0.2, 0.4, 0.6], "values of mu at which the full model is solved; modes are shown at the last one",
+                            least=0, distinct=True)
+    band: list[float] = key([1e3, 5e4], "the frequencies that are looked at", unit="rad/s", least=0, form="[lo, hi]")
+    methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang", "rubin"])
+    modes: list[int] = key([50, 70, 100], "numbers of real modes of the brake in contact; each part keeps as many of its "
+                           "own", least=1)
+    units: str = "SI"
+    folder: str = "."
+
+    OUTPUTS: ClassVar[tuple[str, ...]] = ("unstable", "error-time", "flutter")
+    WITHOUT: ClassVar[Mapping[str, str]] = dict.fromkeys(("slope", "law", "eps", "speed", "force"), UNUSED) | {
+        "repeats": "each model of the brake is made once"}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_band((self.band[0], self.band[1]))
+        interval("mu", (self.mu[0], self.mu[1]))
+        if self.units == "mm-t-s" and not self.disc:
+            raise InputError("femsub's own brake is in SI units: leave units out, or give meshes and all data in mm, t and s")
+
+
+SCENE = BrakeScene
+
+
+class Brake:
+    """The models of a run; each is made when an output first asks for it."""
+
+    def __init__(self, scene: BrakeScene, progress: Progress) -> None:
+        self.scene, self.tell = scene, lambda text: progress(f"{scene.name}: {text}")
+        self.tell("building the parts")
+        self.meshes = self._meshes()
+        self.system = self.joined(self._parts())
+
+    def _meshes(self) -> dict[str, Mesh]:
+        scene = self.scene
+        if scene.disc:
+            found = {name: read_mesh(Path(scene.folder) / getattr(scene, name)) for name in ("disc", *PADS)}
+        else:
+            found = brake_meshes(scene.size)
+        for name, track in zip(PADS, scene.tracks, strict=True):
+            met = opposite(found[name], scene.face, found["disc"], track)
+            found["disc"] = found["disc"].with_sets(**{f"under-{name}": met})
+            share = covered(found[name], scene.face, found["disc"], track)
+            if share < COVERED:
+                warnings.warn(f"only {share:.0%} of the face {scene.face!r} of {name!r} lies on the track {track!r} of the disc; "
+                              "the rest carries no contact", FemsubWarning, stacklevel=2)
+        return found
+
+    def _parts(self) -> dict[str, Substructure]:
+        scene = self.scene
+        iron, lining, plate = (Material(*one) for one in zip(scene.E, scene.nu, scene.rho, strict=True))
+        parts = {"disc": solid(self.meshes["disc"], iron, supports=[scene.hub], interface=[f"under-{name}" for name in PADS],
+                               rayleigh=(scene.rayleigh[0], scene.rayleigh[1]), name="disc")}
+        ports = {f"{place}-{axis}": (place, axis) for place in scene.sprung for axis in "xyz"}
+        for name in PADS:
+            parts[name] = solid(self.meshes[name], {"lining": lining, "plate": plate}, interface=[scene.face], ports=ports,
+                                rayleigh=(scene.rayleigh_pads[0], scene.rayleigh_pads[1]), name=name)
+            check_held(self.meshes[name], scene.sprung, f"the pad {name!r}")
+        return parts
+
+    def contacts(self, mu: float) -> list[FrictionContact]:
+        """Between the face of each pad and the track that turns under it."""
+        scene = self.scene
+        return [FrictionContact(f"{name}.{scene.face}", f"disc.under-{name}", self.meshes, scene.contact, mu, scene.pressure,
+                                axis=np.array([0.0, 0.0, 1.0]), speed=scene.turning) for name in PADS]
+
+    def joined(self, parts: Mapping[str, Substructure]) -> System:
+        """Parts, full or reduced, on their springs."""
+        springs = [Spring((name, f"{place}-{axis}"), stiffness=self.scene.springs)
+                   for name in PADS for place in self.scene.sprung for axis in "xyz"]
+        return couple(parts, [*self.contacts(0.0), *springs], self.scene.name)
+
+    @cached_property
+    def affine(self) -> Affine:
+        """The full model over μ."""
+        return over_mu(self.system, self.contacts(0.0))
+
+    @cached_property
+    def exact(self) -> dict[float, ComplexModes]:
+        """The full model's modes in the band at some values of μ."""
+        found = {}
+        for mu in self.scene.full:
+            start = time.perf_counter()
+            self.tell(f"full model of {self.system.size} DOF at mu = {mu:g}")
+            found[mu] = complex_modes(self.affine.at(mu=mu), band=(self.scene.band[0], self.scene.band[1]))
+            self.seconds.append(time.perf_counter() - start)
+        return found
+
+    @cached_property
+    def seconds(self) -> list[float]:
+        """Of the full model, at each μ."""
+        return []
+
+    @cached_property
+    def best(self) -> tuple[Substructure, Affine, float]:
+        """The largest model of contact modes of the full system, over μ as well, and the seconds to reduce it."""
+        return self.reduced("", self.scene.modes[-1])
+
+    def reduced(self, method: str, modes: int, friction: bool = True) -> tuple[Substructure, Affine, float]:
+        """By a method part by part, '' for none, and then by contact modes of the system."""
+        start = time.perf_counter()
+        system = self.system
+        self.tell(f"{METHODS[method].label if method else 'contact modes'} with {modes} modes")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PortWarning)
+            if method:
+                system = self.joined({name: reduce(part, METHODS[method](min(modes, len(part.interior) - 6)), ports=True)
+                                      for name, part in system.parts.items()})
+            small = reduce(system, ContactModes(min(modes, system.size - 1), contacts=self.contacts(0.0), friction=friction))
+        return small, over_mu(small, self.contacts(0.0)), time.perf_counter() - start
+
+    @cached_property
+    def critical(self) -> dict[str, tuple[float, float]]:
+        """(μ, ω) of the first loss of stability in the band: of the best reduced model, and of the full one."""
+        scene = self.scene
+        own = first_loss(self.best[1], scene.mu, scene.band)
+        if not scene.mu[0] < own[0] < np.inf:
+            return {"reduced": own, "full": (np.nan, np.nan)}
+        self.tell("the critical mu of the full model")
+        try:
+            return {"reduced": own, "full": same_loss(self.affine, *own)}
+        except InputError as error:
+            warnings.warn(f"the critical mu of the full model was not found: {error}", FemsubWarning, stacklevel=2)
+            return {"reduced": own, "full": (np.nan, np.nan)}
+
+
+def run(scene: BrakeScene, progress: Progress) -> Result:
+    """The unstable modes, the errors of reduced models, and the flutter diagram."""
+    brake = Brake(scene, progress)
+    points = sum(len(brake.meshes["disc"].sets[f"under-{name}"]) for name in PADS)
+    data: dict[str, Any] = {"system": repr(brake.system), "size": brake.system.size, "contact_nodes": points, "band": scene.band,
+                            "contacts": [repr(one) for one in brake.contacts(scene.full[-1])]}
+    text = [f"{scene.name}: {brake.system!r}",
+            f"{points} nodes of the disc under the pads, contact stiffness {scene.contact:g}, pressure {scene.pressure:g}, disc "
+            f"at {scene.turning:g} rad/time; band {scene.band[0]:g} to {scene.band[1]:g} rad/time; full model at mu = "
+            f"{', '.join(f'{mu:g}' for mu in scene.full)}"]
+    outputs = {"unstable": _unstable, "error-time": _error_time, "flutter": _flutter}
+    return run_outputs(scene.outputs, lambda output: outputs[output](brake), data, ["\n".join(text)])
+
+
+def _unstable(brake: Brake) -> Result:
+    """The table of unstable modes of the full model at the last μ, their figure and their files."""
+    scene, system, mu = brake.scene, brake.system, brake.scene.full[-1]
+    modes = brake.exact[mu]
+    chosen = modes.unstable
+    chosen = chosen[np.argsort(modes.eigenvalues[chosen].imag)]
+    shares = _energy_shares(system, modes.shapes[:, chosen])
+    rows = [{"mu": mu, "omega": value.imag, "hertz": value.imag / (2 * np.pi), "growth": value.real, "error_bar": bar,
+             "damping": -2 * value.real / abs(value), **{f"energy_{name}": float(one[i]) for name, one in shares.items()}}
+            for i, (value, bar) in enumerate(zip(modes.eigenvalues[chosen], modes.error_bar[chosen], strict=True))]
+    head = (f"Unstable modes of the full model at mu = {mu:g} in the band: {len(rows)} of {len(modes)}; completeness "
+            f"{modes.evidence}")
+    if not rows:
+        return Result({"unstable": rows}, {}, f"{head}. All modes decay; give a larger mu, or less damping", {})
+    said = table(["f [Hz]", "Re λ", "error bar", "equivalent damping", *(f"energy {name}" for name in shares)],
+                 [list(row.values())[2:] for row in rows], [".6g", ".5g", ".0e", ".2e", *[".2f"] * len(shares)])
+    result = Result({"unstable": rows}, {"unstable": rows}, f"{head}\n{said}", {})
+    if not scene.figures:
+        return result
+    (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, chosen]).items()
+    fields = fields * np.exp(-1j * np.angle(_largest(fields)))
+    titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g}" for row in rows]
+    names = [f"{row['hertz']:.5g} Hz" for row in rows]
+    title = f"{scene.name}: unstable modes at mu = {mu:g}, at the phase of the largest displacement"
+    result.drawings["unstable"] = partial(shapes_figure, mesh, fields[..., :DRAWN].real, titles[:DRAWN], title, {})
+    shown = {f"{part} {name}": getattr(fields[..., i], attribute) for i, name in enumerate(names)
+             for part, attribute in (("real-part", "real"), ("imaginary-part", "imag"))}
+    phases = {f"phase {name}": np.degrees(np.angle(fields[..., i])) for i, name in enumerate(names)}
+    worst = int(np.argmax([row["growth"] for row in rows]))
+    result.files["unstable.vtu"] = partial(vtu, mesh, shown | phases)
+    result.files.update(motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst], "most-unstable"))
+    return result
+
+
+def _largest(fields: Array) -> Array:
+    """Of complex fields (nodes, 3, k) the entry of largest size, (k,)."""
+    flat = fields.reshape(-1, fields.shape[-1])
+    return np.asarray(np.take_along_axis(flat, np.abs(flat).argmax(axis=0)[None], axis=0)[0])
+
+
+def _energy_shares(system: System, shapes: Array) -> dict[str, Array]:
+    """The share of each part in the kinetic energy of complex shapes, {name: (k,)}."""
+    moved = system.expand(shapes)
+    energy = {name: np.einsum("ik,ik->k", u.conj(), system.parts[name].M @ u).real for name, u in moved.items()}
+    total = sum(energy.values())
+    return {name: one / total for name, one in energy.items()}
+
+
+def _error_time(brake: Brake) -> Result:
+    """Each method and number of modes against the full model."""
+    scene, exact, critical = brake.scene, brake.exact, brake.critical["full"][0]
+    rows: list[FrictionRow] = []
+    left_out: list[str] = []
+    for method, friction in [*((name, True) for name in scene.methods), ("", True), ("", False)]:
+        name = method or ("contact-modes" if friction else "real-modes")
+        for modes in scene.modes:
+            try:
+                _, affine, seconds = (brake.best if not method and friction and modes == scene.modes[-1]
+                                      else brake.reduced(method, modes, friction))
+            except InputError as error:
+                left_out.append(f"{name} with {modes} modes is left out: {error}")
+                continue
+            rows.append(compared(name, modes, affine, seconds, exact, scene.mu, scene.band, critical))
+    took = float(np.median(brake.seconds))
+    good = [row for row in rows if not row.missed and row.mu_error <= WITHIN]
+    best = min(good, key=lambda row: row.seconds, default=None)
+    words = (f"Recommended: {_label(best.method)} with {best.size} DOF: no unstable mode of the band is missed, and the critical "
+             f"mu is within {best.mu_error:.1e}." if best else
+             f"No model keeps the critical mu within {WITHIN:.0%} and misses no unstable mode: give more modes.")
+    said = table(["model", "modes", "DOF", "s to reduce", "s per mu", "error λ", "error Re λ", "missed", "invented",
+                  "critical mu", "its error"],
+                 [[_label(row.method), row.modes, row.size, row.seconds - row.solving, row.solving, row.error, row.growth_error,
+                   row.missed, row.invented, row.mu, row.mu_error] for row in rows],
+                 ["s", "d", "d", ".2f", ".2f", ".1e", ".1e", "d", "d", ".5f", ".1e"])
+    head = (f"Reduced models against the full one, which takes {took:.1f} s per mu; its critical mu is {critical:.5f}. Errors "
+            "are relative to |λ|; parts reduced by a method are then reduced by contact modes")
+    flat = [row.flat() for row in rows]
+    data = {"error-time": {"full_seconds": took, "rows": flat, "left_out": left_out, "recommendation": words,
+                           "recommended": best.flat() if best else None}}
+    return Result(data, {"error-time": flat}, "\n".join([head, said, *left_out, words]),
+                  {"error-time": lambda: errors_figure(rows, took, scene.name)})
+
+
+def _label(name: str) -> str:
+    return METHODS[name].label if name in METHODS else name.replace("-", " ").capitalize()
+
+
+def _flutter(brake: Brake) -> Result:
+    """Eigenvalues over μ of the best reduced model, and of the full one where it was solved; the critical μ of both."""
+    scene, (small, affine, _) = brake.scene, brake.best
+    band = scene.band[0], scene.band[1]
+    curves = []
+    for mu in np.linspace(scene.mu[0], scene.mu[1], scene.points):
+        brake.tell(f"reduced model at mu = {mu:.3g}")
+        curves.append((float(mu), complex_modes(affine.at(mu=float(mu)), band=band).eigenvalues))
+    crosses = [(mu, modes.eigenvalues) for mu, modes in brake.exact.items()]
+    critical = brake.critical
+    rows = [{"model": name, "mu": mu, "omega": float(value.imag), "growth": float(value.real)}
+            for name, found in (("reduced", curves), ("full", crosses)) for mu, values in found for value in values]
+    (own, omega), (true, _) = critical["reduced"], critical["full"]
+    if np.isfinite(own):
+        words = (f"Critical mu in the band: full model {true:.6g}, reduced model of {small.size} DOF {own:.6g} (error "
+                 f"{abs(own - true) / true:.1e}), at {omega / (2 * np.pi):.5g} Hz")
+    else:
+        words = f"No mode in the band flutters for {scene.mu[0]:g} ≤ mu ≤ {scene.mu[1]:g}"
+    data = {"flutter": {"rows": rows, "critical": {name: {"mu": mu, "omega": at} for name, (mu, at) in critical.items()}}}
+    title = f"{scene.name}: full model of {brake.system.size} DOF, reduced model of {small.size}"
+    return Result(data, {"flutter": rows}, words, {"flutter": lambda: flutter_figure(curves, crosses, own, title)})

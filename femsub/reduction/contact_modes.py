@@ -1,0 +1,130 @@
+"""Contact modes: the real modes of a system whose surfaces touch, and its static responses to their friction forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from femsub.checks import Array, word
+from femsub.errors import InputError, unknown_name
+from femsub.model.contact import contacts_of
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.reduction.basis import Basis, Kept, Responses, projected
+from femsub.reduction.free_interface import FreeInterface
+from femsub.reduction.statics import Partition, Statics, zeros
+
+if TYPE_CHECKING:
+    from femsub.modes.shift_invert import ShiftInvert
+
+
+@dataclass(frozen=True)
+class ContactModes(FreeInterface):
+    """Real modes of the system in contact without friction, and what friction adds to them to first order.
+
+    With K₀, the symmetric part of K + K_contact(μ = 0), and K₁ = ∂K_contact/∂μ,
+
+        (K₀ - ω²M) Φ = 0,   Φᵀ M Φ = I,   V = [Φ, Ξ],   Ξ = K₀⁻¹ K₁ Φ without its share of Φ.
+
+    Φ alone is the usual choice for brakes. It represents the response to the friction forces K₁Φ only by the modes that are
+    kept. Ξ is that response, exact at ω = 0. The basis has twice as many columns as modes, less those that depend on others.
+
+    It is a second step for a system of reduced parts, whose contact surfaces are a large interface; and the only step for a
+    full system. The contact itself is not part of the result: give it to the analysis, as for the full system. It acts on the
+    same sets.
+
+    Parameters
+    ----------
+    modes : int
+        Number of elastic modes of the system in contact.
+    contacts : contact, or sequence of contacts
+        `FrictionContact` or others whose stiffness is linear in the parameter.
+    parameter : str
+        The field of the contacts that is 0 in K₀, by default 'mu'.
+    friction : bool
+        Whether Ξ joins the basis, by default True.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        No contacts, or none with this parameter.
+
+    References
+    ----------
+    N. Gräbner, V. Mehrmann, S. Quraishi, C. Schröder, U. von Wagner, ZAMM 96 (2016) 1155 (real modes and what they miss);
+    J. M. Dickens, J. M. Nakagawa, M. J. Wittbrodt, Comput. Struct. 62 (1997) 985 (static responses beside modes).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> steel, mesh = fs.Material(2.1e11, 0.3, 7850.0), fs.block((0.1, 0.05, 0.02), (4, 2, 1))
+    >>> pad = fs.solid(mesh, steel, supports=["top"], interface=["bottom"])
+    >>> rubbing = fs.FrictionContact("bottom", "ground", mesh, stiffness=1e12, mu=0.4, direction=(1, 0, 0))
+    >>> small = fs.reduce(pad, fs.ContactModes(4, contacts=rubbing))
+    >>> small.size, fs.complex_modes(small, rubbing).is_stable
+    (8, True)
+    """
+
+    contacts: Any = None
+    parameter: str = "mu"
+    friction: bool = True
+
+    key, label, colour, marker = "contact-modes", "Contact modes", "#d01c8b", "*"
+    offered = False
+    unestimated = "the modes are those of a system without friction"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = contacts_of(self.contacts)
+        if not any(hasattr(contact, word("parameter", self.parameter)) for contact in given):
+            if not given:
+                raise InputError("ContactModes needs the contacts of the system, e.g. contacts=[fs.FrictionContact(...)]")
+            raise unknown_name("parameter", self.parameter, sorted({name for one in given for name in vars(one)}))
+
+    @property
+    def mode_kind(self) -> str:
+        return "real"
+
+    def at(self, value: float) -> list[Any]:
+        """The contacts with this value of the parameter."""
+        given: Sequence[Any] = contacts_of(self.contacts)
+        return [replace(one, **{self.parameter: value}) if hasattr(one, self.parameter) else one for one in given]
+
+    def part(self, sub: Substructure) -> Rubbing:
+        """The whole system with the contact's stiffness at μ = 0, and K₁."""
+        K0, K1 = (sub.linearised(self.at(value)).K for value in (0.0, 1.0))
+        held = Substructure(sub.M, (K0 + K0.T) * 0.5, sub.D, sub.interface, sub.ports, sub.name)
+        return Rubbing(held, slice(None), friction=K1 - K0)
+
+    def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
+        """No constraint modes; of the forces only those of the ports, since the others follow from the modes."""
+        n = part.sub.size
+        return Statics(part, handle, zeros(n, 0, 0), zeros(0, 0, 0), extra, "friction response")
+
+    def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
+        """The responses to the friction forces of the modes, and to the requested ports."""
+        none = np.zeros(0)
+        return Responses(statics.handle.elastic_solve(self._forces(statics, kept), kept.shapes), none, none, 0)
+
+    def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
+        """V = [Φ Ξ]. An error of ports would be that of the system in contact, and is not told."""
+        return super().basis(replace(statics, forces=self._forces(statics, kept)), kept, responses, {})
+
+    def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
+        """With VᵀKV of the system itself: the contact is no part of it."""
+        K = projected(sub.K, model.V, model.V)
+        return replace(model, K=(K + K.T) / 2)
+
+    def _forces(self, statics: Statics, kept: Kept) -> Array:
+        part = statics.part
+        assert isinstance(part, Rubbing)
+        return np.hstack([part.friction @ kept.shapes, statics.forces]) if self.friction else statics.forces
+
+
+@dataclass(frozen=True, eq=False)
+class Rubbing(Partition):
+    """A system with its contact at μ = 0, and K₁ = ∂K/∂μ."""
+
+    friction: Any = None

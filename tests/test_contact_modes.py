@@ -1,0 +1,118 @@
+"""Contact modes: real modes of a system in contact and its responses to friction, for full and for reduced parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from femsub.components.friction_contact import FrictionContact
+from femsub.studies.friction_sweep import first_loss, over_mu, same_loss
+
+BAND = (1e3, 1.2e5)
+
+
+def dense(part: fs.Substructure, key: str) -> fs.Substructure:
+    """The same in dense matrices, whose complex modes take less time at this size."""
+    M, K, D = (A.toarray() for A in (part.M, part.K, part.D))
+    return fs.Substructure(M, K, D, {key: part.interface}, part.ports, part.name, part.dofs)
+
+
+@cache
+def pad() -> tuple[fs.System, tuple[FrictionContact, ...]]:
+    """A block on springs that rubs on a beam, both of bricks; their faces do not match."""
+    steel = fs.Material(2.1e11, 0.3, 7850.0)
+    block, plate = fs.block((0.06, 0.03, 0.02), (3, 2, 1), "hexahedron"), fs.block((0.2, 0.05, 0.02), (7, 2, 1), "hexahedron")
+    plate = fs.Mesh(plate.points - [0.07, 0.01, 0.02], plate.cells, plate.kind, plate.sets)
+    ports = {end + axis: (end, axis) for end in ("left", "right") for axis in "xyz"}
+    parts = {"pad": fs.solid(block, steel, interface=["bottom"], ports=ports, rayleigh=(5.0, 1e-8)),
+             "beam": fs.solid(plate, steel, supports=["left", "right"], interface=["top"], rayleigh=(5.0, 1e-8))}
+    parts = {name: dense(part, key) for (name, part), key in zip(parts.items(), ("bottom", "top"), strict=True)}
+    meshes, along = {"pad": block, "beam": plate}, np.array([1.0, 0.0, 0.0])
+    contact = FrictionContact("pad.bottom", "beam.top", meshes, 2e12, 0.3, direction=along)
+    springs = [fs.Spring(("pad", port), stiffness=1e8) for port in parts["pad"].ports]
+    return fs.couple(parts, [contact, *springs]), (contact,)
+
+
+def at(mu: float) -> list[FrictionContact]:
+    return [replace(contact, mu=mu) for contact in pad()[1]]
+
+
+def errors(model: fs.Substructure, mu: float, count: int) -> np.ndarray:
+    """|Δλ|/|λ| of the lowest modes."""
+    exact, found = (fs.complex_modes(one, at(mu), band=BAND).eigenvalues[:count] for one in (pad()[0], model))
+    return np.abs(found - exact) / np.abs(exact)
+
+
+def test_without_friction_the_modes_are_those_of_the_system_in_contact() -> None:
+    system, contacts = pad()
+    small = fs.reduce(system, fs.ContactModes(12, contacts=contacts, friction=False))
+    assert small.size == 12 and set(small.kinds) == {"real"}
+    pencil = small.linearised(at(0.0))
+    omega = np.sqrt(np.linalg.eigvalsh(pencil.K))
+    held = system.linearised(at(0.0))
+    true = fs.normal_modes(fs.Substructure(held.M, (held.K + held.K.T) / 2), count=13).frequencies
+    np.testing.assert_allclose(omega, true[:12], rtol=1e-8)
+    assert small.cutoff == pytest.approx(true[12], rel=1e-6)
+    np.testing.assert_allclose(small.M, np.eye(12), atol=1e-9)
+
+
+def test_the_model_holds_the_stiffness_of_the_system_without_the_contact() -> None:
+    system, contacts = pad()
+    small = fs.reduce(system, fs.ContactModes(8, contacts=contacts))
+    np.testing.assert_allclose(small.K, small.V.T @ (system.K @ small.V), atol=1e-9 * np.abs(small.K).max())
+    assert list(small.sets) == list(system.sets) and set(small.kinds) == {"real", "friction response"}
+
+
+def test_responses_to_friction_leave_errors_of_higher_order_in_mu() -> None:
+    system, contacts = pad()
+    alone, more = (fs.reduce(system, fs.ContactModes(20, contacts=contacts, friction=friction)) for friction in (False, True))
+    for mu in (0.1, 0.3):
+        assert errors(more, mu, 5).max() < 0.1 * errors(alone, mu, 5).max()
+
+
+def test_with_every_mode_the_spectrum_is_that_of_the_system() -> None:
+    system, contacts = pad()
+    rom = fs.reduce(system, {"pad": fs.CraigBampton(3), "beam": fs.CraigBampton(4)}, ports=True)
+    whole = fs.reduce(rom, fs.ContactModes(rom.size, contacts=contacts))
+    assert whole.size == rom.size
+    exact, found = (fs.complex_modes(one, at(0.4), band=BAND).eigenvalues for one in (rom, whole))
+    np.testing.assert_allclose(found, exact, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", [fs.CraigBampton, fs.CraigChang, fs.Rubin])
+def test_systems_of_reduced_parts_are_reduced_further(method: type) -> None:
+    system, contacts = pad()
+    roms = fs.reduce(system, {name: method(20) for name in system.parts}, ports=True)
+    small = fs.reduce(roms, fs.ContactModes(20, contacts=contacts))
+    assert small.size < 50 < roms.size
+    assert errors(small, 0.3, 5).max() < 1e-2
+
+
+def test_the_pencil_over_mu_is_that_of_the_contact() -> None:
+    system, _ = pad()
+    exact, found = system.linearised(at(0.35)), over_mu(system, at(0.0)).at(mu=0.35)
+    assert abs(exact.K - found.K).max() <= 1e-12 * abs(exact.K).max()
+
+
+def test_the_first_loss_of_the_full_model_follows_from_that_of_the_reduced_one() -> None:
+    system, contacts = pad()
+    small = fs.reduce(system, fs.ContactModes(30, contacts=contacts))
+    mu, omega = first_loss(over_mu(small, at(0.0)), (0.0, 2.0), BAND)
+    true, height = same_loss(over_mu(system, at(0.0)), mu, omega)
+    assert true == pytest.approx(mu, rel=1e-2) and height == pytest.approx(omega, rel=1e-2)
+    for value, sign in ((0.99 * true, -1), (1.01 * true, 1)):
+        near = fs.complex_modes(system, at(value), band=(0.99 * height, 1.01 * height)).eigenvalues
+        assert np.sign(near.real.max()) == sign
+
+
+def test_contact_modes_need_contacts_that_have_the_parameter() -> None:
+    with pytest.raises(fs.InputError, match="needs the contacts of the system"):
+        fs.ContactModes(4)
+    with pytest.raises(fs.InputError, match=r"parameter 'my'.*mu"):
+        fs.ContactModes(4, contacts=pad()[1], parameter="my")
+    with pytest.raises(fs.InputError, match="takes a number of modes only"):
+        fs.ContactModes(band=(0.0, 1e4), tol=1e-3, contacts=pad()[1])
