@@ -43,9 +43,10 @@ def cubes(dof: int, count: int) -> fs.System:
                             interface=["after"] if name == "c0" else ["before", "after"]) for name, mesh in meshes.items()}
     joints = []
     for one, other in pairwise(meshes):
-        ends = [(one, "after"), (other, "before")]
-        joints.append(fs.Tied(*(ends if len(meshes[one].cells) > len(meshes[other].cells) else ends[::-1]),
-                              {name: meshes[name] for name in (one, other)}))
+        first, second = (one, "after"), (other, "before")
+        if len(meshes[one].cells) <= len(meshes[other].cells):
+            first, second = second, first
+        joints.append(fs.Tied(first, second, {name: meshes[name] for name in (one, other)}))
     return fs.couple(parts, joints, "cubes", interface=[(f"c{count - 1}", "after")])
 
 
@@ -90,7 +91,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", choices=RUNS)
     given = parser.parse_args()
-    rows = []
+    rows: list[Row] = []
     for run in RUNS if given.only is None else (given.only,):
         row = fresh(measured, run, given.dof, given.parts, given.modes, given.workers, cores=1)
         exact = rows[0]["frequencies"] if rows else row["frequencies"]
