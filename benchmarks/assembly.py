@@ -41,10 +41,10 @@ def cubes(dof: int, count: int) -> fs.System:
     steel = fs.Material(2.1e11, 0.3, 7850.0)
     parts = {name: fs.solid(mesh, steel, supports=["left"] if name == "c0" else [], name=name,
                             interface=["after"] if name == "c0" else ["before", "after"]) for name, mesh in meshes.items()}
-    joints = []
+    joints: list[fs.Tied] = []
     for one, other in pairwise(meshes):
         first, second = (one, "after"), (other, "before")
-        if len(meshes[one].cells) <= len(meshes[other].cells):
+        if len(meshes[one].cells) < len(meshes[other].cells):  # the finer surface comes first
             first, second = second, first
         joints.append(fs.Tied(first, second, {name: meshes[name] for name in (one, other)}))
     return fs.couple(parts, joints, "cubes", interface=[(f"c{count - 1}", "after")])
