@@ -162,7 +162,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     >>> import femsub as fs
     >>> rom = fs.reduce(fs.chain(10, belt=2), fs.CraigChang(modes=4), ports=True)
     >>> fs.track(rom, fs.Belt(slope=0.0), "slope", [-0.03, 0.0], band=(0.0, 0.8))
-    Tracked: 3 branches over slope from -0.03 to 0, 2 values computed, 2 asked for; no meetings; 2 branches grow somewhere
+    Tracked: 3 branches over slope from -0.03 to 0, 2 values computed, 2 asked for; no meetings; 1 branch grows somewhere
     """
     pencil_at = pencil_over(model, contacts, parameter)
     points = np.unique(real_array("values", values))
