@@ -18,7 +18,7 @@ from femsub.model.substructure import Substructure
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.quadratic.matching import match
 
-GRID = 14  # values of μ between which the first loss is searched
+GRID = 10  # values of μ between which the first loss is searched
 FINE = 1e-6  # of the range: how exactly a loss is located
 CLOSE = 0.02  # of ω: the band in which the full model's mode is followed
 STEPS = 12  # of the secant method

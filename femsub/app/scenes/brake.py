@@ -53,8 +53,8 @@ class BrakeScene(Scene):
     """A disc of grey cast iron (radius 150 mm) held at its hub, two pads of friction material on steel plates, in SI units.
 
     The pads are held by springs: on the mean motions of their sets, along x, y and z. Materials: grey cast iron EN-GJL-250 by
-    EN 1561, steel by EN 1993-1-1. Friction materials differ widely and are softer along the normal; 8 GPa and 2,600 kg/m³ stand
-    for a pressed lining. The contact stiffness is that of rough surfaces per area, of the size of E/thickness of the lining.
+    EN 1561, steel by EN 1993-1-1. Friction materials differ widely and are not isotropic (SAE paper 962130): 5 GPa, 0.25 and
+    2,500 kg/m³ are assumed. So is the contact stiffness of rough surfaces, of the size of E/thickness of the lining.
     """
 
     size: float = key(0.025, "length of the elements of femsub's own brake", unit="m", above=0)
@@ -69,9 +69,9 @@ class BrakeScene(Scene):
     face: str = key("face", "the pads' set on the disc")
     sprung: list[str] = key(["back", "leading", "trailing"], "the pads' sets that are held by springs")
     springs: float = key(1e7, "stiffness of each of these springs, along x, y and z", unit="N/m", above=0)
-    E: list[float] = key([1.1e11, 8e9, 2.1e11], "Young's moduli", unit="Pa", above=0, form="[disc, lining, plate]")
-    nu: list[float] = key([0.26, 0.3, 0.3], "Poisson's ratios", above=-1, below=0.5, form="[disc, lining, plate]")
-    rho: list[float] = key([7200.0, 2600.0, 7850.0], "densities", unit="kg/m³", above=0, form="[disc, lining, plate]")
+    E: list[float] = key([1.1e11, 5e9, 2.1e11], "Young's moduli", unit="Pa", above=0, form="[disc, lining, plate]")
+    nu: list[float] = key([0.26, 0.25, 0.3], "Poisson's ratios", above=-1, below=0.5, form="[disc, lining, plate]")
+    rho: list[float] = key([7200.0, 2500.0, 7850.0], "densities", unit="kg/m³", above=0, form="[disc, lining, plate]")
     rayleigh: list[float] = key([10.0, 1e-7], "[alpha, beta] of the damping D = αM + βK of the disc", unit="1/s, s", least=0,
                                 form="[alpha, beta]")
     rayleigh_pads: list[float] = key([50.0, 1e-6], "the same of the pads", unit="1/s, s", least=0, form="[alpha, beta]")
@@ -79,12 +79,12 @@ class BrakeScene(Scene):
     pressure: float = key(1e6, "pressure between pads and disc, for the damping by friction", unit="Pa", least=0)
     turning: float = key(50.0, "angular velocity of the disc about z, for the damping by friction", unit="rad/s", above=0)
     mu: list[float] = key([0.0, 0.7], "the range of the coefficient of friction", least=0, form="[lo, hi]")
-    points: int = key(36, "values of mu in the flutter diagram of the reduced model", least=2)
+    points: int = key(29, "values of mu in the flutter diagram of the reduced model", least=2)
     full: list[float] = key([0.2, 0.4, 0.6], "values of mu at which the full model is solved; modes are shown at the last one",
                             least=0, distinct=True)
     band: list[float] = key([1e3, 5e4], "the frequencies that are looked at", unit="rad/s", least=0, form="[lo, hi]")
     methods: list[str] = field(default_factory=lambda: ["craig-bampton", "craig-chang", "rubin"])
-    modes: list[int] = key([50, 70, 100], "numbers of real modes of the brake in contact; each part keeps as many of its "
+    modes: list[int] = key([60, 100], "numbers of real modes of the brake in contact; each part keeps as many of its "
                            "own", least=1)
     units: str = "SI"
     folder: str = "."
