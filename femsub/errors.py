@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import sys
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -73,6 +75,14 @@ class CutoffWarning(FemsubWarning):
 
 class ConditionWarning(FemsubWarning):
     """A result is inaccurate because of rounding."""
+
+
+def warn(message: str | Warning, category: type[Warning] = FemsubWarning) -> None:
+    """Warn where the first caller outside this package stands, by whatever way it came here."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(("femsub.", "functools")):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)
 
 
 def unknown_name(kind: str, found: object, valid: Iterable[str]) -> InputError:

@@ -174,3 +174,13 @@ def test_the_recommended_system_has_the_full_one_s_critical_slope(kind: str) -> 
     best = found.recommended()
     assert best is not None and best.size < full.size
     assert best.error_slope < 1e-3 and best.error_force < 0.05
+
+
+def test_a_warning_points_to_the_line_that_called() -> None:
+    """Directly, part by part, and through a joint: the way inside femsub plays no role."""
+    parts = {"a": fs.chain(5, belt=2, interface=[5]), "b": fs.chain(5, belt=3, interface=[1], fixed=False)}
+    system = fs.couple(parts, [fs.Rigid(("a", [4]), ("b", [0]))])
+    for call in (lambda: fs.reduce(parts["a"], fs.CraigBampton(1)), lambda: fs.reduce(system, {"a": fs.CraigBampton(1)})):
+        with pytest.warns(fs.PortWarning) as told:
+            call()
+        assert {one.filename for one in told} == {__file__}

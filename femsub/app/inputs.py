@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import warnings
 from pathlib import Path
 from typing import Any
 
 from femsub import __version__
-from femsub.errors import FemsubWarning, InputError
+from femsub.errors import FemsubWarning, InputError, warn
 from femsub.io.atomic import content_hash
 
 
@@ -41,8 +40,7 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
             raise InputError(f"{place} has changed since the run of {path}: its SHA-256 was {item['sha256'][:12]}… and is "
                              f"{now[:12]}…. Put the old file back, or run the scene file")
     if (then := versions.get("femsub")) != __version__:
-        warnings.warn(f"{path} was written by femsub {then}, and this is {__version__}: figures may differ", FemsubWarning,
-                      stacklevel=2)
+        warn(f"{path} was written by femsub {then}, and this is {__version__}: figures may differ", FemsubWarning)
     return keys, path.parent
 
 

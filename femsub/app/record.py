@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, is_dataclass, replace
 from datetime import UTC, datetime
@@ -14,7 +13,7 @@ from femsub.app.inputs import hash_of, results_of
 from femsub.app.keys import item_kind, keys_of, kinds
 from femsub.app.report import machine, versions, write
 from femsub.app.scene import SCENES, Progress, Result, Scene
-from femsub.errors import FemsubWarning, InputError
+from femsub.errors import FemsubWarning, InputError, warn
 from femsub.io.mesh_text import texts_read
 
 #: the paper whose study the scenes of the chain repeat
@@ -69,8 +68,7 @@ class Record:
         _remove(self.folder, [name for name in self.last if name not in names | inputs])
         strange = sorted({path.name for path in self.folder.iterdir() if path.suffix in OURS} - names - inputs)
         if strange:
-            warnings.warn(f"{self.folder} also holds files that are not of this run: {_listed(strange)}", FemsubWarning,
-                          stacklevel=2)
+            warn(f"{self.folder} also holds files that are not of this run: {_listed(strange)}", FemsubWarning)
         return written
 
     def _place(self, path: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix, mapping, real_array
 from femsub.components.damping import damped
-from femsub.errors import ConditionWarning, InputError
+from femsub.errors import ConditionWarning, InputError, warn
 from femsub.model.substructure import Substructure
 
 if TYPE_CHECKING:
@@ -102,8 +101,8 @@ def tell_rounding(K: Matrix, lift: Array, whole: float, share: float, name: str,
     """
     rounding = min(share * EPS * float(np.linalg.norm(K.diagonal()[lift])) / whole, 1.0)
     if rounding > TOLD:
-        warnings.warn(f"{name!r}: rounding may take {rounding:.0e} of the lowest frequencies, because its smallest elements are "
-                      f"much stiffer than the whole. Remedy: {advice}", ConditionWarning, stacklevel=3)
+        warn(f"{name!r}: rounding may take {rounding:.0e} of the lowest frequencies, because its smallest elements are "
+             f"much stiffer than the whole. Remedy: {advice}", ConditionWarning)
 
 
 def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array], ports: Mapping[str, Array], dofs: DofMap,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +10,7 @@ from femsub.checks import Array
 from femsub.components.mesh import Mesh, boundary_faces, corner_nodes, corners_of
 from femsub.components.mesh_checks import listed
 from femsub.components.solid_elements import KINDS, face_quadrature, jacobians, quadrature, reference, shape_functions
-from femsub.errors import InputError, PortWarning, unknown_name
+from femsub.errors import InputError, PortWarning, unknown_name, warn
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,22 +80,14 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
     corners = np.unique(corners_of(mesh))
     for one, left in zip(found, lefts, strict=True):
         if not np.isin(left, corners).any():
-            warnings.warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number "
-                          f"{listed(mesh.numbers[left])}) are midside nodes of {one.kind} whose corners are not all in the set. "
-                          f"The mean is taken over the complete {one.kind} only", PortWarning, stacklevel=_outside())
+            warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number "
+                 f"{listed(mesh.numbers[left])}) are midside nodes of {one.kind} whose corners are not all in the set. "
+                 f"The mean is taken over the complete {one.kind} only", PortWarning)
             return one
     kind, left = found[0].kind, lefts[0]
     raise InputError(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} belong to none of the {kind} within it "
                      f"(number {listed(mesh.numbers[left])}), so a mean over {kind} would leave them out. Take them out of the "
                      f"set, add the nodes that complete their {kind}, or name a group of cells")
-
-
-def _outside() -> int:
-    """The stacklevel of the first caller that is not of this package: loads, ports and ties come here by different ways."""
-    frame, level = sys._getframe(1), 1
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith("femsub."):
-        frame, level = frame.f_back, level + 1
-    return level
 
 
 def _candidates(mesh: Mesh, nodes: Array, marked: Array) -> list[Patch]:

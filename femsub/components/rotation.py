@@ -17,7 +17,6 @@ All three act on each Cartesian component alone.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,7 +29,7 @@ from femsub.components.mesh import Mesh, boundary_faces, corner_nodes
 from femsub.components.solid import materials_of
 from femsub.components.solid_assembly import Material, Pattern, at_points
 from femsub.components.solid_elements import KINDS
-from femsub.errors import FemsubWarning, InputError, InputTypeError
+from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
 from femsub.model.dof_map import TRANSLATIONS
 from femsub.model.frozen import Frozen
 from femsub.model.substructure import Substructure
@@ -267,9 +266,9 @@ def _tell_swirl(part: Substructure, field: Array, around: Array) -> None:
     radius = np.maximum(np.linalg.norm(around, axis=1), TINY)
     share = float(np.linalg.norm(np.einsum("na,na->n", field, around) / radius) / np.linalg.norm(field))
     if share > SWIRL:
-        warnings.warn(f"{part.name!r}: {share:.0%} of the displacement under the centrifugal load is along the circumference, so "
-                      "its supports do not go all the way round. They stand still in space and do not turn with the part. Hold "
-                      "whole rings of nodes", FemsubWarning, stacklevel=3)
+        warn(f"{part.name!r}: {share:.0%} of the displacement under the centrifugal load is along the circumference, so "
+             "its supports do not go all the way round. They stand still in space and do not turn with the part. Hold "
+             "whole rings of nodes", FemsubWarning)
 
 
 def _turning(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array,

@@ -22,7 +22,7 @@ from threading import RLock, Thread
 from typing import TYPE_CHECKING, Any
 
 from femsub.checks import shown, whole_number
-from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, NotEnoughMemoryError, WorkerError
+from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, NotEnoughMemoryError, WorkerError, warn
 from femsub.linalg.memory import at_hand
 from femsub.linalg.petsc import versions
 from femsub.linalg.threads import BRINGING, one_thread
@@ -116,9 +116,9 @@ def _fitting(needs: Mapping[str, float], count: int, what: str) -> int:
     while fits > 1 and (free := at_hand(sum(sizes[:fits]) + fits * BASE)) is not None and sum(sizes[:fits]) + fits * BASE > free:
         fits -= 1
     if fits < count and free is not None:
-        warnings.warn(f"only {fits} of {count} workers run: {count} {what}s side by side need about "
-                      f"{(sum(sizes[:count]) + count * BASE) / 1e9:.3g} GB, but only {free / 1e9:.3g} GB are available",
-                      FemsubWarning, stacklevel=4)
+        warn(f"only {fits} of {count} workers run: {count} {what}s side by side need about "
+             f"{(sum(sizes[:count]) + count * BASE) / 1e9:.3g} GB, but only {free / 1e9:.3g} GB are available",
+             FemsubWarning)
     return fits
 
 
@@ -160,7 +160,7 @@ class _Run:
             for future in running:
                 future.cancel()
         for warning in self.told:
-            warnings.warn(warning, stacklevel=5)
+            warn(warning)
         if self.lost:
             raise self._error(advice)
         return self.done

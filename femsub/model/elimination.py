@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -11,7 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import Array, Matrix
-from femsub.errors import ConditionWarning
+from femsub.errors import ConditionWarning, warn
 from femsub.model.matrices import is_symmetric
 
 ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
@@ -234,9 +233,8 @@ def _decomposed(equations: Equations, rows: Array, columns: Array) -> tuple[Arra
 def _check_gap(pivots: Array) -> None:
     near = pivots[(pivots > DEPENDENT / UNSURE) & (pivots < DEPENDENT * UNSURE)]
     if len(near):
-        warnings.warn(f"the parts' shapes fulfil an equation of the joints to {near[0]:.0e} (relative) already: whether it is "
-                      "redundant, or costs a mode, depends on rounding. Keep more modes, or join fewer DOF", ConditionWarning,
-                      stacklevel=7)
+        warn(f"the parts' shapes fulfil an equation of the joints to {near[0]:.0e} (relative) already: whether it is "
+             "redundant, or costs a mode, depends on rounding. Keep more modes, or join fewer DOF", ConditionWarning)
 
 
 def _rank(R: Array) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, instance, mapping, shown, word
-from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name
+from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name, warn
 from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
 from femsub.model.frozen import Frozen
@@ -289,8 +288,8 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
         raise InputError(f"{found}. Only {SYMMETRY:g} is accepted as rounding. Give an unsymmetric matrix to Pencil(M, D, K), "
                          f"and friction as a contact. If it is rounding after all, give ({name} + {name}.T) / 2")
     if share[where] > UNUSUAL:
-        warnings.warn(f"{found}. It is treated as rounding and averaged out. If it is friction, use Pencil(M, D, K), else give "
-                      f"({name} + {name}.T) / 2", FemsubWarning, stacklevel=4)
+        warn(f"{found}. It is treated as rounding and averaged out. If it is friction, use Pencil(M, D, K), else give "
+             f"({name} + {name}.T) / 2", FemsubWarning)
     mean = (matrix + matrix.T) * 0.5
     return sp.csr_array(mean) if sp.issparse(mean) else mean
 

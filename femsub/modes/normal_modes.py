@@ -7,7 +7,6 @@ modes are wanted. The inertia of K - ω²M confirms their number (the inertia co
 from __future__ import annotations
 
 import logging
-import warnings
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +21,7 @@ from femsub.errors import (
     MissedModesError,
     NotConvergedError,
     SingularMatrixError,
+    warn,
 )
 from femsub.linalg.factor import SMALL, inertia, negative_eigenvalues
 from femsub.linalg.null_space import massless_apart
@@ -261,10 +261,10 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "
                                 f"at most {accepted:g} is accepted. Check the scaling of K and M")
     if rounding.max(initial=0.0) > LOST:
-        warnings.warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative "
-                      f"{rounding.max():.0e}, because large elastic forces cancel in this mode. Reduce the stiffness contrast "
-                      "within the part, coarsen the mesh, or use stiffer supports",
-                      ConditionWarning, stacklevel=5)
+        warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative "
+             f"{rounding.max():.0e}, because large elastic forces cancel in this mode. Reduce the stiffness contrast "
+             "within the part, coarsen the mesh, or use stiffer supports",
+             ConditionWarning)
     return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed, rounding)
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from femsub.checks import NOT_CHECKED, Array, instance
-from femsub.errors import FemsubWarning, InputError
+from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model.bands import beyond
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import Substructure
@@ -202,9 +201,9 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     at = region.listed(found.values)
     result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, cutoff)
     if result.backward_error.max(initial=0.0) > LOUD:
-        warnings.warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
-                      f"{result.eigenvalues[result.backward_error.argmax()]:.5g}). Ask for fewer, or scale the matrices",
-                      FemsubWarning, stacklevel=2)
+        warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
+             f"{result.eigenvalues[result.backward_error.argmax()]:.5g}). Ask for fewer, or scale the matrices",
+             FemsubWarning)
     result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
                      certified=found.evidence != NOT_CHECKED, evidence=found.evidence,
                      counted=None if found.counted is None else (found.counted.radius, found.counted.number))

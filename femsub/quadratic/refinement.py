@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import Array, items, positive_number, whole_number
-from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
+from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, warn
 from femsub.linalg.subspace import orthonormal
 from femsub.model.assembly import System
 from femsub.model.pencil import Pencil
@@ -210,10 +209,10 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
     if lost.any():
         one = int(np.flatnonzero(lost)[0])
         also = f". Rows {', '.join(f'{i} and {j}' for i, j in merged)} lead to the same mode" if merged else ""
-        warnings.warn(
+        warn(
             f"{int(lost.sum())} of {len(chosen)} reduced modes have no counterpart in the full model. The first is row "
             f"{chosen[one]}, λ = {modes.eigenvalues[chosen[one]]:.6g}: refined to λ = {values[one]:.6g} it keeps "
-            f"{100 * share[at][one]:.2g} % of its shape{also}. Keep more modes in the basis", FemsubWarning, stacklevel=3)
+            f"{100 * share[at][one]:.2g} % of its shape{also}. Keep more modes in the basis", FemsubWarning)
     return Refined(result, chosen, modes.eigenvalues[chosen], moved, share[at], merged, lost, *effort, whole)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array
-from femsub.errors import ConditionWarning, InputError
+from femsub.errors import ConditionWarning, InputError, warn
 from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio, units
 from femsub.reduction.method import Method
 from femsub.reduction.statics import COLUMNS, Partition, Statics, square, zeros
@@ -100,9 +99,9 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     if not len(rigid):
         lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed).max() / np.abs(condensed).max()
         if lost > DIGITS:
-            warnings.warn(f"the condensed stiffness of {sub.name!r} is inaccurate: two formulas for it differ by {lost:.1e} "
-                          "(relative). Its elements are much stiffer than the component as a whole. Coarsen the mesh",
-                          ConditionWarning, stacklevel=5)
+            warn(f"the condensed stiffness of {sub.name!r} is inaccurate: two formulas for it differ by {lost:.1e} "
+                 "(relative). Its elements are much stiffer than the component as a whole. Coarsen the mesh",
+                 ConditionWarning)
         return condensed
     values[rigid] = 0.0
     vectors = vectors / unit[:, None]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, overload
@@ -12,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, choice, instance, shown
-from femsub.errors import InputError, InputTypeError, PortWarning, WorkerError
+from femsub.errors import InputError, InputTypeError, PortWarning, WorkerError, warn
 from femsub.linalg.factor import SMALL
 from femsub.linalg.memory import LARGE, check_memory, reduction_bytes
 from femsub.linalg.threads import WORK, one_thread
@@ -330,9 +329,9 @@ def _projected(task: _Task, basis: Basis) -> ReducedSubstructure:
     title = task.method.title(basis.modes)
     for name, error in basis.port_error.items():
         if error > PORT_LIMIT:
-            warnings.warn(
+            warn(
                 f"port {name!r} of {sub.name!r}: its static response is off by {error:.2g} in the energy norm with "
-                f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning, stacklevel=3)
+                f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning)
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     return ReducedSubstructure(

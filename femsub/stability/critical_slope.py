@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.checks import Array, choice, instance, positive_number, real_array
-from femsub.errors import CutoffWarning, FemsubWarning, InputError, SingularMatrixError
+from femsub.errors import CutoffWarning, FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.linalg.factor import QUADRATIC, WIDE, factorise
 from femsub.linalg.threads import FEW, one_thread
 from femsub.linalg.workers import check_workers, side_by_side
@@ -209,9 +208,9 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
         modes = complex_modes(model, Belt(port, force=force, slope=float(values[i])), band=searched, certify=False)
         growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     if untold.any():
-        warnings.warn(f"at slopes of {values[untold].max():.4g} and below, max Re λ may be larger than reported. In a large "
-                      f"sparse model only eigenvalues with |Re λ| up to the end of the band ({limits[1]:.4g}) are computed",
-                      FemsubWarning, stacklevel=2)
+        warn(f"at slopes of {values[untold].max():.4g} and below, max Re λ may be larger than reported. In a large "
+             f"sparse model only eigenvalues with |Re λ| up to the end of the band ({limits[1]:.4g}) are computed",
+             FemsubWarning)
     return StabilitySweep(values, growth, omega, limits)
 
 
@@ -324,8 +323,8 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     if found.omega > sure or (np.isinf(found.c) and limits[1] > sure):
         what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
             f"no border was found, but the band, which ends at {limits[1]:.5g}, reaches"
-        warnings.warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
-                      "reduced model may be inaccurate. Keep more modes", CutoffWarning, stacklevel=2)
+        warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
+             "reduced model may be inaccurate. Keep more modes", CutoffWarning)
     result = CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)
     log.info("%r", result)
     return result

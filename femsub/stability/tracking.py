@@ -12,7 +12,6 @@ knows right vectors alone and takes the two modes of a coalescence for one.
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, check_band, real_array
-from femsub.errors import FemsubWarning, InputError
+from femsub.errors import FemsubWarning, InputError, warn
 from femsub.linalg.factor import QUADRATIC, WIDE
 from femsub.model.affine import Affine
 from femsub.model.bands import DOUBLE, in_band, upper
@@ -176,8 +175,8 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     chain = _Chain(pencil_at, limits, (points[0], points[-1]), FINEST if model.size <= WIDE else FINEST_SPARSE)
     chain.follow(points)
     if chain.spent >= MOST:
-        warnings.warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Track over a "
-                      "shorter range or in a narrower band", FemsubWarning, stacklevel=2)
+        warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Track over a "
+             "shorter range or in a narrower band", FemsubWarning)
     result = _collected(chain, parameter, points, limits)
     log.info("%r", result)
     return result

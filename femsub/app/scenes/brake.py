@@ -36,7 +36,7 @@ from femsub.app.scenes.outputs import motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array, check_band, interval
 from femsub.components.brake import brake_meshes, check_held, covered, opposite
-from femsub.errors import FemsubWarning, InputError, PortWarning
+from femsub.errors import FemsubWarning, InputError, PortWarning, warn
 from femsub.reduction.reduce import METHODS
 from femsub.studies.friction_sweep import FrictionRow, compared, first_loss, over_mu, same_loss
 from femsub.studies.tables import table
@@ -124,8 +124,8 @@ class Brake:
             found["disc"] = found["disc"].with_sets(**{f"under-{name}": met})
             share = covered(found[name], scene.face, found["disc"], track)
             if share < COVERED:
-                warnings.warn(f"only {share:.0%} of the face {scene.face!r} of {name!r} lies on the track {track!r} of the disc; "
-                              "the rest carries no contact", FemsubWarning, stacklevel=2)
+                warn(f"only {share:.0%} of the face {scene.face!r} of {name!r} lies on the track {track!r} of the disc; "
+                     "the rest carries no contact", FemsubWarning)
         return found
 
     def _parts(self) -> dict[str, Substructure]:
@@ -202,7 +202,7 @@ class Brake:
         try:
             return {"reduced": own, "full": same_loss(self.affine, *own)}
         except InputError as error:
-            warnings.warn(f"the critical mu of the full model was not found: {error}", FemsubWarning, stacklevel=2)
+            warn(f"the critical mu of the full model was not found: {error}", FemsubWarning)
             return {"reduced": own, "full": (np.nan, np.nan)}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import Array, finite_number, whole_number
-from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError
+from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, warn
 from femsub.linalg.factor import shared_factor
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
@@ -255,8 +254,8 @@ def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: 
         orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
     if max(truncation, aliasing) > ROUGH:
         target = 0.1 * truncation if harmonics else 0.5 * tolerance  # the truncation with `enough` harmonics
-        warnings.warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}). "
-                      f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning, stacklevel=3)
+        warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}). "
+             f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning)
     return LimitCycle(contact, in_phase(orbit), flexibility, residual, truncation, aliasing, steps)
 
 
