@@ -314,9 +314,9 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
             check_span(joined.S.shape[1], name)
     if not joined.S.shape[1]:
         raise InputError(f"the joints of {name!r} leave nothing to move")
-    matrices = _matrices(parts, links, joined, equations.unit, dense or weakly)
     chosen = unjoined(parts, links) if interface is None else listed(parts, interface)
     if weakly:
+        matrices = _matrices(parts, links, joined, equations.unit, True)
         X, unit, matrices, spurious = finite_span(*matrices, joined.multipliers, open_rows(parts, joined.S, chosen))
         joined = joined.through(X, unit)
         if not len(unit):
@@ -324,7 +324,11 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     open_, place = distinct(parts, chosen, joined.S, joined.unit)
     T, columns = recovered(open_rows(parts, joined.S, open_), joined.unit)
     if T is not None:
-        joined, matrices = joined.through(T, joined.unit), tuple(congruent(A, T) for A in matrices)
+        joined = joined.through(T, joined.unit)
+        if weakly:
+            matrices = congruent(matrices[0], T), congruent(matrices[1], T), congruent(matrices[2], T)
+    if not weakly:
+        matrices = _matrices(parts, links, joined, equations.unit, dense)
     M, D, K = matrices if len(joined.owner) and not weakly else _settled(parts, links, joined, matrices)
     if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
         M, D, K = (A.toarray() for A in matrices)

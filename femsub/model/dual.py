@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, MissedModesError
-from femsub.model.elimination import Equations, congruent, eliminate, independent, product, units
+from femsub.model.elimination import ROUNDING, Equations, congruent, eliminate, independent, product, units
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
@@ -38,8 +38,10 @@ class Multiplied:
         return len(np.unique(sp.csr_array(self.G).indices))
 
     def through(self, T: Matrix, unit: Array) -> Multiplied:
-        """In new coordinates, x = T z."""
-        return Multiplied(sp.csr_array(product(self.S, T)), sp.csr_array(self.G @ T), self.A, unit, self.owner)
+        """In new coordinates, x = T z. What cancels in S T is 0: a trace of elastic motion would stiffen a rigid one."""
+        S = sp.csr_array(product(self.S, T))
+        S = sp.csr_array(S.multiply(abs(S) > ROUNDING * (abs(self.S) @ abs(sp.csr_array(T)))))
+        return Multiplied(S, sp.csr_array(self.G @ T), self.A, unit, self.owner)
 
     def work(self) -> Matrix:
         """GᵀAS + (GᵀAS)ᵀ, what the multipliers add to the stiffness, sparse, shape (n, n)."""
