@@ -34,7 +34,8 @@ SMALL = {
     "own-parts": 'methods = ["CC"]\nmodes = [3]\nband = [0.0, 0.4]\nslope = -0.1\nrepeats = 1\n[[parts]]\nname = "a"\n'
                  'M = "M.npz"\nK = "model.mat:K"\ninterface = [19]\nport = 1\n[[parts]]\nname = "b"\nM = "M.npz"\n'
                  'K = "model.mat:K"\ninterface = [19]\n[[joints]]\nbetween = ["a", "b"]\n',
-    "brake": 'size = 0.08\nfull = [0.5]\nband = [1e3, 1.2e4]\nmodes = [8]\noutputs = ["unstable"]\n',
+    "brake": 'size = 0.08\nfull = [0.5]\nband = [1e4, 1.2e4]\nE = [1.1e11, 8e9, 2.1e11]\nnu = [0.26, 0.3, 0.3]\n'
+             'rho = [7200.0, 2600.0, 7850.0]\nmodes = [8]\noutputs = ["unstable"]\n',
     "chain-transient": 'time = [0, 300]\nwindow = [100, 300]\nlength = 100\n',
     "solid-transient": 'elements = [2, 12, 1]\nmodes = [20]\nmethods = ["CC"]\nperiods = 20\ncompared = 4\n'
                        'outputs = ["spectrum"]\n',

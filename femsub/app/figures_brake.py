@@ -28,11 +28,11 @@ def errors_figure(rows: Sequence[FrictionRow], full: float, title: str) -> Any:
             found = [row for row in rows if row.method == method and np.isfinite(getattr(row, kind))]
             places = [row.seconds for row in found], [max(getattr(row, kind), FLOOR) for row in found]
             axis.plot(*places, color=style.colour, marker=style.marker, ms=6, lw=1, mfc="none", label=style.label)
-            missing = [i for i, row in enumerate(found) if row.missed]
-            axis.plot([places[0][i] for i in missing], [places[1][i] for i in missing], "x", color="red", ms=9, ls="none",
-                      label="misses an unstable mode")
+            if missing := [i for i, row in enumerate(found) if row.missed]:
+                axis.plot([places[0][i] for i in missing], [places[1][i] for i in missing], "x", color="red", ms=9, ls="none",
+                          label="misses an unstable mode")
         axis.axvline(full, color="black", ls="--", lw=1, label="full model, one mu")
-        axis.set(xscale="log", yscale="log", xlabel="seconds to reduce, and to solve at one mu", title=name)
+        axis.set(xscale="log", yscale="log", xlabel="seconds to reduce and solve, one mu", title=name)
         axis.grid(lw=0.4)
         few_decades(axis)
     axes[0].set_ylabel("largest error relative to |λ|, or to mu  [-]")
