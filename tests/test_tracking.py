@@ -68,6 +68,16 @@ def test_at_the_exceptional_point_no_eigenvalue_is_told_better_than_the_root_of_
     assert met.kind == "coalescence" and 1e-3 < met.gap < 0.05 and met.condition < 1e3 and met.error_bar < 1e-11
 
 
+def test_a_value_at_the_exceptional_point_itself_breaks_no_branch() -> None:
+    """K = [[2, d], [1, 2]] with ω² = 2 ± √d: at d = 0 there is one vector, free of rounding."""
+    model = fs.Affine(EYE, None, [(1.0, [[2.0, 0.0], [1.0, 2.0]]), ("d", [[0.0, 1.0], [0.0, 0.0]])])
+    found = fs.track(model, None, "d", [-0.5, -0.25, 0.0, 0.25, 0.5])
+    assert found.eigenvalues.shape[1] == 2 and not np.isnan(found.eigenvalues).any()
+    (met,) = found.meetings
+    assert met.kind == "splitting" and abs(met.value) < 1e-7 and met.condition > 1e6
+    assert np.allclose((-found.eigenvalues**2 - 2) ** 2, found.values[:, None], atol=1e-7)
+
+
 @pytest.mark.parametrize("coupling", [0.2, 1e-2, 1e-4])
 def test_a_veering_pair_follows_its_curves(coupling: float) -> None:
     found = fs.track(pair(coupling), None, "p", np.linspace(-1.0, 1.1, 6))
@@ -90,12 +100,22 @@ def test_modes_that_do_not_act_on_each_other_cross(damping: tuple[float, float])
     assert met.gap == pytest.approx(abs(damping[0] - damping[1]) / 2, abs=1e-6)
 
 
-def test_a_crossing_at_a_value_asked_for_goes_straight() -> None:
-    turn = np.array([[0.6, -0.8], [0.8, 0.6]])  # vectors of the double eigenvalue at p = 0 are arbitrary
+@pytest.mark.parametrize("angle", [0.4, 0.7, 1.0, 1.3])
+def test_a_crossing_at_a_value_asked_for_goes_straight(angle: float) -> None:
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])  # at p = 0 all vectors are eigenvectors
     model = fs.Affine(EYE, None, [(4.0, EYE), ("p", turn @ np.diag([1.0, -1.0]) @ turn.T)])
     found = fs.track(model, None, "p", np.linspace(-1.0, 1.0, 5))
-    assert np.allclose(found.eigenvalues.imag ** 2, 4 + np.outer(found.values, [1, -1]), atol=1e-12)
+    assert np.allclose(np.diff(found.eigenvalues.imag**2, axis=0), [[0.5, -0.5]] * 4, atol=1e-12) \
+        or np.allclose(np.diff(found.eigenvalues.imag**2, axis=0), [[-0.5, 0.5]] * 4, atol=1e-12)
     assert [met.kind for met in found.meetings] == ["crossing"]
+
+
+def test_a_double_real_eigenvalue_of_one_vector_breaks_no_branch() -> None:
+    """λ² + 2λ + 1 + p: critical damping at p = 0, where left and right vectors are at right angles."""
+    found = fs.track(fs.Affine([[1.0]], [[2.0]], [(1.0, [[1.0]]), ("p", [[1.0]])]), None, "p", np.linspace(-0.5, 0.5, 5))
+    assert found.eigenvalues.shape[1] == 2 and np.allclose((found.eigenvalues + 1) ** 2, -found.values[:, None], atol=1e-8)
+    (met,) = found.meetings
+    assert met.kind == "splitting" and abs(met.value) < 1e-8 and met.condition == met.error_bar == np.inf
 
 
 def test_two_meetings_in_one_step_are_both_seen() -> None:
@@ -107,12 +127,13 @@ def test_two_meetings_in_one_step_are_both_seen() -> None:
 
 
 def test_equal_eigenvalues_all_along_cost_nothing() -> None:
-    Q = np.linalg.qr(np.random.default_rng(3).standard_normal((4, 4)))[0]
-    first, second = (Q @ np.diag(values) @ Q.T for values in ([1.0, 1.0, 3.0, 3.0], [1.0, 1.0, 0.0, 0.0]))
-    model = fs.Affine(np.eye(4), None, [(1.0, first), ("p", second)])
-    found = fs.track(model, None, "p", np.linspace(0, 1, 5))
-    assert found.asked.all() and found.eigenvalues.shape == (5, 4)
-    assert np.allclose(np.sort(found.eigenvalues.imag**2, axis=1)[:, :2], 1 + found.values[:, None])
+    """Four double eigenvalues, as of a disc; their vectors are arbitrary at each value."""
+    Q = np.linalg.qr(np.random.default_rng(3).standard_normal((8, 8)))[0]
+    first, second = ((Q * np.repeat(values, 2)) @ Q.T for values in ([1.0, 3.0, 5.0, 7.0], [0.5, 0.1, -0.3, 0.2]))
+    model = fs.Affine(np.eye(8), None, [(1.0, (first + first.T) / 2), ("p", (second + second.T) / 2)])
+    found = fs.track(model, None, "p", np.linspace(0, 1, 9))
+    assert found.asked.all() and found.eigenvalues.shape == (9, 8)
+    assert np.allclose(np.sort(found.eigenvalues.imag**2, axis=1)[:, :2], 1 + found.values[:, None] / 2)
 
 
 def test_real_eigenvalues_have_branches_of_their_own() -> None:

@@ -78,7 +78,8 @@ def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Arra
         return []
     p, values, bar, condition, inside = p[both], values[both], bar[both], condition[both], inside[both]
     gap = values[:, 0] - values[:, 1]
-    size, doubt = np.abs(gap), bar.max(axis=1) + DOUBLE * np.abs(values).max(axis=1)
+    told = np.where(np.isfinite(bar), bar, 0.0)  # infinite at an exceptional point itself
+    size, doubt = np.abs(gap), told.max(axis=1) + DOUBLE * np.abs(values).max(axis=1)
 
     def meeting(kind: str, value: float, i: int, k: int, least: float) -> Meeting:
         mean = np.interp(value, p, values.mean(axis=1))
