@@ -110,6 +110,15 @@ def test_a_crossing_at_a_value_asked_for_goes_straight(angle: float) -> None:
     assert [met.kind for met in found.meetings] == ["crossing"]
 
 
+@pytest.mark.parametrize("b", [1e-4, 1e-3])
+def test_long_steps_over_a_near_coalescence_take_the_branch_that_grows_already(b: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With damping the lower branch of Ziegler's pendulum grows before the two come together, and goes on growing."""
+    monkeypatch.setattr("femsub.stability.tracking.FINEST", 1e-2)
+    found = fs.track(ziegler(b), None, "P", np.linspace(1.0, 3.0, 4))
+    assert found.eigenvalues[0, 0].imag < found.eigenvalues[0, 1].imag and len(found.values) < 20
+    assert found.eigenvalues[-1, 0].real > 0.1 > found.eigenvalues[-1, 1].real
+
+
 def test_a_double_real_eigenvalue_of_one_vector_breaks_no_branch() -> None:
     """λ² + 2λ + 1 + p: critical damping at p = 0, where left and right vectors are at right angles."""
     found = fs.track(fs.Affine([[1.0]], [[2.0]], [(1.0, [[1.0]]), ("p", [[1.0]])]), None, "p", np.linspace(-0.5, 0.5, 5))

@@ -52,6 +52,7 @@ DIFFERENCE = 1e-3  # of the range: step of the difference for λ'
 MOST = 3000  # eigenproblems beside those asked for
 AROUND = 0.1  # of the band's width: how far beyond its ends modes are followed, so that none is lost at an edge
 NEAR = 1e-3  # |Δλ| / |λ| up to which a defective mode, whose vectors tell nothing, is continued
+STRAIGHT = 1e-2  # |cos| of the turn of λ_a - λ_b up to which a pair may have met exactly
 PLACES = np.linspace(0.0, 1.0, 9)  # in a step, where an approach is looked for
 
 
@@ -354,7 +355,10 @@ def _continue_defective(here: _Node, there: _Node, to: Array, missed: Array) -> 
 
 
 def _order_alike(here: _Node, there: _Node, s: Array, to: Array) -> None:
-    """Where vectors do not tell two successors apart: the higher frequency continues as the larger growth, and the reverse."""
+    """Where vectors do not tell two successors apart, (λ_a - λ_b)² does: taken as linear over the step, its root is continuous.
+
+    If it passes 0 within rounding, the higher frequency continues as the larger growth, and the reverse.
+    """
     rows = np.flatnonzero(to >= 0)
     rows = rows[np.abs(s[rows, to[rows]] - 1) > ALIKE]
     if len(rows) < 2:
@@ -366,8 +370,15 @@ def _order_alike(here: _Node, there: _Node, s: Array, to: Array) -> None:
     half = there.values[columns].imag >= 0
     count, part = sp.csgraph.connected_components(linked & np.equal.outer(half, half), directed=False)
     for group in (np.flatnonzero(part == i) for i in range(count)):
-        ahead = columns[group]
-        to[rows[group[_rank(here.values[rows[group]])]]] = ahead[_rank(there.values[ahead])]
+        behind, ahead = rows[group], columns[group]
+        if len(group) == 2:
+            gaps = [values[pair[0]] - values[pair[1]] for values, pair in ((here.values, behind), (there.values, ahead))]
+            turn = float((gaps[1] * gaps[0].conjugate()).real)
+            apart = min(map(abs, gaps)) > DOUBLE * abs(here.values[behind[0]])
+            if apart and abs(turn) > STRAIGHT * abs(gaps[0] * gaps[1]):
+                to[behind] = ahead if turn > 0 else ahead[::-1]
+                continue
+        to[behind[_rank(here.values[behind])]] = ahead[_rank(there.values[ahead])]
 
 
 def _rank(values: Array) -> Array:
