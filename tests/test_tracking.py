@@ -200,6 +200,12 @@ def test_a_sparse_model_is_searched_in_its_band() -> None:
         fs.track(model, None, "p", values)
 
 
+def test_the_limit_of_the_effort_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.stability.tracking.MOST", 3)
+    with pytest.warns(fs.FemsubWarning, match="3 steps were halved, which is the limit"):
+        assert len(fs.track(pair(1e-3), None, "p", [-1.0, 1.1]).values) == 5
+
+
 def test_what_cannot_be_tracked_is_refused() -> None:
     for values in ([1.0], [], [[0.0, 1.0], [2.0, np.nan]]):
         with pytest.raises(fs.InputError, match="values"):
