@@ -155,6 +155,31 @@ def test_a_tolerance_that_is_not_met_is_told() -> None:
         fs.reduce(full, dict.fromkeys(full.parts, fs.CraigBampton(band=(0.0, 0.3), tol=1e-17)))
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_rounding_between_stiff_and_soft_parts_is_told_in_any_unit(unit: float) -> None:
+    soft = fs.chain(9, interface=[7, 8, 9])
+    bar = fs.chain(9, interface=[1, 2, 3, 5, 7], fixed=False)
+
+    def goal(contrast: float) -> fs.System:
+        parts = {"soft": fs.Substructure(soft.M, unit**2 * soft.K, interface=soft.interface),
+                 "stiff": fs.Substructure(bar.M, unit**2 * contrast * bar.K / 3, interface=bar.interface)}
+        full = fs.couple(parts, [fs.Rigid(("soft", [8]), ("stiff", [0]))])
+        return fs.reduce(full, dict.fromkeys(parts, fs.CraigBampton(band=(0.0, 0.3 * unit), tol=1e-3)))
+
+    assert goal(1e6).estimate is not None
+    with pytest.raises(fs.NotConvergedError, match="Rounding alone"):
+        goal(1e13)
+
+
+def test_a_point_mass_is_a_part() -> None:
+    parts = {"bar": fs.chain(20, interface=[20]), "mass": fs.Substructure([[3.0]], [[0.0]], interface=[0])}
+    full = fs.couple(parts, [fs.Rigid(("bar", [19]), ("mass", [0]))])
+    rom = fs.reduce(full, dict.fromkeys(parts, fs.CraigBampton(band=(0.0, 0.3), tol=1e-3)))
+    exact, found = (fs.normal_modes(one, count=2).frequencies for one in (full, rom))
+    assert rom.estimate is not None and rom.estimate.met
+    assert np.abs(found / exact - 1).max() <= 1e-3
+
+
 def test_systems_without_an_estimate_are_told() -> None:
     full = system()
     sprung = fs.couple(full.parts, [*full.joints, fs.Spring(("p1", "belt"), stiffness=1.0)])

@@ -165,13 +165,16 @@ class Nested:
         return omega, np.einsum("ij,ij->j", q, self.rounding @ q) / (2 * omega) + solver
 
     def lowest(self, M: Array, K: Array) -> tuple[Array, Array]:
-        """ω and shapes of a reduced model up to `limit`, ascending and without rigid-body modes. Its first coordinates are C."""
+        """ω and shapes, φᵀMφ = 1, of a reduced model up to `limit`, ascending and without rigid-body modes.
+
+        Its first coordinates are C.
+        """
         if np.isfinite(self.limit):
             held = M[:, :self.constraint] @ self._rigid
             with suppress(la.LinAlgError):  # rigid motion goes above the limit
                 inverse, shapes = la.eigh(M, K + (2 * self.limit) ** 2 * (held @ held.T), check_finite=False,
                                           subset_by_value=(self.limit**-2, np.inf))
-                return inverse[::-1] ** -0.5, shapes[:, ::-1]
+                return inverse[::-1] ** -0.5, (shapes * inverse**-0.5)[:, ::-1]  # LAPACK has them of unit energy
         found = all_modes(K, M, ACCEPTED)
         return found.frequencies[found.rigid:], found.shapes[:, found.rigid:]
 

@@ -232,7 +232,7 @@ def _together(system: System, methods: Mapping[str, Method], ports: bool, contac
         kept, estimate = chosen_together(system, statics, {name: task.method.modes for name, task in tasks.items()
                                                            if name in statics and task.method.modes is not None},
                                          contacts, goal)
-        bases = {name: _finished(task, statics[name], kept[name]) if name in statics else _whole(task, parts[name])
+        bases = {name: _finished(task, statics[name], kept[name]) if name in statics else _whole(task, parts[name], False)
                  for name, task in tasks.items()}
     found = system.with_parts({name: _projected(task, bases[name]) for name, task in tasks.items()})
     log.info("%r: %r", found, estimate)
@@ -313,13 +313,16 @@ def _finished(task: _Task, statics: Statics, kept: Kept) -> Basis:
     return method.basis(statics, kept, responses, task.ports)
 
 
-def _whole(task: _Task, part: Partition) -> Basis:
-    """The basis of a component whose DOF are all interface: the identity, nothing is left out."""
+def _whole(task: _Task, part: Partition, judged: bool = True) -> Basis:
+    """The basis of a component whose DOF are all interface: the identity, nothing is left out.
+
+    In a system it is not judged by itself: it may be a point mass, which has no modes.
+    """
     sub, method, b = part.sub, task.method, part.sub.interface
     if method.modes and sub is task.sub:
         raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface, so there are "
                          "none. Use modes=0, or a smaller interface")
-    estimate = None if method.band is None else unreduced(sub.K, sub.M, method.band, method.tol, task.pencil)
+    estimate = unreduced(sub.K, sub.M, method.band, method.tol, task.pencil) if judged and method.band is not None else None
     return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
                  task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
 

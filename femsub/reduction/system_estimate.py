@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, check_band, finite_number, instance
+from femsub.checks import EPS, Array, check_band, finite_number, instance
 from femsub.errors import InputError
 from femsub.model.assembly import System, couple
 from femsub.model.bands import upper
@@ -145,7 +145,8 @@ class JoinedSearch:
         order = np.concatenate([outside, within])
         M, K, D = (_dense(A)[np.ix_(order, order)] for A in (joined.M, joined.K, joined.D))
         turns = {name: L[rows[name]].toarray()[:, order] for name in own}
-        count, forces, rounding = len(outside), [np.zeros((len(order), 0))], np.zeros((len(outside),) * 2)
+        count, forces = len(outside), [np.zeros((len(order), 0))]
+        rounding = _of_sums(K[:count, :count])
         for name, (nested, _) in own.items():
             C = turns[name][:nested.constraint, :count]
             rounding += C.T @ nested.rounding @ C
@@ -183,6 +184,15 @@ def damped_parts(system: System, contacts: Contacts) -> dict[str, Substructure]:
         damping = small_matrices(system, contact)[1]
         found[owner] = found[owner].with_damping(found[owner].pencil.with_contact(damping, W).D)
     return found
+
+
+def _of_sums(K: Array) -> Array:
+    """A diagonal R with |xᵀEx| ≤ xᵀRx for every E whose entries are at most EPS times those of K.
+
+    So much is lost where a stiff part that floats meets a soft one: in the sums of their stiffnesses, and in its rigid motion.
+    """
+    unit = np.sqrt(np.where((bare := K.diagonal()) > 0, bare, 1.0))
+    return np.diag(EPS * unit * (np.abs(K) @ (1 / unit)))
 
 
 def _dense(A: Any) -> Array:

@@ -149,8 +149,7 @@ def _costs(nested: Nested, band: tuple[float, float]) -> list[Array]:
     kept = nested.rest.start
     omega, shapes = nested.lowest(nested.M[:kept, :kept], nested.K[:kept, :kept])
     inside = np.flatnonzero(~beyond(omega, band[1]) & ~beyond(band[0], omega))
-    shapes, square = shapes[:, inside], omega[inside] ** 2
-    amplitude = shapes[kept - nested.modes:] / np.sqrt(np.einsum("ij,ij->j", shapes, nested.M[:kept, :kept] @ shapes))
+    amplitude, square = shapes[kept - nested.modes:, inside], omega[inside] ** 2
     cost = amplitude**2 * np.maximum(nested.values[:, None] - square, 0.0) / (2 * square)
     return np.split(cost, np.cumsum(nested.most)[:-1])
 
