@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
+from femsub.components.friction_contact import contact_points
 from femsub.model.contact import small_matrices
 
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
@@ -125,6 +126,70 @@ def test_turning_the_second_body_alone_changes_nothing() -> None:
     assert np.abs(carried @ motion(system, plate=turned)).max() < 1e-9 * np.abs(carried @ motion(system, pad=turned)).max()
 
 
+SHIFT, EDGES = np.array([0.1, 0.045, 0.02]), np.array([0.1, 0.05])  # middle of the pad's face, and its sides
+
+
+def quadratic(a: np.ndarray, turned: bool = False) -> Any:
+    """A field of second order in x and y with random coefficients a (3, 5); with turned=True e × (x - c)·∇ of it."""
+
+    def field(x: np.ndarray) -> Any:
+        (X, Y), way = ((x - SHIFT)[:, :2] / EDGES).T, np.cross([0, 0, 1], x - ABOUT["centre"])[:, :2] / EDGES
+        if turned:
+            dX, dY = way.T
+            return np.stack([dX, dY, 2 * X * dX, X * dY + Y * dX, 2 * Y * dY], axis=1) @ a.T
+        return np.stack([X, Y, X**2, X * Y, Y**2], axis=1) @ a.T
+    return field
+
+
+@pytest.mark.parametrize(("kind", "turning"), [("hexahedron20", False), ("hexahedron20", True), ("tetra10", True)])
+def test_it_is_the_derivative_of_coulombs_law(kind: str, turning: bool) -> None:
+    """The law with the true direction of v, integrated by a rule of its own; its change by differences."""
+    meshes = {"pad": moved(fs.block((0.1, 0.05, 0.02), (4, 2, 1), kind), (0.05, 0.02, 0.02)),
+              "plate": fs.block((0.2, 0.1, 0.02), (5, 3, 1), kind)}
+    contact = rubbing(meshes, pressure=P, speed=V, slope=SLOPE, **(ABOUT if turning else {}))
+    system = fs.couple({name: fs.solid(mesh, STEEL, interface=["bottom", "top"]) for name, mesh in meshes.items()}, [contact])
+    W, *small = small_matrices(system, contact)
+    rule, weight = np.polynomial.legendre.leggauss(8)
+    s = np.stack(np.meshgrid(rule, rule), axis=2).reshape(-1, 2) / 2
+    x, w = np.column_stack([s * EDGES, np.zeros(len(s))]) + SHIFT, np.outer(weight, weight).ravel() * EDGES.prod() / 4
+    rng = np.random.default_rng(5)
+    (u1, u2), (v1, v2), (a1, a2) = rng.standard_normal((3, 2, 3, 5))
+    u1[2] = u2[2] = 0.0  # k would hide the terms of p; it is in the tests above
+
+    def power(h: float, moving: bool) -> float:
+        """Of the contact's forces under displacements (or velocities) h u, on the fields a."""
+        far = V * np.cross([0, 0, 1], x - ABOUT["centre"]) if turning else V * np.tile([1.0, 0, 0], (len(x), 1))
+        slide = far + (h * (quadratic(v2)(x) - quadratic(v1)(x)) if moving else 0)
+        if turning and not moving:
+            slide = slide + V * h * (np.cross([0, 0, 1], quadratic(u1)(x) - quadratic(u2)(x)) + quadratic(u2, turned=True)(x))
+        slide[:, 2] = 0.0
+        size = np.linalg.norm(slide, axis=1)
+        mu = MU + SLOPE * (size - np.linalg.norm(far, axis=1))
+        force = P * ((mu / size)[:, None] * slide + [0, 0, 1])
+        return float(w @ (force * (quadratic(a1)(x) - quadratic(a2)(x))).sum(axis=1))
+
+    for moving, C, one, two in ((True, small[0], v1, v2), (False, small[1], u1, u2)):
+        h = 1e-5
+        found = W.T @ motion(system, pad=quadratic(a1), plate=quadratic(a2)) @ C @ (
+            W.T @ motion(system, pad=quadratic(one), plate=quadratic(two)))
+        assert -found == pytest.approx((power(h, moving) - power(-h, moving)) / (2 * h), rel=1e-5, abs=1e-3)
+
+
+def test_pads_on_both_sides_are_dragged_along_and_brake_the_disc() -> None:
+    meshes = {"over": moved(fs.block((0.1, 0.05, 0.02), (4, 2, 1)), (0.05, 0.02, 0.02)),
+              "below": moved(fs.block((0.06, 0.05, 0.02), (2, 2, 1)), (0.1, 0.03, -0.02)), "plate": PLATE}
+    parts = {name: fs.solid(mesh, STEEL, interface=["bottom", "top"]) for name, mesh in meshes.items()}
+    contacts = [fs.FrictionContact("over.bottom", "plate.top", meshes, K, MU, **ABOUT),
+                fs.FrictionContact("below.top", "plate.bottom", meshes, K, MU, **ABOUT)]
+    system = fs.couple(parts, contacts)
+    pressed = motion(system, over=constant(0, 0, -1e-6), below=constant(0, 0, 1e-6))
+    force = -sum(added(system, contact) for contact in contacts) @ pressed
+    turning = {name: resultant(system, force, name, moment=True)[2] for name in meshes}
+    assert turning["over"] > 0 and turning["below"] > 0
+    assert turning["plate"] == pytest.approx(-turning["over"] - turning["below"], rel=1e-9)
+    assert resultant(system, force, "below")[2] == pytest.approx(-K * 1e-6 * 0.06 * 0.05, rel=1e-9)
+
+
 def test_sets_kept_as_interface_carry_the_contact_into_reduced_models() -> None:
     system, meshes = pair()
     contact = rubbing(meshes, pressure=P / 100, speed=V, **ABOUT)
@@ -178,3 +243,17 @@ def test_surfaces_that_lie_apart_or_look_the_same_way_are_refused() -> None:
     below = {**meshes, "pad": moved(meshes["pad"], (0, 0, -0.02))}  # its top lies on the plate's
     with pytest.raises(fs.InputError, match="do not face each other"):
         system.linearised(replace(rubbing(below), first="pad.top"))
+
+
+def test_a_surface_that_reaches_beyond_the_second_is_told() -> None:
+    system, meshes = pair()
+    beside = {**meshes, "pad": moved(meshes["pad"], (0.07, 0, 0))}  # 20 of its 100 mm are beside the plate
+    contact = rubbing(beside)
+    with pytest.warns(fs.PortWarning, match=r"only 80% of the face 'bottom' of 'pad' lies on plate\.top"):
+        parts = {"pad": fs.solid(beside["pad"], STEEL, interface=["bottom"]), "plate": system.parts["plate"]}
+        joined = fs.couple(parts, [contact])
+    with pytest.warns(fs.PortWarning, match="only 80%"):
+        assert added(joined, contact).sum() != 0
+    disc = fs.annulus(0.05, 0.15, 0.01, (2, 12, 1), "hexahedron20")  # curved faces, which have straight edges here
+    same = moved(disc, (0, 0, np.ptp(disc.points[:, 2])))
+    assert contact_points((same, "bottom", "a"), (disc, "top", "b"), None).share == pytest.approx(1.0, rel=1e-9)

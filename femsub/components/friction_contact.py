@@ -13,8 +13,8 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import reference, skfem
-from femsub.components.ties import Surface, common_parts, reach, rows_of_nodes
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.components.ties import Surface, areas, common_parts, reach, rows_of_nodes
+from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
 from femsub.model.dof_map import TRANSLATIONS
 from femsub.model.joints import GROUND, Joint, Link, Site
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 KEPT = 8  # pairs of surfaces whose points are kept, since a sweep over μ makes a contact for each value
 ALONG = 0.1  # of the sliding velocity that must lie in the surface
+TOUCHING = 0.99  # of the first surface that lies on the second: below, there is a warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,12 @@ class FrictionContact(Joint):
     (circulatory). The last term is the damping by friction itself: a velocity along s turns the direction of sliding. It needs V.
     With a second body that turns, K has in addition -∫ (μ p / r) S Rₛᵀ + μ' p Ω T Rₜᵀ dA, where Rₛ and Rₜ are the components of
     ∂u₂/∂θ + e × (u₁ - u₂): the material of the second body moves through the contact.
+
+    These are the derivatives of the force (p - k Nᵀu)(n + μ(|v|) v/|v|), where v is the sliding velocity in the surface. The
+    surfaces neither part nor stick. p is the same everywhere and stays with the first surface, so no gradient of p is carried
+    along. Other terms with p but without k are left out. At a wavelength L they are about p / (k L) of those with k. A surface
+    that tilts or stretches turns n and t and changes the area (follower forces). Two bodies that move apart in the surface meet
+    at another place of the second. With a `direction` the material of the second body is not carried through the contact.
 
     A friction contact is also a joint without equations: among the joints of `couple` it says which parts meet, and a part that
     nothing else holds to the others is taken. The contact itself is given to the analysis.
@@ -76,6 +83,11 @@ class FrictionContact(Joint):
     InputError, InputTypeError
         μ < 0, p < 0, k ≤ 0; both direction and axis or neither; a velocity that is normal to the surface; surfaces that do not
         touch or do not face each other; an unknown set, when the contact is used.
+
+    Warns
+    -----
+    PortWarning
+        Less than 99 % of the first surface touches the second, when the contact is used.
 
     References
     ----------
@@ -180,7 +192,13 @@ class FrictionContact(Joint):
 
     def _points(self) -> Points:
         surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]
-        return contact_points(surfaces[0], surfaces[1], self.tolerance)
+        points = contact_points(surfaces[0], surfaces[1], self.tolerance)
+        if points.share < TOUCHING:
+            owner, _, key = self.first.rpartition(".")
+            title = f"{key!r}{f' of {owner!r}' if owner else ''}"
+            warn(f"only {points.share:.0%} of the face {title} lies on {self.second}, with edges taken as straight. The rest carries "
+                 "no contact. Move a part, refine the meshes, or give a larger tolerance", PortWarning)
+        return points
 
     def _mesh(self, name: str) -> tuple[Mesh, str, str]:
         owner, _, key = name.rpartition(".")
@@ -273,12 +291,15 @@ class Points:
     x : ndarray, shape (q, 3)
     weight : ndarray, shape (q,)
         Areas.
+    share : float
+        The share of the first surface that touches the second.
     """
 
     first: Side
     second: Side | None
     x: Array
     weight: Array
+    share: float = 1.0
 
     @cached_property
     def normal(self) -> Array:
@@ -314,7 +335,8 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
         raise InputError(f"{first[2]} and {second[2]} do not face each other at {where}: their outward normals agree; name the "
                          "surfaces that touch, or turn the cells of one mesh")
     side = Side(ours, face[near], ours.place(face[near], x[near]))
-    return Points(side, far.chosen(near), x[near], w[near])
+    share = float(w[near].sum() / np.linalg.norm(areas(ours.polygons), axis=1).sum())
+    return Points(side, far.chosen(near), x[near], w[near], share)
 
 
 def _own_points(surface: Surface) -> tuple[Side, Array]:

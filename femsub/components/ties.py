@@ -228,7 +228,7 @@ def mortar(ours: Surface, theirs: Surface, tolerance: float | None, what: str) -
     far, gap = theirs.foot(pair, x)
     limit = reach(ours, face, tolerance)
     near = gap <= limit
-    area = np.linalg.norm(_areas(ours.polygons), axis=1)
+    area = np.linalg.norm(areas(ours.polygons), axis=1)
     covered = np.bincount(face[near], w[near], len(area)) / area
     if covered.min() < 1 - COVERED:
         worst = int(covered.argmin())
@@ -267,7 +267,7 @@ def _summed(blocks: Array, rows: Array, columns: Array, shape: tuple[int, int]) 
     return sp.csr_array(sp.coo_array((blocks.ravel(), (at.ravel(), to.ravel())), shape=shape))
 
 
-def _areas(polygons: Array) -> Array:
+def areas(polygons: Array) -> Array:
     """Area times normal of plane polygons (f, k, 3)."""
     rest = polygons[:, 1:] - polygons[:, :1]
     return np.cross(rest[:, :-1], rest[:, 1:]).sum(axis=1) / 2
