@@ -78,13 +78,15 @@ def test_the_parts_meet_in_their_contacts_alone() -> None:
 @pytest.mark.slow
 def test_the_scene_tells_unstable_modes_errors_and_the_critical_mu(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
-    data = run(tmp_path, SMALL)
+    data = run(tmp_path, SMALL + 'outputs = ["unstable", "error-time", "flutter", "losses"]\n')
     said = capsys.readouterr().out
     (row,) = data["unstable"]
     assert row["growth"] > row["error_bar"] and row["damping"] == pytest.approx(-2 * row["growth"] / row["omega"], rel=1e-3)
     assert sum(row[f"energy_{name}"] for name in ("disc", *PADS)) == pytest.approx(1.0)
     critical = data["flutter"]["critical"]
     assert 0 < critical["full"]["mu"] < 0.5 and critical["reduced"]["mu"] == pytest.approx(critical["full"]["mu"], rel=1e-2)
+    assert data["losses"]["evidence"] == "certified" and len(data["losses"]["rows"]) == 1
+    assert data["losses"]["rows"][0]["mu"] == pytest.approx(critical["reduced"]["mu"], rel=1e-4)
     rows = data["error-time"]["rows"]
     assert {row["method"] for row in rows} == {"craig-bampton", "contact-modes", "real-modes"}
     errors = {(row["method"], row["modes"]): row["error"] for row in rows}

@@ -24,9 +24,11 @@ from femsub import (
     System,
     complex_modes,
     couple,
+    critical_value,
     read_mesh,
     reduce,
     solid,
+    track,
 )
 from femsub.app.figures_brake import errors_figure, flutter_figure
 from femsub.app.figures_modes import shapes_figure
@@ -90,6 +92,7 @@ class BrakeScene(Scene):
     folder: str = "."
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ("unstable", "error-time", "flutter")
+    ON_REQUEST: ClassVar[tuple[str, ...]] = ("losses",)
     WITHOUT: ClassVar[Mapping[str, str]] = dict.fromkeys(("slope", "law", "eps", "speed", "force"), UNUSED) | {
         "repeats": "each model of the brake is made once"}
 
@@ -119,13 +122,13 @@ class Brake:
             found = {name: read_mesh(Path(scene.folder) / getattr(scene, name)) for name in ("disc", *PADS)}
         else:
             found = brake_meshes(scene.size)
-        for name, track in zip(PADS, scene.tracks, strict=True):
-            met = opposite(found[name], scene.face, found["disc"], track)
-            found["disc"] = found["disc"].with_sets(**{f"under-{name}": met})
-            share = covered(found[name], scene.face, found["disc"], track)
+        for name, surface in zip(PADS, scene.tracks, strict=True):
+            share = covered(found[name], scene.face, found["disc"], surface)
             if share < COVERED:
-                warn(f"only {share:.0%} of the face {scene.face!r} of {name!r} lies on the track {track!r} of the disc; "
+                warn(f"only {share:.0%} of the face {scene.face!r} of {name!r} lies on the track {surface!r} of the disc; "
                      "the rest carries no contact", FemsubWarning)
+            met = opposite(found[name], scene.face, found["disc"], surface)
+            found["disc"] = found["disc"].with_sets(**{f"under-{name}": met})
         return found
 
     def _parts(self) -> dict[str, Substructure]:
@@ -216,7 +219,7 @@ def run(scene: BrakeScene, progress: Progress) -> Result:
             f"{points} nodes of the disc under the pads, contact stiffness {scene.contact:g}, pressure {scene.pressure:g}, disc "
             f"at {scene.turning:g} rad/time; band {scene.band[0]:g} to {scene.band[1]:g} rad/time; full model at mu = "
             f"{', '.join(f'{mu:g}' for mu in scene.full)}"]
-    outputs = {"unstable": _unstable, "error-time": _error_time, "flutter": _flutter}
+    outputs = {"unstable": _unstable, "error-time": _error_time, "flutter": _flutter, "losses": _losses}
     return run_outputs(scene.outputs, lambda output: outputs[output](brake), data, ["\n".join(text)])
 
 
@@ -311,10 +314,9 @@ def _flutter(brake: Brake) -> Result:
     """Eigenvalues over μ of the best reduced model, and of the full one where it was solved; the critical μ of both."""
     scene, (small, affine, _) = brake.scene, brake.best
     band = scene.band[0], scene.band[1]
-    curves = []
-    for mu in np.linspace(scene.mu[0], scene.mu[1], scene.points):
-        brake.tell(f"reduced model at mu = {mu:.3g}")
-        curves.append((float(mu), complex_modes(affine.at(mu=float(mu)), band=band).eigenvalues))
+    brake.tell("modes of the reduced model over mu")
+    followed = track(affine, None, "mu", np.linspace(scene.mu[0], scene.mu[1], scene.points), band=band)
+    curves = [(float(mu), values[np.isfinite(values)]) for mu, values in zip(followed.values, followed.eigenvalues, strict=True)]
     crosses = [(mu, modes.eigenvalues) for mu, modes in brake.exact.items()]
     critical = brake.critical
     rows = [{"model": name, "mu": mu, "omega": float(value.imag), "growth": float(value.real)}
@@ -327,4 +329,18 @@ def _flutter(brake: Brake) -> Result:
         words = f"No mode in the band flutters for {scene.mu[0]:g} ≤ mu ≤ {scene.mu[1]:g}"
     data = {"flutter": {"rows": rows, "critical": {name: {"mu": mu, "omega": at} for name, (mu, at) in critical.items()}}}
     title = f"{scene.name}: full model of {brake.system.size} DOF, reduced model of {small.size}"
-    return Result(data, {"flutter": rows}, words, {"flutter": lambda: flutter_figure(curves, crosses, own, title)})
+    drawings = {"flutter": lambda: flutter_figure(followed, crosses, own, title)}
+    return Result(data, {"flutter": rows}, f"{words}\n{followed!r}", drawings)
+
+
+def _losses(brake: Brake) -> Result:
+    """All losses and regains of stability of the best reduced model, and the proof that there are no others."""
+    scene = brake.scene
+    brake.tell("all losses of stability")
+    found = critical_value(brake.best[1], None, "mu", between=(scene.mu[0], scene.mu[1]), band=(scene.band[0], scene.band[1]))
+    rows = [{"what": what, "mu": one.value, "omega": one.omega, "kind": one.kind}
+            for what, several in (("loss", found.losses), ("regain", found.regains)) for one in several]
+    cells = [list(row.values()) for row in rows]
+    said = table(["what", "mu", "ω", "kind"], cells, ["s", ".6g", ".6g", "s"], scene.system.beside("ω"))
+    data = {"losses": {"evidence": found.evidence, "rows": rows}}
+    return Result(data, {"losses": rows}, f"Losses of stability: {found!r}\n{said}", {})
