@@ -364,3 +364,17 @@ def test_one_word_for_each_quality_of_evidence() -> None:
         assert modes.evidence == word and modes.certified == (word != "not checked")
         assert f"completeness {word}" in repr(modes)
     assert fs.normal_modes(sub, count=5).evidence == "certified"
+
+
+@pytest.mark.parametrize(("interface", "split"), [([0, 7, 10], 0.0), ([0, 3, 4, 11], 1e-6)])
+def test_double_modes_of_a_symmetric_structure_are_not_lost(interface: list[int], split: float) -> None:
+    """A ring has modes in pairs. The interface breaks its symmetry, so that their shapes lie elsewhere in the reduced model."""
+    ring = 2.05 * np.eye(24) - np.roll(np.eye(24), 1, axis=0) - np.roll(np.eye(24), -1, axis=0)
+    full = fs.Substructure(np.diag([1.0 + split, *np.ones(23)]), ring, interface=interface)
+    rom = fs.reduce(full, fs.CraigBampton(8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        out = fs.refine(full, fs.complex_modes(rom, count=10), rom)
+    assert not out.lost.any() and (out.overlap > 0.9).all() and np.isfinite(out.moved).all()
+    exact = fs.normal_modes(full, count=5).frequencies
+    np.testing.assert_allclose(np.sort(out.modes.eigenvalues.imag)[5:], exact, rtol=1e-9)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 BELONGS = 1e-6  # largest backward error of modes that are accepted as those of the reduced model
 LOST = 0.5  # a refined mode with less of the reduced shape (share of energy) is a different mode
+APART = 0.1  # relative distance of λ from which on two refined modes are never one pair, however inaccurate the reduced model
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,7 +42,9 @@ class Refined:
     moved : ndarray, shape (k,)
         |λ_full - λ_reduced|, the error of the reduced result; NaN if there is no counterpart, see `lost`.
     overlap : ndarray, shape (k,)
-        The share of the reduced shape's energy that it has in common with the refined shape, 0 to 1.
+        The share of the reduced shape's energy that it has in common with the refined shape, 0 to 1. Modes that lie closer
+        together than the reduced model is accurate, as the double ones of a disc, are compared as one space: within it their
+        shapes are arbitrary.
     merged : tuple of (i, j)
         Rows i and j of the reduced modes lead to the same mode of the full model; j is also `lost`.
     lost : ndarray of bool, shape (k,)
@@ -158,7 +161,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     still = modes.rigid[rows]
     space.append(V)
     q = space.coordinates(X)
-    start, twin = q, np.full(len(rows), -1)
+    start, first, twin = q, values, np.full(len(rows), -1)
     error = np.where(still, 0.0, np.inf)
     for step in range(steps + 1):
         small, xs, ys = dense.solve(space.pencil)
@@ -184,8 +187,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
                 "modes from a basis with a higher cut-off")
         grown = space.V.shape[1] - len(q)
         q, start = (np.vstack([part, np.zeros((grown, len(rows)))]) for part in (q, start))
-    share = np.abs(np.einsum("ij,ij->j", start.conj(), q)) ** 2 / np.maximum(
-        np.einsum("ij,ij->j", abs(start), abs(start)) * np.einsum("ij,ij->j", abs(q), abs(q)), 1e-300)
+    share = _shares(start, q, values, np.abs(values - first), twin < 0)
     X = space.V @ q
     X = X / np.linalg.norm(X, axis=0)
     Y = X.conj() if left is None else space.V @ left
@@ -263,6 +265,21 @@ class _Space:
         self.solves += 2 * k
         square = np.maximum(np.einsum("ij,ij->j", z, forces), 0.0)
         return np.sqrt(square[:k] + square[k:]), z[:, np.sqrt(square) > least]
+
+
+def _shares(start: Array, q: Array, values: Array, moved: Array, own: Array) -> Array:
+    """The share of each starting shape in the space of the refined modes that the reduced model cannot tell from its own, (k,).
+
+    `own` are the modes that are nobody's twin.
+    """
+    unit, found = q / np.maximum(np.linalg.norm(q, axis=0), 1e-300), np.zeros(len(values))
+    for i, value in enumerate(values):
+        near = np.abs(values - value) <= np.minimum(np.maximum(moved, moved[i]), APART * np.abs(value))
+        near &= own
+        near[i] = True
+        space = np.linalg.qr(unit[:, near])[0]
+        found[i] = np.linalg.norm(space.conj().T @ start[:, i]) ** 2 / max(np.linalg.norm(start[:, i]) ** 2, 1e-300)
+    return found
 
 
 def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> tuple[Array, Array]:
