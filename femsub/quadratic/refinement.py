@@ -278,7 +278,7 @@ def _shares(start: Array, q: Array, values: Array, moved: Array, own: Array) -> 
         near &= own
         near[i] = True
         space = np.linalg.qr(unit[:, near])[0]
-        found[i] = np.linalg.norm(space.conj().T @ start[:, i]) ** 2 / max(np.linalg.norm(start[:, i]) ** 2, 1e-300)
+        found[i] = float(np.linalg.norm(space.conj().T @ start[:, i])) ** 2 / max(float(np.linalg.norm(start[:, i])) ** 2, 1e-300)
     return found
 
 
