@@ -196,8 +196,8 @@ class FrictionContact(Joint):
         if points.share < TOUCHING:
             owner, _, key = self.first.rpartition(".")
             title = f"{key!r}{f' of {owner!r}' if owner else ''}"
-            warn(f"only {points.share:.0%} of the face {title} lies on {self.second}, with edges taken as straight. The rest carries "
-                 "no contact. Move a part, refine the meshes, or give a larger tolerance", PortWarning)
+            warn(f"only {points.share:.0%} of the face {title} lies on {self.second} (straight edges). The rest has no "
+                 "contact. Move a part, refine the meshes, or give a larger tolerance", PortWarning)
         return points
 
     def _mesh(self, name: str) -> tuple[Mesh, str, str]:
