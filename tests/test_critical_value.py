@@ -53,6 +53,16 @@ def test_a_short_loss_between_two_samples_is_found() -> None:
     assert found.losses[0].omega == pytest.approx(2.0, rel=1e-9)
 
 
+def test_a_function_is_never_taken_for_a_straight_line() -> None:
+    """Damping with a dip that is 0 at the places where the form of the pencil is judged, and one that passes 0 often."""
+    dip = fs.Affine([[1.0]], [(lambda p: 0.1 - 0.2 * np.exp(-(((p - 0.437) / 1e-4) ** 2)), [[1.0]])], [[1.0]])
+    assert fs.critical_value(dip, None, "p", between=(0.0, 1.0)).evidence == "confirmed"
+    waves = fs.Affine([[1.0]], [(lambda p: 0.1 + 0.15 * np.sin(200 * p), [[1.0]])], [[1.0]])
+    found = fs.critical_value(waves, None, "p", between=(0.0, 1.0))
+    down = (np.pi + np.arcsin(2 / 3) + 2 * np.pi * np.arange(32)) / 200  # where sin falls through -2/3
+    np.testing.assert_allclose([one.value for one in found.losses], down[down < 1], atol=1e-10)
+
+
 def test_a_belt_is_lost_where_the_critical_slope_is() -> None:
     for model in (fs.chain(10, belt=2), fs.reduce(fs.chain(10, belt=2), fs.CraigChang(4), ports=True)):
         found = fs.critical_value(model, fs.Belt(slope=0.0), "slope", between=(-0.03, 0.01))

@@ -84,6 +84,11 @@ class Affine(Frozen):
     def parameters(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for theta, _ in self._all for name in _names(theta)))
 
+    @property
+    def has_functions(self) -> bool:
+        """Whether any θ is a function: samples cannot prove that it is linear."""
+        return any(callable(theta) for theta, _ in self._all)
+
     def at(self, **values: float) -> Pencil:
         """The pencil at given values of all parameters.
 

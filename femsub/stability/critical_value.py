@@ -85,7 +85,8 @@ class CriticalValue:
         touch it, because rounding hides which grow, or because the effort ends. A loss in a wide one is found by bisection.
     evidence : str
         'certified': each crossing outside these points is excluded by discs around the eigenvalues. 'confirmed': the same, but
-        the pencil is not affine in the parameter, and was sampled in each interval. 'not checked': some intervals are open.
+        the pencil is not affine in the parameter, and was sampled in each interval, of which there are 32 at least. A factor that
+        is a function counts as not affine. 'not checked': some intervals are open.
     solved : int
         Number of eigenproblems.
 
@@ -176,7 +177,7 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
     if isinstance(model, Substructure):
         limits = usable_band(model, band)
     with one_thread(model.size <= FEW):
-        family = Family(pencil_at, (lo, hi))
+        family = Family(pencil_at, (lo, hi), affine=not (isinstance(model, Affine) and model.has_functions))
         if family.floating:
             raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports or "
                              "springs")

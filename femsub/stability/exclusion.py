@@ -43,6 +43,7 @@ FAR = 4.0  # times the change of an entry: distance of two eigenvalues from whic
 TURN = 0.5  # largest turn of the vectors, as a row sum of h|X|
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
 MEMORY = 2e8  # bytes for decompositions that are kept
+COARSE = 32  # intervals at first, if A is not affine: samples a whole range apart would tell little
 SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where the form of A(p) is judged
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
@@ -70,10 +71,11 @@ class Family:
     """The state matrices A(p) of a pencil over a range of p.
 
     The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine` tells whether A
-    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis.
+    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis. Samples decide whether A is affine,
+    unless affine=False is given.
     """
 
-    def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float]) -> None:
+    def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float], affine: bool = True) -> None:
         self.pencil_at, self.between = pencil_at, between
         lo, hi = between
         self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
@@ -85,8 +87,8 @@ class Family:
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
         self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
         self.size = np.maximum(*(self._magnitude(pencil) for pencil in (pencils[0], pencils[-1])))
-        self.affine = all((np.abs(A - matrices[0] - (p - lo) * self.slope) <= STRAIGHT * self.size).all()
-                          for p, A in zip(points, matrices, strict=True))
+        self.affine = affine and all((np.abs(A - matrices[0] - (p - lo) * self.slope) <= STRAIGHT * self.size).all()
+                                     for p, A in zip(points, matrices, strict=True))
         self.floating = all(_rigid(pencil) for pencil in (pencils[0], pencils[2], pencils[-1]))
         undamped = all(not np.any(pencil.D) for pencil in pencils)
         gyroscopic = all(pencil.symmetric[2] and np.array_equal(pencil.D, -pencil.D.T) for pencil in pencils)
@@ -205,7 +207,8 @@ class Family:
     def parts(self, most: int) -> list[Part]:
         """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
         (lo, hi), least = self.between, self.least
-        waiting, done = [(lo - hi, lo, hi)], []
+        edges = [float(p) for p in np.linspace(lo, hi, 2 if self.affine else COARSE + 1)]
+        waiting, done = sorted((a - b, a, b) for a, b in pairwise(edges)), []
         for _ in range(most):
             if not waiting:
                 break
