@@ -370,3 +370,21 @@ def test_what_cannot_be_reduced_is_told(make: Callable[[], object], words: str) 
 
 def test_scenes_do_not_offer_it_for_components() -> None:
     assert "interface-modes" not in METHODS
+
+
+def test_rounding_between_stiff_and_soft_parts_is_told() -> None:
+    soft, bar = fs.chain(9, interface=[7, 8, 9]), fs.chain(9, interface=[1, 2, 3, 5, 7], fixed=False)
+
+    def small(contrast: float) -> tuple[fs.System, fs.ReducedSubstructure]:
+        parts = {"soft": soft, "stiff": fs.Substructure(bar.M, contrast * bar.K / 3, interface=bar.interface)}
+        full = fs.couple(parts, [fs.Rigid(("soft", [8]), ("stiff", [0]))])
+        rom = fs.reduce(full, {"soft": fs.CraigBampton(4), "stiff": fs.CraigBampton(1)})
+        return rom, fs.reduce(rom, fs.InterfaceModes(band=(0.0, 0.4), tol=1e-2))
+
+    rom, found = small(1e10)
+    exact = fs.normal_modes(rom, count=1).frequencies[0]
+    assert found.estimate is not None
+    assert abs(found.estimate.frequencies[0] / exact - 1) <= found.estimate.frequency_error[0]
+    assert found.estimate.frequency_error[0] > 1e-5
+    with pytest.raises(fs.NotConvergedError, match="by rounding alone"):
+        small(5e12)

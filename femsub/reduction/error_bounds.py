@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array
+from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.model.bands import beyond, in_band, moving, upper, within
 from femsub.model.estimate import SHARE, Estimate
@@ -381,6 +381,22 @@ class Nested:
         extra = within(found, band)
         extra[to] = False
         return found[to[inside]], error[inside], int(lone.sum() + extra.sum())
+
+
+def with_rounding(estimate: Estimate, M: Array, K: Array, V: Array, whole: Matrix) -> Estimate:
+    """With what one rounding in each entry of the model's K, `whole`, does to ω and λ of M and K = Vᵀ whole V.
+
+    It is much where a stiff part that floats is joined to a soft one.
+    """
+    found = all_modes(K, M, ACCEPTED)
+    omega, x = found.frequencies[found.rigid:], np.abs(V @ found.shapes[:, found.rigid:])
+    if not len(omega):
+        return estimate
+    share = EPS * np.einsum("ij,ij->j", x, abs(whole) @ x) / (2 * omega**2)
+    of_omega, of_lambda = (share[np.abs(size[:, None] - omega).argmin(axis=1)]
+                           for size in (estimate.frequencies, np.abs(estimate.eigenvalues)))
+    return replace(estimate, frequency_error=estimate.frequency_error + of_omega,
+                   eigenvalue_error=estimate.eigenvalue_error + of_lambda)
 
 
 def _product(A: Array, X: Array, Y: Array) -> Array:

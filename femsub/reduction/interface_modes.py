@@ -10,12 +10,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
-from femsub.errors import InputError
+from femsub.errors import InputError, NotConvergedError
 from femsub.model.assembly import System
 from femsub.model.elimination import DEPENDENT, ROUNDING, congruent, groups
 from femsub.model.joined import rows_of_parts, units_of_energy
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.reduction.craig_bampton import condensed_stiffness
+from femsub.reduction.error_bounds import with_rounding
 from femsub.reduction.method import Method
 from femsub.reduction.statics import Partition, Statics, square, zeros
 
@@ -143,6 +144,7 @@ class InterfaceModes(Method):
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """Of a reduced part: with V from the displacements of the full part, and its DOF numbers, as joints name them."""
+        model = _with_rounding(sub, model)
         if not isinstance(sub, ReducedSubstructure):
             return model
         return replace(model, V=sub.V @ model.V, full_interface=sub.full_interface, full_dofs=sub.full_dofs,
@@ -156,6 +158,18 @@ def _rows(sub: Substructure) -> Matrix:
     found = [_rows(part) @ sp.csr_array(sub.L[rows])
              for part, rows in zip(sub.parts.values(), rows_of_parts(sub.parts), strict=True)]
     return sp.csr_array(sp.vstack(found))
+
+
+def _with_rounding(sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
+    """In the coordinates that the modes are computed in, the interface shares no stiffness, and rounding of K does not show."""
+    if model.estimate is None:
+        return model
+    told = with_rounding(model.estimate, model.M, model.K, model.V, sub.K)
+    if told.worst > told.tol:
+        raise NotConvergedError(f"the interface of {sub.name!r} cannot be reduced to a relative error of {told.tol:g}, by "
+                                f"rounding alone: {told!r}. Reduce the stiffness contrast of its parts, raise tol, or give a "
+                                "number of modes")
+    return replace(model, estimate=told)
 
 
 def _turned(sub: Substructure) -> tuple[Matrix | None, Array]:
