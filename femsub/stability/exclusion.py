@@ -176,7 +176,8 @@ class Family:
         if sum(hi - lo for lo, hi in pieces) > h:
             return None
         middle, result = (begin + end) / 2, []
-        edges = [begin, *(min(max(middle + edge, begin), end) for piece in pieces for edge in piece), end]
+        # rounding must leave no sliver between a piece and the end that it reaches: its count would be wrong
+        edges = [begin, *(begin if edge <= -h else end if edge >= h else middle + edge for piece in pieces for edge in piece), end]
         for i, (lo, hi) in enumerate(pairwise(edges)):
             inner = growing + int(np.count_nonzero(rate + ((lo + hi) / 2 - middle) * speed > 0))
             if lo < hi:
