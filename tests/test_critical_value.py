@@ -5,13 +5,14 @@ from __future__ import annotations
 import runpy
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.stability.exclusion import Family
+from femsub.stability.exclusion import Family, _Discs
 
 SCRIPT = runpy.run_path(str(Path(__file__).parent.parent / "scripts" / "critical_values.py"))
 EYE = np.eye(2)
@@ -42,6 +43,17 @@ def test_an_excluded_interval_holds_no_crossing(seed: int) -> None:
         wide = np.array([part.end - part.begin for part in known]) > 1e-5
         assert np.array_equal(counts[wide], np.array([part.growing for part in known])[wide])
     assert all(one.growing == two.growing for one, two in pairwise(parts) if None not in (one.growing, two.growing))
+
+
+def test_a_piece_that_reaches_an_end_is_cut_there_to_the_last_digit() -> None:
+    """A sliver of one rounding beside it would have the count of the other side of the crossing."""
+    rng = np.random.default_rng(2)
+    for begin, end in np.sort(rng.uniform(0.0, 2.0, (200, 2)), axis=1):
+        h, side = (end - begin) / 2, rng.choice([-1.0, 1.0])
+        discs = _Discs(np.array([-0.9 * side * h + 0j]), np.array([h + 0j]), np.zeros((1, 1)), np.array([0.2 * h]))
+        parts = Family._cut(SimpleNamespace(mirrored=False), discs, np.array([True]), 0, begin, end)  # type: ignore[arg-type]
+        assert [part.growing for part in parts or []] == ([0, None] if side > 0 else [None, 1])
+        assert parts and parts[0].begin == begin and parts[-1].end == end and parts[0].end == parts[1].begin
 
 
 def test_a_short_loss_between_two_samples_is_found() -> None:

@@ -177,7 +177,8 @@ class Family:
             return None
         middle, result = (begin + end) / 2, []
         # rounding must leave no sliver between a piece and the end that it reaches: its count would be wrong
-        edges = [begin, *(begin if edge <= -h else end if edge >= h else middle + edge for piece in pieces for edge in piece), end]
+        inside = (begin if edge <= -h else end if edge >= h else middle + edge for piece in pieces for edge in piece)
+        edges = [begin, *inside, end]
         for i, (lo, hi) in enumerate(pairwise(edges)):
             inner = growing + int(np.count_nonzero(rate + ((lo + hi) / 2 - middle) * speed > 0))
             if lo < hi:
