@@ -15,7 +15,8 @@ import femsub as fs
 from femsub.app.cli import main
 from femsub.app.scene import load
 from femsub.app.scenes.brake import PADS, Brake, BrakeScene
-from femsub.components.brake import brake_meshes, check_held, covered, opposite
+from femsub.components.brake import brake_meshes, check_held, opposite
+from femsub.components.friction_contact import contact_points
 
 # faces of 80 mm: the chords of their arcs leave 7 % of a pad beside the track
 pytestmark = pytest.mark.filterwarnings("ignore:only .* of the face:femsub.errors.PortWarning")
@@ -60,9 +61,10 @@ def test_only_the_faces_under_the_pads_carry_the_contact() -> None:
     assert set(under) < set(meshes["disc"].sets["outboard"])
     angle = np.degrees(np.arctan2(*meshes["disc"].points[under, 1::-1].T))
     assert np.abs(angle).max() < 30 + 90 / 7 + 1
-    assert 0.97 < covered(meshes["outboard"], "face", meshes["disc"], "outboard") <= 1 + 1e-9
+    pad = meshes["outboard"], "face", "outboard.face"
+    assert 0.97 < contact_points(pad, (meshes["disc"], "outboard", "disc.outboard"), None).share <= 1 + 1e-9
     narrow = meshes["disc"].with_sets(part=half(meshes["disc"], "outboard"))
-    assert 0.45 < covered(meshes["outboard"], "face", narrow, "part") < 0.55
+    assert 0.45 < contact_points(pad, (narrow, "part", "disc.part"), None).share < 0.55
 
 
 def test_the_parts_meet_in_their_contacts_alone() -> None:

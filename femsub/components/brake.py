@@ -56,12 +56,6 @@ def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tolerance: float 
     return rows[np.searchsorted(other.numbers[rows], on.numbers[nodes])]
 
 
-def covered(mesh: Mesh, name: str, other: Mesh, surface: str, tolerance: float | None = None) -> float:
-    """The share of a set's faces that lies on another mesh's surface."""
-    area = contact_points((mesh, name, name), None, None).weight.sum()
-    return float(contact_points((mesh, name, name), (other, surface, surface), tolerance).weight.sum() / area)
-
-
 def check_held(mesh: Mesh, sets: Sequence[str], what: str) -> None:
     """Springs on the mean motions of these sets hold a pad in the plane of the disc; the contact holds it along the axis.
 

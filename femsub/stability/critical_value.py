@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import CERTIFIED, CONFIRMED, NOT_CHECKED, Array, check_band, instance, interval, word
-from femsub.errors import InputError, unknown_name
+from femsub.checks import CERTIFIED, CONFIRMED, NOT_CHECKED, Array, check_band, interval
+from femsub.errors import InputError
 from femsub.linalg.factor import WIDE
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.affine import Affine
 from femsub.model.bands import in_band
-from femsub.model.contact import Contacts, contacts_of
 from femsub.model.estimate import usable_band
 from femsub.model.substructure import Substructure
 from femsub.stability.exclusion import Family, Part, Spectrum
+from femsub.stability.parameter import pencil_over
 
 if TYPE_CHECKING:
+    from femsub.model.contact import Contacts
     from femsub.model.pencil import Pencil
 
 log = logging.getLogger(__name__)
@@ -172,7 +173,7 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
     -0.025567 hopf
     """
     lo, hi = interval("between", between)
-    pencil_at = _family(model, contacts, word("parameter", parameter))
+    pencil_at = _family(model, contacts, parameter)
     limits = (0.0, np.inf) if band is None else check_band(band)
     if isinstance(model, Substructure):
         limits = usable_band(model, band)
@@ -189,30 +190,10 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
 
 def _family(model: Substructure | Affine, contacts: Contacts, parameter: str) -> Callable[[float], Pencil]:
     """The dense pencil as a function of the parameter."""
-    if isinstance(model, Affine):
-        if contacts is not None:
-            raise InputError("an Affine has no ports for contacts. Put them into its matrices, or use a Substructure")
-        if parameter not in model.parameters:
-            raise unknown_name("parameter", parameter, model.parameters)
-        if len(model.parameters) > 1:
-            rest = [name for name in model.parameters if name != parameter]
-            raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
-    else:
-        instance("model", model, Substructure, "or an Affine")
-        given = contacts_of(contacts)
-        known = [_fields(contact) for contact in given]
-        if not any(parameter in names for names in known):
-            raise unknown_name("parameter", parameter, sorted(set().union(*known)) if known else [])
+    pencil_at = pencil_over(model, contacts, parameter)
     if model.size > WIDE:
         raise InputError(f"critical_value takes models of up to {WIDE} DOF, but this one has {model.size}. Reduce it first")
-    if isinstance(model, Affine):
-        return lambda p: model.at(**{parameter: p}).dense()
-    return lambda p: model.linearised([replace(contact, **{parameter: p}) if parameter in names else contact  # type: ignore[type-var]
-                                       for contact, names in zip(given, known, strict=True)]).dense()
-
-
-def _fields(contact: Any) -> set[str]:
-    return {item.name for item in fields(contact) if item.init} if is_dataclass(contact) else set()
+    return lambda p: pencil_at(p).dense()
 
 
 def _collected(family: Family, parts: Sequence[Part], parameter: str, searched: tuple[float, float],

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array
-from femsub.errors import InputError
+from femsub.errors import NotConvergedError
 from femsub.model.affine import Affine
 from femsub.model.bands import in_band
 from femsub.model.contact import Contact
@@ -67,13 +67,13 @@ def same_loss(model: Affine, mu: float, omega: float) -> tuple[float, float]:
 
     Raises
     ------
-    InputError
+    NotConvergedError
         The model has no such mode there, or it does not lose its stability nearby.
     """
     def mode(value: float, near: float) -> complex:
         found = complex_modes(model.at(mu=value), band=((1 - CLOSE) * near, (1 + CLOSE) * near)).eigenvalues
         if not len(found):
-            raise InputError(f"the full model has no mode near ω = {near:.6g} at mu = {value:.4g}")
+            raise NotConvergedError(f"the full model has no mode near ω = {near:.6g} at mu = {value:.4g}")
         return complex(found[np.argmax(found.real)])
 
     before, at = mu, mu * (1 + 1e-2)
@@ -87,7 +87,7 @@ def same_loss(model: Affine, mu: float, omega: float) -> tuple[float, float]:
         at = at + float(np.clip(step, -0.1 * mu, 0.1 * mu))
         if abs(step) <= BELOW * mu:
             return at, float(now.imag)
-    raise InputError(f"the mode of the full model near ω = {omega:.6g} does not lose its stability near mu = {mu:.4g}")
+    raise NotConvergedError(f"the mode of the full model near ω = {omega:.6g} does not lose its stability near mu = {mu:.4g}")
 
 
 @dataclass(frozen=True)

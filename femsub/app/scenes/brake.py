@@ -37,14 +37,13 @@ from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array, check_band, interval
-from femsub.components.brake import brake_meshes, check_held, covered, opposite
-from femsub.errors import FemsubWarning, InputError, PortWarning, warn
+from femsub.components.brake import brake_meshes, check_held, opposite
+from femsub.errors import FemsubError, FemsubWarning, InputError, NotConvergedError, PortWarning, warn
 from femsub.reduction.reduce import METHODS
 from femsub.studies.friction_sweep import FrictionRow, compared, first_loss, over_mu, same_loss
 from femsub.studies.tables import table
 
 PADS = ("inboard", "outboard")
-COVERED = 0.85  # of a pad's face that lies on the disc: below, there is a warning
 WITHIN = 1e-2  # relative error of the critical μ that the recommended model may have
 DRAWN = 6  # unstable modes
 UNUSED = "the friction of a brake is Coulomb's, with mu, pressure and turning"
@@ -123,10 +122,6 @@ class Brake:
         else:
             found = brake_meshes(scene.size)
         for name, surface in zip(PADS, scene.tracks, strict=True):
-            share = covered(found[name], scene.face, found["disc"], surface)
-            if share < COVERED:
-                warn(f"only {share:.0%} of the face {scene.face!r} of {name!r} lies on the track {surface!r} of the disc; "
-                     "the rest carries no contact", FemsubWarning)
             met = opposite(found[name], scene.face, found["disc"], surface)
             found["disc"] = found["disc"].with_sets(**{f"under-{name}": met})
         return found
@@ -204,7 +199,7 @@ class Brake:
         self.tell("the critical mu of the full model")
         try:
             return {"reduced": own, "full": same_loss(self.affine, *own)}
-        except InputError as error:
+        except NotConvergedError as error:
             warn(f"the critical mu of the full model was not found: {error}", FemsubWarning)
             return {"reduced": own, "full": (np.nan, np.nan)}
 
@@ -282,7 +277,7 @@ def _error_time(brake: Brake) -> Result:
             try:
                 _, affine, seconds = (brake.best if not method and friction and modes == scene.modes[-1]
                                       else brake.reduced(method, modes, friction))
-            except InputError as error:
+            except FemsubError as error:
                 left_out.append(f"{name} with {modes} modes is left out: {error}")
                 continue
             rows.append(compared(name, modes, affine, seconds, exact, scene.mu, scene.band, critical))
