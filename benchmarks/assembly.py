@@ -7,7 +7,7 @@ face. The interface of the assembly is the square on the last face. Each run is 
 
 model      Seconds to make the parts and to couple them. All runs need them.
 reduce     Seconds of `fs.reduce`.
-peak       The largest resident memory of the process; with workers an upper bound, the sum over all processes of their peaks.
+peak       The largest memory that was taken from the machine: of all processes, with what they share counted once.
 deviation  The largest relative difference of the lowest frequencies from those of the run as one part.
 """
 
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import sys
 import time
 from itertools import pairwise
@@ -23,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 
 import femsub as fs
-from benchmarks.processes import Row, fresh, peak_mb
+from benchmarks.processes import Row, fresh, taken_mb
 from femsub.studies.tables import table
 
 SIDE, GLUED = 0.1, 0.15  # m; share of a face's side
@@ -68,18 +67,18 @@ def _cube(bricks: int, place: int, all_bricks: list[int]) -> fs.Mesh:
 def measured(run: str, dof: int, count: int, modes: int, workers: int) -> Row:
     """One run."""
     os.environ.setdefault("FEMSUB_FACTOR_BYTES", KEPT)
-    start = time.perf_counter()
-    system = cubes(dof, count)
-    built = time.perf_counter()
-    if run == "one":
-        found: fs.Substructure = fs.reduce(system, fs.CraigBampton(2 * LOWEST))
-    else:
-        methods = dict.fromkeys(system.parts, fs.CraigBampton(modes))
-        found = fs.reduce(system, methods, workers=workers if run == "workers" else None)
-    done = time.perf_counter()
-    child = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024 / 1e6
+    with taken_mb() as taken:
+        start = time.perf_counter()
+        system = cubes(dof, count)
+        built = time.perf_counter()
+        if run == "one":
+            found: fs.Substructure = fs.reduce(system, fs.CraigBampton(2 * LOWEST))
+        else:
+            methods = dict.fromkeys(system.parts, fs.CraigBampton(modes))
+            found = fs.reduce(system, methods, workers=workers if run == "workers" else None)
+        done = time.perf_counter()
     return {"dof": system.size, "reduced": found.size, "interface": max(len(part.interface) for part in system.parts.values()),
-            "model": built - start, "reduce": done - built, "peak_mb": peak_mb() + (workers * child if run == "workers" else 0.0),
+            "model": built - start, "reduce": done - built, "peak_mb": taken[0],
             "frequencies": fs.normal_modes(found, LOWEST).frequencies}
 
 
