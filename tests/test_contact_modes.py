@@ -10,6 +10,7 @@ import pytest
 
 import femsub as fs
 from femsub.components.friction_contact import FrictionContact
+from femsub.linalg import memory
 from femsub.studies.friction_sweep import first_loss, over_mu, same_loss
 
 BAND = (1e3, 1.2e5)
@@ -107,6 +108,20 @@ def test_the_first_loss_of_the_full_model_follows_from_that_of_the_reduced_one()
     for value, sign in ((0.99 * true, -1), (1.01 * true, 1)):
         near = fs.complex_modes(system, at(value), band=(0.99 * height, 1.01 * height)).eigenvalues
         assert np.sign(near.real.max()) == sign
+
+
+def test_a_large_interface_without_shapes_of_its_own_asks_for_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    steel, mesh = fs.Material(2.1e11, 0.3, 7850.0), fs.block((0.2, 0.2, 0.01), (8, 8, 1), "hexahedron")
+    wide = fs.solid(mesh, steel, supports=["top"], interface=["bottom"])
+    contact = FrictionContact("bottom", "ground", mesh, 1e12, 0.3, direction=(1, 0, 0))
+    free = 1.1 * sum(memory.reduction_bytes(wide.K, 2, 2).values())
+    monkeypatch.setattr(memory, "LARGE", 100)
+    monkeypatch.setattr(memory, "available", lambda: free)
+    with pytest.raises(fs.NotEnoughMemoryError, match="fewer interface DOF"):
+        fs.reduce(wide, fs.CraigBampton(2))
+    assert fs.reduce(wide, fs.ContactModes(2, contacts=contact)).size == 4
+    with pytest.raises(fs.NotEnoughMemoryError, match="fewer modes"):
+        fs.reduce(wide, fs.ContactModes(150, contacts=contact))
 
 
 def test_contact_modes_need_contacts_that_have_the_parameter() -> None:

@@ -415,6 +415,15 @@ def test_a_massless_interface_dof_has_no_mass_by_rounding(key: str) -> None:
     assert np.allclose(spectrum(system), spectrum(full), rtol=1e-9)
 
 
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("name", ["held lattice", "floating lattice"])
+def test_methods_tell_how_many_static_shapes_they_make(name: str, key: str) -> None:
+    sub, modes = PARTS[name](), 0 if key == "guyan" else 2
+    rom, told = reduced(sub, key, modes), METHODS[key](modes).static_columns(sub)
+    rigid = fs.normal_modes(sub, count=0).shapes.shape[1]
+    assert told + modes <= rom.size + rom.dropped <= told + modes + rigid
+
+
 def test_a_part_without_stiffness_is_named() -> None:
     ball = fs.Substructure([[2.0]], [[0.0]], interface=[0], name="ball")
     with pytest.raises(fs.SingularMatrixError, match="'ball': no DOF has both stiffness and mass"):

@@ -98,6 +98,10 @@ class ContactModes(FreeInterface):
         held = Substructure(sub.M, (K0 + K0.T) * 0.5, sub.D, sub.interface, sub.ports, sub.name)
         return Rubbing(held, slice(None), friction=K1 - K0)
 
+    def static_columns(self, sub: Substructure) -> int:
+        """One response to friction for each mode; the interface has no shapes of its own, however large it is."""
+        return (self.modes or 0) if self.friction else 0
+
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """No constraint modes; of the forces only those of the ports, since the others follow from the modes."""
         n = part.sub.size

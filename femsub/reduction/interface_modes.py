@@ -125,6 +125,10 @@ class InterfaceModes(Method):
         ports = sub.ports if turn is None else {name: turn.T @ w for name, w in sub.ports.items()}
         return Partition(Substructure(M, K, D, i, ports, sub.name), b, turn=turn)
 
+    def static_columns(self, sub: Substructure) -> int:
+        """The coordinates that are kept as they are: those beside the interface."""
+        return min(sub.size - len(np.unique(_rows(sub).indices)), INTERIOR)
+
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """The interior coordinates as they are, and the port columns whose static responses join the basis."""
         sub, i = part.sub, part.sub.interface

@@ -49,7 +49,8 @@ class Method(ABC):
        the forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part.
     5. The later steps may be overridden one by one: `kept` finds the modes, `responses` the static responses, and `basis`
        assembles V, M and K. Each step gets the results of the earlier ones. It must not change them or the factor.
-    6. `unestimated` says why a band and a tolerance have no estimate, where that is so; they are refused then. `title` is the
+    6. `static_columns` tells the number of static shapes, where that is not the number of interface DOF.
+    7. `unestimated` says why a band and a tolerance have no estimate, where that is so; they are refused then. `title` is the
        line that names a model with so many modes.
 
     `reduce` checks the arguments, makes the part and its factor, runs the four steps, and projects D and the ports.
@@ -109,6 +110,10 @@ class Method(ABC):
     def part(self, sub: Substructure) -> Partition:
         """The part of the component that the factor and the modes are those of."""
         return Partition.of(sub, self.held)
+
+    def static_columns(self, sub: Substructure) -> int:
+        """How many static shapes the method computes, without those of the ports; the check of memory asks before any work."""
+        return len(sub.interface)
 
     @abstractmethod
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:

@@ -191,7 +191,7 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
              for name in first if first[name] == name}
     largest = sorted(tasks, key=lambda name: -tasks[name].sub.size)  # they begin
     beside = sum(tasks[name].sub.size for name in largest[:workers or 1])
-    needs = {name: sum(reduction_bytes(task.sub.K, _columns(task.sub), task.method.modes or FIRST).values())
+    needs = {name: sum(reduction_bytes(task.sub.K, task.static_columns, task.method.modes or FIRST).values())
              for name, task in tasks.items() if beside >= LARGE and sp.issparse(task.sub.K)}
     try:
         made = side_by_side(reduce, {name: (tasks[name].sub, tasks[name].method, ports) for name in largest}, workers, executor,
@@ -252,6 +252,11 @@ class _Task:
     extra: Array
     pencil: Pencil | None
 
+    @property
+    def static_columns(self) -> int:
+        """Static shapes of the method, and responses to the ports: those that join the basis, and those that judge it."""
+        return self.method.static_columns(self.sub) + self.extra.shape[1] + sum(w.shape[1] for w in self.ports.values())
+
     def turned(self, part: Partition) -> _Task:
         """In the coordinates of the part, where these are others."""
         T = part.turn
@@ -289,13 +294,9 @@ def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
             raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
                              f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")
         pencil = pencil if pencil.norms[1] > 0 else None
-    check_memory(sub.name, sub.K, _columns(sub), method.modes or 0, len(sub.interface))
-    return _Task(sub, method, columns, extra, pencil)
-
-
-def _columns(sub: Substructure) -> int:
-    """An upper bound of the static responses of a reduction."""
-    return len(sub.interface) + 2 * sum(w.size // len(w) for w in sub.ports.values())
+    task = _Task(sub, method, columns, extra, pencil)
+    check_memory(sub.name, sub.K, task.static_columns, method.modes or 0, method.static_columns(sub))
+    return task
 
 
 def _basis(task: _Task, part: Partition) -> Basis:
@@ -349,4 +350,4 @@ def _work(task: _Task) -> float:
     sub, kept = task.sub, FIRST if task.method.modes is None else task.method.modes
     if not sp.issparse(sub.K) or sub.size <= SMALL or kept > 0.3 * sub.size:
         return float(sub.size) ** 3
-    return float(sub.size) * (kept + len(sub.interface) + task.extra.shape[1]) ** 2
+    return float(sub.size) * (kept + task.method.static_columns(sub) + task.extra.shape[1]) ** 2
