@@ -40,7 +40,7 @@ def validator() -> Any:
 def scene_texts() -> dict[str, str]:
     """Every scene in the tree: files, and blocks of the documentation."""
     files = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in ROOT.glob("*/*.toml")}
-    blocks = {f"{path.name} {number}": text for path in [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]
+    blocks = {f"{path.name} {number}": text for path in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]
               for number, text in enumerate(re.findall(r"```toml\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL))
               if "scene = " in text}
     return files | blocks

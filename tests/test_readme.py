@@ -18,12 +18,12 @@ from femsub.app.cli import main
 ROOT = Path(__file__).parent.parent
 #: All pages but the one that scripts/report.py writes, with what its runs have printed.
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md",
-         *(page for page in sorted((ROOT / "docs").glob("*.md")) if page.stem != "benchmarks")]
-TEXTS = {page.stem: page.read_text(encoding="utf-8") for page in PAGES}
+         *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page.stem != "benchmarks")]
+TEXTS = {page.relative_to(ROOT).with_suffix("").as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [(page, *found) for page, text in TEXTS.items() for found in re.findall(r"```(\w+)\n(.*?)```", text, flags=re.DOTALL)]
 
 
-LONG = ("motion", "scenes")  # pages whose blocks take more than 3 s
+LONG = ("docs/guide/motion", "docs/guide/scenes")  # pages whose blocks take more than 3 s
 
 
 def blocks(language: str) -> list[str]:
