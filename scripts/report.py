@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""The benchmark report: one Markdown page with tables and figures, from scenes, benchmarks, scaling and extreme cases.
+"""The benchmarks: data and figures behind docs/benchmarks.md, from scenes, benchmarks, scaling and extreme cases.
 
-    python scripts/report.py [--steps NAME ...] [--work DIR] [--page FILE] [--fresh] [--quick]
+    python scripts/report.py [--steps NAME ...] [--work DIR] [--data DIR] [--pictures DIR] [--fresh] [--quick]
 
 Each step is a command of its own, run in a process of its own, one after the other. What it prints is kept in
-DIR/NAME/printed.txt, its results beside it. A step that has ended well is not run again: a report that stopped goes on where
-it was, and --steps with --fresh repeats what it names. The page is written anew each time, from all steps that are there; it says
-for each the command, the commit and the seconds.
+WORK/NAME/printed.txt, its results beside it. A step that has ended well is not run again: a report that stopped goes on where
+it was, and --steps with --fresh repeats what it names. DATA/NAME.txt holds what a step has printed, below its command, its
+seconds, the commit and the machine. PICTURES gets its figures. The page with the conclusions is written by hand.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import femsub as fs
 from femsub.app import report
@@ -36,7 +35,7 @@ SCRIPTS = ROOT / "scripts"
 
 @dataclass(frozen=True)
 class Step:
-    """One section of the page: {out} in the command stands for the step's folder."""
+    """One command: {out} in it stands for the step's folder."""
 
     name: str
     title: str
@@ -56,6 +55,10 @@ def scene(name: str, title: str, says: str, *figures: str, quick: str = "") -> S
         return (*ONE_THREAD, str(SCRIPTS / "femsub"), "run", what, "--out", "{out}")
     small = run(quick) if quick else ()
     return Step(Path(name).stem, title, says, run(name), small, tuple(f"{figure}.png" for figure in figures))
+
+
+def module(name: str, title: str, says: str, *options: str, step: str = "") -> Step:
+    return Step(step or name, title, says, (sys.executable, "-m", f"benchmarks.{name}", *options))
 
 
 def script(name: str, title: str, says: str, *options: str, figures: tuple[str, ...] = (), quick: tuple[str, ...] = (),
@@ -91,6 +94,16 @@ STEPS = (
     script("cycle_cost", "Cost of a limit cycle", "Harmonic balance of finite-element ROMs against that of the chain.",
            "--repeats", "3", writes=False, before=ONE_THREAD),
     script("attractors", "Attractors", "Where seeded starts end, full and reduced.", figures=("attractors.png",)),
+    scene("brake", "A brake", "Disc and two pads with friction between them: full and reduced.", "flutter", "error-time"),
+    script("brake_convergence", "A brake over three meshes", "Frequency, growth and critical friction over element length.",
+           step="brake-convergence", figures=("brake-convergence.png",)),
+    module("brake", "A large brake", "Seconds and memory for 100 values of the friction.", step="brake-size"),
+    script("critical_values", "Critical values", "Against a dense scan with bisection, on 300 random models.", "0", "300",
+           writes=False, step="critical-values"),
+    script("system_effectivity", "Systems of parts to a tolerance", "The estimate against the true error over random systems.",
+           step="system-effectivity"),
+    script("workers", "Parts side by side", "One process against two.", writes=False),
+    module("assembly", "A million DOF in parts", "As one part, part by part, and by two processes."),
 )
 
 
@@ -123,51 +136,40 @@ def run(step: Step, folder: Path, quick: bool) -> None:
 
 
 def commit() -> str:
-    """The short hash of what is checked out, marked if it was changed (docs apart: the page itself); 'unknown' outside of a
-    repository."""
+    """The short hash of what is checked out, marked if it was changed (docs and data apart: what this script writes);
+    'unknown' outside of a repository."""
     def git(*words: str) -> str:
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
     try:
-        changed = git("status", "--porcelain", "-uno", "--", ".", ":!docs")
+        changed = git("status", "--porcelain", "-uno", "--", ".", ":!docs", ":!benchmarks/data")
         return git("rev-parse", "--short", "HEAD") + (" with changes" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
 
 
-def section(step: Step, folder: Path, pictures: str) -> str:
-    """What the page says about a step."""
+def text(step: Step, folder: Path) -> str:
+    """What a step has printed, below what belongs to it."""
     done = json.loads((folder / "done.json").read_text(encoding="utf-8"))
     printed = (folder / "printed.txt").read_text(encoding="utf-8").rstrip()
     table = "\n".join(line.rstrip() for line in printed.splitlines() if not line.startswith("written to ")).rstrip()
-    parts = [f"## {step.title}", step.says,
-             f"`{done['command']}` · {done['seconds']:.0f} s · commit {done['commit']} · {done['date']}", f"```\n{table}\n```"]
-    parts += [f"![{step.title}: {Path(name).stem}]({pictures}/{step.name}-{Path(name).name})"
-              for name in step.figures if (folder / name).exists()]
-    return "\n\n".join(parts)
+    machine = ", ".join(f"{key} {value}" for key, value in done["machine"].items())
+    return (f"# {step.title}. {step.says}\n# {done['command']}\n# {done['seconds']:.0f} s, commit {done['commit']}, "
+            f"{done['date']}; {machine}\n\n{table}\n")
 
 
-def page(steps: list[Step], work: Path, target: Path) -> str:
-    """The whole page, of all steps that have ended well."""
-    found = [step for step in steps if (work / step.name / "done.json").exists()]
-    machine = json.loads((work / found[-1].name / "done.json").read_text(encoding="utf-8"))["machine"]
-    head = ("# Benchmarks\n\n"
-            "Made by `python scripts/report.py`; a step that has ended well is not run again (`--fresh` does). Seconds belong to "
-            f"this machine: {', '.join(f'{key} {value}' for key, value in machine.items())}; ratios belong to one run.")
-    missing = [step.name for step in steps if step not in found]
-    if missing:
-        head += f"\n\nNot run yet: {', '.join(missing)}."
-    return "\n\n".join([head, *(section(step, work / step.name, target.stem) for step in found)]) + "\n"
+def picture(step: Step, figure: str) -> str:
+    """The file of a figure in the folder of pictures."""
+    stem = Path(figure).stem
+    return f"{step.name}.png" if stem in step.name else f"{step.name}-{stem}.png"
 
 
-def write(steps: list[Step], work: Path, target: Path) -> None:
-    """The page and its figures, each whole or not at all."""
-    files: dict[str, Callable[[BinaryIO], Any]] = {target.name: partial(_put, content=page(steps, work, target))}
-    for step in steps:
-        for name in step.figures:
-            figure = work / step.name / name
-            if (work / step.name / "done.json").exists() and figure.exists():
-                files[f"{target.stem}/{step.name}-{figure.name}"] = partial(_put, content=figure.read_bytes())
-    write_whole(target.parent, files)
+def write(steps: list[Step], work: Path, data: Path, pictures: Path) -> list[str]:
+    """The texts and figures of the steps that have ended well, each folder whole or not at all; their names."""
+    ended = [step for step in steps if (work / step.name / "done.json").exists()]
+    figures = {picture(step, name): work / step.name / name for step in ended for name in step.figures}
+    write_whole(data, {f"{step.name}.txt": partial(_put, content=text(step, work / step.name)) for step in ended})
+    write_whole(pictures, {name: partial(_put, content=path.read_bytes()) for name, path in figures.items() if path.exists()})
+    return [step.name for step in ended]
 
 
 def _put(file: BinaryIO, content: str | bytes) -> None:
@@ -179,12 +181,14 @@ def main() -> int:
     parser.add_argument("--steps", nargs="+", choices=[step.name for step in STEPS], metavar="NAME",
                         help=f"of {', '.join(step.name for step in STEPS)} (default: all)")
     parser.add_argument("--work", type=Path, default=ROOT / "out" / "report", metavar="DIR", help="results (default out/report)")
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "benchmarks.md", metavar="FILE",
-                        help="the page; its figures go into a folder of that name (default docs/benchmarks.md)")
+    parser.add_argument("--data", type=Path, default=ROOT / "benchmarks" / "data", metavar="DIR",
+                        help="what the steps print (default benchmarks/data)")
+    parser.add_argument("--pictures", type=Path, default=ROOT / "docs" / "pictures", metavar="DIR",
+                        help="figures (default docs/pictures)")
     parser.add_argument("--fresh", action="store_true", help="run again what has been run")
     parser.add_argument("--quick", action="store_true", help="tiny sizes: shows that all works, times mean nothing")
     asked = parser.parse_args()
-    for folder in (asked.work, asked.page.parent):
+    for folder in (asked.work, asked.data, asked.pictures):
         try:
             report.check_folder(str(folder))
         except fs.InputError as error:
@@ -209,12 +213,9 @@ def main() -> int:
             continue
         print(f"{step.name}: done")
     report.progress_done()
-    if not any((asked.work / step.name / "done.json").exists() for step in steps):
-        print("no step has ended well: there is nothing to write a page of", file=sys.stderr)
-        return 1
-    write(steps, asked.work, asked.page)
-    print(f"written: {asked.page}")
-    return 1 if failed else 0
+    written = write(steps, asked.work, asked.data, asked.pictures)
+    print(f"written to {asked.data}: {', '.join(written) or 'nothing, since no step has ended well'}")
+    return 0 if written and not failed else 1
 
 
 if __name__ == "__main__":

@@ -16,9 +16,7 @@ import femsub as fs
 from femsub.app.cli import main
 
 ROOT = Path(__file__).parent.parent
-#: All pages but the one that scripts/report.py writes, with what its runs have printed.
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md",
-         *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page.stem != "benchmarks")]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TEXTS = {page.relative_to(ROOT).with_suffix("").as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [(page, *found) for page, text in TEXTS.items() for found in re.findall(r"```(\w+)\n(.*?)```", text, flags=re.DOTALL)]
 
@@ -123,3 +121,13 @@ def test_files_that_are_named_exist() -> None:
             assert (ROOT / name).exists(), name
         for target in re.findall(r"\]\((?!https?:)([^)#]+)", text):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_benchmarks_fit_a_screen_and_each_conclusion_links_to_its_data() -> None:
+    page = TEXTS["docs/benchmarks"]
+    assert len(page.splitlines()) <= 50
+    data = {path.name for path in (ROOT / "benchmarks" / "data").glob("*.txt")}
+    assert set(re.findall(r"\(\.\./benchmarks/data/([\w-]+\.txt)\)", page)) == data
+    for name in data:
+        _, command, seconds = (ROOT / "benchmarks" / "data" / name).read_text(encoding="utf-8").splitlines()[:3]
+        assert re.match(r"# (env |python )", command) and re.match(r"# \d+ s, commit ", seconds), name

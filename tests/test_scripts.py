@@ -72,7 +72,7 @@ def test_bench(tmp_path: Path) -> None:
 
 def report(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(ROOT / "scripts" / "report.py"), "--quick", "--work", str(folder / "work"),
-               "--page", str(folder / "docs" / "page.md"), *args]
+               "--data", str(folder / "data"), "--pictures", str(folder / "pictures"), *args]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
@@ -80,9 +80,10 @@ def report(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
 def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
     first = report(tmp_path, "--steps", "chain")
     assert first.returncode == 0, first.stdout + first.stderr
-    page = (tmp_path / "docs" / "page.md").read_text()
-    assert "scripts/tiny-chain.toml" in page and "* Craig-Chang" in page and "Not run yet: bench" in page
-    assert (tmp_path / "docs" / "page" / "chain-error-time.png").exists() and "(page/chain-error-time.png)" in page
+    text = (tmp_path / "data" / "chain.txt").read_text()
+    assert "scripts/tiny-chain.toml" in text and " s, commit " in text and "* Craig-Chang" in text
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["chain.txt"]
+    assert (tmp_path / "pictures" / "chain-error-time.png").exists()
     # what was run and stopped half-way has no done.json: it is begun anew, and what had ended is left alone
     kept = (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns
     half = tmp_path / "work" / "bench"
@@ -92,8 +93,8 @@ def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert second.returncode == 0, second.stdout + second.stderr
     assert "chain: done before" in second.stdout and "bench: done\n" in second.stdout
     assert (tmp_path / "work" / "chain" / "done.json").stat().st_mtime_ns == kept
-    page = (tmp_path / "docs" / "page.md").read_text()
-    assert "Not run yet" not in page and "SLEPc, MUMPS" in page and "half a table" not in page
+    text = (tmp_path / "data" / "bench.txt").read_text()
+    assert "SLEPc, MUMPS" in text and "half a table" not in text
 
 
 def test_certificates_cost_less_than_what_they_certify(tmp_path: Path) -> None:
