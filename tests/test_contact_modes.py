@@ -124,6 +124,19 @@ def test_a_large_interface_without_shapes_of_its_own_asks_for_no_memory(monkeypa
         fs.reduce(wide, fs.ContactModes(150, contacts=contact))
 
 
+@pytest.mark.parametrize("made", ["contact modes", "parts"])
+def test_modes_under_friction_are_refined_to_those_of_the_full_model(made: str) -> None:
+    system, contacts = pad()
+    method = fs.ContactModes(20, contacts=contacts) if made == "contact modes" else {name: fs.CraigBampton(12) for name in
+                                                                                  system.parts}
+    model = fs.reduce(system, method, **({} if made == "contact modes" else {"ports": True}))
+    out = fs.refine(system, fs.complex_modes(model, at(0.4), band=(1e3, 6e4)), model, at(0.4))
+    exact = fs.complex_modes(system, at(0.4), band=(1e3, 6e4)).eigenvalues
+    assert len(out.modes.eigenvalues) == len(exact) and out.factorisations == 1 and out.steps <= 6 and not out.lost.any()
+    np.testing.assert_allclose(out.modes.eigenvalues, exact, rtol=1e-9)
+    assert "a contact adds" in out.whole
+
+
 def test_contact_modes_need_contacts_that_have_the_parameter() -> None:
     with pytest.raises(fs.InputError, match="needs the contacts of the system"):
         fs.ContactModes(4)

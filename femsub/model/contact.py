@@ -8,7 +8,7 @@ contact serves the full and the reduced model.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -139,6 +139,12 @@ def contacts_of(contacts: Any) -> tuple[Contact, ...]:
             raise InputTypeError("a contact must be a Belt, a LinearContact or another object with `ports` and "
                                  f"linearised(model), not {shown(contact)}")
     return tuple(given)
+
+
+def contacts_at(contacts: Contacts, parameter: str, value: float) -> list[Any]:
+    """The contacts with this value of a parameter; those that do not have it are left as they are."""
+    given: Sequence[Any] = contacts_of(contacts)
+    return [replace(one, **{parameter: value}) if hasattr(one, parameter) else one for one in given]
 
 
 def columns_of(model: Substructure, contact: Contact) -> Matrix:

@@ -29,7 +29,10 @@ COLUMNS = 64  # right-hand sides at a time
 
 
 class FullSolve(Protocol):
-    """A = K + S, symmetric positive definite, S ≥ 0 small. `whole` says why the whole was factorised, where it was."""
+    """A = K + S, symmetric positive definite, S ≥ 0 small. `whole` says why the whole was factorised, where it was.
+
+    K may hold the stiffness of contacts.
+    """
 
     whole: str
     factorisations: int
@@ -45,8 +48,8 @@ class FullSolve(Protocol):
 class ByWhole:
     """A = K - σM by a factor of the whole."""
 
-    def __init__(self, full: Substructure, why: str) -> None:
-        handle = ShiftInvert(full.K, full.M)
+    def __init__(self, K: Matrix, M: Matrix, why: str) -> None:
+        handle = ShiftInvert(K, M)
         self.whole, self.factorisations, self._handle = why, handle.factorisations, handle
         self._A = Difference(handle.K, handle.M, handle.sigma)
 
@@ -115,10 +118,13 @@ class ByParts:
         return (self._soft[:, None] * V[self._b]).T @ V[self._b]
 
 
-def solve_of(full: Substructure, rom: Any) -> FullSolve:
-    """By the parts where the full model is a system whose parts can be held at their interfaces, else by the whole."""
-    why = "it is no system of parts"
-    if isinstance(full, System) and isinstance(rom, System):
+def solve_of(full: Substructure, rom: Any, K: Matrix) -> FullSolve:
+    """By the parts where the full model is a system whose parts can be held at their interfaces, else by the whole.
+
+    K is that of the full model, or holds the stiffness of contacts, too.
+    """
+    why = "it is no system of parts" if K is full.K else "a contact adds to its stiffness"
+    if isinstance(full, System) and isinstance(rom, System) and K is full.K:
         why = _against(full)
         if not why:
             try:
@@ -126,7 +132,7 @@ def solve_of(full: Substructure, rom: Any) -> FullSolve:
             except SingularMatrixError as error:
                 why = str(error)
         log.info("%r is factorised as a whole: %s", full.name, why)
-    return ByWhole(full, why)
+    return ByWhole(K, full.M, why)
 
 
 def _apart(full: System) -> dict[str, slice]:

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, items, positive_number, whole_number
-from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, warn
+from femsub.checks import Array, Matrix, items, positive_number, whole_number
+from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, SingularMatrixError, warn
 from femsub.linalg.subspace import orthonormal
 from femsub.model.assembly import System
+from femsub.model.contact import Contacts, contacts_at
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.quadratic import dense
 from femsub.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.quadratic.full_solve import FullSolve, solve_of
 from femsub.quadratic.matching import assigned, pair_costs
-
-if TYPE_CHECKING:
-    from femsub.model.friction import Belt
 
 BELONGS = 1e-6  # largest backward error of modes that are accepted as those of the reduced model
 LOST = 0.5  # a refined mode with less of the reduced shape (share of energy) is a different mode
@@ -87,7 +85,7 @@ class Refined:
 
 
 def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | System,
-           contacts: Belt | Sequence[Belt] | None = None, *, which: Sequence[int] | None = None, tol: float = 1e-8,
+           contacts: Contacts = None, *, which: Sequence[int] | None = None, tol: float = 1e-8,
            steps: int = 20) -> Refined:
     """Refine the complex modes of a reduced model to those of the full model, and tell how far each λ moves.
 
@@ -97,7 +95,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     join the reduction basis, and λ and x come from the pencil projected on it (Voss's nonlinear Arnoldi method, in a
     block). Then only components with Ω above the basis' cut-off remain.
 
-    Of a system the whole is not factorised. A⁻¹ is made of the factors of its parts with their interfaces held, which
+    Of a system under belts the whole is not factorised. A⁻¹ is made of the factors of its parts with their interfaces held, which
     Craig-Bampton and Hurty have made already, and of a dense matrix for the DOF between the parts (see `ByParts`). Where that
     cannot be done, ``.whole`` says why, and the whole is factorised.
 
@@ -109,8 +107,8 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
         `complex_modes(rom, contacts)`, by count or by band.
     rom : ReducedSubstructure, or System
         The reduced model; of a full system also the same parts joined, each reduced by a method of its own.
-    contacts : Belt or sequence of Belt, optional
-        As for `modes`.
+    contacts : contact, or sequence of contacts, optional
+        As for `modes`. The stiffness of contacts between surfaces joins K in A, without their friction.
     which : sequence of int, optional
         Rows of `modes`; all below the cut-off by default.
     tol : float
@@ -153,8 +151,8 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     whole_number("steps", steps, least=1)
     rows, mirrored = _representatives(modes, chosen)
     pencil = full.linearised(contacts)
-    by = solve_of(full, rom)
-    space = _Space(pencil, by)
+    K, by = _held(full, rom, pencil, contacts)
+    space = _Space(pencil, K, by)
     values, X = modes.eigenvalues[rows], V @ modes.shapes[:, rows]
     down = values.imag < 0
     values, X = np.where(down, values.conj(), values), np.where(down, X.conj(), X)
@@ -196,6 +194,21 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
                    (step, by.factorisations, space.solves), by.whole)
 
 
+def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> tuple[Matrix, FullSolve]:
+    """K with the symmetric stiffness of contacts without friction, which presses surfaces together, and its solutions.
+
+    Where that is not positive definite, K without contacts takes its place; the refinement is slower then.
+    """
+    if pencil.K is full.K:
+        return full.K, solve_of(full, rom, full.K)
+    K = full.linearised(contacts_at(contacts, "mu", 0.0)).K
+    try:
+        K = (K + K.T) * 0.5
+        return K, solve_of(full, rom, K)
+    except SingularMatrixError:
+        return full.K, solve_of(full, rom, full.K)
+
+
 def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Array, found: tuple[Array, ...], rows: Array,
             mirrored: Array, effort: tuple[int, int, int], whole: str) -> Refined:
     values, X, Y, share, twin, down = found
@@ -221,11 +234,11 @@ def _result(full: Substructure, pencil: Pencil, modes: ComplexModes, chosen: Arr
 class _Space:
     """V with VᵀAV = I, and the pencil projected on it."""
 
-    def __init__(self, pencil: Pencil, by: FullSolve) -> None:
+    def __init__(self, pencil: Pencil, K: Matrix, by: FullSolve) -> None:
         self.full, self.by, self.solves = pencil, by, 0
         self.V = np.zeros((pencil.size, 0))
         self.M, self.D = np.zeros((0, 0)), np.zeros((0, 0))
-        self.contact = None if pencil.K is pencil.K0 else pencil.K - pencil.K0
+        self.contact = None if pencil.K is K else pencil.K - K
 
     @property
     def pencil(self) -> Pencil:

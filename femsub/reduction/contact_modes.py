@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from femsub.checks import Array, word
 from femsub.errors import InputError, unknown_name
-from femsub.model.contact import contacts_of
+from femsub.model.contact import contacts_at, contacts_of
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.reduction.basis import Basis, Kept, Responses, projected
 from femsub.reduction.free_interface import FreeInterface
@@ -87,14 +87,9 @@ class ContactModes(FreeInterface):
     def mode_kind(self) -> str:
         return "real"
 
-    def at(self, value: float) -> list[Any]:
-        """The contacts with this value of the parameter."""
-        given: Sequence[Any] = contacts_of(self.contacts)
-        return [replace(one, **{self.parameter: value}) if hasattr(one, self.parameter) else one for one in given]
-
     def part(self, sub: Substructure) -> Rubbing:
         """The whole system with the contact's stiffness at μ = 0, and K₁."""
-        K0, K1 = (sub.linearised(self.at(value)).K for value in (0.0, 1.0))
+        K0, K1 = (sub.linearised(contacts_at(self.contacts, self.parameter, value)).K for value in (0.0, 1.0))
         held = Substructure(sub.M, (K0 + K0.T) * 0.5, sub.D, sub.interface, sub.ports, sub.name)
         return Rubbing(held, slice(None), friction=K1 - K0)
 
