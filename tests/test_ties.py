@@ -11,6 +11,7 @@ import scipy.sparse.linalg as spla
 from test_coupling import HOW
 
 import femsub as fs
+from femsub.components.ties import Surface
 
 STEEL = fs.Material(1.0, 0.3, 1.0)
 
@@ -128,3 +129,21 @@ def test_what_cannot_be_tied_is_told() -> None:
             fs.couple({"a": a, "b": b}, [tie])
     # held nodes of the second surface hold those that follow it
     assert fs.couple({"a": a, "b": b}, [fs.Tied(("b", "left"), ("a", "right"), meshes)]).size == a.size + b.size - 27
+
+
+def test_points_on_curved_faces_are_placed_in_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each point stops when it is in its place: rounding in one does not keep the others going."""
+    _, mesh = box("hexahedron20", (1, 3, 3), 0.0, bent=0.05)
+    far = fs.Mesh(mesh.points + 20.0, mesh.cells, mesh.kind, sets=mesh.sets)  # where rounding is 5e-14 of a face
+    surface = Surface.of(far, "right", "right")
+    rng, evaluated, tangents = np.random.default_rng(2), [], Surface.tangents
+    at, s = rng.integers(len(surface.faces), size=2000), rng.random((2000, 2))
+    x = np.einsum("pk,pki->pi", surface.shapes(at, s)[0], surface.points[surface.faces[at]])
+
+    def counted(surface: Surface, at: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        evaluated.append(len(at))
+        return tangents(surface, at, s)
+
+    monkeypatch.setattr(Surface, "tangents", counted)
+    assert np.abs(surface.place(at, x) - s).max() < 1e-11
+    assert sum(evaluated) < 7 * len(at)

@@ -90,10 +90,11 @@ def _skfem_element(kind: str) -> tuple[Any, Array]:
     return element, apart.argmin(axis=1)
 
 
-def shape_functions(kind: str, X: Array) -> tuple[Array, Array]:
-    """N (q, k) and ∂N/∂X (q, k, 3) at q reference points X (q, 3), nodes in the order of mesh files."""
+def shape_functions(kind: str, X: Array, nodes: Sequence[int] | Array | None = None) -> tuple[Array, Array]:
+    """N (q, k) and ∂N/∂X (q, k, 3) at q reference points X (q, 3), of some nodes or all, in the order of mesh files."""
     element, order = _skfem_element(kind)
-    values = [element.lbasis(np.ascontiguousarray(X.T), int(i)) for i in order]
+    points = np.ascontiguousarray(X.T)
+    values = [element.lbasis(points, int(i)) for i in (order if nodes is None else order[nodes])]
     return (np.stack([np.broadcast_to(value, len(X)) for value, _ in values], axis=1),
             np.stack([np.broadcast_to(gradient, X.T.shape).T for _, gradient in values], axis=1))
 

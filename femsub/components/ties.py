@@ -26,6 +26,7 @@ PARALLEL = 0.5  # the cosine of the angle between two faces, at least
 SLIVER = 1e-12  # of a face: less is no common part of two
 OBLIQUE = 6  # see `Surface.excess`: what is left of N's integral is below 1e-10 of it on faces of usual shape
 STEPS = 20  # of Newton's method, for the place of a point on a face
+PLACED = 1e-12  # a step of it, in faces, after which a point is in its place: what is left is much smaller
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,19 +187,21 @@ class Surface:
             members = np.flatnonzero(self.sides[at] == side)
             around = corners[list(reference(self.kind).faces[side])]
             tangents = np.stack([around[1] - around[0], around[-1] - around[0]])
-            values, gradients = shape_functions(self.kind, around[0] + s[members] @ tangents)
-            N[members], dN[members] = values[:, table[side]], gradients[:, table[side]] @ tangents.T
+            N[members], gradients = shape_functions(self.kind, around[0] + s[members] @ tangents, table[side])
+            dN[members] = gradients @ tangents.T
         return N, dN
 
     def place(self, at: Array, x: Array) -> Array:
         """The own coordinates s (p, 2) of the faces `at` where they are nearest to the points x (p, 3), by Gauss-Newton."""
         s = np.full((len(at), 2), 0.5 if self.corners == 4 else 1 / 3)
+        going = np.arange(len(at))
         for _ in range(STEPS):
-            N, J = self.tangents(at, s)
-            gap = x - np.einsum("pk,pki->pi", N, self.points[self.faces[at]])
+            N, J = self.tangents(at[going], s[going])
+            gap = x[going] - np.einsum("pk,pki->pi", N, self.points[self.faces[at[going]]])
             step = np.linalg.solve(J @ J.transpose(0, 2, 1), (J @ gap[:, :, None]))[:, :, 0]
-            s = s + step
-            if np.abs(step).max(initial=0.0) < 1e-14:
+            s[going] += step
+            going = going[np.abs(step).max(axis=1) > PLACED]
+            if not len(going):
                 break
         return s
 

@@ -379,10 +379,11 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
                 A[np.ix_(moving, moving)] += product(T.T, product(matrix, T))
         else:
             A = sp.csr_array(S.T @ (sp.block_diag([sp.csr_array(one) for one in matrices], format="csr") @ S))
-        for R, link in springs:
-            middle = {"K": link.stiffness, "D": link.damping}.get(key)
-            if middle is not None and np.any(middle):
-                A = A + (R.T @ (middle if dense else sp.csr_array(middle)) @ R)
+        middles = [(R, {"K": link.stiffness, "D": link.damping}.get(key)) for R, link in springs]
+        added = [R.T @ (middle if dense else sp.csr_array(middle)) @ R for R, middle in middles
+                 if middle is not None and np.any(middle)]
+        if added:  # summed first: they have few entries, and A has many
+            A = A + sum(added)
         if key == "K" and len(joined.owner):
             A = A + (joined.work().toarray() if dense else joined.work())
         plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for link in links if key == "D")))
