@@ -12,7 +12,7 @@ say() { echo "femsub set-up: $*" >&2; }
 die() { say "$@"; exit 1; }
 
 extra=${1:-figures} # the argument of the script that sources this
-grep -q "^$extra = \[" pyproject.toml || die "pyproject.toml has no extra '$extra' (figures, test, dev)"
+grep -q "^$extra = \[" pyproject.toml || die "pyproject.toml has no extra '$extra' (figures, test, dev, docs)"
 
 # logged COMMAND...: its noise goes to the log. run WHAT_FAILED COMMAND...: the same, or the end.
 logged() { echo "+ $*" >>"$log"; "$@" >>"$log" 2>&1 </dev/null; }

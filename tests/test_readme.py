@@ -16,7 +16,10 @@ import femsub as fs
 from femsub.app.cli import main
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+#: All pages but those that the site's build makes.
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(
+    page for page in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in page.parts
+    and (page.name == "index.md" or "reference" not in page.parts) and page.parts[-3:-1] != ("reference", "scenes"))]
 TEXTS = {page.relative_to(ROOT).with_suffix("").as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [(page, *found) for page, text in TEXTS.items() for found in re.findall(r"```(\w+)\n(.*?)```", text, flags=re.DOTALL)]
 

@@ -35,7 +35,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         The map, or its file: CalculiX' .dof ('12.3' a line) or text with 'node,component[,x,y,z]' a line. Abaqus' files of
         FORMAT=MATRIX INPUT contain it.
     interface : sequence
-        DOF: numbers from 0, or by the map '12:uz', '12.3' (node and direction), '12:*' (all of a node), (12, 'uz').
+        DOF: numbers from 0, or by the map '12:uz', '12.3' (node and direction), `12:*` (all of a node), (12, 'uz').
     ports : mapping of str
         For each port such a DOF, a sequence of them (w is 1 there), a mapping of DOF to weight, or the column(s) w as an
         array of floats, shape (n,) or (n, p).

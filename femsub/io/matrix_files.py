@@ -29,7 +29,7 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     Parameters
     ----------
     path : str or Path
-        .mtx (Matrix Market, or what Abaqus writes with *MATRIX OUTPUT: it uses the same ending), .sti and .mas (CalculiX,
+        .mtx (Matrix Market, or what Abaqus writes with `*MATRIX OUTPUT`: it uses the same ending), .sti and .mas (CalculiX,
         SOLVER=MATRIXSTORAGE), .npz, .npy, .mat (MATLAB, also 7.3 where h5py is installed), .op4 (Nastran, needs pyyeti).
     variable : str, optional
         The name of the matrix, if a .mat, .npz or .op4 file holds several.

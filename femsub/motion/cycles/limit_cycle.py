@@ -109,7 +109,7 @@ class LimitCycle:
                 "harmonics": self.orbit.harmonics, "truncation": self.truncation, "residual": self.residual}
 
     def velocity(self, t: Any) -> Array:
-        """v(t) = Wᵀq̇, shape of t for one column, (p, *t.shape) for several."""
+        """v(t) = Wᵀq̇, shape of t for one column, `(p, *t.shape)` for several."""
         times = np.asarray(t, dtype=float)
         k = np.arange(1, self.orbit.harmonics + 1)
         waves = np.exp(1j * np.multiply.outer(times, k * self.omega))

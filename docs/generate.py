@@ -1,0 +1,120 @@
+"""Writes the reference's pages from the code: public names by what they are for, and the keys of each scene."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import femsub as fs
+from femsub.app.explain import table_of, toml
+from femsub.app.keys import Declared, defaults_of, keys_of, type_words
+from femsub.app.scene import SCENES, scene_of
+
+#: the pages of public names: title, one line, and the rooms or modules of femsub whose names stand there
+NAMES = {
+    "model": ("Models", "What all other functions take and give: matrices with an interface and ports.", ("model",)),
+    "components": ("Components", "Functions that make a component, or read and cut a mesh.", ("components",)),
+    "reduction": ("Reduction", "Methods, and what they make of a component.", ("reduction",)),
+    "coupling": ("Coupling and contact", "Joints that make a system of parts, belts, friction laws and contacts.",
+                 ("model.assembly", "model.joints", "model.rigid_links", "model.friction", "model.contact", "components.ties",
+                  "components.friction_contact")),
+    "stability": ("Modes and stability", "Normal and complex modes, critical slopes and values, sweeps and maps.",
+                  ("modes", "quadratic", "stability")),
+    "motion": ("Motion", "Time integration, limit cycles, branches and signals.", ("motion",)),
+    "io": ("Files", "Matrices, meshes and components from and to files.", ("io",)),
+    "studies": ("Studies", "Full against reduced models: error and run time.", ("studies",)),
+    "errors": ("Errors and warnings", "All of them are a `FemsubError` or a `FemsubWarning`.", ("errors",)),
+}
+
+
+def names_by_page() -> dict[str, list[str]]:
+    """The public names of each page, functions first; the most particular module decides."""
+    found: dict[str, list[str]] = {page: [] for page in NAMES}
+    for name in fs.__all__:
+        if name.startswith("__"):
+            continue
+        home = fs._HOME[name].removeprefix("femsub.")
+        fits = {module: page for page, (*_, modules) in NAMES.items() for module in modules
+                if f"{home}.".startswith(f"{module}.")}
+        found[fits[max(fits, key=len)]].append(name)
+    return {page: sorted(names, key=lambda name: (isinstance(getattr(fs, name), type), name.lower()))
+            for page, names in found.items()}
+
+
+def first_line(thing: Any) -> str:
+    return (inspect.getdoc(thing) or "").split("\n")[0].removesuffix(":")
+
+
+def names_page(page: str, names: list[str]) -> str:
+    """A table of the names, and each in full."""
+    title, line, _ = NAMES[page]
+    told = [f"# {title}", line, "| name | what it is |\n|---|---|\n" + "\n".join(
+        f"| {{py:obj}}`~femsub.{name}` | {cell(first_line(getattr(fs, name)))} |" for name in names)]
+    for name in names:
+        thing = getattr(fs, name)
+        kind = "class" if isinstance(thing, type) else "function"
+        if kind == "class" and issubclass(thing, BaseException):
+            kind = "exception"
+        told.append(f"## {name}\n\n```{{eval-rst}}\n.. currentmodule:: femsub\n.. auto{kind}:: {name}\n```")
+    return "\n\n".join(told) + "\n"
+
+
+def scene_page(scene: str) -> str:
+    """What a scene is, and its keys in a table."""
+    kind, line = scene_of(scene)[0], SCENES[scene][1]
+    return "\n\n".join([f"# {scene}", f"{line[0].upper()}{line[1:]}.", "\n\n".join(
+        " ".join(part.split()) for part in inspect.cleandoc(kind.__doc__ or "").split("\n\n")),
+        f"`femsub new {scene} > my.toml` begins a file with these keys.", "## Keys", key_table(kind, defaults_of(kind, scene)),
+        *inner_tables(kind, "")]) + "\n"
+
+
+def inner_tables(kind: type, where: str) -> Iterator[str]:
+    for name, one in keys_of(kind).items():
+        if (table := table_of(one)) is not None:
+            yield f"## Keys of {where}{name}\n\n{key_table(table, defaults_of(table))}"
+            yield from inner_tables(table, f"{where}{name}.")
+
+
+def key_table(kind: type, defaults: Mapping[str, Any]) -> str:
+    rows = [[f"`{name}`", type_of(one, kind), default_of(one, defaults[name]), one.key.meaning, one.key.unit]
+            for name, one in keys_of(kind).items()]
+    return "\n".join(["| key | type | default | meaning | unit |", "|---|---|---|---|---|",
+                      *(f"| {' | '.join(map(cell, row))} |" for row in rows)])
+
+
+def type_of(one: Declared, owner: type) -> str:
+    key = one.key
+    words = type_words(one.type).replace("a list of", f"`{key.form}`," if key.form else "a list of")
+    words += f"; {key.bounds}" if key.bounds else ""
+    return words + (": " + ", ".join(f"`{word}`" for word in key.choices(owner)) if key.choices else "")
+
+
+def default_of(one: Declared, default: Any) -> str:
+    if one.key.required:
+        return "required"
+    return one.key.otherwise or ("" if default in (None, "", []) else f"`{toml(default)}`")
+
+
+def cell(text: str) -> str:
+    return text.replace("|", r"\|")
+
+
+def pages() -> dict[str, str]:
+    """All pages of the reference but its first, by their paths."""
+    made = {f"{page}.md": names_page(page, names) for page, names in names_by_page().items()}
+    made |= {f"scenes/{scene}.md": scene_page(scene) for scene in SCENES}
+    rows = "\n".join(f"| [{name}]({name}.md) | {line} |" for name, (_, line) in SCENES.items())
+    made["scenes/index.md"] = ("# Keys of scenes\n\nEvery key of every scene file, with type, default, meaning and unit.\n\n"
+                               f"| scene | what it does |\n|---|---|\n{rows}\n")
+    return made
+
+
+def write(folder: Path) -> None:
+    """Writes the pages that have changed, so that only these are built anew."""
+    for name, text in pages().items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
