@@ -1,0 +1,153 @@
+"""Runs the blocks of a page of the documentation, and compares what they print with what the page shows.
+
+A page runs from top to bottom in a folder of its own, all its ```python blocks in one namespace. A ```toml block is written to
+`my.toml` there. A ```sh block runs if its output is shown. A ```text block that comes next after a ```python block with a print,
+or after a ```sh block, is its output.
+
+Output is compared word by word, however wide the columns are.
+
+- `…` stands for anything: as a word for any words, within a word for any characters.
+- Whole numbers are equal.
+- Other numbers agree to the digits that are shown: relative 1e-6, and half a unit in the last digit of each.
+- Numbers below 1e-12 are rounding, and all the same.
+- A number before `ms` or `µs` is a run time, and matches any run time. A star at the begin of a line goes by run times: it is
+  not compared.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+BLOCK = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.]*\w)|(?<=\d)[-+]\d+\.?\d*(?:[eE][-+]?\d+)?(?=j)")
+GIVEN = ("meshes", "scripts")  # folders of the repository that a page finds beside it
+RELATIVE, NOISE = 1e-6, 1e-12
+TIMES = ("ms", "µs")
+
+#: Runs the blocks that come as JSON on stdin; prints as JSON what each printed, up to the first that fails.
+DRIVER = """
+import contextlib, io, json, subprocess, sys, traceback
+_told, _fault = [], ""
+for _kind, _text in json.load(sys.stdin):
+    _out = io.StringIO()
+    try:
+        if _kind == "python":
+            with contextlib.redirect_stdout(_out):
+                exec(compile(_text, f"<block {len(_told) + 1}>", "exec"), globals())
+        else:
+            _done = subprocess.run(["bash", "-euc", _text], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+            _out.write(_done.stdout)
+            if _done.returncode:
+                raise RuntimeError(_done.stderr or _done.stdout)
+    except BaseException:
+        _fault = traceback.format_exc()
+        break
+    _told.append(_out.getvalue())
+json.dump([_told, _fault], sys.__stdout__)
+"""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block that runs: its language, its text, the output that the page shows (None: none), and where that stands."""
+
+    kind: str
+    text: str
+    shown: str | None
+    end: int
+    shown_at: tuple[int, int] | None = None
+
+
+def blocks_of(page: str) -> list[Block]:
+    """The blocks of a page that run."""
+    found = list(BLOCK.finditer(page))
+    made = []
+    for place, one in enumerate(found):
+        prints = one[1] == "sh" or "print(" in one[2]
+        output = next((after for after in found[place + 1:place + 2] if prints and after[1] == "text"), None)
+        if one[1] == "python" or (one[1] == "sh" and output):
+            made.append(Block(one[1], one[2], output and output[2], one.end(), output and output.span(2)))
+    return made
+
+
+def run(page: str, folder: Path) -> tuple[list[Block], list[str], str]:
+    """The blocks of a page, what each printed in this folder, and the error of the one that failed, if any."""
+    for name in GIVEN:
+        (folder / name).symlink_to(ROOT / name)
+    for one in BLOCK.finditer(page):
+        if one[1] == "toml":
+            (folder / "my.toml").write_text(one[2], encoding="utf-8")
+    blocks = blocks_of(page)
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    done = subprocess.run([sys.executable, "-W", "error", "-c", DRIVER], cwd=folder, capture_output=True, text=True, check=False,
+                          input=json.dumps([(one.kind, one.text) for one in blocks]),
+                          env=os.environ | {"PYTHONPATH": path, "FEMSUB_PYTHON": sys.executable, "PYTHONWARNINGS": "error"})
+    if done.returncode:
+        return blocks, [], done.stderr
+    printed, fault = json.loads(done.stdout)
+    return blocks, printed, fault
+
+
+def differences(printed: str, shown: str) -> str:
+    """Where the output is not what the page shows: the first word, with its neighbours; nothing if all words agree."""
+    found, expected = (re.sub(r"^\* ", "", text, flags=re.MULTILINE).split() for text in (printed, shown))
+    reach = {0}  # how many words of the output may stand for those of the page so far: several behind a …
+    for i, word in enumerate(expected):
+        if word == "…":
+            after = set(range(min(reach), len(found) + 1))
+        else:
+            after = {j + 1 for j in reach if j < len(found) and _same(found, j, expected, i)}
+        if not after:
+            j = max(reach)
+            return f"the page shows {_around(expected, i)}\nthe output is  {_around(found, j)}"
+        reach = after
+    return "" if len(found) in reach else f"the output goes on: {' '.join(found[max(reach):][:12])}"
+
+
+def _around(words: list[str], place: int) -> str:
+    """A word in brackets, between three before and three after."""
+    before, word, after = words[max(place - 3, 0):place], words[place:place + 1], words[place + 1:place + 4]
+    return " ".join([*before, f"[{' '.join(word)}]", *after])
+
+
+def _same(found: list[str], j: int, expected: list[str], i: int) -> bool:
+    """Whether a word of the output agrees with one of the page."""
+    here, there = found[j], expected[i]
+    if here == there or (set(here) == set(there) == {"-"}):  # a rule of a table is as wide as its columns
+        return True
+    if "…" in there:
+        return re.fullmatch(".*".join(map(re.escape, there.split("…"))), here) is not None
+    unit, other = (" ".join(words[place + 1:place + 2]).strip(".,;:()") for words, place in ((found, j), (expected, i)))
+    if other in TIMES and unit in (*TIMES, "s"):
+        return True
+    if there in (*TIMES, "s") and here in (*TIMES, "s"):
+        return _is_number(expected[i - 1]) and _is_number(found[j - 1])
+    numbers, others = NUMBER.findall(here), NUMBER.findall(there)
+    return NUMBER.sub("#", here) == NUMBER.sub("#", there) and all(map(_close, numbers, others))
+
+
+def _is_number(word: str) -> bool:
+    return NUMBER.fullmatch(word.strip(".,;:()")) is not None
+
+
+def _close(here: str, there: str) -> bool:
+    """Whether two numbers agree to the digits that are shown."""
+    if here.lstrip("+-").isdigit() and there.lstrip("+-").isdigit():
+        return here == there
+    one, other = float(here), float(there)
+    room = RELATIVE * abs(other) + (_unit(here) + _unit(there)) / 2
+    return abs(one - other) <= room * (1 + 1e-9) or max(abs(one), abs(other)) < NOISE
+
+
+def _unit(number: str) -> float:
+    """One in the last digit: 0.01 of 1.25, 1e-5 of 1.2e-4, 0 of a whole number."""
+    digits, _, power = number.lower().partition("e")
+    places = len(digits.partition(".")[2])
+    return 10.0 ** (int(power or 0) - places) if "." in digits or power else 0.0
