@@ -51,13 +51,14 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
     "secondary_sidebar_items": ["page-toc"],
-    "header_links_before_dropdown": 8,
+    "header_links_before_dropdown": 7,
     "navigation_with_keys": False,
     "show_prev_next": True,
 }
-#: the first pages of all, in the order of the bar at the top; a folder stands for its index, or for its pages where it has none
-ORDER = ["install", "tutorials", "guide", "methods", "extend", "gallery", "reference", "evidence", "performance", "peers",
-         "benchmarks"]
+#: the first pages of all, and their names in the bar at the top; a folder stands for its index, or for its pages if it has none
+FIRST = {"install": "Install", "tutorials": "Tutorials", "guide": "Guide", "methods": "Methods", "extend": "Extend",
+         "gallery": "Gallery", "reference": "Reference", "evidence": "Evidence", "performance": "Speed", "peers": "Peers",
+         "benchmarks": "Benchmarks"}
 
 
 def add_contents(app: Sphinx, document: str, text: list[str]) -> None:
@@ -68,13 +69,34 @@ def add_contents(app: Sphinx, document: str, text: list[str]) -> None:
     folder, _, name = document.rpartition("/")
     if name != "index":
         return
-    known = sorted(app.env.found_docs)
-    within = [found[len(folder) + bool(folder):] for found in known if found.startswith(f"{folder}/") or not folder]
-    pages = [found for found in within if found != "index" and (
-        "/" not in found or found.endswith("/index") or f"{folder}/{found.rpartition('/')[0]}/index".lstrip("/") not in known)]
-    linked = ORDER if not folder else re.findall(r"\]\(([\w./-]+)\.md\)", text[0])
-    ordered = [page for link in linked for page in pages if page == link or page.startswith(f"{link}/")]
-    text[0] += "\n\n```{toctree}\n:hidden:\n\n" + "\n".join(dict.fromkeys([*ordered, *pages])) + "\n```\n"
+    known = app.env.found_docs
+    within = sorted(found[len(folder) + bool(folder):] for found in known if found.startswith(f"{folder}/") or not folder)
+    pages = [found for found in within if found != "index" and _parent(found, within) == ""]
+    if folder:
+        linked = [found for found in re.findall(r"\]\(([\w./-]+)\.md\)", text[0]) if found in pages]
+        entries = [*dict.fromkeys([*linked, *pages])]
+    else:
+        entries = [f"{name} <{page}>" if page in (part, f"{part}/index") else page for part, name in FIRST.items()
+                   for page in pages if page == part or page.startswith(f"{part}/")]
+        entries += [page for page in pages if page.partition("/")[0] not in FIRST]
+    text[0] += "\n\n```{toctree}\n:hidden:\n\n" + "\n".join(entries) + "\n```\n"
+
+
+def _parent(page: str, pages: list[str]) -> str:
+    """The folder whose index lists a page: the nearest above that has one; '' is the uppermost."""
+    folder = page.removesuffix("index").rstrip("/") if page.endswith("/index") else page
+    while folder := folder.rpartition("/")[0]:
+        if f"{folder}/index" in pages:
+            return folder
+    return ""
+
+
+def link_reference(app: Sphinx, document: str, text: list[str]) -> None:
+    """Links the reference's first page to those that are made from the code, which are not in the repository."""
+    if document == "reference/index":
+        for page, (title, *_) in generate.NAMES.items():
+            text[0] = text[0].replace(f"| {title} |", f"| [{title}]({page}.md) |")
+        text[0] += "\n" + generate.scene_table("scenes/")
 
 
 def outside(app: Sphinx, document: str, text: list[str]) -> None:
@@ -115,6 +137,7 @@ def link_names(app: Sphinx, tree: nodes.document) -> None:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("builder-inited", lambda _: generate.write(HERE / "reference"), priority=100)
+    app.connect("source-read", link_reference)
     app.connect("source-read", outside)
     app.connect("source-read", add_contents)
     app.connect("autodoc-process-docstring", escape_bars, priority=900)  # after numpydoc

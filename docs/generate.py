@@ -29,6 +29,9 @@ NAMES = {
 }
 
 
+WIDE = "---\nhtml_theme.sidebar_secondary.remove: true\n---"  # a page of wide tables
+
+
 def names_by_page() -> dict[str, list[str]]:
     """The public names of each page, functions first; the most particular module decides."""
     found: dict[str, list[str]] = {page: [] for page in NAMES}
@@ -64,10 +67,10 @@ def names_page(page: str, names: list[str]) -> str:
 def scene_page(scene: str) -> str:
     """What a scene is, and its keys in a table."""
     kind, line = scene_of(scene)[0], SCENES[scene][1]
-    return "\n\n".join([f"# {scene}", f"{line[0].upper()}{line[1:]}.", "\n\n".join(
-        " ".join(part.split()) for part in inspect.cleandoc(kind.__doc__ or "").split("\n\n")),
-        f"`femsub new {scene} > my.toml` begins a file with these keys.", "## Keys", key_table(kind, defaults_of(kind, scene)),
-        *inner_tables(kind, "")]) + "\n"
+    told = [" ".join(part.split()) for part in inspect.cleandoc(kind.__doc__ or "").split("\n\n")]
+    return "\n\n".join([WIDE, f"# {scene}", f"{line[0].upper()}{line[1:]}.", *told,
+                        f"`femsub new {scene} > my.toml` begins a file with these keys.",
+                        "## Keys", key_table(kind, defaults_of(kind, scene)), *inner_tables(kind, "")]) + "\n"
 
 
 def inner_tables(kind: type, where: str) -> Iterator[str]:
@@ -101,13 +104,16 @@ def cell(text: str) -> str:
     return text.replace("|", r"\|")
 
 
+def scene_table(folder: str = "") -> str:
+    rows = "\n".join(f"| [{name}]({folder}{name}.md) | {line} |" for name, (_, line) in SCENES.items())
+    return f"| scene | what it does |\n|---|---|\n{rows}\n"
+
+
 def pages() -> dict[str, str]:
     """All pages of the reference but its first, by their paths."""
     made = {f"{page}.md": names_page(page, names) for page, names in names_by_page().items()}
     made |= {f"scenes/{scene}.md": scene_page(scene) for scene in SCENES}
-    rows = "\n".join(f"| [{name}]({name}.md) | {line} |" for name, (_, line) in SCENES.items())
-    made["scenes/index.md"] = ("# Keys of scenes\n\nEvery key of every scene file, with type, default, meaning and unit.\n\n"
-                               f"| scene | what it does |\n|---|---|\n{rows}\n")
+    made["scenes/index.md"] = f"# Keys of scenes\n\nEvery key of every scene file.\n\n{scene_table()}"
     return made
 
 

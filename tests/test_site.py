@@ -1,0 +1,57 @@
+"""The site's reference, which is made from the code: no public name and no key of a scene is missing."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import femsub as fs
+from femsub.app.explain import table_of
+from femsub.app.keys import keys_of
+from femsub.app.scene import SCENES, scene_of
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+def loaded(path: Path) -> Any:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+generate = loaded(DOCS / "generate.py")
+PAGES: dict[str, str] = generate.pages()
+
+
+def test_the_reference_has_every_public_name_once() -> None:
+    found = [name for page in generate.NAMES for name in re.findall(r"^\.\. auto\w+:: (\w+)$", PAGES[f"{page}.md"], re.MULTILINE)]
+    assert sorted(found) == sorted(name for name in fs.__all__ if not name.startswith("__"))
+
+
+def test_no_page_of_the_reference_is_a_drawer() -> None:
+    assert all(2 <= len(names) <= 30 for names in generate.names_by_page().values())
+
+
+def test_the_reference_s_first_page_names_all_pages() -> None:
+    text = (DOCS / "reference" / "index.md").read_text(encoding="utf-8")
+    assert [title for title, *_ in generate.NAMES.values()] == re.findall(r"^\| (.+?) \|", text, re.MULTILINE)[1:]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_reference_has_every_key_of_a_scene(scene: str) -> None:
+    def expected(kind: type) -> list[str]:
+        own = keys_of(kind)
+        return [*own, *(key for one in own.values() if (table := table_of(one)) for key in expected(table))]
+
+    rows = re.findall(r"^\| `(\w+)` \|(.*)\|$", PAGES[f"scenes/{scene}.md"], re.MULTILINE)
+    assert [name for name, _ in rows] == expected(scene_of(scene)[0])
+    for name, one in keys_of(scene_of(scene)[0]).items():
+        type_, default, meaning, unit = (cell.strip() for cell in re.split(r"(?<!\\)\|", dict(reversed(rows))[name]))
+        assert meaning.replace(r"\|", "|") == one.key.meaning and unit == one.key.unit and type_
+        assert (default == "required") == one.key.required
