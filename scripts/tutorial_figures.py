@@ -1,0 +1,64 @@
+"""Draws the pictures of docs/tutorials/. Each is made of the same model as its page.
+
+    python scripts/tutorial_figures.py [--out docs/pictures/tutorials] [disc ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import femsub as fs
+from femsub.app.figure_style import render
+from femsub.app.figures_modes import shapes_figure
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def disc() -> Any:
+    """The mode of the disc that grows fastest, from the full model and from 22 DOF."""
+    mesh = fs.read_mesh(ROOT / "meshes" / "disc-with-pad.msh")
+    rim = np.flatnonzero(np.hypot(*mesh.points[:, :2].T) > 0.1499)
+    rim = rim[mesh.points[rim, 2] > 0.0119]
+    angle = np.degrees(np.arctan2(mesh.points[rim, 1], mesh.points[rim, 0]))
+    mesh = mesh.with_sets(guides=[rim[np.abs(angle - wanted).argmin()] for wanted in (-120, 0, 120)])
+    steel = fs.Material(E=2.1e11, nu=0.3, rho=7850.0)
+    full = fs.solid(mesh, steel, supports=["inner"], interface=["guides"], ports={"belt": ("pad", "y")}, rayleigh=(5.0, 1e-7))
+    belt = fs.Belt(force=8000.0, slope=-0.5)
+    fields, titles = [], []
+    for name, model in (("full", full), ("Craig-Chang", fs.reduce(full, fs.CraigChang(modes=12), ports=True))):
+        found = fs.complex_modes(model, belt, band=(0.0, 2.2e4))
+        worst = found.eigenvalues.real.argmax()
+        shape = found.shapes[:, worst] if model is full else model.expand(found.shapes[:, worst])
+        shape = shape * np.exp(-1j * np.angle(shape[np.abs(shape).argmax()]))  # the largest displacement is real
+        field = fs.displacements(mesh, full.dofs, shape.real)
+        fields.append(field / np.linalg.norm(field, axis=1).max())
+        value = found.eigenvalues[worst]
+        titles.append(f"{name}, {model.size} DOF: {value.imag / 2 / np.pi:.1f} Hz, growth {value.real:.3f} 1/s")
+    marks = {"contact": mesh.nodes("pad"), "interface": mesh.nodes("guides")}
+    return shapes_figure(mesh, np.stack(fields, axis=-1), titles, "", marks)
+
+
+FIGURES: dict[str, Callable[[], Any]] = {"disc": disc}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="FIGURE", help=f"of {', '.join(FIGURES)}; all by default")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "pictures" / "tutorials")
+    arguments = parser.parse_args()
+    if strange := set(arguments.names) - set(FIGURES):
+        parser.error(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(FIGURES)}")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for name in arguments.names or FIGURES:
+        with open(arguments.out / f"{name}.png", "wb") as file:
+            render(FIGURES[name], file)
+        print(arguments.out / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main()
