@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.figure_style import render
+from femsub.app.figure_style import look, new_figure, render
 from femsub.app.figures_modes import shapes_figure
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,7 +43,34 @@ def disc() -> Any:
     return shapes_figure(mesh, np.stack(fields, axis=-1), titles, "", marks)
 
 
-FIGURES: dict[str, Callable[[], Any]] = {"disc": disc}
+def matrices() -> Any:
+    """What a force at the tip moves it by, over the frequency: the full beam and the reduced one, and the difference."""
+    files, tip = ROOT / "meshes" / "calculix" / "beam", [17, 18, 19, 20]
+    full = fs.read_component(f"{files}.mas", f"{files}.sti", dofs=f"{files}.dof", interface=[f"{node}:*" for node in tip],
+                             ports={"belt": [f"{node}:uy" for node in tip]})
+    band = (0.0, 2e4)
+    omega = 2 * np.pi * np.linspace(1.0, 3600.0, 1500)
+    figure = new_figure(7.5, 5)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    responses = {}
+    for kind, model in (("full", full), ("craig-bampton", fs.reduce(full, fs.CraigBampton(band=band, tol=1e-3)))):
+        M, K = (A.toarray() if hasattr(A, "toarray") else A for A in (model.M, model.K))
+        w = model.port("belt").ravel()
+        responses[kind] = np.array([w @ np.linalg.solve(K * (1 + 0.01j) - at**2 * M, w) for at in omega])
+        style = {"color": look(kind).colour, "lw": 3.5 if kind == "full" else 1.4, "alpha": 0.4 if kind == "full" else 1.0}
+        upper.semilogy(omega / 2 / np.pi, np.abs(responses[kind]), label=f"{look(kind).label}, {model.size} DOF", **style)
+    error = np.abs(responses["craig-bampton"] / responses["full"] - 1)
+    lower.semilogy(omega / 2 / np.pi, error, color=look("craig-bampton").colour)
+    for axis in (upper, lower):
+        axis.axvline(band[1] / 2 / np.pi, color="grey", lw=0.8, ls="--")
+        axis.grid()
+    upper.set(ylabel="|wᵀu| / force  [m/N]", title="belt's port at the tip; 1 % structural damping; dashed: end of the band")
+    upper.legend()
+    lower.set(xlabel="f  [Hz]", ylabel="relative error  [-]")
+    return figure
+
+
+FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices}
 
 
 def main() -> None:
