@@ -70,7 +70,36 @@ def matrices() -> Any:
     return figure
 
 
-FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices}
+def how_many_modes() -> Any:
+    """Errors of HCB and CC over the size, and what a tolerance chooses."""
+    full = fs.chain(200, belt=20, interface=[1, 20])
+    belt = fs.Belt(force=0.1, speed=0.19113, law=fs.StribeckArctan(eps=1e-3))
+    band = (0.0, 0.2)
+    kinds = {"error_frequency": "error of ω", "error_growth": "error of Re λ", "error_slope": "error of the critical slope"}
+    figure = new_figure(10, 4)
+    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    for method in (fs.CraigBampton, fs.CraigChang):
+        rows = fs.study(full, [method(count) for count in (13, 14, 16, 18, 21, 25, 30, 36, 43, 52, 62)], band, belt=belt,
+                        repeats=1).rows
+        chosen = [fs.reduce(full, method(band=band, tol=tol), contacts=belt).size for tol in (1e-2, 1e-3, 1e-4)]
+        seen = look(rows[0].method)
+        for axis, kind in zip(axes, kinds, strict=True):
+            axis.semilogy([row.size for row in rows], [getattr(row, kind) for row in rows], color=seen.colour, marker=seen.marker,
+                          ms=5, lw=1, label=seen.label)
+            if method is fs.CraigBampton:
+                for size, tol in zip(chosen, ("1e-2", "1e-3", "1e-4"), strict=True):
+                    axis.axvline(size, color=seen.colour, lw=0.8, ls=":")
+                    axis.annotate(f"tol={tol}", (size, 0.36), xycoords=("data", "axes fraction"), xytext=(-2, 0),
+                                  textcoords="offset points", rotation=90, ha="right", va="top", fontsize=8, color=seen.colour)
+    for axis, title in zip(axes, kinds.values(), strict=True):
+        axis.set(title=title, xlabel="DOF of the reduced model  [-]", ylim=(1e-16, 1e1))
+        axis.grid()
+    axes[0].set_ylabel("relative error  [-]")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices, "how-many-modes": how_many_modes}
 
 
 def main() -> None:
