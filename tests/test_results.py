@@ -312,7 +312,7 @@ def test_figures_have_an_axis_in_hertz(tmp_path: Path) -> None:
         axes = made[0].axes
         assert [child.get_ylabel() for axis in axes for child in axis.child_axes] == expected
         assert axes[0].get_ylabel() == ("Im λ  [rad/s]" if expected else "Im λ  [rad/time]")
-        assert made[0].findobj(lambda artist: getattr(artist, "get_text", str)() == "as Fig. 4")
+        assert made[0].findobj(lambda artist: getattr(artist, "get_text", str)() == "both\nas Fig. 4")
         for child in axes[-1].child_axes:
             assert np.array(child.get_ylim()) * 2 * np.pi == pytest.approx(np.array(axes[-1].get_ylim()))
 

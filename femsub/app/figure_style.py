@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from femsub.app.units import UNKNOWN, Units
+from femsub.checks import Array
 from femsub.errors import MissingPackageError
 from femsub.reduction.reduce import METHODS
 
 HERTZ = (lambda omega: omega / (2 * np.pi), lambda hertz: 2 * np.pi * hertz)
-STYLE = {"axes.titlesize": 10, "figure.titlesize": 11, "legend.fontsize": 8, "grid.alpha": 0.3}
+PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one is smaller there
+STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labelsize": 8, "ytick.labelsize": 8,
+         "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True}
+SMALL = 8  # points, of numbers beside marks
+ROUNDING = 1e-13  # errors below are rounding, and drawn there
+SETTLED = {"contact-modes": ("Contact modes of the system", "#c51b7d", "*"),
+           "real-modes": ("Real modes of the system", "#8a8a8a", "o")}  # of whole systems, which no key of a scene names
 
 
 class Look(NamedTuple):
@@ -25,24 +32,26 @@ class Look(NamedTuple):
 
 def look(kind: str) -> Look:
     """That of a reduced model by its method's key; of the full model, or any other, black circles."""
+    if kind in SETTLED:
+        return Look(*SETTLED[kind])
     method = METHODS.get(kind)
     return Look(kind, "black", "o") if method is None else Look(method.label, method.colour, method.marker)
 
 
 def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note: str = "") -> None:
-    """Writes a PNG of what a drawing function makes, in these units, with a note in small print at its foot."""
+    """Writes a PNG of what a drawing function makes, in these units, with a note below its title."""
     with _matplotlib().rc_context(STYLE):
         figure = draw()
         if units.known:
             _put_units(figure, units)
         if note:
-            figure.supxlabel(note, fontsize=7, x=0.99, ha="right")
+            title = figure._suptitle  # get_suptitle is newer than the oldest matplotlib
+            figure.suptitle(f"{title.get_text()}\n{note}" if title else note)
         figure.savefig(file, format="png", dpi=150)
 
 
 def _put_units(figure: Any, units: Units) -> None:
     """Labels in these units, and an axis in Hz on the other side of each in rad/s."""
-    # this finds the title of the whole figure too: figure.get_suptitle is newer than the oldest matplotlib
     for text in figure.findobj(_matplotlib().text.Text):
         text.set_text(units.said(text.get_text()))
     panels = {axis: axis.get_subplotspec() for axis in figure.axes if axis.get_subplotspec() is not None}
@@ -78,6 +87,58 @@ def few_decades(axis: Any) -> None:
         axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if hi > 5 * lo else MaxNLocator(4, steps=[1, 2, 5, 10]))
         axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.xaxis.set_minor_formatter(NullFormatter())
+
+
+def legend_below(figure: Any, axes: Iterable[Any], columns: int = 4) -> None:
+    """One legend of all axes below them, each label once."""
+    lines = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    if lines:
+        figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=min(columns, len(lines)))
+
+
+def rounding_below(axis: Any, errors: Iterable[float]) -> None:
+    """Limits of an axis of errors, with a grey band where errors are rounding, if there are any."""
+    known = [max(error, ROUNDING) for error in errors if np.isfinite(error)]
+    lo, hi = min(known, default=1e-3), max(known, default=1.0)
+    axis.set(yscale="log", ylim=(lo / 4, hi * 4))
+    if lo == ROUNDING:
+        axis.axhspan(lo / 4, 2 * lo, color="0.88", lw=0, label="rounding")
+
+
+def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
+    """Texts beside points: (axis, x, y, text, colour). They cover no mark and no other text; where there is no room, none stands.
+
+    Those of the first points are placed first.
+    """
+    figure.draw_without_rendering()  # the axes have their places now
+    pixels = figure.dpi / 72
+    for axis in dict.fromkeys(label[0] for label in labels):
+        frame = axis.get_window_extent()
+        marked = [line for line in axis.lines if line.get_marker() not in ("None", "none", "", None)]
+        marks = [mark for line in marked for mark in line.get_transform().transform(np.column_stack(line.get_data()))]
+        taken = [_box(mark[0], mark[1], 7 * pixels, 7 * pixels) for mark in marks]
+        taken += [text.get_window_extent().extents for text in axis.texts]
+        for _, x, y, text, colour in (label for label in labels if label[0] is axis):
+            wide, high = (0.62 * len(text) * SMALL + 1) * pixels, SMALL * pixels
+            at = axis.transData.transform((x, y))
+            for right, up in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
+                gap = (2.5 if right and up else 5) * pixels
+                shift = np.array([right * (gap + wide / 2), up * (gap + high / 2)])
+                box = _box(at[0] + shift[0], at[1] + shift[1], wide, high)
+                inside = box[0] > frame.x0 and box[1] > frame.y0 and box[2] < frame.x1 and box[3] < frame.y1
+                if inside and not any(_meet(box, other) for other in taken):
+                    axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SMALL, color=colour,
+                                  ha="center", va="center", zorder=6)
+                    taken.append(box)
+                    break
+
+
+def _box(x: float, y: float, wide: float, high: float) -> Array:
+    return np.array([x - wide / 2, y - high / 2, x + wide / 2, y + high / 2])
+
+
+def _meet(one: Array, other: Array) -> bool:
+    return bool(one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3])
 
 
 def _matplotlib() -> Any:

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from femsub.app.figure_style import look, new_figure
+from femsub.app.figure_style import PAGE, look, new_figure
 
 WIDTHS = (2.0, 1.0, 1.3)  # of reduced models, in turn: where lines lie on each other, each is seen
+ACROSS = 2  # families side by side
 KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch point": "v"}
 UNITS = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [length/time]", "force": "normal force F  [force]"}
 
@@ -21,15 +22,17 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
     Open circles are transients, drawn where their strongest frequency belongs.
     """
     shown = [family for family in families if any(item["family"] == family for item in branches)] or list(families[:1])
-    figure = new_figure(3.4 * len(shown) + 1.8, 6.2)
-    axes = figure.subplots(2, len(shown), sharex=True, sharey="row" if len(shown) == 1 else False, squeeze=False)
+    across = min(len(shown), ACROSS)
+    below = -(-len(shown) // across)
+    figure = new_figure(PAGE if across > 1 else 0.7 * PAGE, 4.6 * below + 1.0)
+    cells = figure.subplots(2 * below, across, sharex=True, squeeze=False)
+    panels = list(zip(cells[0::2].ravel(), cells[1::2].ravel(), strict=True))
     models = list(dict.fromkeys([item["model"] for item in branches] + [dot["model"] for dot in dots]))
     reduced = [name for name in models if name != "full"]
     widths = {"full": 3.2} | {name: WIDTHS[i % len(WIDTHS)] for i, name in enumerate(reduced)}
     homes = [_home(dot["omega"], shown, branches) for dot in dots]
     kinds: set[str] = set()
-    for column, family in enumerate(shown):
-        top, bottom = axes[:, column]
+    for (top, bottom), family in zip(panels, shown, strict=False):
         for item in branches:
             if item["family"] != family:
                 continue
@@ -37,19 +40,24 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
         for dot, home in zip(dots, homes, strict=True):
             if home == family:
                 for axis, key in ((top, "rms"), (bottom, "omega")):
-                    axis.plot(dot["value"], dot[key], "o", ms=6, mfc="none", mec=look(dot["model"]).colour, mew=1.1)
-        top.set_title(f"cycles from the mode at ω = {family:.4g} rad/time", fontsize=8)
+                    axis.plot(dot["value"], dot[key], "o", ms=6, mfc="none", mec=look(dot["model"]).colour, mew=1.1, zorder=5)
+        top.set_title(f"from the mode at ω = {family:.4g} rad/time")
         bottom.set_xlabel(UNITS[parameter])
+        bottom.tick_params(labelbottom=True)
         bottom.ticklabel_format(axis="y", useOffset=False)
         for axis in (top, bottom):
             axis.axvline(now, color="0.6", lw=0.8, ls=":")
             axis.grid()
-    axes[0, 0].set_ylabel("rms of v at the belt  [length/time]")
-    axes[1, 0].set_ylabel("ω  [rad/time]")
+    for at, (top, bottom) in enumerate(panels):
+        top.set_visible(at < len(shown))
+        bottom.set_visible(at < len(shown))
+        if at % across == 0:
+            top.set_ylabel("rms of v  [length/time]")
+            bottom.set_ylabel("ω  [rad/time]")
     points = {item["model"] for item in branches if all(flag is None for flag in item["branch"].stable)}
     figure.legend(handles=_handles(models, widths, kinds, bool(dots), points), loc="outside lower center",
-                  ncols=min(6, 2 + len(shown)))
-    figure.suptitle(f"{title}: limit cycles over the {parameter}")
+                  ncols=3 if across == 1 else 4)
+    figure.suptitle(f"{title}: limit cycles over the {parameter}, v under the belt")
     return figure
 
 
@@ -67,10 +75,10 @@ def _drawn(top: Any, bottom: Any, branch: Any, colour: str, width: float) -> set
             whole = bool(stable[piece[0]])
             axis.plot(branch.values[ends], y[ends], color=colour, lw=width if whole else 0.8, ls="-" if whole else (0, (4, 3)))
         if branch.hopf is not None:
-            axis.plot(branch.values[0], y[0], "*", color=colour, ms=8)
+            axis.plot(branch.values[0], y[0], "*", color=colour, ms=8, zorder=4)
     for point in branch.special:
         for axis, value in ((top, point.rms), (bottom, point.omega)):
-            axis.plot(point.value, value, KINDS[point.kind], color=colour, ms=4.5)
+            axis.plot(point.value, value, KINDS[point.kind], color=colour, ms=4.5, mec="white", mew=0.4, zorder=4)
     return {point.kind for point in branch.special}
 
 

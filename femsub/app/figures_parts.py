@@ -1,4 +1,4 @@
-"""Figures of systems that were reduced part by part: the parts in colours, and errors over size and time."""
+"""Pictures of systems that are reduced part by part: the parts in colours."""
 
 from __future__ import annotations
 
@@ -9,66 +9,30 @@ from typing import Any
 import numpy as np
 
 from femsub import Mesh
-from femsub.app.figure_style import few_decades, look, new_figure
+from femsub.app.figure_style import PAGE, new_figure
 from femsub.app.figures_modes import seen, seen_from, triad
 from femsub.checks import Array
 from femsub.components.mesh import boundary_faces, corner_nodes
-from femsub.studies.results import Row, Study
 
-KINDS = {"error_frequency": "frequencies", "error_growth": "growth rates", "error_slope": "critical slope",
-         "error_force": "forces in the joints"}
+#: colours that also those tell apart who see no red or no green
+PARTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#999999")
 FINE = 8000  # cells from which on their edges are not drawn
 APART = np.array([0.5, 0.5, 2.5])  # of its distance from the middle that each part is moved where parts are drawn apart
 LIGHT = np.array([0.2, -0.4, 0.9])  # from where it comes, of length 1 but for rounding
-FLOOR = 1e-13  # errors below are rounding, and drawn there
-
-
-def errors_figure(found: Study, title: str) -> Any:
-    """Errors of frequencies, growth rates, critical slope and forces in the joints: over DOF, and over seconds."""
-    kinds = {kind: name for kind, name in KINDS.items()
-             if any(np.isfinite(getattr(row, kind)) for row in found.rows)}
-    figure = new_figure(3.1 * max(len(kinds), 2), 6.4)
-    axes = figure.subplots(2, len(kinds), sharex="row", sharey="col", squeeze=False)
-    for line, (across, label) in enumerate(((_size, "DOF of the system  [-]"), (_seconds, "seconds to reduce and to solve"))):
-        for axis, kind in zip(axes[line], kinds, strict=True):
-            for key in dict.fromkeys(row.method for row in found.rows):
-                rows = [row for row in found.rows if row.method == key and row.sound and np.isfinite(getattr(row, kind))]
-                points = [(across(row), max(getattr(row, kind), FLOOR)) for row in rows]
-                style = look(key)
-                axis.plot(*(zip(*points, strict=True) if points else ((), ())), color=style.colour, marker=style.marker,
-                          markersize=5, lw=1, mfc="none", label=style.label)
-            axis.axvline(across(found.full), color="black", ls="--", lw=1, label="full")
-            axis.set(xscale="log", yscale="log", xlabel=label)
-            axis.grid(lw=0.4)
-        few_decades(axes[line, 0])
-    for column, name in enumerate(kinds.values()):
-        axes[0, column].set_title(name)
-    for axis in axes[:, 0]:
-        axis.set_ylabel("relative error  [-]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    figure.suptitle(f"{title}, band {found.band[0]:g} to {found.band[1]:.4g} rad/time\n"
-                    "models with a mode missing or added in the band are not shown", fontsize=9)
-    return figure
-
-
-def _size(row: Row) -> float:
-    return float(row.size)
-
-
-def _seconds(row: Row) -> float:
-    return row.seconds
 
 
 def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
     """Parts in colours: plane ones with their cells; solids as they are joined, and drawn apart."""
     from matplotlib import colormaps
     from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
     from matplotlib.patches import Patch
 
-    palette = colormaps["tab20" if len(meshes) > 10 else "tab10"]
-    colours: dict[str, Any] = {name: np.array(palette(number % palette.N)[:3]) for number, name in enumerate(meshes)}
+    others = colormaps["tab20"]
+    palette = PARTS if len(meshes) <= len(PARTS) else [others(number) for number in range(others.N)]
+    colours: dict[str, Any] = {name: np.array(to_rgb(palette[number % len(palette)])) for number, name in enumerate(meshes)}
     solid = next(iter(meshes.values())).dimension == 3
-    figure = new_figure(11.0 if solid else 6.4, 5.2)
+    figure = new_figure(PAGE if solid else 0.8 * PAGE, 4.4 if solid else 5.0)
     axes = figure.subplots(1, 2 if solid else 1, squeeze=False)[0]
     edge: dict[str, Any] = {"edgecolors": (0, 0, 0, 0.35),
                             "linewidths": 0.3 if sum(len(mesh.cells) for mesh in meshes.values()) < FINE else 0.0}

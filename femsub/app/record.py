@@ -60,7 +60,7 @@ class Record:
             "machine": machine(), "inputs": self.inputs, "files": self.files}
         if drawn:
             told["paper"] = {"paper": PAPER, "figures": {f"{name}.png": number for name, number in drawn.items()}}
-        notes = {name: f"corresponds to {number} of {PAPER}" for name, number in drawn.items()}
+        notes = {name: f"corresponds to {number} of the conference paper" for name, number in drawn.items()}
         written = write(replace(result, data=told | result.data), self.folder, self.scene.figures, units=self.scene.system,
                         notes=notes)
         names = {path.relative_to(self.folder).as_posix() for path in written}

@@ -71,7 +71,7 @@ class ContactModes(FreeInterface):
     parameter: str = "mu"
     friction: bool = True
 
-    key, label, colour, marker = "contact-modes", "Contact modes", "#d01c8b", "*"
+    key, label, colour, marker = "contact-modes", "Contact modes", "#c51b7d", "*"
     offered = False
     unestimated = "the modes are those of a system without friction"
 

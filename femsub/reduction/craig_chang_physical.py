@@ -37,4 +37,4 @@ class CraigChangPhysical(Rubin):
     array([0])
     """
 
-    key, label, colour, marker = "craig-chang-physical", "Craig-Chang, physical", "#5ab4ac", "<"
+    key, label, colour, marker = "craig-chang-physical", "Craig-Chang, physical", "#56b4e9", "<"

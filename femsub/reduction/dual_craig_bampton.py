@@ -49,7 +49,7 @@ class DualCraigBampton(FreeInterface):
     ('rigid', 'free', 'interface force', 'interface force')
     """
 
-    key, label, colour, marker = "dual-craig-bampton", "Dual Craig-Bampton", "#6a3d9a", "h"
+    key, label, colour, marker = "dual-craig-bampton", "Dual Craig-Bampton", "#332288", "h"
 
     def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
         """That of Craig-Chang, [Φ Ξ], turned: Ψ = Ξ (ΞᵀKΞ)⁻¹ Ξ_bᵀ, which has the digits of Ξ."""

@@ -52,7 +52,7 @@ class Guyan(CraigBampton):
     3
     """
 
-    key, label, colour, marker = "guyan", "Guyan", "#7a7a7a", "v"
+    key, label, colour, marker = "guyan", "Guyan", "#4d4d4d", "v"
 
     def __post_init__(self) -> None:
         if self.modes is None and self.band is None and self.tol is None:

@@ -56,7 +56,7 @@ class Herting(CraigBampton):
     5
     """
 
-    key, label, colour, marker = "herting", "Herting", "#dd8452", "p"
+    key, label, colour, marker = "herting", "Herting", "#e69f00", "p"
     unestimated = "its modes and its static shapes are those of two problems; use Rubin, which spans the same space"
 
     @property

@@ -49,7 +49,7 @@ class Hurty(CraigBampton):
     ('rigid', 'constraint', 'fixed-interface')
     """
 
-    key, label, colour, marker = "hurty", "Hurty", "#8c510a", "P"
+    key, label, colour, marker = "hurty", "Hurty", "#661100", "P"
 
     def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
         """That of Craig-Bampton, turned."""

@@ -90,7 +90,7 @@ class InterfaceModes(Method):
     ((30, 1), (30, 1))
     """
 
-    key, label, colour, marker = "interface-modes", "Interface modes", "#4d4d4d", "h"
+    key, label, colour, marker = "interface-modes", "Interface modes", "#117733", ">"
     held = True
     offered = False
 

@@ -52,7 +52,7 @@ class MacNeal(FreeInterface):
     array([0., 1., 1.])
     """
 
-    key, label, colour, marker = "macneal", "MacNeal", "#b2182b", "X"
+    key, label, colour, marker = "macneal", "MacNeal", "#cc79a7", "X"
     unestimated = "its mass matrix is no projection; use Rubin, whose model has the same size"
 
     def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:

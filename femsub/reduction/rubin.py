@@ -44,7 +44,7 @@ class Rubin(FreeInterface):
     ('interface', 'interface', 'rigid', 'free')
     """
 
-    key, label, colour, marker = "rubin", "Rubin", "#1b7837", "D"
+    key, label, colour, marker = "rubin", "Rubin", "#009e73", "D"
 
     def basis(self, statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array]) -> Basis:
         """The basis of Craig-Chang, solved for the interface."""

@@ -30,7 +30,8 @@ from femsub import (
     solid,
     track,
 )
-from femsub.app.figures_brake import errors_figure, flutter_figure
+from femsub.app.figures_brake import flutter_figure
+from femsub.app.figures_errors import friction_errors_figure
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
@@ -298,7 +299,7 @@ def _error_time(brake: Brake) -> Result:
     data = {"error-time": {"full_seconds": took, "rows": flat, "left_out": left_out, "recommendation": words,
                            "recommended": best.flat() if best else None}}
     return Result(data, {"error-time": flat}, "\n".join([head, said, *left_out, words]),
-                  {"error-time": lambda: errors_figure(rows, took, scene.name)})
+                  {"error-time": lambda: friction_errors_figure(rows, took, scene.name)})
 
 
 def _label(name: str) -> str:

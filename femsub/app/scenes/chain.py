@@ -11,7 +11,8 @@ import numpy as np
 
 from femsub import ComplexModes, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
 from femsub.app.figure_style import look
-from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, error_time_figure, friction_figure, size_sweep_figure
+from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, friction_figure, size_sweep_figure
+from femsub.app.figures_errors import error_time_figure
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import comparable

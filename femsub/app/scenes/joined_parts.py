@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from femsub import Belt, Substructure, System, normal_modes, reduce, study
-from femsub.app.figures_parts import errors_figure
+from femsub.app.figures_errors import errors_figure
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, method_keys, other_method_names
 from femsub.errors import FemsubError, InputError, PortWarning

@@ -10,7 +10,8 @@ import numpy as np
 
 from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, complex_modes, study
 from femsub.app.figure_style import look
-from femsub.app.figures import eigenvalue_figure, error_time_figure
+from femsub.app.figures import eigenvalue_figure
+from femsub.app.figures_errors import error_time_figure
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.scene import Progress, Result, Writer, run_outputs
 from femsub.app.scenes.component import ComponentScene, Work
