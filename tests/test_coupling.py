@@ -11,6 +11,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.lattices import lattice
 from femsub.model.elimination import product
 
 STEEL = {"E": 2.1e11, "I": 1e-8, "rho": 7850.0, "A": 1e-4}
@@ -262,6 +263,18 @@ def test_the_ground_holds(how: str) -> None:
     K = reference.K.toarray()
     K[[-2, -1], [-2, -1]] += [3e3, 50.0]
     np.testing.assert_allclose(np.sqrt(elastic(soft)), np.sqrt(la.eigh(K, reference.M.toarray(), eigvals_only=True)), rtol=2e-9)
+
+
+def test_parts_on_springs_keep_their_matrices() -> None:
+    """Where nothing is joined but by springs, the system's matrices are those of the parts, to the last digit."""
+    parts = {"a": lattice(9, 8, held=True), "b": lattice(7, 9)}
+    system = fs.couple(parts, [fs.Spring(("a", [1]), ("b", [0]), stiffness=3.0), fs.Spring(("b", [1]), damping=0.5)])
+    n, size = parts["a"].size, parts["a"].size + parts["b"].size
+    r = sp.csr_array(([1.0, -1.0], ([0, 0], [1, n])), shape=(1, size))
+    damper = sp.csr_array(([0.5], ([n + 1], [n + 1])), shape=(size, size))
+    for key, extra in {"M": None, "K": 3.0 * (r.T @ r), "D": damper}.items():
+        whole = sp.block_diag([getattr(part, key) for part in parts.values()], format="csr")
+        assert ((whole if extra is None else whole + extra) != getattr(system, key)).nnz == 0
 
 
 def test_a_spring_takes_no_side() -> None:

@@ -156,3 +156,11 @@ def test_pencil_residual_and_backward_error(rng: np.random.Generator) -> None:
 def test_chain_refuses(arguments: dict, words: str) -> None:
     with pytest.raises((ValueError, TypeError), match=words):
         fs.chain(**{"n": 10, **arguments})
+
+
+def test_read_only_matrices_of_a_model_are_shared() -> None:
+    sub = fs.chain(50)
+    again = fs.Substructure(sub.M, sub.K, sub.D)
+    assert all(np.shares_memory(getattr(sub, key).data, getattr(again, key).data) for key in "MKD")
+    own = sub.K.copy()
+    assert not np.shares_memory(fs.Substructure(sub.M, own).K.data, own.data)

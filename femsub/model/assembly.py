@@ -28,7 +28,7 @@ from femsub.model.joined import (
     units_of_energy,
 )
 from femsub.model.joints import End, Joint, Link, spatial
-from femsub.model.matrices import is_symmetric
+from femsub.model.matrices import block_diagonal, is_identity, is_symmetric
 from femsub.model.open_interface import distinct, listed, open_rows, unjoined, whole_sets
 from femsub.model.substructure import ReducedSubstructure, Substructure, checked_sets
 
@@ -363,6 +363,7 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
     """M, D, K in the coordinates of the system, with springs and multipliers."""
     blocks = dict(zip(parts, rows_of_parts(parts), strict=True))
     S = joined.S.toarray() if dense else joined.S
+    alike = not dense and is_identity(S)  # nothing is joined but by springs and contacts: each product would be a copy
     springs = []
     for link in links:
         if link.motions:
@@ -378,16 +379,21 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
                 T = joined.S[rows][:, moving]
                 A[np.ix_(moving, moving)] += product(T.T, product(matrix, T))
         else:
-            A = sp.csr_array(S.T @ (sp.block_diag([sp.csr_array(one) for one in matrices], format="csr") @ S))
+            A = block_diagonal(matrices)
+            if not alike:
+                A = sp.csr_array(S.T @ (A @ S))
+        plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for link in links if key == "D")))
+        if plain and not alike:
+            A = (A + A.T) / 2  # but for rounding it is symmetric
         middles = [(R, {"K": link.stiffness, "D": link.damping}.get(key)) for R, link in springs]
         added = [R.T @ (middle if dense else sp.csr_array(middle)) @ R for R, middle in middles
                  if middle is not None and np.any(middle)]
-        if added:  # summed first: they have few entries, and A has many
-            A = A + sum(added)
         if key == "K" and len(joined.owner):
-            A = A + (joined.work().toarray() if dense else joined.work())
-        plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for link in links if key == "D")))
-        found.append((A + A.T) / 2 if plain else A)  # but for rounding it is symmetric
+            added.append(joined.work().toarray() if dense else joined.work())
+        if added:  # summed first: they have few entries, and A has many
+            few = sum(added)
+            A = A + ((few + few.T) / 2 if plain else few)
+        found.append(A)
     return found[0], found[1], found[2]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,8 @@ LARGEST = 1e100  # limit of a matrix' largest entry; its reciprocal is the lower
 def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     """A checked square real matrix: dense as a read-only array, sparse as a canonical, read-only CSR.
 
-    The data are copied, so that later changes by the caller have no effect.
+    The data are copied, so that later changes by the caller have no effect. A canonical CSR whose data are read-only already, as
+    those of a model, is shared.
 
     Raises
     ------
@@ -29,7 +31,8 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     """
     try:
         raw: Any = sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
-        matrix = None if np.iscomplexobj(raw) else raw.astype(np.float64, copy=True)
+        shared = isinstance(value, sp.csr_array) and not value.data.flags.writeable and raw.has_canonical_format
+        matrix = None if np.iscomplexobj(raw) else raw.astype(np.float64, copy=not shared)
     except (TypeError, ValueError):
         raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}") from None
     if matrix is None:
@@ -77,6 +80,22 @@ def is_symmetric(matrix: Matrix) -> bool:
             return np.array_equal(matrix.data, other.data)
         return (matrix != other).nnz == 0
     return bool(np.array_equal(matrix, matrix.T))
+
+
+def is_identity(matrix: Matrix) -> bool:
+    """Whether a sparse A in canonical form is the unit matrix."""
+    places = np.arange(matrix.shape[0])
+    return bool(matrix.shape[0] == matrix.shape[1] == matrix.nnz and np.array_equal(matrix.indices, places)
+                and np.array_equal(matrix.indptr[:-1], places) and (matrix.data == 1.0).all())
+
+
+def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:
+    """diag(A₁, A₂, …) of square matrices, sparse. That of SciPy takes twice the memory of its result beside it."""
+    blocks = [sp.csr_array(one) for one in matrices]
+    ends = np.cumsum([one.shape[0] for one in blocks])
+    wide = [sp.csr_array((one.data, one.indices + one.indices.dtype.type(end - one.shape[0]), one.indptr),
+                         shape=(one.shape[0], ends[-1])) for one, end in zip(blocks, ends, strict=True)]
+    return sp.csr_array(sp.vstack(wide, format="csr"))
 
 
 def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from femsub.checks import Array, word
 from femsub.errors import InputError, unknown_name
-from femsub.model.contact import contacts_at, contacts_of
+from femsub.model.contact import contacts_at, contacts_of, small_matrices
+from femsub.model.pencil import contact_matrix
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.reduction.basis import Basis, Kept, Responses, projected
 from femsub.reduction.free_interface import FreeInterface
@@ -89,9 +90,13 @@ class ContactModes(FreeInterface):
 
     def part(self, sub: Substructure) -> Rubbing:
         """The whole system with the contact's stiffness at μ = 0, and K₁."""
-        K0, K1 = (sub.linearised(contacts_at(self.contacts, self.parameter, value)).K for value in (0.0, 1.0))
-        held = Substructure(sub.M, (K0 + K0.T) * 0.5, sub.D, sub.interface, sub.ports, sub.name)
-        return Rubbing(held, slice(None), friction=K1 - K0)
+        pencil, terms = sub.pencil, []
+        for without, with_friction in zip(*(contacts_at(self.contacts, self.parameter, mu) for mu in (0.0, 1.0)), strict=True):
+            (W, _, C0), (_, _, C1) = small_matrices(sub, without), small_matrices(sub, with_friction)
+            pencil = pencil.with_contact(0.0, W, C0)
+            terms.append(contact_matrix(W, C1 - C0))  # a difference of two K would take the memory of both
+        K0 = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) * 0.5
+        return Rubbing(Substructure(sub.M, K0, None, sub.interface, sub.ports, sub.name), slice(None), friction=sum(terms))
 
     def static_columns(self, sub: Substructure) -> int:
         """One response to friction for each mode; the interface has no shapes of its own, however large it is."""
