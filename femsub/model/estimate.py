@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from femsub.model.bands import beyond
 from femsub.model.substructure import Substructure
 
 SHARE = 0.7  # a band ends below this share of the cut-off: the neglected terms of a series in (ω/ω_cut)² then stay below 1/2
+SAME = 1e-6  # |Δλ| / |λ| up to which an eigenvalue of the model is one of its estimate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,6 +46,8 @@ class Estimate:
     share : float
         The band ends below this share of the cut-off: 0.7 for one component. 1 for a system: the estimate compares with modes
         beyond its cut-off then.
+    located, radius : ndarray, shape (l,) or (0,)
+        With friction contact, where λ of the full system is: not farther than `radius` from `located`.
 
     Examples
     --------
@@ -66,6 +69,8 @@ class Estimate:
     unmatched: int = 0
     searched: int = 0
     share: float = SHARE
+    located: Array = field(default_factory=lambda: np.zeros(0, dtype=complex))
+    radius: Array = field(default_factory=lambda: np.zeros(0))
 
     def record(self) -> dict[str, Any]:
         """The estimate as numbers and lists, for JSON: λ as pairs (Re, Im), infinity as None."""
@@ -74,7 +79,8 @@ class Estimate:
                 "frequencies": self.frequencies.tolist(), "frequency_error": self.frequency_error.tolist(),
                 "eigenvalues": np.stack([self.eigenvalues.real, self.eigenvalues.imag], axis=1).tolist(),
                 "eigenvalue_error": self.eigenvalue_error.tolist(), "unmatched": self.unmatched, "searched": self.searched,
-                "share": self.share}
+                "share": self.share, "located": np.stack([self.located.real, self.located.imag], axis=1).tolist(),
+                "radius": self.radius.tolist()}
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> Estimate:
@@ -89,15 +95,32 @@ class Estimate:
             lo, hi = record["band"]
             omega, omega_error, parts, error = (np.asarray(record[key], dtype=float) for key in (
                 "frequencies", "frequency_error", "eigenvalues", "eigenvalue_error"))
-            parts = parts.reshape(-1, 2) if parts.size else np.zeros((0, 2))
-            if omega.ndim != 1 or omega.shape != omega_error.shape or error.shape != parts[:, 0].shape:
+            located, radius = (np.asarray(record.get(key, []), dtype=float) for key in ("located", "radius"))
+            parts, located = (part.reshape(-1, 2) if part.size else np.zeros((0, 2)) for part in (parts, located))
+            if omega.ndim != 1 or omega.shape != omega_error.shape or error.shape != parts[:, 0].shape \
+                    or radius.shape != located[:, 0].shape or len(radius) not in (0, len(error)):
                 raise ValueError("its lists differ in length")
             return cls((float(lo), float(hi)), float(record["tol"]), int(record["modes"]),
                        np.inf if record["cutoff"] is None else float(record["cutoff"]), omega, omega_error,
                        parts[:, 0] + 1j * parts[:, 1], error, int(record["unmatched"]), int(record["searched"]),
-                       float(record.get("share", SHARE)))
+                       float(record.get("share", SHARE)), located[:, 0] + 1j * located[:, 1], radius)
         except (KeyError, TypeError, ValueError) as problem:
             raise InputError(f"the estimate is damaged ({type(problem).__name__}: {problem})") from None
+
+    def growth_of_full(self, values: Array) -> Array:
+        """Between which values Re λ of the full system lies, for each λ of the model, (k, 2); NaN where it is not told.
+
+        The estimate holds for the contacts that it was made for. So it is told of those λ alone that it knows.
+        """
+        found = np.full((len(values), 2), np.nan)
+        if len(self.located) and len(values):
+            mirrored = np.where(values.imag < 0, values.conj(), values)
+            apart = np.abs(mirrored[:, None] - self.eigenvalues)
+            near = apart.argmin(axis=1)
+            known = apart[np.arange(len(values)), near] <= SAME * np.abs(values)
+            middle, radius = self.located.real[near], self.radius[near]
+            found[known] = np.stack([middle - radius, middle + radius], axis=1)[known]
+        return found
 
     @property
     def worst(self) -> float:

@@ -62,6 +62,9 @@ class ComplexModes:
     counted : (radius, number) or None
         The independent count in a disc, see `disc_count.count`: `number` eigenvalues lie in |λ| < radius, conjugates included,
         and all have been found. The disc contains the searched rectangle, or its unstable part.
+    full_growth : ndarray, shape (k, 2), or None
+        Of a model of contact modes with a tolerance, under the contacts that it was made for: between which two values Re λ of the
+        full system lies; NaN outside its band.
 
     Examples
     --------
@@ -82,12 +85,20 @@ class ComplexModes:
     counted: tuple[float, int] | None = None
     condition: Array = field(default_factory=lambda: np.zeros(0))
     evidence: str = NOT_CHECKED
+    full_growth: Array | None = None
 
     @property
     def stable(self) -> tuple[bool | None, ...]:
-        """Per eigenvalue: True left of the axis, False right of it, None on it within the error bar (or rigid)."""
-        return tuple(None if rigid or abs(value.real) <= bar else bool(value.real < 0)
-                     for value, bar, rigid in zip(self.eigenvalues, self.error_bar, self.rigid, strict=True))
+        """Per eigenvalue: True left of the axis, False right of it, None on it within the error bar (or rigid).
+
+        None as well where `full_growth` is known and does not say the same.
+        """
+        votes = [None if rigid or abs(value.real) <= bar else bool(value.real < 0)
+                 for value, bar, rigid in zip(self.eigenvalues, self.error_bar, self.rigid, strict=True)]
+        if self.full_growth is None:
+            return tuple(votes)
+        return tuple(vote if not (high >= 0 if vote else low <= 0) else None
+                     for vote, (low, high) in zip(votes, self.full_growth, strict=True))
 
     @property
     def is_stable(self) -> bool | None:
@@ -206,9 +217,18 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
              FemsubWarning)
     result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
                      certified=found.evidence != NOT_CHECKED, evidence=found.evidence,
-                     counted=None if found.counted is None else (found.counted.radius, found.counted.number))
+                     counted=None if found.counted is None else (found.counted.radius, found.counted.number),
+                     full_growth=_of_full(model, result.eigenvalues))
     log.info("%r", result)
     return result
+
+
+def _of_full(model: Substructure | Pencil, values: Array) -> Array | None:
+    estimate = getattr(model, "estimate", None)
+    if estimate is None or not len(estimate.located):
+        return None
+    found: Array = estimate.growth_of_full(values)
+    return found
 
 
 def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> tuple[Pencil, float]:

@@ -15,9 +15,12 @@ from femsub.model.pencil import contact_matrix
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.reduction.basis import Basis, Kept, Responses, projected
 from femsub.reduction.free_interface import FreeInterface
+from femsub.reduction.friction_estimate import chosen_with_friction
 from femsub.reduction.statics import Partition, Statics, zeros
 
 if TYPE_CHECKING:
+    from femsub.model.contact import Contacts
+    from femsub.model.pencil import Pencil
     from femsub.modes.shift_invert import ShiftInvert
 
 
@@ -40,6 +43,10 @@ class ContactModes(FreeInterface):
     ----------
     modes : int
         Number of elastic modes of the system in contact.
+    band : (lo, hi), with tol : float
+        In place of `modes`: as few as keep every λ of the system with friction, with Im λ and |Re λ| up to hi, within the relative
+        error `tol`, at the given value of the parameter. The band begins at lo. ``.estimate`` tells the error of each λ, and where
+        λ of the full system is. `complex_modes` under the same contacts calls a mode stable or unstable only if both agree.
     contacts : contact, or sequence of contacts
         `FrictionContact` or others whose stiffness is linear in the parameter.
     parameter : str
@@ -51,6 +58,8 @@ class ContactModes(FreeInterface):
     ------
     InputError, InputTypeError
         No contacts, or none with this parameter.
+    NotConvergedError
+        When it is used: no model meets the tolerance, or it cannot be excluded that the full system has further eigenvalues.
 
     References
     ----------
@@ -66,6 +75,9 @@ class ContactModes(FreeInterface):
     >>> small = fs.reduce(pad, fs.ContactModes(4, contacts=rubbing))
     >>> small.size, small.modes, small.linearised(rubbing)
     (8, 4, Pencil: 8 DOF, dense, K unsymmetric)
+    >>> small = fs.reduce(pad, fs.ContactModes(band=(0, 3e5), tol=1e-3, contacts=rubbing))
+    >>> small.estimate.met, fs.complex_modes(small, rubbing, band=(0, 3e5)).full_growth.shape
+    (True, (6, 2))
     """
 
     contacts: Any = None
@@ -74,7 +86,6 @@ class ContactModes(FreeInterface):
 
     key, label, colour, marker = "contact-modes", "Contact modes", "#c51b7d", "*"
     offered = False
-    unestimated = "the modes are those of a system without friction"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -107,6 +118,18 @@ class ContactModes(FreeInterface):
         n = part.sub.size
         return Statics(part, handle, zeros(n, 0, 0), zeros(0, 0, 0), extra, "friction response")
 
+    def judged(self, sub: Substructure, contacts: Contacts) -> Pencil:
+        """The system with its friction, and with the further contacts."""
+        return sub.linearised([*contacts_of(self.contacts), *contacts_of(contacts)])
+
+    def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
+        """A given number of modes, or as many as the tolerance requires; see `chosen_with_friction`."""
+        if self.band is None or self.tol is None or pencil is None:
+            return super().kept(statics, pencil)
+        part = statics.part
+        assert isinstance(part, Rubbing)
+        return chosen_with_friction(statics, pencil, part.friction, self.band, self.tol, self.friction)
+
     def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
         """The responses to the friction forces of the modes, and to the requested ports."""
         none = np.zeros(0)
@@ -119,7 +142,7 @@ class ContactModes(FreeInterface):
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """With VᵀKV of the system itself: the contact is no part of it."""
         K = projected(sub.K, model.V, model.V)
-        return replace(model, K=(K + K.T) / 2)
+        return replace(model, K=(K + K.T) / 2, estimated=None)
 
     def _forces(self, statics: Statics, kept: Kept) -> Array:
         part = statics.part

@@ -16,6 +16,7 @@ from femsub.reduction.mode_selection import chosen, lowest
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
+    from femsub.model.contact import Contacts
     from femsub.model.pencil import Pencil
     from femsub.model.substructure import ReducedSubstructure, Substructure
     from femsub.modes.shift_invert import ShiftInvert
@@ -114,6 +115,21 @@ class Method(ABC):
     def static_columns(self, sub: Substructure) -> int:
         """How many static shapes the method computes, without those of the ports; the check of memory asks before any work."""
         return len(sub.interface)
+
+    def judged(self, sub: Substructure, contacts: Contacts) -> Pencil | None:
+        """The model whose complex eigenvalues must be within the tolerance; None without damping.
+
+        Raises
+        ------
+        InputError
+            A contact with stiffness: its forces are none of those that the basis of the method is made for.
+        """
+        pencil = sub.linearised(contacts)
+        if pencil.K is not sub.pencil.K:
+            raise InputError("the estimate of a tolerance takes contacts that add to D only, such as belts. For friction between "
+                             "surfaces use ContactModes(band=..., tol=..., contacts=...), or give a number of modes instead, e.g. "
+                             f"{type(self).__name__}(modes=20)")
+        return pencil if pencil.norms[1] > 0 else None
 
     @abstractmethod
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:

@@ -286,14 +286,10 @@ def _checked(sub: Substructure, method: Method, ports: bool | Sequence[str],
                          f"tolerance, e.g. {type(method).__name__}(band=(0, 2e3), tol=1e-3)")
     pencil = None
     if method.band is not None:
-        pencil = sub.linearised(contacts)
-        if pencil.K is not sub.pencil.K:
-            raise InputError("the estimate of a tolerance takes contacts that add to D only, such as belts. Give a number of "
-                             f"modes instead, e.g. {type(method).__name__}(modes=20)")
+        pencil = method.judged(sub, contacts)
         if method.band[1] >= SHARE * sub.cutoff:
             raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
                              f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")
-        pencil = pencil if pencil.norms[1] > 0 else None
     task = _Task(sub, method, columns, extra, pencil)
     check_memory(sub.name, sub.K, task.static_columns, method.modes or 0, method.static_columns(sub))
     return task

@@ -1,0 +1,338 @@
+"""How far the complex modes of a model of contact modes are from those of the full system with friction, and that none is missing.
+
+The model is compared with a larger one, and the larger one with the full system. Let A = K₀ - σM be the matrix whose factor is at
+hand, K₀ the symmetric stiffness in contact at μ = 0. In the larger space U, UᵀAU = I, and its A-orthogonal complement L, the full
+pencil P(λ) = λ²M + λD + K has the blocks
+
+    [P_U  P_UL]
+    [P_LU  P_L],    Re zᴴP_L(λ)z ≥ c zᴴAz,    c = 1 - ω²/θ - s - ω(γ + δ)   for |Re λ|, |Im λ| ≤ ω,
+
+since all modes below √θ are in U. s, γ and δ are the largest values, against A in L, of the symmetric part of K₀ - K, and of the skew
+and the symmetric part of D. Where c > 0, λ is an eigenvalue of the full system only if P_U - P_UL P_L⁻¹ P_LU is singular. So
+
+    g(λ) = ‖P_LU P_U⁻¹ P_UL‖ < c        (norms of A in L)
+
+excludes it. If that holds all around a region, the full system has as many eigenvalues in it as the larger model (Rouché). P_LU and
+P_UL follow from one solve with A for each column of MU, DU and KU, and of their transposes: the dual norms of all residuals.
+
+Proved are the inequalities. s, γ and δ come from Lanczos, so from below, and g < c is sampled: the count is therefore 'confirmed'.
+
+References: A. T. Patera, G. Rozza, Reduced Basis Approximation and A Posteriori Error Estimation (2007), ch. 4 (coercivity constant,
+dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 339 (left vectors).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import NotConvergedError
+from femsub.linalg.memory import check_columns
+from femsub.linalg.subspace import orthonormal
+from femsub.model.bands import beyond, upper, within
+from femsub.model.estimate import Estimate
+from femsub.model.pencil import Pencil
+from femsub.modes.normal_modes import lowest_modes
+from femsub.modes.static_shapes import energy_directions
+from femsub.quadratic.bars import bars
+from femsub.quadratic.dense import solve
+from femsub.quadratic.matching import match
+from femsub.reduction.basis import Kept
+from femsub.reduction.error_bounds import FAR, MARGIN
+from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed
+from femsub.reduction.statics import COLUMNS
+
+if TYPE_CHECKING:
+    from femsub.reduction.statics import Statics
+
+ABOVE = 2.0  # the larger model has all real modes up to so many times the band
+ROOM = 1.15  # the eigenvalues are counted in a rectangle that ends at so many times the band at most
+LEAST = 0.05  # smallest c with which the count is tried
+SURE = 0.7  # g stays below this share of c at the points where it is sampled
+CIRCLE = np.exp(2j * np.pi * (np.arange(8) + 0.5) / 8)  # the points on a circle about an eigenvalue
+DOUBLED = 16  # how often its radius is doubled
+SMALLEST = 1e-10  # of |λ|: its smallest radius
+STEP = 1.1  # from one number of modes to the next that is tried
+LANCZOS = 40  # steps
+NOTHING = 1e-20  # share of the squared residuals below which a direction is left out
+
+
+@dataclass(frozen=True, eq=False)
+class Bare:
+    """P_U in coordinates with UᵀAU = I, and the columns of T (k, 3, R) with P_LU(λ) ~ λ²T₀ + λT₁ + T₂; of P_ULᵀ the same."""
+
+    pencil: Pencil
+    right: Array
+    left: Array
+
+    def reach(self, value: complex) -> float:
+        """g(λ), or a little more: the Frobenius norm."""
+        right, left = (value**2 * T[:, 0] + value * T[:, 1] + T[:, 2] for T in (self.right, self.left))
+        if not len(right) or not len(left):
+            return 0.0
+        return float(np.linalg.norm(right @ np.linalg.solve(self.pencil.at(value), left.T)))
+
+    def product(self, value: complex, x: Array, y: Array) -> float:
+        """‖P_LU x‖ ‖yᴴP_UL‖, which over c |yᴴP'x| is the error of λ to first order."""
+        right, left = (value**2 * T[:, 0] + value * T[:, 1] + T[:, 2] for T in (self.right, self.left))
+        return float(np.linalg.norm(right @ x) * np.linalg.norm(left @ y.conj()))
+
+
+class Larger:
+    """The pencil in U = [Φ Q], and how far its eigenvalues are from those of the full system.
+
+    Φ are all modes found, Q their responses to the loads of the model and to friction from the left, and the responses to the
+    residuals of the complex modes in the band.
+    """
+
+    def __init__(self, search: Search, pencil: Pencil, friction: Matrix, hi: float) -> None:
+        handle, found = search.statics.handle, search.found
+        check_columns(search.statics.part.sub.name, len(found.shapes), 12 * len(found.eigenvalues))
+        self.handle, self.pencil, self.hi = handle, pencil, hi
+        self.N = pencil.K - handle.K
+        self.symmetric = pencil.symmetric[1] and pencil.symmetric[2]
+        self.top = np.inf if search.complete else search.top
+        modes = found.shapes / np.sqrt(found.eigenvalues - handle.sigma)
+        self.loads = np.hstack([friction @ found.shapes, search.loads])
+        self.rest = np.hstack([handle.elastic_solve(self.loads[:, :len(found.eigenvalues)], found.shapes), search.rest])
+        responses = [self.rest] if self.symmetric else [self.rest, handle.factor.solve(self.N.T @ found.shapes)]
+        U = np.hstack([modes, orthonormal(np.hstack(responses), self.product, modes)[0]])
+        values, X, Y = solve(self._projected(U))
+        keep = within(values, (0.0, ROOM * hi)) & upper(values)
+        self.U = np.hstack([U, orthonormal(self._answers(U, values[keep], X[:, keep], Y[:, keep]), self.product, U)[0]])
+        small = self._projected(self.U)
+        right = self._coupling(pencil.D, self.N)
+        self.bare = Bare(small, right, right if self.symmetric else self._coupling(pencil.D.T, self.N.T))
+        self.values, self.X, self.Y = solve(small)
+
+    @property
+    def small(self) -> Pencil:
+        return self.bare.pencil
+
+    def product(self, x: Array) -> Array:
+        """Ax."""
+        force = self.handle.K @ x
+        return force - self.handle.sigma * (self.handle.M @ x) if self.handle.sigma else force
+
+    def _projected(self, U: Array) -> Pencil:
+        M, D, N = (U.T @ (part @ U) for part in (self.pencil.M, self.pencil.D, self.N))
+        M = (M + M.T) / 2
+        return Pencil(M, (D + D.T) / 2 if self.pencil.symmetric[1] else D, np.eye(len(M)) + self.handle.sigma * M + N)
+
+    def _answers(self, U: Array, values: Array, X: Array, Y: Array) -> Array:
+        """A⁻¹ times the residuals of right and left eigenvectors, real and imaginary parts."""
+        sides = [self.pencil.residual(values, U @ X)]
+        if not self.symmetric:
+            sides.append(self.pencil.transposed().residual(values.conj(), U @ Y))
+        loads = np.hstack([part for side in sides for part in (side.real, side.imag)])
+        return self.handle.factor.solve(compressed(loads, self.handle.K.diagonal())) if loads.any() else loads[:, :0]
+
+    def _outside(self, x: Array) -> Array:
+        """x without its part in U."""
+        for _ in range(2):
+            x = x - self.U @ (self.U.T @ self.product(x))
+        return x
+
+    def _coupling(self, D: Matrix, N: Matrix) -> Array:
+        """T (k, 3, R) with TᵀT the Gram matrix of MU, DU and NU in L, in the norm of A⁻¹."""
+        U, parts, R = self.U, (self.pencil.M, D, N), self.U.shape[1]
+        gram = np.zeros((3 * R, 3 * R))
+        for at, part in enumerate(parts):
+            for start in range(0, R, COLUMNS):
+                load = part @ U[:, start:start + COLUMNS]
+                if load.any():
+                    answer = self._outside(self.handle.factor.solve(load))
+                    columns = slice(at * R + start, at * R + start + load.shape[1])
+                    gram[:, columns] = np.vstack([U.T @ (other.T @ answer) for other in parts])
+        scale = np.repeat([self.hi**2, self.hi, 1.0], R)
+        share, turn = np.linalg.eigh(scale[:, None] * (gram + gram.T) / 2 * scale)
+        keep = share > NOTHING * max(float(share[-1]), 0.0)
+        return ((np.sqrt(share[keep]) * turn[:, keep]).T / scale).reshape(-1, 3, R)
+
+    def coercivity(self, omega: float) -> float:
+        """c for |Re λ| and |Im λ| up to ω."""
+        return float(1 - (omega / self.top) ** 2 - self._extremes[0] - omega * self._extremes[1])
+
+    @cached_property
+    def _extremes(self) -> tuple[float, float]:
+        """s, and γ + δ."""
+        N, D = self.N, self.pencil.D
+        return self._largest((N + N.T) * -0.5), self._largest((D - D.T) * 0.5, True) + self._largest((D + D.T) * 0.5)
+
+    def _largest(self, B: Matrix, skew: bool = False) -> float:
+        """The largest |xᴴBx| / xᴴAx (of a symmetric B the largest positive one) over L, by Lanczos with the product of A."""
+        if not abs(B).max():
+            return 0.0
+
+        def applied(x: Array) -> Array:
+            return self._outside(self.handle.factor.solve(B @ x))
+
+        start = self._outside(np.random.default_rng(11).standard_normal((len(self.U), 1)))
+        V, image = orthonormal(start, self.product)
+        H = np.zeros((LANCZOS, LANCZOS))
+        for k in range(V.shape[1] and min(LANCZOS, len(self.U) - self.U.shape[1])):
+            new = -applied(applied(V[:, k:])) if skew else applied(V[:, k:])
+            H[:k + 1, k] = image.T @ new[:, 0]
+            more, its = orthonormal(new, self.product, V)
+            if not more.shape[1]:
+                break
+            V, image = np.hstack([V, more]), np.hstack([image, its])
+        H = np.triu(H) + np.triu(H, 1).T
+        top = max(float(np.linalg.eigvalsh(H)[-1]), 0.0)
+        return MARGIN * (np.sqrt(top) if skew else top)
+
+    @cached_property
+    def counted(self) -> bool:
+        """Whether the full system has as many eigenvalues in a rectangle around the band, |Re λ| ≤ a, |Im λ| ≤ b, as this model."""
+        a, b = (self._free(np.abs(part)) for part in (self.values.real, self.values.imag))
+        c = self.coercivity(max(a, b))
+        edge = [complex(a, 0.0), complex(a, b), complex(-a, b), complex(-a, 0.0)]
+        return c > LEAST and all(self._clear(begin, end, c) for begin, end in zip(edge, edge[1:], strict=False))
+
+    def _free(self, values: Array) -> float:
+        """The place just above the band that is farthest from all values."""
+        places = np.linspace(1.0, ROOM, 25)[1:] * self.hi
+        return float(places[np.abs(places[:, None] - values).min(axis=1).argmax()])
+
+    def _clear(self, begin: complex, end: complex, c: float) -> bool:
+        """Whether g < c between two points, sampled at steps of half the distance to the next eigenvalue."""
+        length, done = abs(end - begin), 0.0
+        while True:
+            at = begin + (end - begin) * min(done / length, 1.0)
+            if self.bare.reach(at) >= SURE * c:
+                return False
+            if done >= length:
+                return True
+            done += max(0.5 * float(np.abs(self.values - at).min()), 1e-5 * length)
+
+    @cached_property
+    def radii(self) -> Array:
+        """Of each λ about the band, the radius of a circle in which the full system has as many eigenvalues as this model, else inf.
+
+        There is one of the full system, therefore, that is not farther from λ, for each that is.
+        """
+        found = np.full(len(self.values), np.inf)
+        c = self.coercivity(ROOM * self.hi)
+        near = np.flatnonzero(within(self.values, (0.0, ROOM * self.hi)) & upper(self.values))
+        if c <= LEAST or not len(near):
+            return found
+        bar = bars(self.small, self.values[near], self.X[:, near], self.Y[:, near], self.values).error_bar
+        for k, rounding in zip(near, bar, strict=True):
+            value, x, y = self.values[k], self.X[:, k], self.Y[:, k]
+            slope = abs(y.conj() @ (2 * value * (self.small.M @ x) + self.small.D @ x))
+            first = self.bare.product(value, x, y) / (c * slope) if slope else np.inf
+            radius = float(max(1.5 * first, SMALLEST * abs(value), 4 * rounding))
+            for _ in range(DOUBLED):
+                if not radius < abs(value):
+                    break
+                if all(self.bare.reach(value + radius * turn) < SURE * c for turn in CIRCLE):
+                    found[k] = radius
+                    break
+                radius *= 2
+        return found
+
+
+class Nest:
+    """The models of contact modes of every size in one larger model."""
+
+    def __init__(self, larger: Larger, search: Search, friction: bool) -> None:
+        self.larger, self.search, self.friction = larger, search, friction
+        found = search.found
+        self.rigid, self.frequencies = found.rigid, found.frequencies[found.rigid:]
+        self.size = np.sqrt(found.eigenvalues - larger.handle.sigma)  # of the modes in the coordinates of U
+        self.rest = larger.U.T @ larger.product(larger.rest)
+        self.loads = found.shapes.T @ larger.loads
+
+    @property
+    def most(self) -> int:
+        return self.search.modes - (not self.search.complete)
+
+    def cutoff(self, count: int) -> float:
+        return float(self.frequencies[count]) if count < len(self.frequencies) else np.inf
+
+    def basis(self, count: int) -> Array:
+        """T (R, r), TᵀT = I: the model with so many elastic modes in the coordinates of U."""
+        m, all_modes = self.rigid + count, len(self.size)
+        others = self.rest.shape[1] - (all_modes if self.friction else 0)  # responses to ports
+        chosen = np.append(np.arange(m if self.friction else 0), self.rest.shape[1] - others + np.arange(others)).astype(int)
+        T = np.eye(len(self.rest), m)
+        if not len(chosen):
+            return T
+        values = self.search.found.eigenvalues
+        shapes = self.rest[:, chosen].copy()
+        shapes[m:all_modes] += self.loads[m:, chosen] * (self.size[m:] / values[m:])[:, None]
+        shapes[:m] = 0.0
+        held = self.loads[self.rigid:m, chosen]
+        whole = np.einsum("ij,ij->j", shapes, shapes) + np.einsum("ij,ij->j", held, held / values[self.rigid:m, None])
+        return np.hstack([T, shapes @ energy_directions(shapes.T @ shapes, whole)[0]])
+
+    def estimate(self, count: int, band: tuple[float, float], tol: float) -> Estimate:
+        larger, T = self.larger, self.basis(count)
+        found = solve(Pencil(*(T.T @ (part @ T) for part in (larger.small.M, larger.small.D, larger.small.K))))[0]
+        found = found[upper(found) & (found != 0)]
+        keep = np.flatnonzero(upper(larger.values) & (larger.values != 0))
+        exact, radii = larger.values[keep], larger.radii[keep]
+        at, to = match(exact, found, far=FAR)
+        distance = np.abs(found[to] - exact[at])
+        inside = within(exact[at], band) | (within(found[to], band) & (distance < np.abs(exact[at]) / 2))
+        lone, extra = within(exact, band), within(found, band)
+        lone[at], extra[to] = False, False
+        error = (MARGIN * distance + radii[at]) / np.abs(exact[at])
+        omega = self.frequencies[:count]
+        omega = omega[~beyond(omega, band[1]) & ~beyond(band[0], omega)]
+        return Estimate(band, tol, count, self.cutoff(count), omega, np.full(len(omega), 4 * EPS), found[to[inside]], error[inside],
+                        int(lone.sum() + extra.sum()), self.search.modes, 1.0, exact[at[inside]], radii[at[inside]])
+
+
+def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, band: tuple[float, float], tol: float,
+                         responses: bool) -> Kept:
+    """The modes and the estimate of the smallest model of contact modes that meets `tol` in the band, with no eigenvalue missing.
+
+    Parameters
+    ----------
+    pencil : Pencil
+        The system with friction.
+    friction : matrix, shape (n, n)
+        K₁, the loads of the responses.
+    responses : bool
+        Whether they belong to the model.
+
+    Raises
+    ------
+    NotConvergedError
+        No model meets it, or the eigenvalues of the full system cannot be counted, even with all modes or 1000 of them.
+    """
+    search, hi = Search(statics, None), band[1]
+    while True:
+        while not search.complete and search.top <= ABOVE * hi:
+            search.grow(search.needed(ABOVE * hi))
+        search.replace(lowest_modes(statics.handle, search.modes, known=search.found))  # counted by inertia
+        larger = Larger(search, pencil, friction, hi)
+        nest = Nest(larger, search, responses)
+        best = nest.estimate(nest.most, band, tol)
+        if best.met and larger.counted:
+            break
+        if search.complete or (search.modes >= MOST and len(larger.U) > DENSE):
+            raise NotConvergedError(_lacking(statics.part.sub.name, best, larger))
+        search.grow(int(1.5 * search.modes) + 1)
+    count = max(int(np.searchsorted(nest.frequencies[:nest.most], hi, side="right")), nest.rigid == 0)  # no basis is empty
+    while count < best.modes:  # in steps, since one mode more is not always better: pairs that meet want both or none
+        other = nest.estimate(count, band, tol)
+        if other.met:
+            best = other
+        count = max(count + 1, int(STEP * count))
+    return Kept(search.found, best.modes, best.cutoff, best)
+
+
+def _lacking(name: str, best: Estimate, larger: Larger) -> str:
+    lo, hi = best.band
+    if not best.met:
+        return (f"{name!r} cannot be reduced to a relative error of {best.tol:g} from {lo:.5g} to {hi:.5g} rad/time under this "
+                f"friction. With {best.modes} modes: {best!r}. Lower the band, or raise tol")
+    return (f"{name!r}: with {best.searched} modes the eigenvalues of the full system up to {hi:.5g} rad/time cannot be counted "
+            f"(c = {larger.coercivity(ROOM * hi):.2g}, at least {LEAST:g} is needed). Lower the band, mu, or the stiffness of the "
+            "contact")
