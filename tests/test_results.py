@@ -43,6 +43,9 @@ SMALL = {
                          'methods = ["CC"]\n',
     "plate-limit-cycle": 'elements = [4, 3]\nmodes = [8]\noutputs = ["cycles"]\n',
     "two-mode": 'points = 11\n',
+    "affine": 'between = [0.0, 3.0]\npoints = 11\nM = {file = "M.npz"}\n'
+              'K = [{file = "model.mat:K", factor = "1 + p**2"}, {file = "M.npz", factor = "-p / q"}]\n'
+              'fixed = {name = "q", value = 40.0}\n',
     "ziegler": 'damping = [0.0, 0.1]\npoints = 11\n',
 }
 CHAIN = 'belts = [2]\nsizes = [3, 5]\noutputs = ["critical-slope", "size-sweep"]\nfigures = false\n'
@@ -52,7 +55,7 @@ CLOCK = {"date", "sentence", "seconds", "seconds_per_period", "speedup", "recomm
 def scene_file(folder: Path, name: str, text: str | None = None) -> str:
     """A scene file with the files it names."""
     folder.mkdir(exist_ok=True)
-    if name in ("matrices", "own-parts"):
+    if name in ("matrices", "own-parts", "affine"):
         chain = fs.chain(20, belt=2)
         scipy.sparse.save_npz(folder / "M.npz", scipy.sparse.csc_matrix(chain.M))
         scipy.io.savemat(folder / "model.mat", {"K": scipy.sparse.csc_matrix(chain.K), "other": np.eye(2)})
@@ -85,7 +88,9 @@ def without_folders(inputs: Any) -> Any:
         return [without_folders(one) for one in inputs]
     if not isinstance(inputs, dict):
         return inputs
-    return {key: Path(value).name if key in ("mesh", "M", "K") else without_folders(value) for key, value in inputs.items()}
+    files = ("mesh", "M", "K", "file")
+    return {key: Path(value).name if key in files and isinstance(value, str) else without_folders(value)
+            for key, value in inputs.items()}
 
 
 @pytest.mark.parametrize("name", SMALL)

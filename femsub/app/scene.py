@@ -40,6 +40,7 @@ SCENES = {
     "chain-limit-cycle": ("chain_cycles", "the chain's limit cycles, full and reduced: table, branches, stability"),
     "plate-limit-cycle": ("plate_cycles", "the plate's limit cycles over the normal force: full and reduced"),
     "two-mode": ("two_mode", "two modes coupled by friction (Hoffmann): critical friction, flutter diagram"),
+    "affine": ("affine", "your own matrices with factors of named parameters: critical value, flutter diagram"),
     "ziegler": ("ziegler", "Ziegler's pendulum under a follower load: what damping destabilises, flutter diagram"),
 }
 MOST_REPEATS = 1000

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sized
+from collections.abc import Collection, Iterable, Mapping, Sized
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, mapping, path_of
 from femsub.errors import InputError, InputTypeError
-from femsub.io.abaqus_calculix import DIRECTIONS, HELD, TextMatrix, dof_map, read_dofs
+from femsub.io.abaqus_calculix import DIRECTIONS, HELD, dof_map, read_dofs
 from femsub.io.matrix_files import read_labelled
 from femsub.io.model_folder import read_model
 from femsub.model.dof_map import DofMap
@@ -75,13 +75,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         return read_model(path_of("M", M))
     named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
     paths = {key: Path(path) for key, path in named.items()}
-    read = {}
-    for key, path in paths.items():
-        try:
-            read[key] = read_labelled(path, usual=key)
-        except InputError as error:
-            raise InputError(f"{key}: {error}") from None
-    matrices, found = _aligned(paths, read, massless)
+    matrices, found = read_aligned(paths, {key: key for key in paths}, "K", ("M",), massless)
     size = matrices["K"].shape[0]
     if dofs is not None and found is not None:
         raise InputError(f"dofs: {paths['K']} already contains node and DOF of each entry. Leave the map out")
@@ -101,22 +95,33 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         raise type(error)(f"{error} ({listed})") from None
 
 
-def _aligned(paths: Mapping[str, Any], read: Mapping[str, TextMatrix], massless: bool) -> tuple[dict[str, Matrix], DofMap | None]:
-    """All matrices on the rows of K, without those that Abaqus holds."""
-    unlike = [key for key, item in read.items() if (item.labels is None) != (read["K"].labels is None)]
-    if unlike:
-        raise InputError(f"{paths['K']} and {paths[unlike[0]]} do not go together: one has node and DOF of each entry, the "
+def read_aligned(paths: Mapping[str, Path], usual: Mapping[str, str], frame: str,
+                 masses: Collection[str], massless: bool) -> tuple[dict[str, Matrix], DofMap | None]:
+    """Matrices from files by keys, all on the rows of one of them, the frame, without those that Abaqus holds in it.
+
+    `usual` has the name that a matrix has in a file of several; `masses` are masses, which must have all DOF of the
+    frame unless `massless`.
+    """
+    read = {}
+    for key, path in paths.items():
+        try:
+            read[key] = read_labelled(path, usual=usual[key])
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from None
+    target = read[frame].labels
+    if unlike := [key for key, item in read.items() if (item.labels is None) != (target is None)]:
+        raise InputError(f"{paths[frame]} and {paths[unlike[0]]} do not go together: one has node and DOF of each entry, the "
                          "other only row numbers. Write both with the same FORMAT")
-    target = read["K"].labels
     if target is None:
         return {key: item.matrix for key, item in read.items()}, None
-    if (read["M"].matrix.diagonal() >= HELD).any():
-        raise InputError(f"M holds 1e36 on its diagonal ({paths['M']}), as Abaqus writes it into a stiffness matrix for "
-                         "held DOF: are M and K swapped?")
-    held = read["K"].matrix.diagonal() >= HELD
+    for key in masses:
+        if (read[key].matrix.diagonal() >= HELD).any():
+            raise InputError(f"{key} holds 1e36 on its diagonal ({paths[key]}), as Abaqus writes it into a stiffness matrix for "
+                             "held DOF: are M and K swapped?")
+    held = read[frame].matrix.diagonal() >= HELD
     rows = np.flatnonzero(~held)
     if not len(rows):
-        raise InputError(f"{paths['K']}: every DOF is held by a boundary condition (1e36 on the diagonal)")
+        raise InputError(f"{paths[frame]}: every DOF is held by a boundary condition (1e36 on the diagonal)")
     keys = target @ np.array([100, 1])
     matrices = {}
     for key, item in read.items():
@@ -125,12 +130,14 @@ def _aligned(paths: Mapping[str, Any], read: Mapping[str, TextMatrix], massless:
         place = np.minimum(np.searchsorted(keys, own), len(keys) - 1)
         strange = keys[place] != own
         if strange.any():
-            raise InputError(f"{key} has {int(strange.sum())} DOF that are not in K, first {_named(item.labels[strange][0])} "
-                             f"({paths[key]}, {paths['K']}). Both must be complete, and of the same step of the same model")
+            raise InputError(f"{key} has {int(strange.sum())} DOF that are not in {frame}, first "
+                             f"{_named(item.labels[strange][0])} ({paths[key]}, {paths[frame]}). Both must be complete, and of "
+                             "the same step of the same model")
         missing = np.setdiff1d(np.flatnonzero(~held), place)
-        if key == "M" and len(missing) and not massless:
-            raise InputError(f"K has {len(missing)} DOF that are not in M, first {_named(target[missing[0]])} ({paths['K']}, "
-                             f"{paths['M']}). M may be cut short. If those DOF have no mass, give massless=True")
+        if key in masses and len(missing) and not massless:
+            raise InputError(f"{frame} has {len(missing)} DOF that are not in {key}, first {_named(target[missing[0]])} "
+                             f"({paths[frame]}, {paths[key]}). {key} may be cut short. If those DOF have no mass, give "
+                             "massless=True")
         entries = item.matrix.tocoo()
         whole = sp.csr_array((entries.data, (place[entries.row], place[entries.col])), shape=(len(keys), len(keys)))
         matrices[key] = whole[rows][:, rows] if held.any() else whole

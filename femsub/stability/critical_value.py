@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+LARGEST = WIDE  # DOF of a model
 MOST = 6000  # intervals that are tested at most
 NARROW = 1e3  # times the resolution: an interval in which a crossing is counted, and nothing else looked for
 BESIDE = 1e-3  # of the range: how far beside a crossing the growth is told, if there is no other crossing nearer
@@ -191,8 +192,8 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
 def _family(model: Substructure | Affine, contacts: Contacts, parameter: str) -> Callable[[float], Pencil]:
     """The dense pencil as a function of the parameter."""
     pencil_at = pencil_over(model, contacts, parameter)
-    if model.size > WIDE:
-        raise InputError(f"critical_value takes models of up to {WIDE} DOF, but this one has {model.size}. Reduce it first")
+    if model.size > LARGEST:
+        raise InputError(f"critical_value takes models of up to {LARGEST} DOF, but this one has {model.size}. Reduce it first")
     return lambda p: pencil_at(p).dense()
 
 

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import Affine, CriticalValue, Tracked, critical_value, track
+from femsub import Affine, CriticalValue, Tracked, track
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.checks import interval
+from femsub.stability.seen_losses import losses_over
 from femsub.studies.tables import table
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
+TOLD = 5  # open intervals that are listed
 
 
 @dataclass(frozen=True)
@@ -34,25 +37,32 @@ class FlutterScene(Scene):
 
 
 def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, exact: Mapping[str, float], label: str,
-            data: dict[str, Any], progress: Progress) -> Result:
-    """Computes what `scene.outputs` names, for each of the models by its name; `exact` are their critical values."""
+            data: dict[str, Any], progress: Progress, band: tuple[float, float] | None = None,
+            text: Sequence[str] = ()) -> Result:
+    """Computes what `scene.outputs` names, for each of the models by its name; `exact` are the critical values that are known.
+
+    Of models too large for `critical_value` what `track` sees is located, and nothing else excluded.
+    """
     between = (scene.between[0], scene.between[1])
+
+    @cache
+    def tracked(name: str) -> Tracked:
+        progress(f"{scene.name}: modes tracked, {name}")
+        return track(models[name], None, parameter, np.linspace(*between, scene.points), band=band)
+
     found: dict[str, CriticalValue] = {}
     for name, model in models.items():
         progress(f"{scene.name}: critical value, {name}")
-        found[name] = critical_value(model, None, parameter, between=between)
+        found[name] = losses_over(model, parameter, between, band, partial(tracked, name))
 
     def compute(output: str) -> Result:
         if output == "critical-value":
             return _critical(found, exact, label)
-        tracks = {}
-        for name, model in models.items():
-            progress(f"{scene.name}: modes tracked, {name}")
-            tracks[name] = track(model, None, parameter, np.linspace(*between, scene.points))
-        return _diagram(tracks, {name: [one.value for one in item.losses] for name, item in found.items()}, label, scene.name)
+        return _diagram({name: tracked(name) for name in models},
+                        {name: [one.value for one in item.losses] for name, item in found.items()}, label, scene.name)
 
     head = f"{scene.name}: {label} from {between[0]:g} to {between[1]:g}"
-    return run_outputs(scene.outputs, compute, {**data, "between": scene.between}, [head])
+    return run_outputs(scene.outputs, compute, {**data, "between": scene.between}, ["\n".join([head, *text])])
 
 
 def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], label: str) -> Result:
@@ -68,10 +78,26 @@ def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], la
             rows.append({"model": name, "stability": "never lost" if not item.growing else "lost at the begin", "value": None,
                          "kind": "", "omega": None, "exact": exact.get(name), "error": None, "width": None,
                          "evidence": item.evidence})
-    said = table(["model", "stability", label, "kind", "ω", "closed form", "error", "evidence"],
-                 [[row[column] for column in ("model", "stability", "value", "kind", "omega", "exact", "error", "evidence")]
-                  for row in rows], ["s", "s", ".10f", "s", ".6g", ".10f", ".0e", "s"])
-    return Result({"critical-value": rows}, {"critical-value": rows}, f"Where stability is lost, over {label}:\n{said}", {})
+    columns = {"model": "s", "stability": "s", "value": ".10f", "kind": "s", "omega": ".6g",
+               **({"exact": ".10f", "error": ".0e"} if exact else {}), "evidence": "s"}
+    heads = {"value": label, "omega": "ω", "exact": "closed form"}
+    said = table([heads.get(column, column) for column in columns], [[row[column] for column in columns] for row in rows],
+                 list(columns.values()))
+    left = [line for name, item in found.items() for line in _left_open(name, item)]
+    places = {name: [list(one) for one in item.open] for name, item in found.items()}
+    return Result({"critical-value": rows, "not_excluded": places}, {"critical-value": rows},
+                  "\n".join([f"Where stability is lost, over {label}:", said, *left]), {})
+
+
+def _left_open(name: str, item: CriticalValue) -> list[str]:
+    """What was not excluded, in words."""
+    if not item.open:
+        return []
+    if item.open == (item.searched,):
+        return [f"{name}: so large a model has its losses from the modes tracked. Others between two values are not excluded."]
+    places = ", ".join(f"{lo:.9g} to {hi:.9g}" for lo, hi in item.open[:TOLD])
+    more = len(item.open) - TOLD
+    return [f"{name}: not excluded are further crossings in {places}{f' and {more} more intervals' if more > 0 else ''}."]
 
 
 def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, list[float]], label: str, title: str) -> Result:

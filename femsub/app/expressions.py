@@ -1,0 +1,297 @@
+"""Factors of matrices in scene files: arithmetic of parameters' names, as "1 / speed" or "mu * (1 - speed / 40)".
+
+An expression is parsed by Python's `ast`, of which only numbers, names, + - * / **, parentheses and a few functions are taken.
+Nothing is ever run as code. One walk over the tree serves floats, ranges (is it defined everywhere?) and straight lines.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from inspect import Parameter, Signature
+from typing import Any
+
+from femsub.errors import InputError
+
+LONGEST = 500  # characters of an expression
+LEAF = 1e-9  # of the range of a parameter: how near to a place without a value two values may lie
+PIECES = 10000  # ranges tried at most
+OPERATORS: dict[type, Callable[[Any, Any], Any]] = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+                                                    ast.Div: operator.truediv, ast.Pow: lambda a, b: _power(a, b)}
+SIGNS: dict[type, Callable[[Any], Any]] = {ast.UAdd: lambda a: a, ast.USub: operator.neg}
+FUNCTIONS = {"sqrt": math.sqrt, "exp": math.exp, "log": math.log, "sin": math.sin, "cos": math.cos}
+CONSTANTS = {"pi": math.pi}
+BROKEN = "a broken power of a negative number"
+TAKEN = f"numbers, names of parameters, + - * / **, parentheses, {', '.join(FUNCTIONS)} and pi"
+
+
+@dataclass(frozen=True)
+class Expression:
+    """An arithmetic expression of parameters, checked when it is made; `where` is the scene key that errors name.
+
+    Raises
+    ------
+    InputError
+        Not an expression, or one with something else than `TAKEN` in it.
+    """
+
+    text: str
+    where: str
+
+    def __post_init__(self) -> None:
+        if len(self.text) > LONGEST:
+            raise InputError(f"scene key {self.where!r} must have at most {LONGEST} characters, but has {len(self.text)}")
+        for node in ast.walk(self._tree):
+            self._check(node)
+
+    @cached_property
+    def _tree(self) -> ast.expr:
+        try:
+            return ast.parse(self.text.strip(), mode="eval").body
+        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+            reason = error.msg if isinstance(error, SyntaxError) else type(error).__name__
+            raise InputError(f"scene key {self.where!r} must be an expression such as '1 / speed', not {self.text!r} "
+                             f"({reason})") from None
+
+    def _check(self, node: ast.AST) -> None:
+        if isinstance(node, ast.Constant):
+            good = isinstance(node.value, (int, float)) and not isinstance(node.value, bool)
+        elif isinstance(node, ast.Call):
+            good = isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and len(node.args) == 1 and not node.keywords
+        else:
+            good = isinstance(node, (ast.Name, ast.BinOp, ast.UnaryOp, ast.Load, *OPERATORS, *SIGNS))
+        if not good:
+            found = "^ (write ** for powers)" if isinstance(node, ast.BitXor) else \
+                ast.unparse(node) if isinstance(node, ast.expr) else type(node).__name__
+            raise InputError(f"scene key {self.where!r}: {self.text!r} has {found} in it, but only {TAKEN} may stand there")
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The parameters, in the order in which they stand there."""
+        called = {id(node.func) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
+        found = [node for node in ast.walk(self._tree) if isinstance(node, ast.Name) and id(node) not in called]
+        if bad := [node.id for node in found if node.id in FUNCTIONS]:
+            raise InputError(f"scene key {self.where!r}: {bad[0]} needs an argument, as in '{bad[0]}(speed)'")
+        found.sort(key=lambda node: (node.lineno, node.col_offset))
+        return tuple(dict.fromkeys(node.id for node in found if node.id not in CONSTANTS))
+
+    def __call__(self, values: Mapping[str, float]) -> float:
+        """The value at given values of all parameters.
+
+        Raises
+        ------
+        InputError
+            It has none: a division by zero, the root of a negative number, a value that is not finite.
+        """
+        try:
+            found = self._walk(values)
+            if not math.isfinite(found):
+                raise ArithmeticError("it is not finite")
+        except (ArithmeticError, ValueError) as error:
+            raise self._undefined(values, error) from None
+        return float(found)
+
+    def check_over(self, parameter: str, between: tuple[float, float], values: Mapping[str, float]) -> None:
+        """Checks that there is a value everywhere in a range of one parameter, by the arithmetic of ranges.
+
+        Raises
+        ------
+        InputError
+            There is a place without a value, such as a division by zero; it is named.
+        """
+        for end in between:
+            self({**values, parameter: end})
+        left, tried = [between], 0
+        while left and tried < PIECES:
+            lo, hi = left.pop()
+            tried += 1
+            try:
+                self._walk({**values, parameter: _Range(lo, hi)})
+            except ArithmeticError as error:
+                middle = (lo + hi) / 2
+                self({**values, parameter: middle})
+                if hi - lo > LEAF * (between[1] - between[0]) and lo < middle < hi:
+                    left += [(middle, hi), (lo, middle)]
+                elif isinstance(error, _UndefinedError) and error.singular:
+                    raise self._undefined({**values, parameter: middle}, error) from None
+
+    def lines(self, parameter: str, values: Mapping[str, float]) -> tuple[float, float] | None:
+        """(a, b) if the expression is a + b · parameter; None if it is no straight line."""
+        try:
+            found = self._walk({**values, parameter: _Line(0.0, 1.0)})
+        except (_CurvedError, ArithmeticError, ValueError):
+            return None
+        line = found if isinstance(found, _Line) else _Line(found, 0.0)
+        return (line.a, line.b) if math.isfinite(line.a) and math.isfinite(line.b) else None
+
+    def _walk(self, values: Mapping[str, Any]) -> Any:
+        def value(node: ast.expr) -> Any:
+            match node:
+                case ast.Constant():
+                    return float(node.value)  # type: ignore[arg-type]
+                case ast.Name():
+                    return CONSTANTS[node.id] if node.id in CONSTANTS else values[node.id]
+                case ast.BinOp():
+                    return OPERATORS[type(node.op)](value(node.left), value(node.right))
+                case ast.UnaryOp():
+                    return SIGNS[type(node.op)](value(node.operand))
+                case ast.Call(func=ast.Name(id=name)):
+                    argument = value(node.args[0])
+                    return FUNCTIONS[name](argument) if isinstance(argument, float) else argument.function(name)
+            raise AssertionError(node)
+
+        return value(self._tree)
+
+    def _undefined(self, values: Mapping[str, float], error: Exception) -> InputError:
+        told = ", ".join(f"{name} = {values[name]:.9g}" for name in self.names)
+        return InputError(f"scene key {self.where!r}: {self.text!r} has no value at {told}: {error}. Change the expression or "
+                          "the range")
+
+
+@dataclass(frozen=True)
+class Factor:
+    """θ of an `Affine`: an expression of one parameter, the others having values."""
+
+    expression: Expression
+    parameter: str
+    values: tuple[tuple[str, float], ...]
+
+    @property
+    def __signature__(self) -> Signature:
+        return Signature([Parameter(self.parameter, Parameter.KEYWORD_ONLY)])
+
+    def __call__(self, **given: float) -> float:
+        return self.expression({**dict(self.values), **given})
+
+
+class _UndefinedError(ArithmeticError):
+    """A range reaches a place without a value; beside a `singular` one values have no bound."""
+
+    def __init__(self, text: str, singular: bool = True) -> None:
+        super().__init__(text)
+        self.singular = singular
+
+
+class _CurvedError(Exception):
+    """No straight line."""
+
+
+def _power(base: Any, exponent: Any) -> Any:
+    if not isinstance(exponent, float):  # for a positive base only
+        return (exponent * exponent.of(base).function("log")).function("exp")
+    if not isinstance(base, float):
+        return base.power(exponent)
+    if base < 0 and not exponent.is_integer():
+        raise ArithmeticError(BROKEN)
+    return base**exponent
+
+
+class _Arithmetic:
+    """What ranges and lines have in common: plain numbers beside them, differences, quotients the other way round."""
+
+    @classmethod
+    def of(cls, value: Any) -> Any:
+        return value if isinstance(value, cls) else cls(value, value * (cls is _Range))  # type: ignore[call-arg]
+
+    def __radd__(self, other: float) -> Any:
+        return self.of(other) + self
+
+    def __rmul__(self, other: float) -> Any:
+        return self.of(other) * self
+
+    def __sub__(self, other: Any) -> Any:
+        return self + -self.of(other)
+
+    def __rsub__(self, other: float) -> Any:
+        return self.of(other) + -self  # type: ignore[operator]
+
+    def __rtruediv__(self, other: float) -> Any:
+        return self.of(other) / self
+
+
+@dataclass(frozen=True)
+class _Range(_Arithmetic):
+    """All values between lo and hi. Rounding is not counted."""
+
+    lo: float
+    hi: float
+
+    def __iter__(self) -> Iterator[float]:
+        return iter((self.lo, self.hi))
+
+    def __neg__(self) -> _Range:
+        return _Range(-self.hi, -self.lo)
+
+    def __add__(self, other: Any) -> _Range:
+        other = self.of(other)
+        return _Range(self.lo + other.lo, self.hi + other.hi)
+
+    def __mul__(self, other: Any) -> _Range:
+        ends = [a * b for a in self for b in self.of(other)]
+        return _Range(min(ends), max(ends))
+
+    def __truediv__(self, other: Any) -> _Range:
+        lo, hi = self.of(other)
+        if lo <= 0 <= hi:
+            raise _UndefinedError("division by zero")
+        return self * _Range(1 / hi, 1 / lo)
+
+    def power(self, exponent: float) -> _Range:
+        if exponent < 0:
+            return self.of(1.0) / self.power(-exponent)
+        if not exponent.is_integer() and self.lo < 0:
+            raise _UndefinedError(BROKEN, singular=False)
+        ends = [self.lo**exponent, self.hi**exponent]
+        even = exponent > 0 and exponent % 2 == 0 and self.lo <= 0 <= self.hi
+        return _Range(0.0 if even else min(ends), max(ends))
+
+    def function(self, name: str) -> _Range:
+        if name in ("sin", "cos"):
+            middle, half = FUNCTIONS[name]((self.lo + self.hi) / 2), (self.hi - self.lo) / 2
+            return _Range(max(middle - half, -1.0), min(middle + half, 1.0))
+        if name == "sqrt" and self.lo < 0:
+            raise _UndefinedError("root of a negative number", singular=False)
+        if name == "log" and self.lo <= 0:
+            raise _UndefinedError("logarithm of a number that is not positive")
+        return _Range(FUNCTIONS[name](self.lo), FUNCTIONS[name](self.hi))
+
+
+@dataclass(frozen=True)
+class _Line(_Arithmetic):
+    """a + b p, of a parameter p."""
+
+    a: float
+    b: float
+
+    def __neg__(self) -> _Line:
+        return _Line(-self.a, -self.b)
+
+    def __add__(self, other: Any) -> _Line:
+        other = self.of(other)
+        return _Line(self.a + other.a, self.b + other.b)
+
+    def __mul__(self, other: Any) -> _Line:
+        other = self.of(other)
+        if self.b and other.b:
+            raise _CurvedError
+        return _Line(self.a * other.a, self.a * other.b + self.b * other.a)
+
+    def __truediv__(self, other: Any) -> _Line:
+        other = self.of(other)
+        if other.b:
+            raise _CurvedError
+        return _Line(self.a / other.a, self.b / other.a)
+
+    def power(self, exponent: float) -> _Line:
+        if self.b and exponent != 1:
+            raise _CurvedError
+        return self if self.b else _Line(self.a**exponent, 0.0)
+
+    def function(self, name: str) -> _Line:
+        if self.b:
+            raise _CurvedError
+        return _Line(FUNCTIONS[name](self.a), 0.0)

@@ -1,0 +1,243 @@
+"""The scene `affine`: own matrices with factors of named parameters, from the files of every format, and their expressions."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.optimize
+import scipy.sparse as sp
+from numpy.polynomial import polynomial
+
+import femsub as fs
+from femsub.app.cli import main
+from femsub.app.expressions import Expression, Factor
+from femsub.app.scene import load
+from femsub.components.disc_pair import disc_pair
+from femsub.components.two_mode import two_mode
+from femsub.errors import InputError
+from femsub.stability.seen_losses import seen_losses
+
+OWN = """
+scene = "affine"
+parameter = "speed"
+between = [0.005, 0.2]
+points = 21
+figures = false
+M = {file = "M.mtx"}
+D = [{file = "pair.mat:D1"}, {file = "DR.npz", factor = "mu / speed"}, {file = "DG.npy", factor = "speed"}]
+K = [{file = "K1.mtx"}, {file = "pair.mat:KR", factor = "mu"}, {file = "Kgeo.mtx", factor = "speed**2"}]
+fixed = {name = "mu", value = 0.4}
+"""
+
+
+def written(folder: Path) -> dict[str, Any]:
+    """The matrices of the small example, in files of several kinds."""
+    pair = disc_pair()
+    for name in ("M", "K1", "Kgeo"):
+        scipy.io.mmwrite(folder / f"{name}.mtx", sp.csr_array(pair[name]))
+    scipy.io.savemat(folder / "pair.mat", {name: sp.csc_matrix(pair[name]) for name in ("D1", "KR")})
+    sp.save_npz(folder / "DR.npz", sp.csc_array(pair["DR"]))
+    np.save(folder / "DG.npy", pair["DG"])
+    return pair
+
+
+def run(folder: Path, text: str) -> dict[str, Any]:
+    (folder / "scene.toml").write_text(text, encoding="utf-8")
+    assert main(["run", str(folder / "scene.toml"), "--out", str(folder / "out")]) == 0
+    return json.loads((folder / "out" / "results.json").read_text(encoding="utf-8"))
+
+
+def border(mu: float, lo: float, hi: float) -> list[float]:
+    """Speeds at which the Hurwitz determinant of the pair's characteristic polynomial vanishes."""
+    A = disc_pair()
+
+    def hurwitz(speed: float) -> float:
+        D = A["D1"] + mu / speed * A["DR"] + speed * A["DG"]
+        K = A["K1"] + mu * A["KR"] + speed**2 * A["Kgeo"]
+        entry = np.stack([K, D, A["M"]], axis=-1)
+        a0, a1, a2, a3, _ = polynomial.polysub(polynomial.polymul(entry[0, 0], entry[1, 1]),
+                                               polynomial.polymul(entry[0, 1], entry[1, 0]))
+        return float(a1 * (a2 * a3 - a1) - a0 * a3**2)
+
+    speeds = np.linspace(lo, hi, 2001)
+    signs = np.sign([hurwitz(speed) for speed in speeds])
+    return [scipy.optimize.brentq(hurwitz, speeds[i], speeds[i + 1], xtol=1e-14) for i in np.flatnonzero(np.diff(signs))]
+
+
+def test_a_turning_disc_without_files_and_from_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """D1 + μ DR/Ω + Ω DG and K1 + μ KR + Ω² Kgeo lose and regain stability where the Hurwitz determinant vanishes."""
+    written(tmp_path)
+    data = run(tmp_path, OWN)
+    rows, exact = data["critical-value"], border(0.4, 0.005, 0.2)
+    assert [row["stability"] for row in rows] == ["lost", "regained"] and {row["kind"] for row in rows} == {"flutter"}
+    np.testing.assert_allclose([row["value"] for row in rows], exact, atol=1e-10)
+    assert rows[0]["evidence"] == "confirmed" and data["not_excluded"] == {"affine": []}
+    assert "K = K[1] + (mu) K[2] + (speed**2) K[3]" in capsys.readouterr().out
+    assert (tmp_path / "out" / "critical-value.csv").read_text().startswith("model,stability,value,kind,omega,")
+    assert len(data["branches"]) == 2 * 21 and len({item["path"] for item in data["files"]}) == 6
+    pencil, other = (load(source)[0].model().at(speed=0.1)  # type: ignore[attr-defined]
+                     for source in ("affine", str(tmp_path / "scene.toml")))
+    for name in "MDK":
+        np.testing.assert_allclose(getattr(pencil.dense(), name), getattr(other.dense(), name), rtol=1e-15)
+
+
+def test_a_straight_line_is_certified(tmp_path: Path) -> None:
+    """Hoffmann's two modes over μ, K's factor written as arithmetic: a straight line in μ, so that no sample is needed."""
+    exact = two_mode()
+    for name, matrix in (("M", exact.M[0][1]), ("K", exact.K[0][1]), ("KR", [[0.0, 1.0], [0.0, 0.0]])):
+        np.save(tmp_path / f"{name}.npy", matrix)
+    text = ('scene = "affine"\nbetween = [0, 1.5]\nfigures = false\npoints = 5\nM = {file = "M.npy"}\n'
+            'K = [{file = "K.npy"}, {file = "KR.npy", factor = "-2 * share * (mu - 1) / 3 - 2 * share / 3"}]\n'
+            'fixed = [{name = "share", value = 2}]\n')
+    rows = run(tmp_path, text)["critical-value"]
+    assert [row["value"] for row in rows] == pytest.approx([0.75], abs=1e-10) and rows[0]["evidence"] == "certified"
+
+
+def test_abaqus_numbers_are_brought_together(tmp_path: Path) -> None:
+    """By node and DOF of each entry, in the order of K, without what Abaqus holds; KR has entries of few DOF only."""
+    (tmp_path / "M.mtx").write_text("7,1,7,1,2.0\n3,1,3,1,1.0\n9,1,9,1,5.0\n")
+    (tmp_path / "K.mtx").write_text("3,1,3,1,4.0\n3,1,7,1,-1.0\n7,1,3,1,-1.0\n7,1,7,1,9.0\n9,1,9,1,1e36\n")
+    (tmp_path / "KR.mtx").write_text("7,1,7,1,0.5\n")
+    text = ('scene = "affine"\nbetween = [0, 1]\nM = {file = "M.mtx"}\nK = [{file = "K.mtx"}, {file = "KR.mtx", factor = "p"}]')
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    pencil = load(str(tmp_path / "scene.toml"))[0].model().at(p=2.0).dense()  # type: ignore[attr-defined]
+    assert np.array_equal(pencil.M, np.diag([1.0, 2.0])) and np.array_equal(pencil.K, [[4.0, -1.0], [-1.0, 10.0]])
+
+
+def test_a_large_model_says_what_is_not_excluded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Springs of 320 masses of their own, two of them coupled by friction: above the size that critical_value takes."""
+    n = 320
+    own = 10.0 + np.arange(n) ** 2
+    own[:2] = 2.0
+    K, KR = sp.lil_array(sp.diags_array(own)), sp.lil_array((n, n))
+    K[0, 1] = K[1, 0] = 1.0
+    KR[0, 1] = -4 / 3
+    for name, matrix in (("M", sp.eye_array(n)), ("D", 0.02 * sp.eye_array(n)), ("K", K), ("KR", KR)):
+        sp.save_npz(tmp_path / f"{name}.npz", sp.csc_array(matrix))
+    text = ('scene = "affine"\nbetween = [0, 1.5]\npoints = 7\nfigures = false\nM = {file = "M.npz"}\nD = {file = "D.npz"}\n'
+            'K = [{file = "K.npz"}, {file = "KR.npz", factor = "mu"}]\nband = [0.5, 2.5]\n')
+    data = run(tmp_path, text)
+    critical = fs.critical_value(two_mode((0.02, 0.02)), None, "mu", between=(0.0, 1.5)).losses[0]
+    row, = data["critical-value"]
+    assert row["value"] == pytest.approx(critical.value, abs=1e-6) and row["omega"] == pytest.approx(critical.omega, rel=1e-5)
+    assert (row["stability"], row["kind"], row["evidence"]) == ("lost", "flutter", "not checked")
+    assert data["not_excluded"] == {"affine": [[0.0, 1.5]]}
+    assert "so large a model has its losses from the modes tracked. Others between two values are not excluded" in \
+        capsys.readouterr().out
+    (tmp_path / "scene.toml").write_text(text.replace("band = [0.5, 2.5]\n", ""), encoding="utf-8")
+    assert main(["run", str(tmp_path / "scene.toml")]) == 2
+    assert "320 DOF needs a band" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("d", [0.0, 0.05, -0.05])
+def test_losses_that_tracking_sees_are_those_of_critical_value(d: float) -> None:
+    """Flutter, negative damping, and a model that grows from the begin on: places and kinds."""
+    models = [fs.Affine(np.eye(2), [(1.0, 0.1 * np.eye(2)), ("p", -np.eye(2))], [[3.0, d], [d, 4.0]]), two_mode((0.1, 0.1))]
+    for model, name in zip(models, ("p", "mu"), strict=True):
+        exact = fs.critical_value(model, None, name, between=(0.0, 1.0))
+        seen = seen_losses(model, fs.track(model, None, name, np.linspace(0, 1, 12)))
+        assert [one.kind for one in seen.losses] == [one.kind for one in exact.losses] and seen.growing == exact.growing
+        np.testing.assert_allclose([one.value for one in seen.losses], [one.value for one in exact.losses], atol=1e-6)
+    grown = seen_losses(models[0], fs.track(models[0], None, "p", [0.2, 1.0]))
+    assert (grown.growing, grown.value) == (4, 0.2)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (("mu / speed", "mu / sped"), r"unknown parameter in the scene key 'D\[2\].factor' .*'sped'; did you mean 'speed'"),
+    (('"speed"\nbetween', '"sped"\nbetween'), "unknown parameter in the scene key 'parameter' 'sped'; did you mean 'speed'"),
+    (('name = "mu"', 'name = "nu"'), "unknown parameter in the scene key 'fixed' 'nu'; did you mean 'mu'"),
+    (('fixed = {name = "mu", value = 0.4}', ""), r"unknown parameter in the scene key 'D\[2\].factor'.* 'mu'"),
+    (('parameter = "speed"', 'parameter = "mu"'), "'mu' changes, but fixed has a value for it"),
+    (('parameter = "speed"\n', ''), ""),
+    (("0.005, 0.2]", "-0.1, 0.2]"), r"scene key 'D\[2\].factor': 'mu / speed' has no value at mu = 0.4, speed = .*: division by"),
+    (("0.005, 0.2]", "0.0, 0.2]"), r"scene key 'D\[2\].factor': 'mu / speed' has no value at mu = 0.4, speed = 0: .*division by"),
+    (("speed**2", "speed^2"), r"scene key 'K\[3\].factor': 'speed\^2' has \^ \(write \*\* for powers\) in it, but only numbers"),
+    (("speed**2", "__import__('os')"), r"scene key 'K\[3\].factor': .* in it, but only numbers, names"),
+    (("speed**2", "speed.real"), r"scene key 'K\[3\].factor': 'speed.real' has speed.real in it"),
+    (("speed**2", "speed *"), r"scene key 'K\[3\].factor' must be an expression such as '1 / speed', not 'speed \*'"),
+    (('factor = "speed"', 'factr = "speed"'), r"unknown scene key 'D\[3\].factr'; did you mean 'D\[3\].factor'"),
+    (('factor = "speed"', 'factor = ["speed"]'), r"scene key 'D\[3\].factor' must be a string or a number"),
+    (("DR.npz", "wide.npz"), r"D\[2\].file \(.*wide.npz\) must be square, but its shape is \(2, 3\)"),
+    (("DR.npz", "large.npz"), r"D\[2\].file: .*large.npz is 3 x 3, but K\[1\].file, .*K1.mtx, is 2 x 2"),
+    (("DR.npz", "none.npz"), r"D\[2\]: there is no file"),
+    (("pair.mat:KR", "pair.mat:KX"), r"K\[2\]: .*pair.mat has no matrix 'KX'"),
+    (("M.mtx", "KX.mtx"), r"M\[1\]: there is no file"),
+    (("between = [0.005, 0.2]\n", ""), "scene key 'between' is missing"),
+    (('M = {file = "M.mtx"}\n', ""), "scene key 'M' is missing"),
+])
+def test_what_does_not_fit_is_told(change: tuple[str, str], words: str, tmp_path: Path,
+                                   capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path)
+    sp.save_npz(tmp_path / "wide.npz", sp.csc_array(np.ones((2, 3))))
+    sp.save_npz(tmp_path / "large.npz", sp.csc_array(np.eye(3)))
+    assert change[0] in OWN
+    (tmp_path / "scene.toml").write_text(OWN.replace(*change, 1), encoding="utf-8")
+    done = main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")])
+    said = capsys.readouterr().err
+    if not words:  # the only one that fixed has no value for
+        assert done == 0
+        return
+    assert done == 2 and re.search(words, said) and said.startswith("femsub: ") and said.count("\n") == 1, said
+    assert not (tmp_path / "out").exists()
+
+
+# expressions
+
+
+@pytest.mark.parametrize(("text", "value"), [
+    ("1", 1.0), ("-p", -0.7), ("+p - 2", -1.3), ("2 * p**2 / 4 - 1e-3", 2 * 0.49 / 4 - 1e-3), ("p**-2", 0.7**-2),
+    ("sqrt(p) + exp(-p / q) * cos(pi * p)", np.sqrt(0.7) + np.exp(-0.35) * np.cos(np.pi * 0.7)),
+    ("log(q) ** p + sin(q)", np.log(2.0) ** 0.7 + np.sin(2.0)), ("(1 + q) ** (p - 0.7)", 1.0), ("2 ** q ** p", 2 ** 2**0.7)])
+def test_an_expression_has_the_value_that_python_gives(text: str, value: float) -> None:
+    one = Expression(text, "factor")
+    assert one({"p": 0.7, "q": 2.0}) == pytest.approx(value, rel=1e-14)
+    one.check_over("p", (0.2, 1.5), {"q": 2.0})
+
+
+@pytest.mark.parametrize(("text", "line"), [
+    ("3", (3.0, 0.0)), ("p", (0.0, 1.0)), ("1 - p / 4", (1.0, -0.25)), ("2 * (p + 1) - (3 - p) * q", (-4.0, 4.0)),
+    ("p ** 1 * sqrt(4)", (0.0, 2.0)), ("q**2 / 2", (2.0, 0.0)), ("p * p", None), ("p**2", None), ("1 / p", None),
+    ("exp(p)", None), ("q ** p", None), ("p * q / p", None)])
+def test_straight_lines_are_known(text: str, line: tuple[float, float] | None) -> None:
+    assert Expression(text, "factor").lines("p", {"q": 2.0}) == line
+
+
+@pytest.mark.parametrize(("text", "between", "place"), [
+    ("1 / (p - 0.3)", (0.0, 1.0), 0.3), ("1 / (p**2 - 0.3)", (0.0, 1.0), 0.3**0.5),
+    ("1 / (3 * p - 0.1) ** 2", (0.0, 1.0), 1 / 30), ("p ** -1", (-1.0, 2.0), 0.0), ("log(p - 0.5)", (0.0, 1.0), 0.0),
+    ("1 / sin(p)", (3.0, 3.3), np.pi), ("sqrt(p)", (-1.0, 1.0), -1.0), ("1 / (exp(p) - 2)", (0.0, 1.0), np.log(2)),
+    ("p ** 0.5", (-1.0, 1.0), -1.0), ("10 ** (400 * p)", (0.0, 1.0), 1.0)])
+def test_a_place_without_a_value_is_found_wherever_it_is(text: str, between: tuple[float, float], place: float) -> None:
+    """No sample need hit it: ranges are halved about it."""
+    with pytest.raises(InputError, match=r"scene key 'D\[2\].factor'.* has no value at p = ") as told:
+        Expression(text, "D[2].factor").check_over("p", between, {})
+    assert float(re.findall(r"p = ([-+.e\d]+):", str(told.value))[0]) == pytest.approx(place, abs=1e-7)
+
+
+@pytest.mark.parametrize("text", ["sqrt(p)", "sqrt(p * p)", "1 / (p * p + 1e-3)", "p ** 0.5 + 1 / (2 + sin(9 * p))",
+                                  "sqrt(1 - cos(p))", "1 / (exp(p) - exp(-p) + 1e-6)"])
+def test_a_factor_that_is_defined_is_not_refused(text: str) -> None:
+    Expression(text, "factor").check_over("p", (0.0, 1.0), {})
+
+
+@pytest.mark.parametrize("text", ["p if p else 1", "[p]", "p < 1", "p and 1", "lambda: p", "'a'", "True", "1j", "p[0]", "p.x",
+                                  "f(p)", "sqrt(p, 1)", "sqrt(x=p)", "sqrt", "p = 1", "p // 2", "p % 2", "",
+                                  "(" * 300 + ")" * 300, "1+" * 400 + "1", "(yield p)", "p := 1",
+                                  "__import__('os').system('true')", "~p"])
+def test_nothing_but_arithmetic_is_taken(text: str) -> None:
+    with pytest.raises(InputError, match="scene key 'factor'"):
+        _ = Expression(text, "factor").names
+
+
+def test_a_factor_is_pickled_and_tells_its_parameter() -> None:
+    import pickle
+
+    factor = Factor(Expression("mu / speed", "D[2].factor"), "speed", (("mu", 0.4),))
+    model = pickle.loads(pickle.dumps(fs.Affine([[1.0]], [(factor, [[1.0]])], [[1.0]])))
+    assert model.parameters == ("speed",) and model.at(speed=2.0).D[0, 0] == pytest.approx(0.2)
