@@ -19,6 +19,7 @@ import scipy.io
 import femsub as fs
 from benchmarks.pages import BLOCK, GIVEN, blocks_of, differences, run
 from femsub.app.cli import main
+from femsub.components.disc_pair import disc_pair
 
 ROOT = Path(__file__).parent.parent
 #: All pages but those that the site's build makes.
@@ -92,6 +93,7 @@ def test_scene_files(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     sub = fs.chain(10)
     for name in "MK":
         scipy.io.mmwrite(tmp_path / f"{name}.mtx", getattr(sub, name).tocoo())
+    scipy.io.savemat(tmp_path / "brake.mat", disc_pair())
     (tmp_path / "my.toml").write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings():
