@@ -14,21 +14,17 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
+from femsub.components.two_mode import two_mode
+from femsub.components.ziegler import ziegler
 
 EYE = np.eye(2)
-TWO_MODE = fs.Affine(EYE, None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
+TWO_MODE = two_mode()
 
 
 def two_mode_exact(mu: float) -> list[complex]:
     """λ with Im λ > 0 from ω² = 2 ± √(1 - 4μ/3)."""
     roots = [cmath.sqrt(-(2 + sign * cmath.sqrt(1 - 4 * mu / 3))) for sign in (1, -1)]
     return [root if root.imag > 0 else -root for root in roots]
-
-
-def ziegler(b: float = 0.0) -> fs.Affine:
-    """Masses 2m and m, bars l, springs k and dashpots b in both joints, a follower load P; m = l = k = 1."""
-    joints = np.array([[2.0, -1.0], [-1.0, 1.0]])
-    return fs.Affine([[3.0, 1.0], [1.0, 1.0]], b * joints if b else None, [(1.0, joints), ("P", [[-1.0, 1.0], [0.0, 0.0]])])
 
 
 def string(n: int) -> fs.Affine:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -110,11 +112,18 @@ def test_own_parts_are_joined_and_compared(tmp_path: Path, capsys: pytest.Captur
     assert "joined" not in capsys.readouterr().err
 
 
+def two_blocks(folder: Path, names: Sequence[str], apart: float, meshes: list[fs.Mesh]) -> list[fs.Mesh]:
+    """Mesh files of two blocks, the second moved along x."""
+    meshes[1] = replace(meshes[1], points=meshes[1].points + np.array([apart, 0, 0]))
+    for name, mesh in zip(names, meshes, strict=True):
+        fs.write_mesh(folder / f"{name}.vtu", mesh)
+    return meshes
+
+
 def test_a_mesh_is_tied_to_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("meshio")
-    for name, start, counts in (("left", 0.0, (3, 2, 2)), ("right", 0.2, (2, 1, 1))):
-        mesh = fs.block((0.2, 0.05, 0.05), counts, "hexahedron20")
-        fs.write_mesh(tmp_path / f"{name}.vtu", fs.Mesh(mesh.points + np.array([start, 0, 0]), mesh.cells, mesh.kind, mesh.sets))
+    two_blocks(tmp_path, ("left", "right"), 0.2, [fs.block((0.2, 0.05, 0.05), counts, "hexahedron20")
+                                                  for counts in ((3, 2, 2), (2, 1, 1))])
     text = """
 scene = "own-parts"
 band = [1.0, 6e4]
@@ -248,10 +257,7 @@ def test_modes_of_joined_parts_are_drawn_on_their_meshes(kinds: tuple[str, str],
     meshio = pytest.importorskip("meshio")
     pytest.importorskip("matplotlib")
     written(tmp_path)
-    meshes = [fs.block((0.1, 0.1, 0.1), (1, 1, 1), kind) for kind in kinds]
-    meshes[1] = fs.Mesh(meshes[1].points + np.array([0.1, 0, 0]), meshes[1].cells, kinds[1], meshes[1].sets)
-    for name, mesh in zip("ab", meshes, strict=True):
-        fs.write_mesh(tmp_path / f"{name}.vtu", mesh)
+    meshes = two_blocks(tmp_path, "ab", 0.1, [fs.block((0.1, 0.1, 0.1), (1, 1, 1), kind) for kind in kinds])
     text = """
 scene = "own-parts"
 outputs = ["modes"]

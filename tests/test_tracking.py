@@ -234,9 +234,24 @@ def test_full_and_reduced_models_in_one_diagram() -> None:
               for name, model in models.items()}
     figure = flutter_figure(tracks, {"full": [-0.0256], "craig-chang": [-0.0256]}, "slope", "chain")
     told = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert told == ["full", "a mode grows (bold, filled)", "full: stability lost", "Craig-Chang", "Craig-Chang: stability lost"]
+    assert told == ["full", "a mode grows (bold, filled)", "full: stability lost at -0.0256", "Craig-Chang",
+                    "Craig-Chang: stability lost at -0.0256"]
     above, below = figure.axes
     assert above.get_ylabel() == "Im λ  [rad/time]" and below.get_ylabel() == "Re λ  [1/time]"
+
+
+def test_many_branches_are_grey_and_models_solved_here_and_there_have_circles() -> None:
+    chain = fs.chain(10, belt=2)
+    tracked = fs.track(chain, fs.Belt(slope=0.0), "slope", np.linspace(-0.05, 0.0, 4))
+    solved = [(-0.05, fs.complex_modes(chain, fs.Belt(slope=-0.05)).eigenvalues), (0.0, fs.complex_modes(chain).eigenvalues)]
+    figure = flutter_figure({"all": tracked}, {}, "slope", "chain", {"full": solved})
+    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert told == ["all", "a mode grows (red)", "full, stable", "full, unstable"]
+    circles = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines if line.get_label().startswith("full")}
+    grow = np.concatenate([values for _, values in solved]).real > 0
+    assert len(circles["full, unstable"]) == grow.sum() > 0 and len(circles["full, stable"]) == (~grow).sum()
+    lo, hi = figure.axes[1].get_ylim()
+    assert hi > tracked.eigenvalues.real.max() and lo == pytest.approx(-hi)  # what decays fast is left out
 
 
 @pytest.mark.parametrize(("name", "exact"), [("two-mode", [0.75, 0.7575]), ("ziegler", [3.5 - np.sqrt(2), 41 / 28 + 5e-5])])

@@ -30,8 +30,8 @@ from femsub import (
     solid,
     track,
 )
-from femsub.app.figures_brake import flutter_figure
 from femsub.app.figures_errors import friction_errors_figure
+from femsub.app.figures_flutter import flutter_figure
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
@@ -324,8 +324,10 @@ def _flutter(brake: Brake) -> Result:
     else:
         words = f"No mode in the band flutters for {scene.mu[0]:g} ≤ mu ≤ {scene.mu[1]:g}"
     data = {"flutter": {"rows": rows, "critical": {name: {"mu": mu, "omega": at} for name, (mu, at) in critical.items()}}}
-    title = f"{scene.name}: full model of {brake.system.size} DOF, reduced model of {small.size}"
-    drawings = {"flutter": lambda: flutter_figure(followed, crosses, own, title)}
+    name = f"reduced to {small.size} DOF"
+    lost = {name: [own]} if np.isfinite(own) else {}
+    drawings = {"flutter": lambda: flutter_figure({name: followed}, lost, "mu  [-]", scene.name,
+                                                  {f"full model of {brake.system.size} DOF": crosses})}
     return Result(data, {"flutter": rows}, f"{words}\n{followed!r}", drawings)
 
 
