@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,43 @@ def how_many_modes() -> Any:
     return figure
 
 
-FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices, "how-many-modes": how_many_modes}
+def beyond_the_border() -> Any:
+    """Limit cycles over the belt's speed, full and reduced, and runs in time with rising and falling speed."""
+    full = fs.damped(fs.chain(20, belt=20, damping=0.0, interface=[20]), rayleigh=(0.01, 0.2))
+    belt = fs.Belt(speed=0.5, law=fs.StribeckArctan(eps=0.01))
+    figure = new_figure(8, 5)
+    axis = figure.subplots()
+    for kind, model in (("full", full), ("craig-chang", fs.reduce(full, fs.CraigChang(modes=4)))):
+        found = fs.branch(model, belt, "speed", between=(0.4, 1.0))
+        turn = int(np.argmax(found.values))
+        style = {"color": look(kind).colour, "lw": 4 if kind == "full" else 1.5, "alpha": 0.35 if kind == "full" else 1.0}
+        axis.plot(found.values[turn:], found.rms[turn:], label=f"{look(kind).label}, {model.size} DOF: stable cycle", **style)
+        axis.plot(found.values[:turn + 1], found.rms[:turn + 1], ls="--", label="unstable cycle", **style)
+        if kind != "full":
+            hopf, fold = found.hopf.value, found.special[0]
+    axis.plot([hopf, 0.75], [0, 0], color="black", lw=1.5, label="steady sliding, stable")
+    axis.plot([0.4, hopf], [0, 0], color="black", lw=1.5, ls="--", label="steady sliding, unstable")
+    speeds = np.arange(0.47, 0.711, 0.02)
+    for order, marker, name in ((speeds, "^", "rising"), (speeds[::-1], "v", "falling")):
+        levels, last = [], None
+        for speed in order:
+            here = replace(belt, speed=float(speed))
+            begin = {"impulse": 1.0} if last is None else {"start": last}
+            run = fs.transient(full, here, time=(0.0, 40000.0), record_from=39000.0, **begin)
+            last = run.final
+            levels.append(fs.rms(run.t, run.velocity("belt")))
+        axis.plot(order, levels, marker, color="#555555", mfc="none", ms=8, ls="none", zorder=4, label=f"in time, full, {name} speed")
+    for name, value, height in (("Hopf point", hopf, 0.0), ("fold", fold.value, fold.rms)):
+        axis.plot(value, height, "*", color="#c44e00", ms=12, zorder=5)
+        axis.annotate(f"{name} {value:.3f}", (value, height), (8, 8), textcoords="offset points", color="#c44e00")
+    axis.set(xlim=(0.44, 0.73), xlabel="belt speed v0  [length/time]", ylabel="rms of the speed at the belt  [length/time]")
+    axis.grid()
+    figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices, "how-many-modes": how_many_modes,
+                                       "beyond-the-border": beyond_the_border}
 
 
 def main() -> None:
