@@ -70,7 +70,7 @@ UNSEEN = (
 @pytest.mark.parametrize("name", SCENES)
 def test_every_field_of_a_scene_is_a_key_that_is_explained(name: str) -> None:
     scene = scene_of(name)[0]
-    without = {"folder", *scene.WITHOUT}
+    without = {"folder", "own", *scene.WITHOUT}
     known = keys_of(scene)
     assert set(known) == {item.name for item in dataclasses.fields(scene)} - without
     assert all(one.key.meaning and not one.key.meaning.endswith(".") for one in known.values())

@@ -360,7 +360,7 @@ def test_joined_frequencies_bound_from_above_and_never_rise(name: str, key: str)
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 def test_rubin_and_dual_craig_bampton_beat_macneal_and_craig_bampton_at_equal_size(tmp_path: Path) -> None:
-    """With 8 coordinates a part, which are enough for the 8 frequencies compared; docs/methods/reduction.md tells of fewer."""
+    """With 8 coordinates a part, which are enough for the 8 frequencies compared; docs/methods/choice.md tells of fewer."""
     keys = ("craig-bampton", "macneal", "dual-craig-bampton", "rubin")
     command = [sys.executable, str(Path(__file__).parent.parent / "scripts" / "compare_methods.py"), "--methods", *keys,
                "--coordinates", "8", "--out", str(tmp_path)]

@@ -1,31 +1,21 @@
-"""A contact of one's own is one class in a file of one's own; it and several at once go wherever a belt goes, or are refused."""
+"""The contact of docs/extend/contact.md, and several at once, go wherever a belt goes, or are refused."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
+from extendpages import names_of
 
 import femsub as fs
 from femsub.checks import Array
 from femsub.motion.first_order import equations
 
-
-@dataclass(frozen=True)
-class Rubbing:
-    """A normal spring k, and its friction: the tangential force -μ k u_n, K + W k [[1, 0], [μ, 0]] Wᵀ."""
-
-    k: float = 1.0
-    mu: float = 0.3
-    ports: ClassVar[tuple[str, ...]] = ("normal", "tangential")
-
-    def linearised(self, model: fs.Substructure) -> tuple[None, Array]:
-        return None, self.k * np.array([[1.0, 0.0], [self.mu, 0.0]])
-
+Rubbing: Any = names_of("contact", blocks=1)["Rubbing"]  # K + W k [[1, 0], [μ, 0]] Wᵀ on the ports "normal", "tangential"
 
 def part(n: int = 12, sparse: bool = True) -> fs.Substructure:
     """A chain whose masses move in two directions, with ports at its end."""
@@ -37,7 +27,7 @@ def part(n: int = 12, sparse: bool = True) -> fs.Substructure:
     return fs.Substructure(*parts, interface=[0], ports=ports, name="two directions")
 
 
-def explicit(sub: fs.Substructure, rubbing: Rubbing, slope: float = 0.0) -> tuple[Array, Array, Array]:
+def explicit(sub: fs.Substructure, rubbing: Any, slope: float = 0.0) -> tuple[Array, Array, Array]:
     """M, D, K with the contacts written into them by hand."""
     M, D, K = (A.toarray() if sp.issparse(A) else A.copy() for A in (sub.M, sub.D, sub.K))
     n, t, b = (int(np.argmax(sub.port(name))) for name in ("normal", "tangential", "belt"))
@@ -140,7 +130,7 @@ def test_a_study_takes_several_contacts() -> None:
 
 
 @dataclass(frozen=True)
-class Hardening(Rubbing):
+class Hardening(Rubbing):  # type: ignore[misc]
     """The same with a normal force k u_n + h u_n³ and a dashpot: what it exerts, and the tangents."""
 
     h: float = 0.0
@@ -217,11 +207,11 @@ def test_where_a_friction_law_is_needed_it_is_refused_by_name() -> None:
 def test_what_is_no_contact_is_told() -> None:
     sub = part()
 
-    class Half(Rubbing):
+    class Half(Rubbing):  # type: ignore[misc]
         def linearised(self, model: fs.Substructure) -> Array:  # type: ignore[override]
             return np.eye(2)
 
-    class Wide(Rubbing):
+    class Wide(Rubbing):  # type: ignore[misc]
         def linearised(self, model: fs.Substructure) -> tuple[None, Array]:
             return None, np.eye(3)
 

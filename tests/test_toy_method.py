@@ -1,25 +1,22 @@
-"""A reduction method from outside the package: defined here alone, it works by its key in studies, tables, figures and scenes."""
+"""The reduction method of docs/extend/method.md works by its key in studies, tables, figures and scenes."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from extendpages import names_of
 
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.figures import error_time_figure, size_sweep_figure
-from femsub.checks import Array
-from femsub.modes.shift_invert import ShiftInvert
-from femsub.reduction.basis import Kept
 from femsub.reduction.method import METHODS, Method
-from femsub.reduction.statics import Partition, Statics
 
-KEY, LABEL, COLOUR = "modal-truncation", "Truncation", "#2a7f3f"
+KEY, LABEL, COLOUR = "second-order", "Second order", "#2a7f3f"
 SCENE = f"""
 scene = "chain"
 n = 7
@@ -33,65 +30,47 @@ repeats = 1
 
 
 @pytest.fixture
-def truncation() -> Iterator[type[Method]]:
-    """Free modes and nothing else."""
-    @dataclass(frozen=True)
-    class Truncation(Method):
-        key, label, colour, marker, held = KEY, LABEL, COLOUR, "D", False
-
-        def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
-            nothing = np.zeros((part.sub.size, 0))
-            return Statics(part, handle, nothing, np.zeros((0, 0)), nothing, "none")
-
-    yield Truncation
+def second() -> Iterator[Any]:
+    """Free modes, and two static responses for each interface DOF."""
+    yield names_of("method", blocks=1)["SecondOrder"]
     del METHODS[KEY]
 
 
-def test_a_new_method_is_its_steps_alone(truncation: type[Method], tmp_path: Path) -> None:
+def test_a_new_method_is_its_steps_alone(second: Any, tmp_path: Path) -> None:
     sub = fs.chain(30, belt=4)
-    with pytest.warns(fs.PortWarning, match="with Truncation with 5 free modes"):
-        rom = fs.reduce(sub, truncation(5))
+    with pytest.warns(fs.PortWarning, match="with Second order with 5 free modes"):
+        rom = fs.reduce(sub, second(5))
     modes = fs.normal_modes(sub, count=6)
-    assert rom.modes == rom.size == 5 and rom.kinds == ("free",) * 5 and rom.cutoff == pytest.approx(modes.frequencies[5])
-    assert np.allclose(np.abs(rom.V.T @ sub.M @ modes.shapes[:, :5]), np.eye(5), atol=1e-9)
-    assert np.allclose(rom.K, np.diag(modes.eigenvalues[:5]), rtol=1e-12, atol=1e-15) and np.array_equal(rom.M, np.eye(5))
-    w = sub.ports["belt"]  # the energy that the modes do not hold, of what all hold
-    whole = w @ np.linalg.solve(sub.K.toarray(), w)
-    held = ((w @ modes.shapes[:, :5]) ** 2 / modes.eigenvalues[:5]).sum()
-    assert rom.port_error["belt"] == pytest.approx(np.sqrt(1 - held / whole), rel=1e-9)
+    assert rom.modes == 5 and rom.kinds == ("free",) * 5 + ("static response",) * 2
+    assert rom.cutoff == pytest.approx(modes.frequencies[5])
+    M, K = sub.M.toarray(), sub.K.toarray()
+    assert np.allclose(np.abs(rom.V[:, :5].T @ M @ modes.shapes[:, :5]), np.eye(5), atol=1e-9)
+    assert np.allclose(rom.K[:5, :5], np.diag(modes.eigenvalues[:5]), rtol=1e-12, atol=1e-15) and np.allclose(rom.M, np.eye(7))
+    first = np.linalg.solve(K, np.eye(30)[0])
+    for response in (first, np.linalg.solve(K, M @ first)):
+        assert np.abs(response - rom.V @ (rom.V.T @ M @ response)).max() < 1e-9 * np.abs(response).max()
+    w = sub.ports["belt"]  # the energy that the basis does not hold, of what all hold
+    held = ((w @ rom.V) ** 2 / rom.K.diagonal()).sum()
+    assert rom.port_error["belt"] == pytest.approx(np.sqrt(1 - held / (w @ np.linalg.solve(K, w))), rel=1e-6)
     fs.write_matrices(tmp_path, rom)
     read = fs.read_component(tmp_path)
     assert read.modes == 5 and repr(read) == repr(rom)
 
 
-def test_one_step_may_be_replaced() -> None:
-    class Moving(fs.CraigBampton):
-        """Of the modes found those that are known to move the belt: here all but the last."""
-
-        def kept(self, statics: Statics, pencil: fs.Pencil | None) -> Kept:
-            found = super().kept(statics, pencil)
-            return replace(found, elastic=found.elastic - 1, cutoff=float(found.found.frequencies[found.elastic - 1]))
-
-    sub = fs.chain(30, belt=4, interface=(1, 4))
-    rom, same = fs.reduce(sub, Moving(6)), fs.reduce(sub, fs.CraigBampton(5))
-    assert rom.modes == 5 and rom.method == same.method and rom.cutoff == pytest.approx(same.cutoff, rel=1e-12)
-    assert np.allclose(rom.K, same.K, rtol=1e-10, atol=1e-12) and np.allclose(abs(rom.M), abs(same.M), atol=1e-9)
-
-
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
-def test_its_modes_are_found_to_a_tolerance(truncation: type[Method]) -> None:
-    rom = fs.reduce(fs.chain(60, damping=0.0), truncation(band=(0.0, 0.2), tol=1e-3))
-    assert rom.estimate is not None and rom.estimate.met and rom.estimate.modes == rom.modes == rom.size
+def test_its_modes_are_found_to_a_tolerance(second: Any) -> None:
+    rom = fs.reduce(fs.chain(60, damping=0.0), second(band=(0.0, 0.2), tol=1e-3))
+    assert rom.estimate is not None and rom.estimate.met and rom.estimate.modes == rom.modes == rom.size - 2
     assert 0.2 < 0.7 * rom.cutoff < 0.3
 
 
-def test_study_table_and_figures_name_it(truncation: type[Method]) -> None:
-    methods = [kind(modes) for kind in (fs.CraigChang, truncation) for modes in (3, 5)]
+def test_study_table_and_figures_name_it(second: Any) -> None:
+    methods = [kind(modes) for kind in (fs.CraigChang, second) for modes in (3, 5)]
     told: list[str] = []
     found = fs.study(fs.chain(10, belt=2), methods, band=(0.0, 0.3), repeats=1, progress=told.append)
     assert [row.method for row in found.rows] == ["craig-chang", "craig-chang", KEY, KEY]
-    assert [row.size for row in found.rows[2:]] == [3, 5]
-    assert found.rows[2].error_eigenvalue > found.rows[0].error_eigenvalue
+    assert [row.size for row in found.rows[2:]] == [5, 7]
+    assert found.rows[2].error_eigenvalue < found.rows[0].error_eigenvalue
     assert f" {LABEL} " in str(found) and "Craig-Chang" in str(found)
     assert any(f"{LABEL} with 5 modes" in text for text in told)
     figure = error_time_figure([("{m1}", found)])
@@ -102,7 +81,7 @@ def test_study_table_and_figures_name_it(truncation: type[Method]) -> None:
     assert (line.get_label(), line.get_color(), line.get_marker()) == (LABEL, COLOUR, "D")
 
 
-def test_scene_files_take_it_by_its_key(truncation: type[Method], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scene_files_take_it_by_its_key(second: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "toy.toml").write_text(SCENE)
     assert main(["run", str(tmp_path / "toy.toml"), "--out", str(tmp_path / "out")]) == 0
     data = json.loads((tmp_path / "out" / "results.json").read_text())
@@ -114,7 +93,7 @@ def test_scene_files_take_it_by_its_key(truncation: type[Method], tmp_path: Path
     assert f" {LABEL} " in text and KEY not in text
 
 
-def test_scenes_of_components_take_it_too(truncation: type[Method], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scenes_of_components_take_it_too(second: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "toy.toml").write_text(f'scene = "beam"\nelements = 20\nmodes = [6]\nmethods = ["{KEY}"]\nports = false\n'
                                        'outputs = ["critical-slope", "error-time", "joined-interface"]\nrepeats = 1\n')
     assert main(["run", str(tmp_path / "toy.toml"), "--out", str(tmp_path / "out"), "--no-figures"]) == 0

@@ -31,7 +31,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     commands.add_parser("scenes", help="list what can be run")
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
-    _scene_argument(run, "a name from `femsub scenes`, the path of a TOML file, or a results.json: that run again", files=True)
+    _scene_argument(run, "a name from `femsub scenes`, a TOML file, a Python file of your own, or a results.json: "
+                    "that run again", files=True)
     out = run.add_argument("--out", metavar="DIR",
                            help="write results.json, one CSV file per table and figures there; else nothing is written")
     out.complete = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}  # type: ignore[attr-defined]

@@ -35,10 +35,10 @@ class Record:
 
     def __init__(self, scene: Scene, folder: Path) -> None:
         self.scene, self.folder = scene, folder
-        self.last = _last(scene, folder)
+        self.last = self._last()
         keys = asdict(scene)
-        self.inputs: dict[str, Any] = {"scene": _kind(scene)} | {name: keys[name] for name in keys_of(type(scene))}
-        self.files: list[dict[str, Any]] = []
+        self.inputs: dict[str, Any] = {"scene": self._kind()} | {name: keys[name] for name in keys_of(type(scene))}
+        self.files = self._told([Path(scene.own)] if scene.own else [])
         for table, name in _file_keys(type(scene), self.inputs):
             path, matrix = _named_file(Path(keys.get("folder", ".")) / table[name])
             self.files += self._told([path])
@@ -71,6 +71,27 @@ class Record:
             warn(f"{self.folder} also holds files that are not of this run: {_listed(strange)}", FemsubWarning)
         return written
 
+    def _kind(self) -> str:
+        """The name of a built-in scene, or the place of the Python file of another."""
+        if self.scene.own:
+            return self._place(Path(self.scene.own))
+        module = type(self.scene).__module__.rpartition(".")[2]
+        return next(kind for kind, (name, _) in SCENES.items() if name == module)
+
+    def _last(self) -> list[str]:
+        """The files that the last run of this scene wrote into the folder."""
+        place, kind = self.folder / RESULTS, self._kind()
+        if not place.exists():
+            return []
+        told = results_of(place)
+        if told is None:
+            raise InputError(f"{place} was not written by femsub; choose another folder for --out")
+        if (told["scene"], told.get("inputs", {}).get("scene", kind)) != (self.scene.name, kind):
+            others = [path.name for path in sorted(self.folder.iterdir()) if path.suffix in OURS]
+            raise InputError(f"the output folder {self.folder} holds the results of another scene, {told['scene']!r} "
+                             f"({_listed(others)}); choose another folder for --out, or delete them")
+        return [name for name in told.get("written", []) if isinstance(name, str)]
+
     def _place(self, path: Path) -> str:
         """A file as seen from the folder of the results, with which it may be moved."""
         whole = Path(os.path.realpath(path.parent)) / path.name
@@ -101,27 +122,6 @@ def _named_file(path: Path) -> tuple[Path, str]:
         return path, ""
     file, _, matrix = path.name.rpartition(":")
     return path.with_name(file), f":{matrix}"
-
-
-def _kind(scene: Scene) -> str:
-    module = type(scene).__module__.rpartition(".")[2]
-    return next(kind for kind, (name, _) in SCENES.items() if name == module)
-
-
-def _last(scene: Scene, folder: Path) -> list[str]:
-    """The files that the last run of this scene wrote into the folder."""
-    place = folder / RESULTS
-    if not place.exists():
-        return []
-    told = results_of(place)
-    if told is None:
-        raise InputError(f"{place} was not written by femsub; choose another folder for --out")
-    inputs = told.get("inputs", {})
-    if (told["scene"], inputs.get("scene", _kind(scene))) != (scene.name, _kind(scene)):
-        others = [path.name for path in sorted(folder.iterdir()) if path.suffix in OURS]
-        raise InputError(f"the output folder {folder} holds the results of another scene, {told['scene']!r} ({_listed(others)}); "
-                         "choose another folder for --out, or delete them")
-    return [name for name in told.get("written", []) if isinstance(name, str)]
 
 
 def _remove(folder: Path, names: Sequence[str]) -> None:

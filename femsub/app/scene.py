@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
@@ -43,6 +45,7 @@ SCENES = {
     "affine": ("affine", "your own matrices with factors of named parameters: critical value, flutter diagram"),
     "ziegler": ("ziegler", "Ziegler's pendulum under a follower load: what damping destabilises, flutter diagram"),
 }
+OWN = ".py"  #: ending of a file with a scene of your own
 MOST_REPEATS = 1000
 #: of the literature, and of Python's MacNeal
 SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-bampton", "mac-neal": "macneal"}
@@ -88,6 +91,8 @@ class Scene:
     units: str = key("", "the units of all numbers: 'SI' (m, kg, s, N) or 'mm-t-s' (mm, t, s, N); with them Hz stands beside "
                      "rad/s in what is told, written and drawn; nothing is converted", choices=lambda _: SYSTEMS,
                      otherwise="no unit is claimed", example="SI")
+
+    own: str = ""  #: the Python file of a scene of your own
 
     OUTPUTS: ClassVar[tuple[str, ...]] = ()
     ON_REQUEST: ClassVar[tuple[str, ...]] = ()
@@ -226,7 +231,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
 
 
 def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
-    """A scene by the name of a built-in one, from a TOML file or from a results.json, with the function that runs it.
+    """A scene with the function that runs it: by the name of a built-in one, or from a TOML, Python or results.json file.
 
     Raises
     ------
@@ -237,9 +242,11 @@ def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
         return _build({"scene": source}, Path("."))
     path = Path(source)
     if not path.is_file():
-        if path.suffix == ".toml" or "/" in source:
+        if path.suffix in (".toml", OWN) or "/" in source:
             raise InputError(f"there is no scene file {source}")
         raise unknown_name("scene", source, SCENES)
+    if path.suffix == OWN:
+        return _build({"scene": source}, Path("."))
     if path.suffix == ".json":
         from femsub.app.inputs import inputs_of
 
@@ -257,8 +264,9 @@ def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
 
 def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
     values = dict(table)
-    kind = choice("scene", values.pop("scene", "chain"), SCENES)
-    scene_type, run = scene_of(kind)
+    kind = values.pop("scene", "chain")
+    own = str(folder / kind) if isinstance(kind, str) and kind.endswith(OWN) else ""
+    scene_type, run = scene_of(own or kind)
     needed = [name for name, one in keys_of(scene_type).items() if one.key.required]
     if needed and not values:
         raise InputError(f"the scene {kind!r} needs a scene file with {', '.join(needed)}; to begin one: femsub new {kind} > "
@@ -271,13 +279,35 @@ def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Sce
         raise InputError(f"{error}{taken}") from None
     if any(item.name == "folder" for item in fields(scene_type)):
         values["folder"] = str(folder)
-    return scene_type(**{"name": kind, **values}), run
+    return scene_type(**{"name": Path(own).stem if own else kind, **values, "own": own}), run
 
 
 def scene_of(name: str) -> tuple[type[Scene], Callable[[Any, Progress], Result]]:
-    """The class of a built-in scene, and the function that runs it."""
+    """The class of a built-in scene, or of one in a Python file, and the function that runs it."""
+    if isinstance(name, str) and name.endswith(OWN):
+        return _own_scene(Path(name))
     module = import_module(f"femsub.app.scenes.{SCENES[choice('scene', name, SCENES)][0]}")
     return module.SCENE, module.run
+
+
+def _own_scene(path: Path) -> tuple[type[Scene], Callable[[Any, Progress], Result]]:
+    """SCENE and run of a Python file."""
+    if not path.is_file():
+        raise InputError(f"there is no scene file {path}")
+    spec = spec_from_file_location(f"scene_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = sys.modules[spec.name] = module_from_spec(spec)  # dataclasses look for their module there
+    try:
+        spec.loader.exec_module(module)
+    except FemsubError:
+        raise
+    except Exception as error:
+        raise InputError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
+    scene, run = getattr(module, "SCENE", None), getattr(module, "run", None)
+    if not (isinstance(scene, type) and issubclass(scene, Scene) and callable(run)):
+        raise InputError(f"{path} is no scene: it needs SCENE, a class derived from femsub.app.scene.Scene, and "
+                         "run(scene, progress), which returns a Result")
+    return scene, run
 
 
 def _hyphenated(name: str) -> str:

@@ -7,6 +7,7 @@ checked when a scene is read: bounds that depend on other keys (the belt's mass 
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ SIMPLE = {bool: "boolean", int: "integer", float: "number", str: "string"}
 def scene_schema(name: str) -> dict[str, Any]:
     """The schema of the files of one scene."""
     scene = scene_of(name)[0]
-    told = SCENES[name][1]
+    told = SCENES[name][1] if name in SCENES else inspect.getdoc(scene) or ""
     made = _table(scene, defaults_of(scene, name))
     made["properties"] = {"scene": {"const": name, "description": told}, **made["properties"]}
     made["required"] = [*(["scene"] if name != "chain" else []), *made["required"]]
@@ -36,7 +37,9 @@ def schema() -> dict[str, Any]:
     completions behind an `if`.
     """
     scenes = {name: scene_schema(name) for name in SCENES}
-    every: dict[str, Any] = {"scene": {"enum": list(SCENES), "default": "chain", "description": "what is run"}}
+    own = {"type": "string", "pattern": r"\.py$"}
+    every: dict[str, Any] = {"scene": {"anyOf": [{"enum": list(SCENES)}, own], "default": "chain",
+                                       "description": "what is run: the name of a scene, or the Python file of one of your own"}}
     meanings: dict[str, list[Any]] = {}
     for made in scenes.values():
         for key, told in made["properties"].items():

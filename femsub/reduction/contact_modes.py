@@ -16,7 +16,7 @@ from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.reduction.basis import Basis, Kept, Responses, projected
 from femsub.reduction.free_interface import FreeInterface
 from femsub.reduction.friction_estimate import chosen_with_friction
-from femsub.reduction.statics import Partition, Statics, zeros
+from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
     from femsub.model.contact import Contacts
@@ -115,8 +115,7 @@ class ContactModes(FreeInterface):
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """No constraint modes; of the forces only those of the ports, since the others follow from the modes."""
-        n = part.sub.size
-        return Statics(part, handle, zeros(n, 0, 0), zeros(0, 0, 0), extra, "friction response")
+        return Statics.of(part, handle, extra, "friction response")
 
     def judged(self, sub: Substructure, contacts: Contacts) -> Pencil:
         """The system with its friction, and with the further contacts."""

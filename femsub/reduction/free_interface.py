@@ -36,7 +36,7 @@ class FreeInterface(Method):
         forces = np.zeros((n, n_b + extra.shape[1]), order="F")
         forces[part.sub.interface, np.arange(n_b)] = 1.0
         forces[:, n_b:] = extra
-        return Statics(part, handle, np.zeros((n, 0)), np.zeros((0, 0)), forces, "residual attachment")
+        return Statics.of(part, handle, forces, "residual attachment")
 
     def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
         """One block solve for all loads. The modes' contribution is removed first, so that `missing` suffers no cancellation."""

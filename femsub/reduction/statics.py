@@ -67,6 +67,11 @@ class Statics:
     forces: Array
     kind: str
 
+    @classmethod
+    def of(cls, part: Partition, handle: ShiftInvert, forces: Array, kind: str) -> Statics:
+        """The responses to these forces alone, without constraint modes."""
+        return cls(part, handle, zeros(part.sub.size, 0, 0), zeros(0, 0, 0), forces, kind)
+
     @cached_property
     def inertia(self) -> Array:
         """MC, shape (n, n_c)."""
