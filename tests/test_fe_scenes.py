@@ -18,7 +18,7 @@ from femsub.app.scene import load
 from femsub.app.scenes.component import Work
 from femsub.components.fields import displacements
 from femsub.quadratic.matching import extra_eigenvalues
-from femsub.studies.results import Row, Study, Timing
+from femsub.studies.results import Row, Study, Timing, with_front
 
 SMALL = {
     "beam": 'scene = "beam"\nelements = 40\nmodes = [8, 12]\nrepeats = 1\n',
@@ -79,7 +79,7 @@ def test_results_hold_what_is_printed(runs: Runs, name: str) -> None:
         assert f"{item['growth']:.6g}" in text and (item["model"] == "full" or f"{item['shape_error']:.1e}" in text)
     for row in data["error-time"]:
         assert f"{row['error_growth']:.1e}" in text and f"{row['error_eigenvalue']:.1e}" in text
-    assert data["recommended"]["sentence"] in text
+    assert data["recommended"]["sentence"] in " ".join(text.split())
     assert f"{data['band'][1]:.6g}" in text and data["band_rule"] in text
     assert f"{data['least-stable']['backward_error']:.1e}" in text
     # all that a reduced model says agrees with the full one, to what its row claims
@@ -181,8 +181,10 @@ def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() ->
                   ports={"belt": 0.35}, rayleigh=(5.0, 1e-7))
     methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 8, 16, 24)]
     found = fs.study(sub, methods, band=(0.0, 8500.0), belt=fs.Belt(slope=-5.0), ports=True, repeats=1)
-    best = found.recommended(1e-3)
-    assert best is not None and (best.method, best.modes) == ("craig-chang", 8)
+    for seconds in (1e-3, 1.0, 1e3):  # of one run, whatever the clock told of Craig-Chang
+        rows = [replace(row, reduction=Timing.of([seconds])) if row.method == "craig-chang" else row for row in found.rows]
+        best = replace(found, rows=with_front(rows, 8500.0)).recommended(1e-3)
+        assert best is not None and (best.method, best.modes) == ("craig-chang", 8)
     assert "Craig-Chang with 8 modes (11 DOF)" in found.recommendation(1e-3)
     fit = [row for row in found.rows if row.error_growth <= 1e-3]
     assert len(fit) > 2 and best.size == min(row.size for row in fit)

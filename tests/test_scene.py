@@ -101,7 +101,7 @@ def test_without_out_nothing_is_written(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     scene_file(tmp_path, QUICK + 'outputs = ["eigenvalues", "friction"]')
     assert main(["run", "scene.toml"]) == 0
-    assert "largest Re λ" in capsys.readouterr().out
+    assert "Re λ    full  stable" in capsys.readouterr().out
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 

@@ -162,6 +162,7 @@ def _run(options: argparse.Namespace) -> int:
         # Imported late: a scene that is misspelt should not wait for numpy.
         from femsub.app.record import Record
         from femsub.app.report import check_folder, in_units, progress, progress_done
+        from femsub.studies.tables import fitted
 
         folder = check_folder(options.out)
         if options.no_figures:
@@ -179,11 +180,11 @@ def _run(options: argparse.Namespace) -> int:
     for text in dict.fromkeys(str(item.message) for item in caught):
         print(f"femsub: warning: {text}", file=sys.stderr)
     if not options.quiet:
-        _say(result.text)
+        _say(fitted(result.text))
     if folder is not None and not options.quiet:
         below = Counter(path.parent.name for path in written if path.parent != folder)
         names = [path.name for path in written if path.parent == folder] + [f"{name}/ ({n} files)" for name, n in below.items()]
-        _say(f"\nwritten to {folder}: {', '.join(names)}")
+        _say(fitted(f"\nwritten to {folder}: {', '.join(names)}"))
     for output, reason in result.data.get("failed", {}).items():
         _fail(f"{output} failed: {reason}", 1)
     if not result.data.get("complete", True):

@@ -102,7 +102,8 @@ class FrictionRow:
     solving : float
         Of these, to solve at one μ.
     error, growth_error : float
-        The largest |Δλ| and |Δ Re λ| relative to |λ|, over all modes in the band at all μ of the full model.
+        The largest |Δλ| and |Δ Re λ| relative to |λ|, over all modes in the band at all μ of the full model that have a
+        counterpart; NaN if none has.
     missed, invented : int
         Unstable modes of the full model that are stable in this one, and the other way round.
     mu, mu_error : float
@@ -129,7 +130,7 @@ class FrictionRow:
 def compared(method: str, modes: int, model: Affine, seconds: float, full: dict[float, ComplexModes], mu: Sequence[float],
              band: Sequence[float], critical: float) -> FrictionRow:
     """The row of one reduced model, solved at the values of μ at which the full one was."""
-    error, rate, missed, invented, took = 0.0, 0.0, 0, 0, []
+    error, rate, missed, invented, took = -np.inf, -np.inf, 0, 0, []
     for value, exact in full.items():
         start = time.perf_counter()
         found = complex_modes(model.at(mu=value), band=(band[0], 1.05 * band[1]))
@@ -137,14 +138,15 @@ def compared(method: str, modes: int, model: Affine, seconds: float, full: dict[
         ours, bars = _inside(exact, band)
         theirs = found.eigenvalues[found.eigenvalues.imag > 0]
         at, to = match(ours, theirs)
-        error = max(error, float((np.abs(theirs[to] - ours[at]) / np.abs(ours[at])).max(initial=0.0)))
-        rate = max(rate, float((np.abs(theirs[to].real - ours[at].real) / np.abs(ours[at])).max(initial=0.0)))
+        error = max(error, float((np.abs(theirs[to] - ours[at]) / np.abs(ours[at])).max(initial=-np.inf)))
+        rate = max(rate, float((np.abs(theirs[to].real - ours[at].real) / np.abs(ours[at])).max(initial=-np.inf)))
         unstable = ours.real > bars
         missed += int((unstable[at] & (theirs[to].real <= 0)).sum()) + int(unstable.sum() - unstable[at].sum())
         grows = (theirs.real > 0) & in_band(theirs, (band[0], band[1]))
         invented += int(grows.sum() - (grows[to] & (ours[at].real > 0)).sum())
     own = first_loss(model, mu, band)[0]
     solving = float(np.median(took)) if took else np.nan
+    error, rate = (value if np.isfinite(value) else np.nan for value in (error, rate))
     return FrictionRow(method, modes, model.size, seconds + solving, solving, error, rate, missed, invented, own,
                        abs(own - critical) / critical if np.isfinite(own + critical) else np.nan)
 

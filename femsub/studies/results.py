@@ -10,11 +10,10 @@ import numpy as np
 
 from femsub.checks import positive_number
 from femsub.reduction.reduce import METHODS
-from femsub.studies.tables import known, table
+from femsub.studies.tables import fitted, table, yes_no
 
 APART = 1.25  # two models count as equally fast if their times, beyond the spread of the runs, differ by less
 ROUGH = 0.1  # error of the forces in the joints above which a recommendation warns of them
-VERDICT = {True: "yes", False: "no", None: "?"}
 PHASES = ("factorisation", "basis", "certificate", "projection")  # of a reduction
 
 
@@ -73,8 +72,8 @@ class Row:
         MB of the model's matrices (M, D, K and V).
     pareto : bool
         No other reduced model is both as fast and as accurate (error_growth). One is faster than another if its slowest run
-        (reduction and solution) is a quarter faster than the other's fastest run. Otherwise the one with fewer DOF counts
-        as faster, since differences of milliseconds are noise.
+        (reduction and solution) is a quarter faster than the other's fastest run. Otherwise, and where models were reduced only
+        once, the one with fewer DOF counts as faster, since differences of milliseconds are noise.
     stable : bool or None
         The verdict in the band: True, False, or None if the error bars leave it undecided.
     reason : str
@@ -121,7 +120,12 @@ class Row:
         return self.reduction.median + self.solution.median
 
     def quicker(self, other: Row) -> bool:
-        """Whether its slowest run (reduction and solution) is a quarter faster than the other's fastest."""
+        """Whether its slowest run (reduction and solution) is a quarter faster than the other's fastest.
+
+        Never if one of the two was reduced only once: nobody knows the spread of one run.
+        """
+        if any(row.reduction.most == row.reduction.least for row in (self, other)):
+            return False
         return APART * (self.reduction.most + self.solution.most) < other.reduction.least + other.solution.least
 
     @property
@@ -175,7 +179,8 @@ class Study:
 
         The conditions are: error_growth ≤ tolerance; no missing and no spurious eigenvalue in the band; the whole band below
         the cut-off. Of these models the one with the fewest DOF is taken: it is solved fastest, and the choice does not depend
-        on timing noise. Among models of equal size the one with the smallest error is taken, unless it clearly takes longer.
+        on timing noise. Among models of equal size the one with the smallest error is taken, unless its fastest run is slower
+        than the slowest run of another one by a quarter.
         """
         positive_number("tolerance", tolerance)
         fit = [row for row in self.rows if row.error_growth <= tolerance and row.sound and row.cutoff >= self.band[1]]
@@ -212,15 +217,15 @@ class Study:
     def __str__(self) -> str:
         built = "" if np.isnan(self.assembly) else f", assembled in {_seconds(self.assembly)}"
         forces = bool(self.full.error_force == 0)
-        head = ["  method", "DOF", "err ω", "err λ", "err Re λ", "err slope", *["err force"] * forces, "1 - MAC", "missing",
-                "stable", "reduce", "solve", "MB"]
-        rows = [[f"{'*' if row.pareto else ' '} {row.label}", row.size,
-                 *map(known, (row.error_frequency, row.error_eigenvalue, row.error_growth, row.error_slope,
-                               *[row.error_force] * forces, 1 - row.mac)),
-                 row.missing, VERDICT[row.stable], _seconds(row.reduction.median), _seconds(row.solution.median), row.memory]
+        # of systems the forces in the joints tell more than λ, which is told by ω and Re λ
+        head = ["  method", "DOF", "err ω", *["err λ"] * (not forces), "err Re λ", "err slope", *["err force"] * forces,
+                "missing", "stable", "reduce", "solve"]
+        rows = [[f"{'*' if row.pareto else ' '} {row.label}", row.size, row.error_frequency,
+                 *[row.error_eigenvalue] * (not forces), row.error_growth, row.error_slope, *[row.error_force] * forces,
+                 row.missing, yes_no(row.stable), _seconds(row.reduction.median), _seconds(row.solution.median)]
                 for row in (self.full, *self.rows)]
         lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time, medians of {self.repeats}{built}",
-                 table(head, rows, ["s", "d", *[".1e"] * (5 + forces), "d", "s", "s", "s", ".3g"])]
+                 table(head, rows, ["s", "d", *[".1e"] * 4, "d", "s", "s", "s"], keys=2)]
         if any(row.pareto for row in self.rows):
             lines.append("* no other is both as fast (or as small, where the runs' times overlap) and as accurate in Re λ")
         short = [row for row in self.rows if row.cutoff < self.band[1]]
@@ -230,7 +235,9 @@ class Study:
         for label, reason in dict.fromkeys((row.label, row.reason) for row in without):
             sizes = ", ".join(str(row.size) for row in without if (row.label, row.reason) == (label, reason))
             lines.append(f"no critical slope of {label} with {sizes} DOF: {reason}")
-        return "\n".join(lines)
+        if any(np.isnan(row.error_force) for row in self.rows) and forces:
+            lines.append("no error of the forces where a mode of the full system has no counterpart")
+        return fitted("\n".join(lines))
 
 
 def reaching(rows: Sequence[Row]) -> str:
@@ -275,4 +282,5 @@ def _beats(other: Row, row: Row) -> bool:
 def _seconds(value: float) -> str:
     if value == 0:
         return "-"
-    return f"{value * 1e3:.3g} ms" if value < 1 else f"{value:.3g} s"
+    digits = float(f"{value:.2g}")  # a run time has no more
+    return f"{digits * 1e3:g} ms" if digits < 1 else f"{digits:g} s"

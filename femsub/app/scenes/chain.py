@@ -15,14 +15,14 @@ from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, friction_fi
 from femsub.app.figures_errors import error_time_figure
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
-from femsub.app.scenes.outputs import comparable
+from femsub.app.scenes.outputs import NO_GROWTH, comparable, growth_cell, slope_cell
 from femsub.checks import check_band
 from femsub.errors import InputError, PortWarning
 from femsub.model.friction import LAWS
 from femsub.quadratic.matching import relative_error
 from femsub.reduction.reduce import METHODS
 from femsub.studies.error_vs_time import border_or_reason
-from femsub.studies.tables import known, table
+from femsub.studies.tables import table, yes_no
 
 MOST = 10**7  # masses
 
@@ -143,9 +143,9 @@ def _critical(scene: ChainScene, _: Progress) -> Result:
                              "slope": found[0], "omega": found[1], "full": exact[0], "error": relative_error(found[0], exact[0]),
                              "port_error": rom.port_error["belt"], "reason": found[2] or exact[2]})
     lines = [table(["belt", "interface", "model", "DOF", "critical slope", "full model", "rel. error", "static port error"],
-                   [[f"m{row['belt']}", row["interface"], look(row["method"]).label, row["size"], known(row["slope"]),
-                     known(row["full"]), known(row["error"]), row["port_error"]] for row in rows],
-                   ["s", "s", "s", "d", ".6f", ".6f", ".1e", ".1e"])]
+                   [[f"m{row['belt']}", row["interface"], look(row["method"]).label, row["size"], slope_cell(row["slope"]),
+                     slope_cell(row["full"]), row["error"], row["port_error"]] for row in rows],
+                   ["s", "s", "s", "d", ".6f", ".6f", ".1e", ".1e"], keys=4)]
     lines += dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"])
     head = f"Critical slopes dμ/dv in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time"
     return Result({"critical-slope": {"rows": rows}}, {"critical-slope": rows}, "\n".join([head, *lines]), {})
@@ -191,13 +191,14 @@ def _size_sweep(scene: ChainScene, _: Progress) -> Result:
                            "full": exact, "error": [relative_error(value, exact) for value in found]})
     lines = [table(["interface", "model", *(f"{size} DOF" for size in scene.sizes)],
                    [[curve["interface"], look(curve["method"]).label,
-                     *(known(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size, np.nan)) for size in scene.sizes)]
-                    for curve in curves], ["s", "s", *[".1e"] * len(scene.sizes)])]
+                     *(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size) for size in scene.sizes)]
+                    for curve in curves], ["s", "s", *[".1e"] * len(scene.sizes)], keys=2,
+                   none="the band reaches above the model's cut-off, or the model has no DOF beside its interface")]
     rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
              "full": curve["full"], "error": error} for curve in curves
             for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
     head = (f"Relative error of the critical slope in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time, belt under "
-            f"m{scene.belt} (-: the band reaches above the model's cut-off)")
+            f"m{scene.belt}")
     return Result({"size-sweep": {"curves": curves, "rows": rows}}, {"size-sweep": rows}, "\n".join([head, *lines]),
                   {"size-sweep": lambda: size_sweep_figure(curves, scene.belt)})
 
@@ -217,12 +218,13 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
             limit = min(model.cutoff, float(exact.frequencies.max(initial=0.0)))
             models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size, "cutoff": model.cutoff,
                            **comparable(exact, modes, limit)})
-    said = table(["interface", "model", "DOF", "up to ω", "eigenvalues", "full has", "largest Re λ", "full has", "stable",
-                  "largest backward error"],
+    said = table(["interface", "model", "DOF", "up to ω", "count", "in full", "largest Re λ", "in full", "stable",
+                  "backward error"],
                  [[m["interface"], look(m["model"]).label, m["size"], m["up_to"], m["counted"], m["full_counted"],
-                   known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
+                   growth_cell(m["growth"]), growth_cell(m["full_growth"]), yes_no(m["is_stable"]),
                    float(m["backward_error"].max(initial=0.0))] for m in models],
-                 ["s", "s", "d", ".4g", "d", "d", ".4f", ".4f", "s", ".0e"], scene.system.beside("up to ω"))
+                 ["s", "s", "d", ".4g", "d", "d", ".4f", ".4f", "s", ".0e"], scene.system.beside("up to ω"), keys=3,
+                 none=NO_GROWTH)
     panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
     rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "up_to": m["up_to"],
              "growth": m["growth"], "full_growth": m["full_growth"], "is_stable": m["is_stable"]} for m in models]

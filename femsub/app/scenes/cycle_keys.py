@@ -21,10 +21,9 @@ from femsub.linalg.factor import QUADRATIC
 from femsub.motion.cycles.continuation import PARAMETERS, with_parameter
 from femsub.motion.cycles.initial_guess import of_signal, onsets
 from femsub.motion.nonlinear_model import sliding
-from femsub.studies.tables import known, table
+from femsub.studies.tables import table, yes_no
 
 NEAR = 0.05  # frequencies of two models that differ by less belong to the same mode
-VERDICT = {True: "yes", False: "no", None: "-"}
 
 
 @dataclass(frozen=True)
@@ -111,15 +110,17 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
         here.sort(key=lambda row: list(models).index(row["model"]))
         rows += here
     kept = [row for row in rows if "omega" in row]
-    said = table(["model", "DOF", "from ω", "ω", "rms", "peak", "sticking", "stable", "|μ|", "harmonics", "left out", "s",
-                  "error of ω", "of rms"],
-                 [[look(row["model"]).label, row["size"], row["family"], row["omega"], row["rms"], row["peak"],
-                   known(100 * row["sticking"]), VERDICT[row["is_stable"]],
+    said = table(["model", "DOF", "from ω", "ω", "error of ω", "rms of v", "error of rms", "peak of v", "sticking", "stable",
+                  "multiplier", "harmonics", "truncation", "seconds"],
+                 [[look(row["model"]).label, row["size"], row["family"], row["omega"], row.get("omega_error"), row["rms"],
+                   row.get("rms_error"), row["peak"], row["sticking"], yes_no(row["is_stable"]),
                    None if row["multiplier"] is None else abs(row["multiplier"]), row["harmonics"], row["truncation"],
-                   row["seconds"], row.get("omega_error"), row.get("rms_error")] for row in kept],
-                 ["s", "d", ".4g", ".6g", ".5g", ".5g", ".0f", "s", ".4g", "d", ".0e", ".2f", ".1e", ".1e"],
-                 scene.system.beside("ω"))
-    text = [f"Limit cycles at v0 = {scene.speed:g}, F = {scene.force:g} (speed under the belt; sticking in %)\n{said}"]
+                   row["seconds"]] for row in kept],
+                 ["s", "d", ".4g", ".6g", ".1e", ".5g", ".1e", ".5g", ".0%", "s", ".4g", "d", ".0e", ".2f"],
+                 scene.system.beside("ω"), keys=3)
+    text = [f"Limit cycles at v0 = {scene.speed:g}, F = {scene.force:g}; v is the speed under the belt\n{said}"]
+    if any(row["is_stable"] is None for row in kept):
+        text.append("?, and no multiplier: of large models the stability of cycles is not computed")
     text += [f"{look(row['model']).label} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row]
     return Result({"cycles": rows}, {"cycles": rows}, "\n".join(text), {})
 
@@ -152,20 +153,25 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
     rows = [{"model": item["model"], "family": item["family"], **row} for item in found if "branch" in item
             for row in item["branch"].rows()]
     lines, special = [], []
+    ends: dict[str, list[str]] = {}
     for item in found:
+        ends.setdefault(item["why"] if "why" in item else item["branch"].ended, []).append(
+            f"{look(item['model']).label} from ω = {item['family']:.4g}")
         if "why" in item:
-            lines.append([look(item["model"]).label, item["family"], None, None, None, None, None, None, item["why"][:70]])
+            lines.append([look(item["model"]).label, item["family"], *[None] * 6])
             continue
         traced = item["branch"]
         hopf = traced.hopf
         lines.append([look(item["model"]).label, item["family"], hopf.value if hopf else None, hopf.error if hopf else None,
                       ("super" if hopf.supercritical else "sub") if hopf else None, len(traced.points),
-                      sum(flag is True for flag in traced.stable), item["seconds"], traced.ended[:70]])
+                      sum(flag is True for flag in traced.stable), item["seconds"]])
         special += [f"  {look(item['model']).label}, ω {item['family']:.4g}: {point.kind} at {scene.parameter} = "
                     f"{point.value:.6g} (ω = {point.omega:.5g}, rms = {point.rms:.4g})" for point in traced.special]
-    said = table(["model", "from ω", "Hopf point at", "rel. error", "critical", "cycles", "stable", "s", "ended"], lines,
-                 ["s", ".4g", ".6g", ".0e", "s", "d", "d", ".1f", "s"], scene.system.beside("from ω"))
-    text = "\n".join([f"Branches over the {scene.parameter}\n{said}", *(
+    said = table(["model", "from ω", "Hopf point at", "rel. error", "critical", "cycles", "stable", "seconds"], lines,
+                 ["s", ".4g", ".6g", ".0e", "s", "d", "d", ".1f"], scene.system.beside("from ω"), keys=2,
+                 none="no branch was found, or it does not begin at a Hopf point")
+    text = "\n".join([f"Branches over the {scene.parameter}\n{said}",
+                      *(f"ended: {why}: {', '.join(names)}" for why, names in ends.items()), *(
         f"{look(item['model']).label} near ω = {item['family']:.4g}: no cycle at {scene.parameter} = "
         f"{gap[scene.parameter]:.5g}: {gap['why']}"
         for item in found for gap in item.get("missed", []))])

@@ -104,10 +104,10 @@ def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, list[float]],
     from femsub.app.figures_flutter import flutter_figure
 
     branches, meetings = branch_rows(tracks), meeting_rows(tracks)
-    said = table(["model", "meeting", label, "branches", "Re λ", "Im λ", "|λ_a - λ_b|", "condition", "error bar"],
+    said = table(["model", "meeting", label, "branches", "Re λ", "Im λ", "gap", "condition", "error bar"],
                  [[row["model"], row["kind"], row["value"], f"{row['branches'][0]}, {row['branches'][1]}", row["growth"],
                    row["omega"], row["gap"], row["condition"], row["error_bar"]] for row in meetings],
-                 ["s", "s", ".8g", "s", ".6f", ".6f", ".0e", ".0e", ".0e"])
+                 ["s", "s", ".8g", "s", ".6f", ".6f", ".0e", ".0e", ".0e"], keys=2)
     told = "\n".join(f"{name}: {item!r}" for name, item in tracks.items())
     return Result({"branches": branches, "meetings": meetings}, {"branches": branches, "meetings": meetings},
                   f"Modes tracked:\n{told}" + (f"\n{said}" if meetings else ""),

@@ -84,10 +84,11 @@ def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, units: Units)
     with Interruptible() as work:
         for kind, model in models:
             rows.append(_grown(kind, model, belt))
-    said = table(["model", "DOF", "growth in time", "Re λ", "error", "ω in time", "Im λ", "Re λ above"],
+    said = table(["model", "DOF", "growth in time", "Re λ", "error", "ω in time", "Im λ", "Re λ above cut-off"],
                  [[look(str(row["model"])).label, row["size"], row["growth"], row["growth_of_cea"], row["error"],
                    row["omega"], row["omega_of_cea"], row["above"]] for row in rows],
-                 ["s", "d", ".5g", ".5g", ".0e", ".5g", ".5g", ".5g"], units.beside("ω in time", "Im λ"))
+                 ["s", "d", ".5g", ".5g", ".0e", ".5g", ".5g", ".5g"], units.beside("ω in time", "Im λ"), keys=2,
+                 none="no mode grows below the cut-off, or none lies above it")
     head = f"Growth of the most unstable mode below the cut-off, from {FAINT:g} of the belt's speed"
     if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
         head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
@@ -127,8 +128,9 @@ def told(tracks: Sequence[Track], units: Units) -> str:
                      row["sticking"], row["energy_residual"], row["seconds"],
                      "yes" if row["complete"] else f"to t = {row['end']:.5g}"])
     head = ["model", "DOF", "rms of v", units.said("peaks (rad/time)"), *units.beside("peaks (Hz)"), "sticking",
-            "energy balance", "s", "complete"]
-    return table(head, rows, ["s", "d", ".5g", "s", *units.beside("s"), ".1%", ".0e", ".2g", "s"])
+            "energy balance", "seconds", "complete"]
+    return table(head, rows, ["s", "d", ".5g", "s", *units.beside("s"), ".1%", ".0e", ".2g", "s"], keys=2,
+                 none="the run, or its window, was too short")
 
 
 def highest(tracks: Sequence[Track]) -> float:

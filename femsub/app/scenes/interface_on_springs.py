@@ -39,7 +39,7 @@ def interface_on_springs(work: Work) -> Result:
     lines = [[look(name).label, modes, size, *(row["error"] for row in rows if (row["model"], row["modes"]) == (name, modes))]
              for name, modes, size in models]
     said = table(["model", "modes", "DOF", *(f"{ratio:g}" for ratio in RATIOS)], lines,
-                 ["s", "d", "d", *[".1e"] * len(RATIOS)])
+                 ["s", "d", "d", *[".1e"] * len(RATIOS)], keys=3)
     head = (f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
             "component's own at each interface DOF")
     title = f"{work.scene.name}: interface on springs, lowest {count} frequencies"

@@ -20,9 +20,10 @@ from femsub.checks import Array
 from femsub.model.bands import in_band
 from femsub.quadratic.matching import listed, relative_error
 from femsub.studies.error_vs_time import border_or_reason
-from femsub.studies.tables import known, table
+from femsub.studies.tables import table, yes_no
 
 DRAWN = 6  # of the normal modes
+NO_GROWTH = "no eigenvalue up to ω"
 PHASES = 12  # of a period, in which a complex mode is written
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 
@@ -92,8 +93,8 @@ def _critical(work: Work) -> Result:
     work.slopes = [row["slope"] for row in rows]
     said = table(["model", "modes", "DOF", "critical slope", "at ω", "rel. error", "static port error"],
                  [[look(row["model"]).label, row["modes"] if row["model"] != "full" else None, row["size"],
-                   known(row["slope"]), known(row["omega"]), known(row["error"]), row["port_error"]] for row in rows],
-                 ["s", "d", "d", ".6g", ".5g", ".1e", ".1e"], work.units.beside("at ω"))
+                   slope_cell(row["slope"]), row["omega"], row["error"], row["port_error"]] for row in rows],
+                 ["s", "d", "d", ".6g", ".5g", ".1e", ".1e"], work.units.beside("at ω"), keys=3)
     notes = [f"{look(row['model']).label} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
     if any(row["omega"] == 0 for row in rows):
         notes.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
@@ -120,13 +121,12 @@ def _eigenvalues(work: Work) -> Result:
         if isinstance(model, ReducedSubstructure) and at is not None and len(found):
             item["shape_error"] = _shape_error(work.sub, model.expand(_counterpart(found, exact, at)[1]), exact.shapes[:, at])
         spectra.append(item)
-    said = table(["model", "modes", "DOF", "up to ω", "eigenvalues", "full has", "largest Re λ", "full has", "stable",
-                  "above cut-off", "shape error"],
+    said = table(["model", "modes", "DOF", "up to ω", "count", "in full", "largest Re λ", "in full", "stable", "shape error"],
                  [[look(m["model"]).label, m["modes"] if m["model"] != "full" else None, m["size"], m["up_to"],
-                   m["counted"], m["full_counted"], known(m["growth"]), known(m["full_growth"]), str(m["is_stable"]),
-                   int(np.sum(m["above_cutoff"])), m.get("shape_error")]
-                  for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", "d", ".1e"],
-                 work.units.beside("up to ω"))
+                   m["counted"], m["full_counted"], growth_cell(m["growth"]), growth_cell(m["full_growth"]),
+                   yes_no(m["is_stable"]), m.get("shape_error")]
+                  for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", ".1e"],
+                 work.units.beside("up to ω"), keys=3)
     head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: completeness {exact.evidence})"
     columns = ("model", "modes", "size", "up_to", "growth", "full_growth", "is_stable", "shape_error")
     rows = [{key: m.get(key) for key in columns} for m in spectra]
@@ -141,6 +141,16 @@ def _eigenvalues(work: Work) -> Result:
     shown = _recovered(work, exact, at, models[-1])
     return Result(data | {"least-stable": shown.data}, {"eigenvalues": rows}, f"{head}\n{said}\n{shown.text}",
                   drawings | shown.drawings, shown.files)
+
+
+def slope_cell(slope: float) -> float | str:
+    """A critical slope in a table: 'never' where stability is never lost."""
+    return "never" if slope == -np.inf else slope
+
+
+def growth_cell(growth: float) -> float | None:
+    """The largest Re λ in a table; None where there is no eigenvalue."""
+    return growth if np.isfinite(growth) else None
 
 
 def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[str, Any]:
