@@ -100,9 +100,14 @@ def rounding_below(axis: Any, errors: Iterable[float]) -> None:
     """Limits of an axis of errors, with a grey band where errors are rounding, if there are any."""
     known = [max(error, ROUNDING) for error in errors if np.isfinite(error)]
     lo, hi = min(known, default=1e-3), max(known, default=1.0)
-    axis.set(yscale="log", ylim=(lo / 4, hi * 4))
+    low, high = 10 ** np.floor(np.log10(lo / 2)), 10 ** np.ceil(np.log10(hi * 2))  # two decades at least
+    axis.set(yscale="log", ylim=(low, high))
+    if high < 1e4 * low:
+        from matplotlib.ticker import NullFormatter
+
+        axis.yaxis.set_minor_formatter(NullFormatter())
     if lo == ROUNDING:
-        axis.axhspan(lo / 4, 2 * lo, color="0.88", lw=0, label="rounding")
+        axis.axhspan(low, 2 * lo, color="0.88", lw=0, label="rounding")
 
 
 def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:

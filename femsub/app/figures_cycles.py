@@ -100,7 +100,8 @@ def _handles(models: Sequence[str], widths: Mapping[str, float], kinds: set[str]
             for name, (label, colour, _) in zip(models, map(look, models), strict=True)]
     made += [Line2D([], [], color="0.4", lw=1.5, label="stable or undecided"),
              Line2D([], [], color="0.4", lw=0.8, ls=(0, (4, 3)), label="unstable"),
-             Line2D([], [], color="0.4", marker="*", ls="", ms=8, label="Hopf point")]
+             Line2D([], [], color="0.4", marker="*", ls="", ms=8, label="Hopf point"),
+             Line2D([], [], color="0.6", lw=0.8, ls=":", label="value of the scene")]
     made += [Line2D([], [], color="0.4", marker=mark, ls="", ms=5, label=kind) for kind, mark in KINDS.items() if kind in kinds]
     if dots:
         made.append(Line2D([], [], color="0.4", marker="o", mfc="none", ls="", ms=6, label="transient"))

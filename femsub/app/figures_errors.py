@@ -82,10 +82,11 @@ def _figure(panels: Sequence[tuple[Mapping[str, str], Row, Sequence[Row]]], head
 
 def friction_errors_figure(rows: Sequence[FrictionRow], full: float, title: str) -> Any:
     """The errors of eigenvalues, growth rates and critical μ over the seconds at one μ; those of a system under friction."""
+    kinds = {kind: name for kind, name in FRICTION.items() if any(np.isfinite(getattr(row, kind)) for row in rows)}
     figure = new_figure(PAGE, 3.9)
-    axes = figure.subplots(1, len(FRICTION), sharex=True)
+    axes = figure.subplots(1, max(len(kinds), 1), sharex=True, squeeze=False)[0]
     labels = []
-    for axis, (kind, name) in zip(axes, FRICTION.items(), strict=True):
+    for axis, (kind, name) in zip(axes, kinds.items(), strict=False):
         axis.axvline(full, color="black", ls="--", lw=1, label="full model, one μ")
         labels += error_panel(axis, [
             Point(row.method, row.size, getattr(row, kind), (row.solving,) * 3, (row.seconds,) * 3, misses=row.missed > 0)
@@ -119,14 +120,15 @@ def error_panel(axis: Any, points: Sequence[Point]) -> list[tuple[Any, float, fl
             axis.plot(seconds[:, 0], height, color=style.colour, lw=0.8, alpha=0.6, zorder=2)
             axis.plot(seconds[:, 0], height, color=style.colour, marker=style.marker, mfc=fill, ms=5, ls="none", zorder=4,
                       label=style.label if fill != "white" else None)
-        for chosen, mark, size, colour, word in (("best", "o", 10, "black", "no other is both as fast and as accurate"),
-                                                 ("misses", "x", 9, "black", "misses an unstable mode")):
-            which = [i for i, point in enumerate(mine) if getattr(point, chosen)]
-            if which:
-                axis.plot(solve[which, 0], height[which], mark, ms=size, mfc="none", mec=colour, mew=0.8, ls="none", zorder=5,
-                          label=word)
         for i, point in enumerate(mine):
             (others if 0 < i < len(mine) - 1 else ends).append((axis, solve[i, 0], height[i], str(point.size), style.colour))
+    known = [point for point in points if np.isfinite(point.error)]
+    best, lacking = [point for point in known if point.best], [point for point in known if point.misses]
+    for which, mark, size, word in ((best, "o", 10, "no other is both as fast and as accurate"),
+                                    (lacking, "x", 9, "misses an unstable mode")):
+        if which:
+            axis.plot([point.solve[0] for point in which], [max(point.error, ROUNDING) for point in which], mark, ms=size,
+                      mfc="none", mec="black", mew=0.8, ls="none", zorder=5, label=word)
     axis.set_xscale("log")
     rounding_below(axis, [point.error for point in points])
     axis.grid(lw=0.4)
