@@ -1,4 +1,4 @@
-"""The command line: `femsub scenes`, `femsub new SCENE`, `femsub run SCENE [--out DIR]`, `femsub doctor`, and more: `--help`."""
+"""The command line: `femsub scenes`, `femsub new SCENE`, `femsub run SCENE [--out DIR]`, `femsub show DIR`, and more: `--help`."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError
 
 READER_GONE = 141  # the exit status of a command whose output nobody reads any more
 INTERRUPTED = 130  # the exit status of what Ctrl-C ends
+FOLDERS = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}  # how shells complete a folder
 SCENE_NAME = "a name from `femsub scenes`"
 
 
@@ -30,12 +31,15 @@ def _parser() -> argparse.ArgumentParser:
                         help="print the version (`femsub doctor` names those of PETSc and the other packages)")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     commands.add_parser("scenes", help="list what can be run")
+    shown = commands.add_parser("show", help="make report.html, one page to read, of a finished run; nothing is computed again")
+    folder = shown.add_argument("folder", help="the folder that was given by --out")
+    folder.complete = FOLDERS  # type: ignore[attr-defined]
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
     _scene_argument(run, "a name from `femsub scenes`, a TOML file, a Python file of your own, or a results.json: "
                     "that run again", files=True)
     out = run.add_argument("--out", metavar="DIR",
                            help="write results.json, one CSV file per table and figures there; else nothing is written")
-    out.complete = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}  # type: ignore[attr-defined]
+    out.complete = FOLDERS  # type: ignore[attr-defined]
     run.add_argument("--no-figures", action="store_true", help="draw nothing")
     loud = run.add_mutually_exclusive_group()
     loud.add_argument("-q", "--quiet", action="store_true", help="print warnings and errors only")
@@ -118,6 +122,14 @@ def _new(options: argparse.Namespace) -> str:
     return new_text(options.scene)
 
 
+def _show(options: argparse.Namespace) -> str:
+    from pathlib import Path
+
+    from femsub.app.page import show
+
+    return f"written: {show(Path(options.folder))}"
+
+
 def _schema(options: argparse.Namespace) -> str:
     from femsub.app.schema import scene_schema, schema
 
@@ -136,7 +148,8 @@ _femsub_scene_or_file() {{ _femsub_scene; _files -g '*.toml'; }}"""}
 
 
 PRINTED: dict[str, Callable[[argparse.Namespace], str]] = {
-    "scenes": _scenes, "keys": _keys, "new": _new, "schema": _schema, "completion": _completion}
+    "scenes": _scenes, "keys": _keys, "new": _new, "schema": _schema, "completion": _completion,
+    "show": _show}
 
 
 @contextmanager
@@ -174,10 +187,10 @@ def _run(options: argparse.Namespace) -> int:
             written = []
             if record is not None:
                 tell("writing")
-                written = record.write(result)
+                written = record.write(result, _texts(caught))
         finally:
             progress_done()
-    for text in dict.fromkeys(str(item.message) for item in caught):
+    for text in _texts(caught):
         print(f"femsub: warning: {text}", file=sys.stderr)
     if not options.quiet:
         _say(fitted(result.text))
@@ -190,6 +203,11 @@ def _run(options: argparse.Namespace) -> int:
     if not result.data.get("complete", True):
         return _fail("interrupted; the results are what there was by then, marked as incomplete", INTERRUPTED)
     return 1 if "failed" in result.data else 0
+
+
+def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
+    """Each warning once."""
+    return list(dict.fromkeys(str(item.message) for item in caught))
 
 
 def _fail(reason: object, status: int) -> int:

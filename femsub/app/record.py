@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, is_dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from femsub.app.inputs import hash_of, results_of
 from femsub.app.keys import item_kind, keys_of, kinds
-from femsub.app.report import machine, versions, write
+from femsub.app.report import machine, to_json, versions, write
 from femsub.app.scene import SCENES, Progress, Result, Scene
 from femsub.errors import FemsubWarning, InputError, warn
+from femsub.io.atomic import Writer
 from femsub.io.mesh_text import texts_read
 
 #: the paper whose study the scenes of the chain repeat
 PAPER = ("the conference paper that compares Hurty/Craig-Bampton and Craig-Chang on a chain of masses on a belt "
          "(section Vehicle Noise and Vibration)")
 RESULTS = "results.json"
-OURS = (".json", ".csv", ".png", ".vtu", ".pvd")  # endings of what scenes write
+OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of what scenes write
 NAMED = 5  # files that a message lists
 
 
@@ -35,6 +38,10 @@ class Record:
 
     def __init__(self, scene: Scene, folder: Path) -> None:
         self.scene, self.folder = scene, folder
+        if scene.paged:
+            from femsub.app.page import check_plotly
+
+            check_plotly()  # not after hours
         self.last = self._last()
         keys = asdict(scene)
         self.inputs: dict[str, Any] = {"scene": self._kind()} | {name: keys[name] for name in keys_of(type(scene))}
@@ -52,7 +59,7 @@ class Record:
         self.files += self._told(path for path in dict.fromkeys(texts) if self._place(path) not in known)
         return result
 
-    def write(self, result: Result) -> list[Path]:
+    def write(self, result: Result, warned: Sequence[str] = ()) -> list[Path]:
         """Writes the results, takes away what only the last run of this scene wrote, and warns of other files of results."""
         drawn = {name: number for name, number in self.scene.PAPER.items() if name in result.drawings and self.scene.figures}
         told: dict[str, Any] = {
@@ -60,9 +67,13 @@ class Record:
             "machine": machine(), "inputs": self.inputs, "files": self.files}
         if drawn:
             told["paper"] = {"paper": PAPER, "figures": {f"{name}.png": number for name, number in drawn.items()}}
+        if warned:
+            told["warnings"] = list(warned)
+        result = replace(result, data=told | result.data)
+        if self.scene.paged:
+            result = replace(result, files=result.files | _page(result))
         notes = {name: f"corresponds to {number} of the conference paper" for name, number in drawn.items()}
-        written = write(replace(result, data=told | result.data), self.folder, self.scene.figures, units=self.scene.system,
-                        notes=notes)
+        written = write(result, self.folder, self.scene.figures, units=self.scene.system, notes=notes)
         names = {path.relative_to(self.folder).as_posix() for path in written}
         inputs = {item["path"] for item in self.files}
         _remove(self.folder, [name for name in self.last if name not in names | inputs])
@@ -101,6 +112,22 @@ class Record:
         """Place, hash and size of each; what is wrong with one that cannot be read, the scene says."""
         return [{"path": self._place(path), "sha256": hash_of(path), "bytes": path.stat().st_size} for path in paths
                 if path.is_file() and os.access(path, os.R_OK)]
+
+
+def _page(result: Result) -> dict[str, Writer]:
+    """The page of a run: of what is in its results.json, and of the mode's file, if the scene has made one."""
+    from femsub.app.moving import MODE_FILE, read_mode
+    from femsub.app.page import PAGE_FILE, write_page
+
+    def page(file: BinaryIO) -> None:
+        mode = None
+        if MODE_FILE in result.files:
+            content = io.BytesIO()
+            result.files[MODE_FILE](content)
+            mode = read_mode(content.getvalue(), Path(MODE_FILE))
+        write_page(json.loads(to_json(result.data)), [name for name, rows in result.tables.items() if rows], mode, file)
+
+    return {PAGE_FILE: page}
 
 
 def _file_keys(kind: type, table: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:

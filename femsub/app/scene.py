@@ -47,6 +47,7 @@ SCENES = {
 }
 OWN = ".py"  #: ending of a file with a scene of your own
 MOST_REPEATS = 1000
+PAGE = "page"  # the output that is made of the others
 #: of the literature, and of Python's MacNeal
 SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-bampton", "mac-neal": "macneal"}
 #: Keys that scenes of nonlinear models do not have.
@@ -85,7 +86,9 @@ class Scene:
     force: float = key(1.0, "the normal force with which the belt presses", unit="force", least=0)
     methods: list[str] = key(["craig-bampton", "craig-chang"], "reduction methods; short names (HCB, CC) and those of the Python "
                              "classes will do", choices=method_keys, also=other_method_names)
-    outputs: list[str] = key([], "what is computed; nothing else is", choices=lambda scene: scene.OUTPUTS + scene.ON_REQUEST)
+    outputs: list[str] = key([], "what is computed, nothing else is; with 'page' the results are also one page to read, "
+                             "report.html in the folder given by --out; 'page' alone: all of the default, and the page",
+                             choices=lambda scene: (*scene.OUTPUTS, *scene.ON_REQUEST, PAGE))
     figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
     repeats: int = key(5, "runs per time that is measured", least=1, most=MOST_REPEATS)
     units: str = key("", "the units of all numbers: 'SI' (m, kg, s, N) or 'mm-t-s' (mm, t, s, N); with them Hz stands beside "
@@ -103,13 +106,18 @@ class Scene:
         from femsub.model.friction import LAWS
         from femsub.reduction.reduce import METHODS
 
-        if not self.outputs:
-            object.__setattr__(self, "outputs", list(self.OUTPUTS))
+        if not set(self.outputs) - {PAGE}:
+            object.__setattr__(self, "outputs", [*self.OUTPUTS, *self.outputs])
         if not self.methods:
             raise InputError(f"methods is empty; valid: {', '.join(METHODS)}")
         object.__setattr__(self, "methods", [name if name in METHODS else _hyphenated(name) for name in self.methods])
         object.__setattr__(self, "law", self.law if self.law in LAWS else _hyphenated(self.law))
         check_keys(self)
+
+    @property
+    def paged(self) -> bool:
+        """Whether a page is asked for, and with it the shape of a mode for it."""
+        return PAGE in self.outputs
 
     @property
     def system(self) -> Units:
@@ -198,6 +206,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
     FemsubError
         The first failure, where every output has failed.
     """
+    outputs = [output for output in outputs if output != PAGE]
     tables = dict(tables or {})
     drawings: dict[str, Callable[[], Any]] = {}
     files: dict[str, Writer] = {}

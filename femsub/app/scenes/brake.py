@@ -34,6 +34,7 @@ from femsub.app.figures_errors import friction_errors_figure
 from femsub.app.figures_flutter import flutter_figure
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.keys import key
+from femsub.app.moving import mode_file
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
@@ -236,10 +237,16 @@ def _unstable(brake: Brake) -> Result:
     said = table(["f [Hz]", "Re λ", "error bar", "equivalent damping", *(f"energy {name}" for name in shares)],
                  [list(row.values())[2:] for row in rows], [".6g", ".5g", ".0e", ".2e", *[".2f"] * len(shares)])
     result = Result({"unstable": rows}, {"unstable": rows}, f"{head}\n{said}", {})
-    if not scene.figures:
+    if not scene.figures and not scene.paged:
         return result
     (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, chosen]).items()
     fields = fields * np.exp(-1j * np.angle(_largest(fields)))
+    worst = int(np.argmax([row["growth"] for row in rows]))
+    if scene.paged:
+        value = complex(rows[worst]["growth"], rows[worst]["omega"])
+        result.files.update(mode_file(mesh, fields[..., worst], f"most unstable mode of the full model at mu = {mu:g}", value))
+    if not scene.figures:
+        return result
     titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g}" for row in rows]
     names = [f"{row['hertz']:.5g} Hz" for row in rows]
     title = f"{scene.name}: unstable modes at mu = {mu:g}, at the phase of the largest displacement"
@@ -247,7 +254,6 @@ def _unstable(brake: Brake) -> Result:
     shown = {f"{part} {name}": getattr(fields[..., i], attribute) for i, name in enumerate(names)
              for part, attribute in (("real-part", "real"), ("imaginary-part", "imag"))}
     phases = {f"phase {name}": np.degrees(np.angle(fields[..., i])) for i, name in enumerate(names)}
-    worst = int(np.argmax([row["growth"] for row in rows]))
     result.files["unstable.vtu"] = partial(vtu, mesh, shown | phases)
     result.files.update(motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst], "most-unstable"))
     return result

@@ -9,13 +9,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import ComplexModes, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
+from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
 from femsub.app.figure_style import look
 from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, friction_figure, size_sweep_figure
 from femsub.app.figures_errors import error_time_figure
 from femsub.app.keys import key
-from femsub.app.scene import Progress, Result, Scene, run_outputs
-from femsub.app.scenes.outputs import NO_GROWTH, comparable, growth_cell, slope_cell
+from femsub.app.moving import mode_file
+from femsub.app.scene import Progress, Result, Scene, Writer, run_outputs
+from femsub.app.scenes.outputs import NO_GROWTH, comparable, growth_cell, least_stable, slope_cell
 from femsub.checks import check_band
 from femsub.errors import InputError, PortWarning
 from femsub.model.friction import LAWS
@@ -206,6 +207,7 @@ def _size_sweep(scene: ChainScene, _: Progress) -> Result:
 def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
     belt = scene.linear_belt
     models: list[dict[str, Any]] = []
+    files: dict[str, Writer] = {}
     for widened in _interfaces(scene, scene.belt):
         sub = scene.model(scene.belt, widened)
         candidates: list[tuple[str, Substructure]] = [("full", sub)]
@@ -214,7 +216,9 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
         for kind, model in candidates:
             band = (0.0, 1.5 * scene.band[1]) if kind == "full" and scene.n > 300 else None
             modes = complex_modes(model, belt, band=band)
-            exact = modes if exact is None else exact
+            if exact is None:
+                exact = modes
+                files = files or _mode_file(scene, exact)
             limit = min(model.cutoff, float(exact.frequencies.max(initial=0.0)))
             models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size, "cutoff": model.cutoff,
                            **comparable(exact, modes, limit)})
@@ -231,7 +235,18 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
     head = f"Complex modes, belt under m{scene.belt}, dμ/dv = {belt.slope:.5g}"
     data = {"belt": scene.belt, "models": models, "rows": rows}
     return Result({"eigenvalues": data}, {"eigenvalues": rows}, f"{head}\n{said}", {
-        "eigenvalues": lambda: eigenvalue_figure(panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}")})
+        "eigenvalues": lambda: eigenvalue_figure(panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}")}, files)
+
+
+def _mode_file(scene: ChainScene, modes: ComplexModes) -> dict[str, Writer]:
+    """The least stable mode for a page: masses that move along the chain, which lies along x."""
+    at = least_stable(modes) if scene.paged and scene.n > 1 else None
+    if at is None:
+        return {}
+    nodes = np.arange(scene.n)
+    line = Mesh(nodes[:, None] + 1.0, np.stack([nodes[:-1], nodes[1:]], axis=1), "line")
+    u = modes.shapes[:, at, None] * np.array([1.0, 0.0, 0.0])
+    return mode_file(line, u, f"least stable mode of the full model, belt under m{scene.belt}", complex(modes.eigenvalues[at]))
 
 
 def _error_time(scene: ChainScene, progress: Progress) -> Result:
@@ -244,7 +259,9 @@ def _error_time(scene: ChainScene, progress: Progress) -> Result:
                                                           repeats=scene.repeats, progress=progress)))
     rows = [{"interface": interface, **row.flat()} for interface, found in studies for row in (found.full, *found.rows)]
     said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies)
-    data = {"rows": rows, "band": scene.band, "repeats": scene.repeats}
+    choices = [{"interface": interface, "sentence": found.recommendation(),
+                "model": None if (best := found.recommended()) is None else best.flat()} for interface, found in studies]
+    data = {"rows": rows, "band": scene.band, "repeats": scene.repeats, "recommended": choices}
     return Result({"error-time": data}, {"error-time": rows}, said, {"error-time": lambda: error_time_figure(studies)})
 
 

@@ -61,7 +61,8 @@ def compared(scene: JoinedScene, system: System, belt: Belt | None, title: str, 
     said = [f"{title}: {system!r}", str(found), *_full_words(found), *left_out, *_port_words(found),
             found.recommendation(scene.tolerance), *_frequency_words(scene, frequencies, best)]
     data = {"system": repr(system), "parts": parts, "rows": rows, "left_out": left_out,
-            "recommendation": found.recommendation(scene.tolerance), "frequencies": frequencies}
+            "recommendation": found.recommendation(scene.tolerance), "recommended": None if best is None else best.flat(),
+            "frequencies": frequencies}
     return Result({name: data}, {name: rows, f"{name}-frequencies": frequencies}, "\n".join(said),
                   {name: lambda: errors_figure(found, title)})
 

@@ -13,6 +13,7 @@ from femsub.app.figure_style import look
 from femsub.app.figures import eigenvalue_figure
 from femsub.app.figures_errors import error_time_figure
 from femsub.app.figures_modes import shapes_figure
+from femsub.app.moving import mode_file
 from femsub.app.scene import Progress, Result, Writer, run_outputs
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
@@ -111,7 +112,7 @@ def _eigenvalues(work: Work) -> Result:
     band, _ = work.band
     work.tell(f"complex modes of {work.sub.size} DOF")
     exact = complex_modes(work.sub, work.belt, band=band)
-    at = _least_stable(exact)
+    at = least_stable(exact)
     models = [(name, modes, model, exact if model is work.sub else complex_modes(model, work.belt, band=band))
               for name, modes, model in work.models]
     spectra: list[dict[str, Any]] = []
@@ -165,7 +166,7 @@ def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[s
     return data
 
 
-def _least_stable(modes: ComplexModes) -> int | None:
+def least_stable(modes: ComplexModes) -> int | None:
     """The eigenvalue with the largest Re λ that oscillates."""
     moving = np.flatnonzero(~modes.rigid & (modes.eigenvalues.imag > 0))
     return int(moving[np.argmax(modes.eigenvalues.real[moving])]) if len(moving) else None
@@ -198,8 +199,12 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     data = {"model": name, "modes": modes, "size": model.size, "eigenvalue": value, "omega": value.imag,
             "full": complex(exact.eigenvalues[at]), "backward_error": error}
     mesh, whole = work.mesh, work.field(u)
-    if mesh is None or whole is None or not work.scene.figures:
+    if mesh is None or whole is None:
         return Result(data, {}, told, {})
+    files = mode_file(mesh, whole, f"least stable mode, from {look(name).label} with {model.size} DOF", value) \
+        if work.scene.paged else {}
+    if not work.scene.figures:
+        return Result(data, {}, told, {}, files)
     # any phase will do: the one in which the place that moves most is at its largest
     largest = whole.ravel()[np.argmax(np.abs(whole))]
     shape = whole * (np.conj(largest) / abs(largest))
@@ -209,7 +214,7 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {look(name).label} with "
              f"{model.size} DOF")
     named = f"{work.units.frequency(value.imag)} growth {value.real:.4g} 1/{work.units.time}"
-    files = {"least-stable.vtu": partial(vtu, mesh, {f"real-part {named}": shape.real, f"imaginary-part {named}": shape.imag})}
+    files |= {"least-stable.vtu": partial(vtu, mesh, {f"real-part {named}": shape.real, f"imaginary-part {named}": shape.imag})}
     return Result(data, {}, told, {"least-stable": lambda: shapes_figure(mesh, parts, titles, title, work.marks)},
                   files | (motion_files(mesh, shape, value.imag, named) if value.imag > 0 else {}))
 

@@ -1,0 +1,102 @@
+"""The complex mode that a run's page animates: its shape on the mesh's surface, in single precision, in a file of its own."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+
+from femsub import Mesh
+from femsub.checks import Array
+from femsub.components.mesh import boundary_faces, corner_nodes
+from femsub.errors import InputError
+from femsub.io.atomic import Writer
+
+MODE_FILE = "mode.npz"
+MOST_NODES = 12_000  # of a surface: a browser redraws so many some 20 times a second
+ARRAYS = {"points": 3, "cells": None, "real": 3, "imag": 3}  # columns; cells are lines or triangles
+
+
+class Moving(NamedTuple):
+    """u(t) = Re(u e^(iφ)) at points (n, 3), joined by `cells`, rows of points: lines (m, 2) or triangles (m, 3)."""
+
+    told: dict[str, Any]  #: title, eigenvalue, size of the mesh, and whatever else the page says of it
+    points: Array
+    cells: Array
+    u: Array
+
+
+def mode_file(mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str, Writer]:
+    """The file of a complex shape u (nodes, 3), by its name; it is made when it is written."""
+    return {MODE_FILE: partial(_write, mesh, u, {"title": title, "eigenvalue": [eigenvalue.real, eigenvalue.imag],
+                                                 "nodes": len(mesh.points)})}
+
+
+def moving(mesh: Mesh, u: Array, told: Mapping[str, Any], most: int = MOST_NODES) -> Moving:
+    """A mesh's surface, or its lines, with at most so many nodes; the largest displacement is 1, at the phase 0."""
+    points, cells = np.zeros((len(mesh.points), 3)), _drawn_cells(mesh)
+    points[:, :mesh.points.shape[1]] = mesh.points
+    used, inverse = np.unique(cells, return_inverse=True)
+    points, u, cells = points[used], u[used], inverse.reshape(cells.shape)
+    if len(points) > most:
+        kept, cells = _clustered(points, cells, most)
+        points, u = points[kept], u[kept]
+    length = np.linalg.norm(u, axis=1).max()
+    largest = u.ravel()[np.abs(u).argmax()]
+    return Moving(dict(told), points, cells, u * (np.conj(largest) / abs(largest) / length) if length else u)
+
+
+def _drawn_cells(mesh: Mesh) -> Array:
+    if mesh.dimension == 1:
+        return mesh.cells[:, :2]
+    corners = corner_nodes(mesh, *boundary_faces(mesh)) if mesh.dimension == 3 else mesh.cells
+    return corners if corners.shape[1] == 3 else corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+
+
+def _clustered(points: Array, cells: Array, most: int) -> tuple[Array, Array]:
+    """One node of each box of a grid, and the cells that are left: Rossignac and Borrel (1993), with boxes that just suffice."""
+    low = points.min(axis=0)
+    box = float(np.ptp(points, axis=0).max()) / most
+    while True:
+        at = ((points - low) / box).astype(np.int64)
+        _, kept, inverse = np.unique(at @ np.array([1, most + 1, (most + 1) ** 2]), return_index=True, return_inverse=True)
+        if len(kept) <= most:
+            break
+        box *= 1.25
+    joined = inverse.reshape(-1)[cells]
+    ordered = np.sort(joined, axis=1)
+    whole = np.flatnonzero((np.diff(ordered, axis=1) > 0).all(axis=1))
+    _, first = np.unique(ordered[whole], axis=0, return_index=True)
+    return kept, joined[whole[first]]
+
+
+def _write(mesh: Mesh, u: Array, told: Mapping[str, Any], file: BinaryIO) -> None:
+    made = moving(mesh, u, told)
+    np.savez_compressed(file, told=np.frombuffer(json.dumps(made.told).encode(), dtype=np.uint8),
+                        points=made.points.astype(np.float32), cells=made.cells.astype(np.int32),
+                        real=made.u.real.astype(np.float32), imag=made.u.imag.astype(np.float32))
+
+
+def read_mode(content: bytes, path: Path) -> Moving:
+    """What a mode's file holds.
+
+    Raises
+    ------
+    InputError
+        It is no such file.
+    """
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            told = json.loads(file["told"].tobytes())
+            points, cells, real, imag = (file[name] for name in ARRAYS)
+    except (OSError, ValueError, KeyError, EOFError) as error:
+        raise InputError(f"{path} does not hold a mode as femsub writes it ({error}); delete it, or run the scene again") from None
+    if not (isinstance(told, dict) and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
+            and cells.shape[1] in (2, 3) and cells.min(initial=0) >= 0 and cells.max(initial=0) < max(len(points), 1)):
+        raise InputError(f"{path} does not hold a mode as femsub writes it; delete it, or run the scene again")
+    return Moving(told, points, cells, real + 1j * imag)

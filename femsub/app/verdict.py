@@ -1,0 +1,271 @@
+"""The answer of a run in plain sentences, from its results.json: may the small model replace the full one, and what decides it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import ceil, isfinite
+from typing import Any, NamedTuple
+
+from femsub.app.figure_style import look
+from femsub.app.scene import PAGE, scene_of
+from femsub.app.units import SYSTEMS, UNKNOWN, Units
+
+Data = Mapping[str, Any]
+STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
+TOLERANCE = 1e-3  # of growth rates, where the scene has no key for it (`Study.recommended`)
+#: what no run can tell, for every scene that compares models
+NEVER = ("All errors are relative to the full model. The run does not tell how well its mesh, its materials and its friction law "
+         "describe the real part.")
+LINEAR = ("The verdict is that of the linear model about steady sliding. Motion beyond the border was not computed: see the "
+          "scenes of limit cycles and those in time.")
+
+
+class Verdict(NamedTuple):
+    """An answer ('yes', 'no', 'in part' or 'open'), in a sentence; what decides it; what is not checked."""
+
+    answer: str
+    headline: str
+    decides: list[str]
+    unchecked: list[str]
+
+
+def verdict(told: Data) -> Verdict:
+    """What the results say."""
+    choices = list(_choices(told))
+    if choices:
+        found = _chosen(told, choices)
+    elif "cycles" in told:
+        found = _cycles(told)
+    elif "critical-value" in told:
+        found = _critical_value(told)
+    elif "models" in told:
+        found = _in_time(told)
+    else:
+        found = Verdict("open", "This run compares no models by their errors, so it does not decide whether a small model may "
+                        "replace the full one.", [], [])
+    unchecked = [*found.unchecked, *_left_out(told)]
+    return found._replace(decides=[*found.decides, *_stability(told)], unchecked=list(dict.fromkeys(unchecked)))
+
+
+def units_of(told: Data) -> Units:
+    """The units that the run names."""
+    return SYSTEMS.get(told.get("inputs", {}).get("units", ""), UNKNOWN)
+
+
+def _choices(told: Data) -> Iterator[dict[str, Any]]:
+    """Each recommendation: what it holds for, its sentence, and the row of its model or None."""
+    if isinstance(one := told.get("recommended"), dict):
+        yield {"where": "", "rows": told.get("error-time", [])} | one
+    timed = told.get("error-time")
+    if isinstance(timed, dict) and "recommendation" in timed:
+        yield {"where": "", "sentence": timed["recommendation"], "model": timed.get("recommended"), "rows": timed["rows"]}
+    elif isinstance(timed, dict):
+        for one in timed.get("recommended", []):
+            rows = [row for row in timed["rows"] if row.get("interface") == one["interface"]]
+            yield {"where": f"interface {one['interface']}", "rows": rows} | one
+    for name, data in told.items():
+        if name.startswith("methods") and isinstance(data, dict) and "recommended" in data:
+            where = name.removeprefix("methods").strip("-").replace("-", " ")
+            yield {"where": where, "sentence": data["recommendation"], "model": data["recommended"], "rows": data["rows"]}
+
+
+def _chosen(told: Data, choices: Sequence[Data]) -> Verdict:
+    fit = [one for one in choices if one["model"]]
+    band = _band(told)
+    tolerance = told.get("inputs", {}).get("tolerance") or TOLERANCE
+    if not fit:
+        return Verdict("no", f"No small model of this run may replace the full one {band}.",
+                       [_sentence(one["sentence"], one["where"]) for one in choices], [NEVER, LINEAR])
+    best = min(fit, key=lambda one: one["model"]["size"])
+    answer = "yes" if len(fit) == len(choices) else "in part"
+    headline = f"{_model(best['model'])} may replace the full model{_of(told, best)} {band}{_where(best['where'])}."
+    decides: list[str] = []
+    for one in choices:
+        where = f"{one['where'].capitalize()}: " if one["where"] and len(choices) > 1 else ""
+        said = _decides(one["model"], one["rows"], tolerance) if one["model"] else [_sentence(one["sentence"], "")]
+        decides += [where + " ".join(said)] if where else said
+    mu = "mu_error" in best["model"]
+    outside = "Frequencies outside the band were not compared."
+    return Verdict(answer, headline, decides, [
+        outside, *([f"The full model was solved at mu = {_listed(told['inputs'].get('full', []))} alone."] if mu else []),
+        NEVER, LINEAR])
+
+
+def _decides(row: Data, rows: Sequence[Data], tolerance: float) -> list[str]:
+    """What makes a model fit, figure by figure."""
+    full = next((one for one in rows if one.get("method") == "full"), None)
+    if "mu_error" in row:
+        return [f"{_model(row)}: no unstable mode of the full model is missed{_invented(row)}.",
+                f"Its critical mu is within {row['mu_error']:.1e} of the full model's.",
+                f"Its eigenvalues are within {row['error']:.1e} of their modulus, its growth rates within {row['growth_error']:.1e}."]
+    said = [f"{_model(row)}: the growth rates in the band are within {row['error_growth']:.1e} of the rates of damping and "
+            f"friction; the tolerance is {tolerance:g}.",
+            "No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off."]
+    if _number(row.get("error_slope")):
+        said.append(f"Its critical slope is within {row['error_slope']:.1e} of the full model's, {row['slope']:.5g}.")
+    if _number(row.get("error_force")):
+        said.append(f"The forces in the joints are within {row['error_force']:.1e}.")
+    if full is not None and row["stable"] != full["stable"]:
+        said.append(f"Mind: in the band the full model is {STABLE[full['stable']]} and the small one {STABLE[row['stable']]}. The "
+                    "border is nearer than the error.")
+    elif full is not None:
+        said.append(f"In the band both models are {STABLE[full['stable']]}.")
+    if full is not None and full["solution_median_s"] and row["solution_median_s"]:
+        said.append(f"It takes {seconds_words(row['reduction_median_s'])} to reduce and {seconds_words(row['solution_median_s'])} to solve. "
+                    f"The full model takes {seconds_words(full['solution_median_s'])}: {_pays(row, full)}.")
+    return said
+
+
+def _pays(row: Data, full: Data) -> str:
+    """From how many solutions on the reduction is worth its time."""
+    gain = full["solution_median_s"] - row["solution_median_s"]
+    if gain <= 0:
+        return "nothing is gained in time"
+    count = ceil(row["reduction_median_s"] / gain)
+    return "the reduction pays at once" if count <= 1 else f"the reduction pays from {count} solutions on"
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _stability(told: Data) -> list[str]:
+    """What the eigenvalues of the full model say, and whether their completeness is proven."""
+    spectra = told.get("eigenvalues")
+    models = spectra["models"] if isinstance(spectra, dict) else spectra or []
+    full = next((one for one in models if one["model"] == "full"), None)
+    said = []
+    if full is not None and _number(full.get("growth")):
+        said.append(f"Steady sliding is {STABLE[full['is_stable']]}: the full model's largest Re λ is {full['growth']:.5g}.")
+        wrong = [one for one in models if one["is_stable"] != full["is_stable"]]
+        said += [f"Mind: {_named(one['model'], one['size'])} says {STABLE[one['is_stable']]}." for one in wrong]
+        if full.get("evidence", "certified") != "certified":
+            said.append(f"Completeness of the full model's eigenvalues in the band: {full['evidence']}.")
+    if isinstance(told.get("unstable"), list):
+        count = len(told["unstable"])
+        said.append(f"At mu = {told['unstable'][0]['mu']:g} the full model has {count} unstable mode{'s' * (count != 1)} in the band."
+                    if count else "The full model has no unstable mode in the band.")
+    critical = told.get("flutter", {}).get("critical", {}) if isinstance(told.get("flutter"), dict) else {}
+    found = [f"of the {name} model at mu = {at['mu']:.6g}" for name, at in critical.items() if _number(at["mu"])]
+    said += [f"Loss of stability in the flutter diagram: {', '.join(found)}."] if found else []
+    return said
+
+
+def _cycles(told: Data) -> Verdict:
+    """Limit cycles: whether each reduced model has those of the full one, with the same stability."""
+    rows = [row for row in told["cycles"] if "omega" in row]
+    full = {row["family"]: row for row in rows if row["model"] == "full"}
+    names = list(dict.fromkeys(row["model"] for row in told["cycles"] if row["model"] != "full"))
+    decides, good = [], []
+    for name in names if full else ():
+        own = {row["family"]: row for row in rows if row["model"] == name}
+        both = [family for family in full if family in own]
+        other = [family for family in both if own[family]["is_stable"] != full[family]["is_stable"]]
+        label = _named(name, next(row["size"] for row in told["cycles"] if row["model"] == name))
+        said = f"{label} has {len(both)} of the {len(full)} cycles of the full model"
+        if both:
+            said += (f", with frequencies within {max(own[at]['omega_error'] for at in both):.1e} and amplitudes (rms) within "
+                     f"{max(own[at]['rms_error'] for at in both):.1e}")
+        decides.append(f"{said}.")
+        decides += [f"{label}: the cycle near ω = {at:.4g} is {STABLE[own[at]['is_stable']]}, but {STABLE[full[at]['is_stable']]} in "
+                    "the full model." for at in other]
+        if len(both) == len(full) and not other:
+            good.append(label)
+    unchecked = [NEVER, "Cycles that begin from no mode of the band were not sought. Motions that are no cycle were not either."]
+    if not full:
+        return Verdict("open", "The full model's limit cycles are not among the results, so nothing is decided.", decides, unchecked)
+    if not names:
+        return Verdict("open", f"The full model has {len(full)} limit cycles. No small model was compared.", decides, unchecked)
+    at = _at(told)
+    if good:
+        return Verdict("yes" if len(good) == len(names) else "in part", f"{' and '.join(good)} may replace the full model for its "
+                       f"limit cycles {at}, if the errors told here will do: the same cycles exist and are stable alike.",
+                       decides, unchecked)
+    return Verdict("no", f"No small model has all limit cycles of the full model {at} with the same stability.", decides, unchecked)
+
+
+def _at(told: Data) -> str:
+    return f"at v0 = {told['speed']:g}, F = {told['force']:g}"
+
+
+def _in_time(told: Data) -> Verdict:
+    quality = [row for row in told.get("quality", []) if "verdict" in row]
+    decides = [_sentence(row["verdict"], _named(row["model"], row["size"])) for row in quality]
+    for row in told["models"]:
+        if row["rms"] is not None and row["peaks"]:
+            decides.append(f"{_named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {_omega(told, row['peaks'][0])}.")
+    return Verdict("open", "The models are compared in time, each by one trajectory. No tolerance is set, so the figures below are "
+                   "yours to judge.", decides,
+                   [NEVER, "Where several motions exist, another start may end in another one. One trajectory does not show it."])
+
+
+def _critical_value(told: Data) -> Verdict:
+    decides = []
+    for row in told["critical-value"]:
+        if _number(row["value"]):
+            closed = f" The closed form gives {row['exact']:.8g}." if _number(row.get("exact")) else ""
+            decides.append(f"{row['model']}: stability is {row['stability']} at {row['value']:.8g} by {row['kind']} "
+                           f"({row['evidence']}).{closed}")
+        else:
+            decides.append(f"{row['model']}: stability is {row['stability']} ({row['evidence']}).")
+    return Verdict("open", "The run finds where stability is lost. The model is small as it is, so that nothing is reduced.", decides,
+                   ["Values of the parameter outside the range were not searched."])
+
+
+def _left_out(told: Data) -> list[str]:
+    """What was not asked for, failed or was interrupted."""
+    said = [f"The output {name} failed: {reason}." for name, reason in told.get("failed", {}).items()]
+    if not told.get("complete", True):
+        said.append("The run was interrupted. What came after is missing.")
+    inputs = told.get("inputs", {})
+    kind = scene_of(inputs["scene"])[0]
+    missing = [name for name in kind.OUTPUTS if name not in inputs.get("outputs", []) and name != PAGE]
+    if missing:
+        said.append(f"Outputs of this scene that were not asked for: {', '.join(missing)}.")
+    return said
+
+
+def _model(row: Data) -> str:
+    """'Craig-Bampton with 8 modes (11 DOF)'."""
+    return f"{look(row['method']).label} with {row['modes']} modes ({row['size']} DOF)"
+
+
+def _named(model: str, size: int) -> str:
+    return f"{look(model).label} ({size} DOF)"
+
+
+def _of(told: Data, choice: Data) -> str:
+    full = next((row["size"] for row in choice["rows"] if row.get("method") == "full"), told.get("size"))
+    return f" of {full} DOF" if full else ""
+
+
+def _where(where: str) -> str:
+    return f" ({where})" if where else ""
+
+
+def _invented(row: Data) -> str:
+    return f", but {row['invented']} invented" if row["invented"] else " and none is invented"
+
+
+def _band(told: Data) -> str:
+    band = told.get("band") or (told["error-time"].get("band") if isinstance(told.get("error-time"), dict) else None)
+    return units_of(told).said(f"in the band {band[0]:g} to {band[1]:.4g} rad/time") if band else "in the band"
+
+
+def _omega(told: Data, omega: float) -> str:
+    return units_of(told).said(f"{omega:.5g} rad/time")
+
+
+def _sentence(text: str, start: str) -> str:
+    """A recommendation as a sentence of its own."""
+    text = f"{start}: {text}" if start else text
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
+
+
+def seconds_words(value: float) -> str:
+    """'3.1 ms', '2.4 s'."""
+    return f"{value * 1e3:.3g} ms" if value < 1 else f"{value:.3g} s"
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
