@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from shutil import which
 from types import SimpleNamespace
@@ -29,9 +28,9 @@ from femsub.linalg import workers
 from femsub.linalg.factor import Factor
 from femsub.linalg.petsc import versions
 from femsub.linalg.threads import libraries, one_thread
+from femsub.reduction import parts
 from femsub.reduction.method import Method
 
-REDUCE = import_module("femsub.reduction.reduce")  # fs.reduce is the function
 ROOT = Path(__file__).parent.parent
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
 
@@ -330,7 +329,7 @@ def test_bad_methods_are_told_beforehand() -> None:
 def test_parts_that_do_not_fit_side_by_side_are_told_beforehand(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, made = system(), Factor.made
     monkeypatch.setattr(workers, "at_hand", lambda need: workers.BASE)
-    monkeypatch.setattr(REDUCE, "LARGE", 100)
+    monkeypatch.setattr(parts, "LARGE", 100)
     with pytest.warns(fs.FemsubWarning, match=r"only 1 of 2 workers run: 2 parts side by side need about 0.4\d* GB"):
         found = fs.reduce(whole, methods(whole), workers=2)
     assert Factor.made > made  # in this process

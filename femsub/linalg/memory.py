@@ -25,7 +25,7 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int)
     columns, modes : int
         Static responses and modes that will be computed.
     interface : int
-        Interface DOF among the columns, for the message.
+        Static shapes of the interface among the columns, for the message.
 
     Raises
     ------

@@ -1,0 +1,159 @@
+"""The reduction of one component, step by step: checked arguments, basis, projection."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, instance
+from femsub.errors import InputError, InputTypeError, PortWarning, warn
+from femsub.linalg.factor import SMALL
+from femsub.linalg.memory import check_memory
+from femsub.linalg.threads import WORK, one_thread
+from femsub.model.estimate import SHARE
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.modes.normal_modes import confirm
+from femsub.reduction.basis import Basis, Kept, projected
+from femsub.reduction.method import METHODS, Method
+from femsub.reduction.mode_selection import unreduced
+from femsub.reduction.statics import Partition, Statics, square
+
+if TYPE_CHECKING:
+    from femsub.model.friction import Belt
+    from femsub.model.pencil import Pencil
+
+log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
+
+FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
+PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
+
+
+def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = False,
+            contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure:
+    """One component by one method; see `reduce`."""
+    task = checked(sub, method, ports, contacts)
+    with one_thread(work(task) < WORK):
+        part = method.part(sub)
+        basis = basis_of(task.turned(part), part) if len(part.sub.interior) or not method.held else whole_basis(task, part)
+        if not basis.V.shape[1]:
+            raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
+                             "name interface DOF")
+        rom = method.finished(sub, model_of(task, basis if part.turn is None else replace(basis, V=part.turn @ basis.V)))
+    log.info("%r", rom)
+    return rom
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """The checked arguments of `reduce`. `extra` (n, s) holds the port columns whose static responses join the basis.
+
+    `pencil` is the damped model whose complex eigenvalues must be within the tolerance.
+    """
+
+    sub: Substructure
+    method: Method
+    ports: Mapping[str, Array]
+    extra: Array
+    pencil: Pencil | None
+
+    @property
+    def columns(self) -> int:
+        """Static shapes of the method, and responses to the ports: those that join the basis, and those that judge it."""
+        return self.method.static_columns(self.sub) + self.extra.shape[1] + sum(w.shape[1] for w in self.ports.values())
+
+    def turned(self, part: Partition) -> Task:
+        """In the coordinates of the part, where these are others."""
+        T = part.turn
+        if T is None:
+            return self
+        pencil = None if self.pencil is None else part.sub.with_damping(T.T @ (self.pencil.D @ T)).pencil
+        return replace(self, ports={name: T.T @ w for name, w in self.ports.items()}, extra=T.T @ self.extra, pencil=pencil)
+
+
+def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], contacts: Belt | Sequence[Belt] | None) -> Task:
+    """The arguments of `reduce`, and whether the memory is there."""
+    instance("sub", sub, Substructure)
+    if not isinstance(method, Method):
+        raise InputTypeError(f"unknown method {method!r}; valid: {', '.join(m.__name__ for m in METHODS.values())}")
+    if len(sub.interface_rows.shape) == 2 and sub.interface_rows.shape[0] != len(sub.interface):
+        raise InputError(f"{sub.name!r} is already reduced, and its interface is spread over generalised coordinates (as "
+                         "Craig-Chang does). Reduce the full component instead")
+    if isinstance(ports, str) or not isinstance(ports, (bool, Sequence)):
+        raise InputTypeError(f"ports must be True, False or a sequence of port names, not {ports!r}")
+    columns = {name: w.reshape(len(w), -1) for name, w in sub.ports.items()}
+    names = list(sub.ports) if ports is True else list(ports or [])
+    for name in names:
+        sub.port(name)
+    extra = np.hstack([np.zeros((sub.size, 0)), *(columns[name] for name in names)])
+    if contacts is not None and method.band is None:
+        raise InputError("contacts have no effect on a basis with a given number of modes. Leave them out, or give a band and a "
+                         f"tolerance, e.g. {type(method).__name__}(band=(0, 2e3), tol=1e-3)")
+    pencil = None
+    if method.band is not None:
+        pencil = method.judged(sub, contacts)
+        if method.band[1] >= SHARE * sub.cutoff:
+            raise InputError(f"the band ends at {method.band[1]:.5g} rad/time, but {sub.name!r} is already reduced, with a "
+                             f"cut-off of {sub.cutoff:.5g}. End the band below {SHARE:g} of that, or reduce the full component")
+    task = Task(sub, method, columns, extra, pencil)
+    check_memory(sub.name, sub.K, task.columns, method.modes or 0, method.static_columns(sub))
+    return task
+
+
+def basis_of(task: Task, part: Partition) -> Basis:
+    """The four steps; a method may override each."""
+    statics = task.method.statics(part, part.factored(), task.extra)
+    return finished_basis(task, statics, task.method.kept(statics, task.pencil))
+
+
+def finished_basis(task: Task, statics: Statics, kept: Kept) -> Basis:
+    """The last two steps, and the count of the modes."""
+    method = task.method
+    responses = method.responses(statics, kept, task.ports)
+    statics.handle.release()  # frees memory before `confirm` makes a factor of its own
+    confirm(statics.handle, kept.found)
+    return method.basis(statics, kept, responses, task.ports)
+
+
+def whole_basis(task: Task, part: Partition, judged: bool = True) -> Basis:
+    """The basis of a component whose DOF are all interface: the identity, nothing is left out.
+
+    In a system it is not judged by itself: it may be a point mass, which has no modes.
+    """
+    sub, method, b = part.sub, task.method, part.sub.interface
+    if method.modes and sub is task.sub:
+        raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface, so there are "
+                         "none. Use modes=0, or a smaller interface")
+    estimate = unreduced(sub.K, sub.M, method.band, method.tol, task.pencil) if judged and method.band is not None else None
+    return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
+                 task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
+
+
+def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
+    """The model in the coordinates of a basis; it warns where a port is poorly represented."""
+    sub, V = task.sub, basis.V
+    title = task.method.title(basis.modes)
+    for name, error in basis.port_error.items():
+        if error > PORT_LIMIT:
+            warn(
+                f"port {name!r} of {sub.name!r}: its static response is off by {error:.2g} in the energy norm with "
+                f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning)
+    cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
+    estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
+    return ReducedSubstructure(
+        basis.M, basis.K, projected(sub.D, V, V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
+        kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
+        dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
+        interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate)
+
+
+def work(task: Task) -> float:
+    """Approximate number of multiplications in the dense part of a reduction; decides about threads."""
+    sub, kept = task.sub, FIRST if task.method.modes is None else task.method.modes
+    if not sp.issparse(sub.K) or sub.size <= SMALL or kept > 0.3 * sub.size:
+        return float(sub.size) ** 3
+    return float(sub.size) * (kept + task.method.static_columns(sub) + task.extra.shape[1]) ** 2

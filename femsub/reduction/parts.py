@@ -1,0 +1,114 @@
+"""The parts of a system, each reduced by a method of its own, and joined again."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import scipy.sparse as sp
+
+from femsub.checks import choice, instance, shown
+from femsub.errors import InputError, InputTypeError, WorkerError
+from femsub.linalg.memory import LARGE, reduction_bytes
+from femsub.linalg.threads import WORK, one_thread
+from femsub.linalg.workers import check_workers, side_by_side
+from femsub.model.assembly import System
+from femsub.model.matrices import same
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.reduction.common_shapes import with_common_shapes
+from femsub.reduction.component import FIRST, checked, finished_basis, model_of, reduced, whole_basis, work
+from femsub.reduction.method import Method
+from femsub.reduction.system_modes import Goal, chosen_together, common_goal
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from femsub.model.friction import Belt
+
+log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
+
+ADVICE = "Go on with reduce(system, methods | error.done)"
+
+
+def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstructure], ports: bool | Sequence[str],
+                 contacts: Belt | Sequence[Belt] | None, workers: int | None, executor: Executor | None) -> System:
+    """The system with reduced parts; see `reduce`."""
+    system = instance("sub", sub, System, "made by couple, where each part has a method of its own")
+    if not isinstance(ports, bool):
+        raise InputTypeError(f"ports must be True or False where the parts of a system are reduced, not {shown(ports)}")
+    check_workers(workers, executor)
+    for name in methods:
+        choice("part", name, system.parts)
+    if (wanted := common_goal(methods)) is not None:
+        if workers is not None or executor is not None:
+            raise InputError("workers reduce parts by given numbers of modes; with a tolerance the modes of all parts are chosen "
+                             "together, in this process. Leave workers out, or give modes=")
+        chosen = {name: one for name, one in methods.items() if isinstance(one, Method)}
+        return _together(system, chosen, ports, contacts, wanted)
+    if contacts is not None:
+        raise InputError("contacts belong to one component with a tolerance, or to a system whose parts are given one: with "
+                         "numbers of modes they have no effect. Leave them out")
+    found: dict[str, ReducedSubstructure] = {}
+    first: dict[str, str] = {}  # the part that a part is equal to, or its own name
+    for name, method in methods.items():
+        part = system.parts[name]
+        if isinstance(method, ReducedSubstructure):
+            full = len(part.V) if isinstance(part, ReducedSubstructure) else part.size
+            if len(method.V) not in (part.size, full):
+                raise InputError(f"the part {name!r} has {full} DOF, but {method!r} was made of {len(method.V)}")
+            found[name] = method
+        else:
+            first[name] = next((one for one in first if first[one] == one and _equal(system.parts[one], part)
+                                and methods[one] == method), name)
+    tasks = {name: checked(system.parts[name], methods[name], ports, None)  # type: ignore[arg-type]
+             for name in first if first[name] == name}
+    largest = sorted(tasks, key=lambda name: -tasks[name].sub.size)  # they begin
+    beside = sum(tasks[name].sub.size for name in largest[:workers or 1])
+    needs = {name: sum(reduction_bytes(task.sub.K, task.columns, task.method.modes or FIRST).values())
+             for name, task in tasks.items() if beside >= LARGE and sp.issparse(task.sub.K)}
+    try:
+        made = side_by_side(reduced, {name: (tasks[name].sub, tasks[name].method, ports) for name in largest}, workers, executor,
+                            needs=needs, advice=ADVICE)
+    except WorkerError as error:
+        error.done.update(found | _twins(error.done, first, system))
+        raise
+    found |= _twins(made, first, system)
+    return system.with_parts(with_common_shapes(system, {name: found[name] for name in methods}))
+
+
+def _equal(one: Substructure, other: Substructure) -> bool:
+    """Whether two full components have the same matrices, interface and ports, whatever their names and places."""
+    if one is other:
+        return True
+    if type(one) is not Substructure or type(other) is not Substructure or list(one.ports) != list(other.ports):
+        return False
+    pairs = [(getattr(one, key), getattr(other, key)) for key in ("interface", "K", "M", "D")]
+    return all(same(A, B) for A, B in [*pairs, *zip(one.ports.values(), other.ports.values(), strict=True)])
+
+
+def _twins(made: Mapping[str, ReducedSubstructure], first: Mapping[str, str], system: System) -> dict[str, ReducedSubstructure]:
+    """The models by part, where each part has that of the part it is equal to, with its own name, DOF map and sets."""
+    parts = system.parts
+    return {name: made[one] if parts[name] is parts[one] else replace(
+        made[one], name=parts[name].name, full_dofs=parts[name].dofs, interface_dofs=parts[name].interface_dofs,
+        sets=parts[name].sets) for name, one in first.items() if one in made}
+
+
+def _together(system: System, methods: Mapping[str, Method], ports: bool, contacts: Belt | Sequence[Belt] | None,
+              goal: Goal) -> System:
+    """The parts reduced so that the system meets a tolerance; see `chosen_together`."""
+    tasks = {name: checked(system.parts[name], method, ports, None) for name, method in methods.items()}
+    parts = {name: task.method.part(task.sub) for name, task in tasks.items()}
+    with one_thread(sum(map(work, tasks.values())) < WORK):
+        statics = {name: tasks[name].method.statics(part, part.factored(), tasks[name].extra) for name, part in parts.items()
+                   if len(part.sub.interior)}
+        kept, estimate = chosen_together(system, statics, {name: task.method.modes for name, task in tasks.items()
+                                                           if name in statics and task.method.modes is not None},
+                                         contacts, goal)
+        bases = {name: finished_basis(task, statics[name], kept[name]) if name in statics
+                 else whole_basis(task, parts[name], judged=False) for name, task in tasks.items()}
+    found = system.with_parts({name: model_of(task, bases[name]) for name, task in tasks.items()})
+    log.info("%r: %r", found, estimate)
+    return found.estimated_by(estimate)
