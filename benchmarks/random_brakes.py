@@ -1,9 +1,9 @@
-"""Random small brakes: a ring, a sector or a plate, and one to three pads that rub on it; small enough for dense full solutions."""
+"""Random small brakes: a ring, a sector or a plate, and one to three pads that rub on it; small enough for dense solutions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ KINDS = ("ring", "sector", "plate")
 
 @dataclass(frozen=True, eq=False)
 class Brake:
-    """A system, its contacts, and the band that is asked. `values` are all λ of the full model, `noise` what rounding may do to them."""
+    """A system, its contacts, and the band that is asked. `values` are all λ of the full model, `noise` what rounding may do."""
 
     seed: int
     kind: str
@@ -56,7 +56,7 @@ def verdict(votes: Sequence[bool | None]) -> bool | None:
 
 
 def errors(brake: Brake, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """|Δλ|/|λ| of the full model's λ in the band against those of a model, inf without a counterpart; and the counterparts, or -1."""
+    """|Δλ|/|λ| of the full model's λ in the band, inf without a counterpart in another model; and the counterparts, or -1."""
     exact, rows = brake.values[brake.inside], np.flatnonzero(upper(values))
     at, to = match(exact, values[rows], far=2.0)
     found, partner = np.full(len(exact), np.inf), np.full(len(exact), -1)
@@ -127,9 +127,10 @@ def random_brake(seed: int) -> Brake:
         stiffness = lining.E / height * 10 ** random.uniform(-1.3, 0.7)
         spring = lining.E * area / height * 10 ** random.uniform(-2.0, 0.0)
         joints += [fs.Spring((name, port), stiffness=spring) for port in ports]
-        way = {"direction": np.array([1.0, 0.0, 0.0])} if kind == "plate" else {"axis": np.array([0.0, 0.0, 1.0])}
+        along = np.array([1.0, 0.0, 0.0]) if kind == "plate" else None
+        about = np.array([0.0, 0.0, 1.0]) if kind != "plate" else None
         contacts.append(fs.FrictionContact(f"{name}.{face}", f"disc.{side}", {"disc": disc, name: mesh}, stiffness, mu,
-                                           pressure, speed=speed, slope=slope, **way))
+                                           pressure, along, about, speed=speed, slope=slope))
     system = fs.couple(parts, [*contacts, *joints], f"brake {seed}")
     pencil = system.linearised(contacts).dense()
     values, noise = eigenvalues(pencil)
@@ -137,6 +138,27 @@ def random_brake(seed: int) -> Brake:
     last = int(random.integers(4, 13))
     hi = float(still[last - 1] + random.uniform(0.2, 0.8) * (still[last] - still[last - 1]))
     return Brake(seed, kind, system, tuple(contacts), (0.0, hi), values, noise, tuple(traits))
+
+
+def fewest(brake: Brake, most: int) -> tuple[int, int]:
+    """The fewest modes, fewer than `most`, with which contact modes meet the tolerance, and the size of that model; or most, 0.
+
+    By dense algebra alone.
+    """
+    pencils = [brake.system.linearised([replace(one, mu=mu) for one in brake.contacts]).dense() for mu in (0.0, 1.0)]
+    pencil, (K0, K1) = brake.system.linearised(brake.contacts).dense(), (one.K for one in pencils)
+    still = (K0 + K0.T) / 2
+    shapes = la.eigh(still, pencil.M)[1][:, :most]
+    answers = la.solve(still, (K1 - K0) @ shapes, assume_a="pos")
+    root = la.cholesky(still)  # upper
+    for modes in range(1, most):
+        basis = np.hstack([shapes[:, :modes], answers[:, :modes]])
+        turned, share, _ = la.svd(root @ basis / np.linalg.norm(root @ basis, axis=0), full_matrices=False)
+        V = la.solve_triangular(root, turned[:, share > 1e-7])
+        small = fs.Pencil(*(V.T @ part @ V for part in (pencil.M, pencil.D, pencil.K)))
+        if errors(brake, eigenvalues(small)[0])[0].max(initial=0.0) <= TOL:
+            return modes, V.shape[1]
+    return most, 0
 
 
 def eigenvalues(pencil: fs.Pencil) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +179,7 @@ def eigenvalues(pencil: fs.Pencil) -> tuple[np.ndarray, np.ndarray]:
     return values, np.maximum(1e-10 * np.abs(values), np.minimum(condition * rounding, np.sqrt(rounding * np.abs(values))))
 
 
-def _disc(random: Random, kind: str) -> tuple[fs.Mesh, tuple[float, float], list[str]]:
+def _disc(random: Random, kind: str) -> tuple[fs.Mesh, tuple[int, int], list[str]]:
     """The mesh, the number of cells along and across, and the sides on which pads lie."""
     sides = ["top", "bottom", "top"]
     if kind == "plate":
@@ -178,7 +200,7 @@ def _held(random: Random, kind: str) -> list[str]:
     return ["inner"] if kind == "ring" or random.random() < 0.5 else ["start", "end"]
 
 
-def _pad(random: Random, kind: str, disc: fs.Mesh, cells: tuple[float, float], side: str) -> tuple[fs.Mesh, str]:
+def _pad(random: Random, kind: str, disc: fs.Mesh, cells: tuple[int, int], side: str) -> tuple[fs.Mesh, str]:
     """A pad on a side of the disc: over whole faces of it, or anywhere."""
     height, top = 10 ** random.uniform(-2.2, -1.5), float(disc.points[:, 2].max())
     matching = random.random() < 0.4
@@ -211,8 +233,8 @@ def _pad(random: Random, kind: str, disc: fs.Mesh, cells: tuple[float, float], s
         else:
             # the disc's faces are plane, its edges straight: a pad that stays inside them has contact everywhere
             span = random.uniform(0.5, 1.2)
-            begin = random.uniform(0.05, max(0.1, whole - span - 0.05))
-            sector = begin, min(begin + span, whole - 0.02)
+            at = random.uniform(0.05, max(0.1, whole - span - 0.05))
+            sector = at, min(at + span, whole - 0.02)
             inside = outer * np.cos(whole / cells[1] / 2)
             radii = inner + random.uniform(0.1, 0.5) * (inside - inner), inside * random.uniform(0.9, 0.99)
             counts = int(random.integers(1, 3)), int(random.integers(2, 5)), layers

@@ -63,8 +63,8 @@ class ComplexModes:
         The independent count in a disc, see `disc_count.count`: `number` eigenvalues lie in |λ| < radius, conjugates included,
         and all have been found. The disc contains the searched rectangle, or its unstable part.
     full_growth : ndarray, shape (k, 2), or None
-        Of a model of contact modes with a tolerance, under the contacts that it was made for: between which two values Re λ of the
-        full system lies; NaN outside its band.
+        Of a model of contact modes with a tolerance, under the contacts that it was made for: the range in which Re λ of the full
+        system lies; NaN outside the band.
 
     Examples
     --------

@@ -44,9 +44,10 @@ class ContactModes(FreeInterface):
     modes : int
         Number of elastic modes of the system in contact.
     band : (lo, hi), with tol : float
-        In place of `modes`: as few as keep every λ of the system with friction, with Im λ and |Re λ| up to hi, within the relative
-        error `tol`, at the given value of the parameter. The band begins at lo. ``.estimate`` tells the error of each λ, and where
-        λ of the full system is. `complex_modes` under the same contacts calls a mode stable or unstable only if both agree.
+        In place of `modes`: few modes that keep every λ of the system with friction within the relative error `tol`, if
+        lo ≤ Im λ ≤ hi and |Re λ| ≤ hi. This holds for the contacts as they are given, with their μ. ``.estimate`` tells the error
+        of each λ, and where λ of the full system is. `complex_modes` under these contacts calls a mode stable or unstable only if
+        both agree.
     contacts : contact, or sequence of contacts
         `FrictionContact` or others whose stiffness is linear in the parameter.
     parameter : str

@@ -1,30 +1,31 @@
-"""How far the complex modes of a model of contact modes are from those of the full system with friction, and that none is missing.
+"""How far the complex modes of contact modes are from those of the full system with friction, and that none is missing.
 
-The model is compared with a larger one, and the larger one with the full system. Let A = K₀ - σM be the matrix whose factor is at
-hand, K₀ the symmetric stiffness in contact at μ = 0. In the larger space U, UᵀAU = I, and its A-orthogonal complement L, the full
-pencil P(λ) = λ²M + λD + K has the blocks
+The model is compared with a larger one, and the larger one with the full system. Let A = K₀ - σM be the matrix whose factor is
+at hand, K₀ the symmetric stiffness in contact at μ = 0. In the larger space U, UᵀAU = I, and its A-orthogonal complement L, the
+full pencil P(λ) = λ²M + λD + K has the blocks
 
     [P_U  P_UL]
-    [P_LU  P_L],    Re zᴴP_L(λ)z ≥ c zᴴAz,    c = 1 - ω²/θ - s - ω(γ + δ)   for |Re λ|, |Im λ| ≤ ω,
+    [P_LU  P_L],    Re zᴴP_L(λ)z ≥ c zᴴAz,    c = 1 - (ω² - σ)/(θ - σ) - s - ω(γ + δ)   for |Re λ|, |Im λ| ≤ ω,
 
-since all modes below √θ are in U. s, γ and δ are the largest values, against A in L, of the symmetric part of K₀ - K, and of the skew
-and the symmetric part of D. Where c > 0, λ is an eigenvalue of the full system only if P_U - P_UL P_L⁻¹ P_LU is singular. So
+since all modes below √θ are in U. s, γ and δ are the largest values, against A in L, of the symmetric part of K₀ - K, and of the
+skew and the symmetric part of D. Where c > 0, λ is an eigenvalue of the full system only if P_U - P_UL P_L⁻¹ P_LU is singular. So
 
     g(λ) = ‖P_LU P_U⁻¹ P_UL‖ < c        (norms of A in L)
 
-excludes it. If that holds all around a region, the full system has as many eigenvalues in it as the larger model (Rouché). P_LU and
-P_UL follow from one solve with A for each column of MU, DU and KU, and of their transposes: the dual norms of all residuals.
+excludes it. If that holds all around a region, the full system has as many eigenvalues in it as the larger model (Rouché). P_LU
+and P_UL follow from one solve with A for each column of MU, DU and KU, and of their transposes: the dual norms of all residuals.
 
-Proved are the inequalities. s, γ and δ come from Lanczos, so from below, and g < c is sampled: the count is therefore 'confirmed'.
+These inequalities are proved. Their constants are not: s, γ and δ come from Lanczos, which approaches them from below, and g is
+sampled. The count is therefore 'confirmed', not 'certified'.
 
-References: A. T. Patera, G. Rozza, Reduced Basis Approximation and A Posteriori Error Estimation (2007), ch. 4 (coercivity constant,
-dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 339 (left vectors).
+References: A. T. Patera, G. Rozza, Reduced Basis Approximation and A Posteriori Error Estimation (2007), ch. 4 (coercivity
+constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 339 (left vectors).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,35 +52,47 @@ if TYPE_CHECKING:
 
 ABOVE = 2.0  # the larger model has all real modes up to so many times the band
 ROOM = 1.15  # the eigenvalues are counted in a rectangle that ends at so many times the band at most
+BEYOND = 1.2  # c holds up to so many times the band: the circles about these eigenvalues do not reach farther
+STILL = 1e-6  # of the band: |λ| up to which it counts as rigid motion, where a system floats
 LEAST = 0.05  # smallest c with which the count is tried
 SURE = 0.7  # g stays below this share of c at the points where it is sampled
 CIRCLE = np.exp(2j * np.pi * (np.arange(8) + 0.5) / 8)  # the points on a circle about an eigenvalue
-DOUBLED = 16  # how often its radius is doubled
 SMALLEST = 1e-10  # of |λ|: its smallest radius
 STEP = 1.1  # from one number of modes to the next that is tried
 LANCZOS = 40  # steps
 NOTHING = 1e-20  # share of the squared residuals below which a direction is left out
 
 
-@dataclass(frozen=True, eq=False)
-class Bare:
-    """P_U in coordinates with UᵀAU = I, and the columns of T (k, 3, R) with P_LU(λ) ~ λ²T₀ + λT₁ + T₂; of P_ULᵀ the same."""
+class Projection:
+    """P_U where UᵀAU = I, its eigenvectors, and g(λ).
 
-    pencil: Pencil
-    right: Array
-    left: Array
+    `right` (k, 3, R) holds T₀, T₁, T₂ with ‖P_LU(λ)x‖ = ‖(λ²T₀ + λT₁ + T₂)x‖; `left` the same of P_ULᵀ.
+    """
 
-    def reach(self, value: complex) -> float:
-        """g(λ), or a little more: the Frobenius norm."""
+    def __init__(self, pencil: Pencil, right: Array, left: Array) -> None:
+        self.pencil, self.right, self.left = pencil, right, left
+        self.values, self.X, self.Y = solve(pencil)
+        self.slope = np.abs(np.einsum("ij,ij->j", self.Y.conj(), (pencil.M @ self.X) * (2 * self.values) + pencil.D @ self.X))
+        self.grams = [np.einsum("kaj,kbj->jab", image.conj(), image) for image in (right @ self.X, left @ self.Y.conj())]
+
+    def lengths(self, value: complex) -> tuple[Array, Array]:
+        """‖P_LU x_j‖ and ‖y_jᴴP_UL‖ at λ, of all eigenvectors."""
+        powers = np.array([value**2, value, 1.0])
+        right, left = (np.sqrt(np.maximum((gram @ powers @ powers.conj()).real, 0.0)) for gram in self.grams)
+        return right, left
+
+    def excludes(self, value: complex, limit: float) -> bool:
+        """Whether g(λ) < limit.
+
+        By P_U⁻¹ = Σ x_j y_jᴴ / ((λ - λ_j) y_jᴴP'x_j) and the triangle's inequality, which takes no solution. Where that is too
+        much, since eigenvalues meet, by the Frobenius norm.
+        """
+        right, left = self.lengths(value)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if (right * left / (np.abs(value - self.values) * self.slope)).sum() < limit:
+                return True
         right, left = (value**2 * T[:, 0] + value * T[:, 1] + T[:, 2] for T in (self.right, self.left))
-        if not len(right) or not len(left):
-            return 0.0
-        return float(np.linalg.norm(right @ np.linalg.solve(self.pencil.at(value), left.T)))
-
-    def product(self, value: complex, x: Array, y: Array) -> float:
-        """‖P_LU x‖ ‖yᴴP_UL‖, which over c |yᴴP'x| is the error of λ to first order."""
-        right, left = (value**2 * T[:, 0] + value * T[:, 1] + T[:, 2] for T in (self.right, self.left))
-        return float(np.linalg.norm(right @ x) * np.linalg.norm(left @ y.conj()))
+        return bool(np.linalg.norm(right @ np.linalg.solve(self.pencil.at(value), left.T)) < limit)
 
 
 class Larger:
@@ -104,14 +117,10 @@ class Larger:
         values, X, Y = solve(self._projected(U))
         keep = within(values, (0.0, ROOM * hi)) & upper(values)
         self.U = np.hstack([U, orthonormal(self._answers(U, values[keep], X[:, keep], Y[:, keep]), self.product, U)[0]])
-        small = self._projected(self.U)
         right = self._coupling(pencil.D, self.N)
-        self.bare = Bare(small, right, right if self.symmetric else self._coupling(pencil.D.T, self.N.T))
-        self.values, self.X, self.Y = solve(small)
-
-    @property
-    def small(self) -> Pencil:
-        return self.bare.pencil
+        left = right if self.symmetric else self._coupling(pencil.D.T, self.N.T)
+        self.small = Projection(self._projected(self.U), right, left)
+        self.values = self.small.values
 
     def product(self, x: Array) -> Array:
         """Ax."""
@@ -153,20 +162,20 @@ class Larger:
         keep = share > NOTHING * max(float(share[-1]), 0.0)
         return ((np.sqrt(share[keep]) * turn[:, keep]).T / scale).reshape(-1, 3, R)
 
-    def coercivity(self, omega: float) -> float:
-        """c for |Re λ| and |Im λ| up to ω."""
-        return float(1 - (omega / self.top) ** 2 - self._extremes[0] - omega * self._extremes[1])
-
     @cached_property
-    def _extremes(self) -> tuple[float, float]:
-        """s, and γ + δ."""
+    def coercivity(self) -> float:
+        """c up to BEYOND times the band."""
+        omega, sigma = BEYOND * self.hi, self.handle.sigma
         N, D = self.N, self.pencil.D
-        return self._largest((N + N.T) * -0.5), self._largest((D - D.T) * 0.5, True) + self._largest((D + D.T) * 0.5)
+        skew = np.sqrt(self._ends((D - D.T) * 0.5, True)[1])
+        damping = max(np.abs(self._ends((D + D.T) * 0.5)))
+        modes = 0.0 if np.isinf(self.top) else (omega**2 - sigma) / (self.top**2 - sigma)
+        return float(1 - modes - MARGIN * (self._ends((N + N.T) * -0.5)[1] + omega * (skew + damping)))
 
-    def _largest(self, B: Matrix, skew: bool = False) -> float:
-        """The largest |xᴴBx| / xᴴAx (of a symmetric B the largest positive one) over L, by Lanczos with the product of A."""
+    def _ends(self, B: Matrix, skew: bool = False) -> tuple[float, float]:
+        """The smallest and largest xᴴBx / xᴴAx over L of a symmetric B, or 0; of a skew one those of BᵀA⁻¹B. By Lanczos."""
         if not abs(B).max():
-            return 0.0
+            return 0.0, 0.0
 
         def applied(x: Array) -> Array:
             return self._outside(self.handle.factor.solve(B @ x))
@@ -174,36 +183,34 @@ class Larger:
         start = self._outside(np.random.default_rng(11).standard_normal((len(self.U), 1)))
         V, image = orthonormal(start, self.product)
         H = np.zeros((LANCZOS, LANCZOS))
-        for k in range(V.shape[1] and min(LANCZOS, len(self.U) - self.U.shape[1])):
+        for k in range(min(LANCZOS, len(self.U) - self.U.shape[1]) if V.shape[1] else 0):
             new = -applied(applied(V[:, k:])) if skew else applied(V[:, k:])
             H[:k + 1, k] = image.T @ new[:, 0]
             more, its = orthonormal(new, self.product, V)
             if not more.shape[1]:
                 break
             V, image = np.hstack([V, more]), np.hstack([image, its])
-        H = np.triu(H) + np.triu(H, 1).T
-        top = max(float(np.linalg.eigvalsh(H)[-1]), 0.0)
-        return MARGIN * (np.sqrt(top) if skew else top)
+        found = np.linalg.eigvalsh(np.triu(H) + np.triu(H, 1).T)
+        return min(float(found[0]), 0.0), max(float(found[-1]), 0.0)
 
     @cached_property
     def counted(self) -> bool:
-        """Whether the full system has as many eigenvalues in a rectangle around the band, |Re λ| ≤ a, |Im λ| ≤ b, as this model."""
+        """Whether the full system has as many eigenvalues as this model in a rectangle |Re λ| ≤ a, |Im λ| ≤ b about the band."""
         a, b = (self._free(np.abs(part)) for part in (self.values.real, self.values.imag))
-        c = self.coercivity(max(a, b))
-        edge = [complex(a, 0.0), complex(a, b), complex(-a, b), complex(-a, 0.0)]
-        return c > LEAST and all(self._clear(begin, end, c) for begin, end in zip(edge, edge[1:], strict=False))
+        corners = [complex(a, 0.0), complex(a, b), complex(-a, b), complex(-a, 0.0)]
+        return self.coercivity > LEAST and all(self._clear(begin, end) for begin, end in pairwise(corners))
 
     def _free(self, values: Array) -> float:
         """The place just above the band that is farthest from all values."""
         places = np.linspace(1.0, ROOM, 25)[1:] * self.hi
         return float(places[np.abs(places[:, None] - values).min(axis=1).argmax()])
 
-    def _clear(self, begin: complex, end: complex, c: float) -> bool:
+    def _clear(self, begin: complex, end: complex) -> bool:
         """Whether g < c between two points, sampled at steps of half the distance to the next eigenvalue."""
         length, done = abs(end - begin), 0.0
         while True:
             at = begin + (end - begin) * min(done / length, 1.0)
-            if self.bare.reach(at) >= SURE * c:
+            if not self.small.excludes(at, SURE * self.coercivity):
                 return False
             if done >= length:
                 return True
@@ -211,25 +218,22 @@ class Larger:
 
     @cached_property
     def radii(self) -> Array:
-        """Of each λ about the band, the radius of a circle in which the full system has as many eigenvalues as this model, else inf.
+        """Of each λ about the band, the radius of a circle that holds as many eigenvalues of the full system as of this model.
 
-        There is one of the full system, therefore, that is not farther from λ, for each that is.
+        So for each of this model there is one of the full system that is not farther away. Infinite where there is no circle.
         """
-        found = np.full(len(self.values), np.inf)
-        c = self.coercivity(ROOM * self.hi)
+        found, small, limit = np.full(len(self.values), np.inf), self.small, SURE * self.coercivity
         near = np.flatnonzero(within(self.values, (0.0, ROOM * self.hi)) & upper(self.values))
-        if c <= LEAST or not len(near):
+        if self.coercivity <= LEAST or not len(near):
             return found
-        bar = bars(self.small, self.values[near], self.X[:, near], self.Y[:, near], self.values).error_bar
+        bar = bars(small.pencil, self.values[near], small.X[:, near], small.Y[:, near], self.values).error_bar
         for k, rounding in zip(near, bar, strict=True):
-            value, x, y = self.values[k], self.X[:, k], self.Y[:, k]
-            slope = abs(y.conj() @ (2 * value * (self.small.M @ x) + self.small.D @ x))
-            first = self.bare.product(value, x, y) / (c * slope) if slope else np.inf
-            radius = float(max(1.5 * first, SMALLEST * abs(value), 4 * rounding))
-            for _ in range(DOUBLED):
-                if not radius < abs(value):
-                    break
-                if all(self.bare.reach(value + radius * turn) < SURE * c for turn in CIRCLE):
+            value = self.values[k]
+            right, left = small.lengths(value)
+            first = right[k] * left[k] / (limit * small.slope[k]) if small.slope[k] else np.inf
+            radius = float(max(first, SMALLEST * abs(value), 4 * rounding))
+            while radius < min(abs(value), (BEYOND - ROOM) * self.hi):
+                if all(small.excludes(value + radius * turn, limit) for turn in CIRCLE):
                     found[k] = radius
                     break
                 radius *= 2
@@ -271,10 +275,11 @@ class Nest:
         return np.hstack([T, shapes @ energy_directions(shapes.T @ shapes, whole)[0]])
 
     def estimate(self, count: int, band: tuple[float, float], tol: float) -> Estimate:
-        larger, T = self.larger, self.basis(count)
-        found = solve(Pencil(*(T.T @ (part @ T) for part in (larger.small.M, larger.small.D, larger.small.K))))[0]
-        found = found[upper(found) & (found != 0)]
-        keep = np.flatnonzero(upper(larger.values) & (larger.values != 0))
+        larger, pencil, T = self.larger, self.larger.small.pencil, self.basis(count)
+        least = STILL * band[1] if self.rigid else 0.0
+        found = solve(Pencil(*(T.T @ (part @ T) for part in (pencil.M, pencil.D, pencil.K))))[0]
+        found = found[upper(found) & (np.abs(found) > least)]
+        keep = np.flatnonzero(upper(larger.values) & (np.abs(larger.values) > least))
         exact, radii = larger.values[keep], larger.radii[keep]
         at, to = match(exact, found, far=FAR)
         distance = np.abs(found[to] - exact[at])
@@ -284,13 +289,14 @@ class Nest:
         error = (MARGIN * distance + radii[at]) / np.abs(exact[at])
         omega = self.frequencies[:count]
         omega = omega[~beyond(omega, band[1]) & ~beyond(band[0], omega)]
-        return Estimate(band, tol, count, self.cutoff(count), omega, np.full(len(omega), 4 * EPS), found[to[inside]], error[inside],
-                        int(lone.sum() + extra.sum()), self.search.modes, 1.0, exact[at[inside]], radii[at[inside]])
+        return Estimate(band, tol, count, self.cutoff(count), omega, np.full(len(omega), 4 * EPS), found[to[inside]],
+                        error[inside], int(lone.sum() + extra.sum()), self.search.modes, 1.0, exact[at[inside]],
+                        radii[at[inside]])
 
 
 def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, band: tuple[float, float], tol: float,
                          responses: bool) -> Kept:
-    """The modes and the estimate of the smallest model of contact modes that meets `tol` in the band, with no eigenvalue missing.
+    """The modes and the estimate of a small model of contact modes that meets `tol` in the band, with no eigenvalue missing.
 
     Parameters
     ----------
@@ -309,7 +315,7 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, ban
     search, hi = Search(statics, None), band[1]
     while True:
         while not search.complete and search.top <= ABOVE * hi:
-            search.grow(search.needed(ABOVE * hi))
+            search.grow(min(search.needed(ABOVE * hi), 2 * search.modes))
         search.replace(lowest_modes(statics.handle, search.modes, known=search.found))  # counted by inertia
         larger = Larger(search, pencil, friction, hi)
         nest = Nest(larger, search, responses)
@@ -319,7 +325,8 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, ban
         if search.complete or (search.modes >= MOST and len(larger.U) > DENSE):
             raise NotConvergedError(_lacking(statics.part.sub.name, best, larger))
         search.grow(int(1.5 * search.modes) + 1)
-    count = max(int(np.searchsorted(nest.frequencies[:nest.most], hi, side="right")), nest.rigid == 0)  # no basis is empty
+    inside = int(np.searchsorted(nest.frequencies[:nest.most], hi, side="right"))
+    count = max(inside, int(not nest.rigid))  # no basis is empty
     while count < best.modes:  # in steps, since one mode more is not always better: pairs that meet want both or none
         other = nest.estimate(count, band, tol)
         if other.met:
@@ -334,5 +341,4 @@ def _lacking(name: str, best: Estimate, larger: Larger) -> str:
         return (f"{name!r} cannot be reduced to a relative error of {best.tol:g} from {lo:.5g} to {hi:.5g} rad/time under this "
                 f"friction. With {best.modes} modes: {best!r}. Lower the band, or raise tol")
     return (f"{name!r}: with {best.searched} modes the eigenvalues of the full system up to {hi:.5g} rad/time cannot be counted "
-            f"(c = {larger.coercivity(ROOM * hi):.2g}, at least {LEAST:g} is needed). Lower the band, mu, or the stiffness of the "
-            "contact")
+            f"(c = {larger.coercivity:.2g}, at least {LEAST:g} is needed). Lower the band, mu, or the contact's stiffness")

@@ -126,8 +126,9 @@ class Method(ABC):
         """
         pencil = sub.linearised(contacts)
         if pencil.K is not sub.pencil.K:
-            raise InputError("the estimate of a tolerance takes contacts that add to D only, such as belts. For friction between "
-                             "surfaces use ContactModes(band=..., tol=..., contacts=...), or give a number of modes instead, e.g. "
+            raise InputError("the estimate of a tolerance takes contacts that add to D only, such as belts. Use "
+                             "ContactModes(band=..., tol=..., contacts=...) for friction between surfaces, or give a number of "
+                             "modes instead, e.g. "
                              f"{type(self).__name__}(modes=20)")
         return pencil if pencil.norms[1] > 0 else None
 
