@@ -140,25 +140,31 @@ def random_brake(seed: int) -> Brake:
     return Brake(seed, kind, system, tuple(contacts), (0.0, hi), values, noise, tuple(traits))
 
 
-def fewest(brake: Brake, most: int) -> tuple[int, int]:
-    """The fewest modes, fewer than `most`, with which contact modes meet the tolerance, and the size of that model; or most, 0.
+def fewest(brake: Brake, size: int) -> int:
+    """The size of the smallest model of contact modes whose true errors meet the tolerance, or `size` if none is smaller.
 
-    By dense algebra alone.
+    With the responses to K₁Φ, and to K₁ᵀΦ and D₁Φ or not. By dense algebra alone.
     """
-    pencils = [brake.system.linearised([replace(one, mu=mu) for one in brake.contacts]).dense() for mu in (0.0, 1.0)]
-    pencil, (K0, K1) = brake.system.linearised(brake.contacts).dense(), (one.K for one in pencils)
-    still = (K0 + K0.T) / 2
-    shapes = la.eigh(still, pencil.M)[1][:, :most]
-    answers = la.solve(still, (K1 - K0) @ shapes, assume_a="pos")
-    root = la.cholesky(still)  # upper
-    for modes in range(1, most):
-        basis = np.hstack([shapes[:, :modes], answers[:, :modes]])
-        turned, share, _ = la.svd(root @ basis / np.linalg.norm(root @ basis, axis=0), full_matrices=False)
-        V = la.solve_triangular(root, turned[:, share > 1e-7])
-        small = fs.Pencil(*(V.T @ part @ V for part in (pencil.M, pencil.D, pencil.K)))
-        if errors(brake, eigenvalues(small)[0])[0].max(initial=0.0) <= TOL:
-            return modes, V.shape[1]
-    return most, 0
+    system, pencil = brake.system, brake.system.linearised(brake.contacts).dense()
+    K0, K1 = (system.linearised([replace(one, mu=mu) for one in brake.contacts]).dense().K for mu in (0.0, 1.0))
+    still, D1 = (K0 + K0.T) / 2, pencil.D - system.pencil.dense().D
+    shapes, root = la.eigh(still, pencil.M)[1][:, :size], la.cholesky(still)
+    right, left, damping = (la.solve(still, load @ shapes, assume_a="pos") for load in (K1 - K0, (K1 - K0).T, D1))
+    families = [(shapes, right), (shapes, right, left)]
+    if D1.any():
+        families += [(shapes, right, damping), (shapes, right, left, damping)]
+    for family in families:
+        for modes in range(1, size // 2):
+            basis = root @ np.hstack([part[:, :modes] for part in family])
+            turned, share, _ = la.svd(basis / np.linalg.norm(basis, axis=0), full_matrices=False)
+            V = la.solve_triangular(root, turned[:, share > 1e-7])
+            if V.shape[1] >= size:
+                break
+            small = fs.Pencil(*(V.T @ part @ V for part in (pencil.M, pencil.D, pencil.K)))
+            if errors(brake, eigenvalues(small)[0])[0].max(initial=0.0) <= TOL:
+                size = V.shape[1]
+                break
+    return size
 
 
 def eigenvalues(pencil: fs.Pencil) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@
 
 For each brake of benchmarks/random_brakes.py: ``reduce(system, ContactModes(band, tol=1e-3, contacts))`` and the verdicts of
 `complex_modes`, mode by mode; the estimate against the true errors; where it says that λ of the full system is; and the number
-of modes against the fewest whose true errors meet the tolerance. An unstable mode of the full model is missed if the model calls
+of DOF against the fewest whose true errors meet the tolerance. An unstable mode of the full model is missed if the model calls
 its counterpart stable, or has none. Writes random-brakes.json, row by row: what is there is not measured again; and
 random-brakes.txt, the summary. Seconds are those of the processor.
 """
@@ -39,9 +39,8 @@ def measure(seed: int) -> dict[str, Any]:
     except fs.NotConvergedError as error:
         row |= {"refused": str(error)}
     row["seconds"] = time.process_time() - start
-    if "modes" in row:
-        modes, size = fewest(brake, row["modes"])
-        row |= {"fewest": modes, "fewest_size": size or row["basis"]}
+    if "basis" in row:
+        row["fewest"] = fewest(brake, row["basis"])
     return row
 
 
@@ -70,7 +69,7 @@ def summary(rows: list[dict[str, Any]]) -> str:
     lines.append(f"λ of the full model outside its circle: {total['outside']}; radii over |λ|: median "
                  f"{np.median([r for row in done for r in row['radii']]):.2g}, largest "
                  f"{max(r for row in done for r in row['radii']):.2g}")
-    ratio = np.array([row["basis"] / max(row["fewest_size"], 1) for row in done])
+    ratio = np.array([row["basis"] / max(row["fewest"], 1) for row in done])
     lines.append(f"DOF of the models: median {np.median([row['basis'] for row in done]):.0f} of "
                  f"{np.median([row['size'] for row in done]):.0f}; over the fewest that meet the tolerance: median "
                  f"{np.median(ratio):.3f}, 90 % up to {np.quantile(ratio, 0.9):.3f}, largest {ratio.max():.3f}")
@@ -97,7 +96,7 @@ def main() -> None:
             write_whole(asked.out, {file.name: lambda stream, text=text: stream.write(text)})
             row = rows[-1]
             told = row.get("refused") or (
-                f"{row['modes']} modes ({row['fewest']}), true {row['true']:.2e}, estimate {row['estimate']:.2e}, "
+                f"{row['basis']} ({row['fewest']}), true {row['true']:.2e}, estimate {row['estimate']:.2e}, "
                 f"{row['unstable']} unstable, full {row['full']}, rom {row['rom']}")
             print(f"{seed}: {row['kind']} of {row['size']} DOF, {told}; {row['seconds']:.1f} s", flush=True)
     told = summary(rows)

@@ -15,7 +15,7 @@ from femsub.model.pencil import contact_matrix
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.reduction.basis import Basis, Kept, Responses, projected
 from femsub.reduction.free_interface import FreeInterface
-from femsub.reduction.friction_estimate import chosen_with_friction
+from femsub.reduction.friction_estimate import Answered, chosen_with_friction
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class ContactModes(FreeInterface):
         In place of `modes`: few modes that keep every λ of the system with friction within the relative error `tol`, if
         lo ≤ Im λ ≤ hi and |Re λ| ≤ hi. This holds for the contacts as they are given, with their μ. ``.estimate`` tells the error
         of each λ, and where λ of the full system is. `complex_modes` under these contacts calls a mode stable or unstable only if
-        both agree.
+        both agree. If that makes the basis smaller, the responses to K₁ᵀΦ and D₁Φ join it, too; D₁ is what the contacts add to D.
     contacts : contact, or sequence of contacts
         `FrictionContact` or others whose stiffness is linear in the parameter.
     parameter : str
@@ -108,7 +108,9 @@ class ContactModes(FreeInterface):
             pencil = pencil.with_contact(0.0, W, C0)
             terms.append(contact_matrix(W, C1 - C0))  # a difference of two K would take the memory of both
         K0 = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) * 0.5
-        return Rubbing(Substructure(sub.M, K0, None, sub.interface, sub.ports, sub.name), slice(None), friction=sum(terms))
+        damping = None if self.band is None else sub.linearised(self.contacts).D - sub.D
+        return Rubbing(Substructure(sub.M, K0, None, sub.interface, sub.ports, sub.name), slice(None), friction=sum(terms),
+                       damping=damping)
 
     def static_columns(self, sub: Substructure) -> int:
         """One response to friction for each mode; the interface has no shapes of its own, however large it is."""
@@ -128,7 +130,7 @@ class ContactModes(FreeInterface):
             return super().kept(statics, pencil)
         part = statics.part
         assert isinstance(part, Rubbing)
-        return chosen_with_friction(statics, pencil, part.friction, self.band, self.tol, self.friction)
+        return chosen_with_friction(statics, pencil, part.friction, part.damping, self.band, self.tol, self.friction)
 
     def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
         """The responses to the friction forces of the modes, and to the requested ports."""
@@ -147,11 +149,13 @@ class ContactModes(FreeInterface):
     def _forces(self, statics: Statics, kept: Kept) -> Array:
         part = statics.part
         assert isinstance(part, Rubbing)
-        return np.hstack([part.friction @ kept.shapes, statics.forces]) if self.friction else statics.forces
+        loads = kept.loads if isinstance(kept, Answered) else [part.friction] if self.friction else []
+        return np.hstack([*(load @ kept.shapes for load in loads), statics.forces])
 
 
 @dataclass(frozen=True, eq=False)
 class Rubbing(Partition):
-    """A system with its contact at μ = 0, and K₁ = ∂K/∂μ."""
+    """A system with its contact at μ = 0, K₁ = ∂K/∂μ, and, for a tolerance, what the contact adds to D."""
 
     friction: Any = None
+    damping: Any = None

@@ -24,6 +24,8 @@ constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -58,6 +60,7 @@ LEAST = 0.05  # smallest c with which the count is tried
 SURE = 0.7  # g stays below this share of c at the points where it is sampled
 CIRCLE = np.exp(2j * np.pi * (np.arange(8) + 0.5) / 8)  # the points on a circle about an eigenvalue
 SMALLEST = 1e-10  # of |λ|: its smallest radius
+CHOICES = ((0,), (0, 1), (0, 2), (0, 1, 2))  # of the loads K₁, K₁ᵀ and D₁: the responses that are tried
 STEP = 1.1  # from one number of modes to the next that is tried
 LANCZOS = 40  # steps
 NOTHING = 1e-20  # share of the squared residuals below which a direction is left out
@@ -102,7 +105,7 @@ class Larger:
     residuals of the complex modes in the band.
     """
 
-    def __init__(self, search: Search, pencil: Pencil, friction: Matrix, hi: float) -> None:
+    def __init__(self, search: Search, pencil: Pencil, loads: Sequence[Matrix], hi: float) -> None:
         handle, found = search.statics.handle, search.found
         check_columns(search.statics.part.sub.name, len(found.shapes), 12 * len(found.eigenvalues))
         self.handle, self.pencil, self.hi = handle, pencil, hi
@@ -110,10 +113,10 @@ class Larger:
         self.symmetric = pencil.symmetric[1] and pencil.symmetric[2]
         self.top = np.inf if search.complete else search.top
         modes = found.shapes / np.sqrt(found.eigenvalues - handle.sigma)
-        self.loads = np.hstack([friction @ found.shapes, search.loads])
-        self.rest = np.hstack([handle.elastic_solve(self.loads[:, :len(found.eigenvalues)], found.shapes), search.rest])
-        responses = [self.rest] if self.symmetric else [self.rest, handle.factor.solve(self.N.T @ found.shapes)]
-        U = np.hstack([modes, orthonormal(np.hstack(responses), self.product, modes)[0]])
+        forces = np.hstack([load @ found.shapes for load in loads])
+        self.loads = np.hstack([forces, search.loads])
+        self.rest = np.hstack([handle.elastic_solve(forces, found.shapes), search.rest])
+        U = np.hstack([modes, orthonormal(self.rest, self.product, modes)[0]])
         values, X, Y = solve(self._projected(U))
         keep = within(values, (0.0, ROOM * hi)) & upper(values)
         self.U = np.hstack([U, orthonormal(self._answers(U, values[keep], X[:, keep], Y[:, keep]), self.product, U)[0]])
@@ -241,10 +244,10 @@ class Larger:
 
 
 class Nest:
-    """The models of contact modes of every size in one larger model."""
+    """The models of contact modes of every size in one larger model, with the responses to any of its loads."""
 
-    def __init__(self, larger: Larger, search: Search, friction: bool) -> None:
-        self.larger, self.search, self.friction = larger, search, friction
+    def __init__(self, larger: Larger, search: Search) -> None:
+        self.larger, self.search = larger, search
         found = search.found
         self.rigid, self.frequencies = found.rigid, found.frequencies[found.rigid:]
         self.size = np.sqrt(found.eigenvalues - larger.handle.sigma)  # of the modes in the coordinates of U
@@ -258,24 +261,25 @@ class Nest:
     def cutoff(self, count: int) -> float:
         return float(self.frequencies[count]) if count < len(self.frequencies) else np.inf
 
-    def basis(self, count: int) -> Array:
-        """T (R, r), TᵀT = I: the model with so many elastic modes in the coordinates of U."""
-        m, all_modes = self.rigid + count, len(self.size)
-        others = self.rest.shape[1] - (all_modes if self.friction else 0)  # responses to ports
-        chosen = np.append(np.arange(m if self.friction else 0), self.rest.shape[1] - others + np.arange(others)).astype(int)
+    def basis(self, count: int, loads: Sequence[int]) -> Array:
+        """T (R, r), TᵀT = I: the model of so many elastic modes and their responses to these loads in the coordinates of U."""
+        m, modes, ports = self.rigid + count, len(self.size), self.search.loads.shape[1]
+        groups = [np.arange(m) + modes * load for load in loads]
+        chosen = np.concatenate([*groups, np.arange(self.rest.shape[1] - ports, self.rest.shape[1])])
         T = np.eye(len(self.rest), m)
         if not len(chosen):
             return T
         values = self.search.found.eigenvalues
         shapes = self.rest[:, chosen].copy()
-        shapes[m:all_modes] += self.loads[m:, chosen] * (self.size[m:] / values[m:])[:, None]
+        shapes[m:modes] += self.loads[m:, chosen] * (self.size[m:] / values[m:])[:, None]
         shapes[:m] = 0.0
         held = self.loads[self.rigid:m, chosen]
         whole = np.einsum("ij,ij->j", shapes, shapes) + np.einsum("ij,ij->j", held, held / values[self.rigid:m, None])
         return np.hstack([T, shapes @ energy_directions(shapes.T @ shapes, whole)[0]])
 
-    def estimate(self, count: int, band: tuple[float, float], tol: float) -> Estimate:
-        larger, pencil, T = self.larger, self.larger.small.pencil, self.basis(count)
+    def estimate(self, count: int, T: Array, band: tuple[float, float], tol: float) -> Estimate:
+        """The estimate of the model with so many elastic modes and the basis T."""
+        larger, pencil = self.larger, self.larger.small.pencil
         least = STILL * band[1] if self.rigid else 0.0
         found = solve(Pencil(*(T.T @ (part @ T) for part in (pencil.M, pencil.D, pencil.K))))[0]
         found = found[upper(found) & (np.abs(found) > least)]
@@ -293,19 +297,45 @@ class Nest:
                         error[inside], int(lone.sum() + extra.sum()), self.search.modes, 1.0, exact[at[inside]],
                         radii[at[inside]])
 
+    def fewest(self, loads: Sequence[int], band: tuple[float, float], tol: float, below: float) -> tuple[int, Estimate] | None:
+        """The size and the estimate of the first model of fewer than `below` DOF that meets the tolerance.
 
-def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, band: tuple[float, float], tol: float,
-                         responses: bool) -> Kept:
+        The numbers of modes rise in steps: one mode more is not always better, since pairs that meet want both or none.
+        """
+        inside = int(np.searchsorted(self.frequencies[:self.most], band[1], side="right"))
+        count = max(inside, int(not self.rigid))  # no basis is empty
+        while True:
+            count = min(count, self.most)
+            T = self.basis(count, loads)
+            if T.shape[1] >= below:
+                return None
+            found = self.estimate(count, T, band, tol)
+            if found.met:
+                return T.shape[1], found
+            if count == self.most:
+                return None
+            count = max(count + 1, int(STEP * count))
+
+
+@dataclass(frozen=True, eq=False)
+class Answered(Kept):
+    """The modes of a basis, and the matrices (n, n) whose forces on the modes have their responses in it."""
+
+    loads: Sequence[Matrix] = ()
+
+
+def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, damping: Matrix, band: tuple[float, float],
+                         tol: float, responses: bool) -> Answered:
     """The modes and the estimate of a small model of contact modes that meets `tol` in the band, with no eigenvalue missing.
 
     Parameters
     ----------
     pencil : Pencil
         The system with friction.
-    friction : matrix, shape (n, n)
-        K₁, the loads of the responses.
+    friction, damping : matrix, shape (n, n)
+        K₁, and D₁ that the contacts add to D.
     responses : bool
-        Whether they belong to the model.
+        Whether the responses to K₁Φ belong to the model, and where it is smaller with them those to D₁Φ and K₁ᵀΦ.
 
     Raises
     ------
@@ -313,26 +343,24 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, ban
         No model meets it, or the eigenvalues of the full system cannot be counted, even with all modes or 1000 of them.
     """
     search, hi = Search(statics, None), band[1]
+    loads = [friction, friction.T, damping] if abs(damping).max() else [friction, friction.T]
+    choices = [choice for choice in CHOICES if max(choice, default=0) < len(loads)] if responses else [()]
     while True:
         while not search.complete and search.top <= ABOVE * hi:
             search.grow(min(search.needed(ABOVE * hi), 2 * search.modes))
         search.replace(lowest_modes(statics.handle, search.modes, known=search.found))  # counted by inertia
-        larger = Larger(search, pencil, friction, hi)
-        nest = Nest(larger, search, responses)
-        best = nest.estimate(nest.most, band, tol)
-        if best.met and larger.counted:
-            break
+        larger = Larger(search, pencil, loads, hi)
+        nest, best, below = Nest(larger, search), None, np.inf
+        for choice in choices if larger.counted else []:
+            if (found := nest.fewest(choice, band, tol, below)) is not None:
+                below, estimate = found
+                best = Answered(search.found, estimate.modes, estimate.cutoff, estimate, [loads[load] for load in choice])
+        if best is not None:
+            return best
         if search.complete or (search.modes >= MOST and len(larger.U) > DENSE):
-            raise NotConvergedError(_lacking(statics.part.sub.name, best, larger))
+            largest = nest.estimate(nest.most, nest.basis(nest.most, choices[-1]), band, tol)
+            raise NotConvergedError(_lacking(statics.part.sub.name, largest, larger))
         search.grow(int(1.5 * search.modes) + 1)
-    inside = int(np.searchsorted(nest.frequencies[:nest.most], hi, side="right"))
-    count = max(inside, int(not nest.rigid))  # no basis is empty
-    while count < best.modes:  # in steps, since one mode more is not always better: pairs that meet want both or none
-        other = nest.estimate(count, band, tol)
-        if other.met:
-            best = other
-        count = max(count + 1, int(STEP * count))
-    return Kept(search.found, best.modes, best.cutoff, best)
 
 
 def _lacking(name: str, best: Estimate, larger: Larger) -> str:
