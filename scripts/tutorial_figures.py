@@ -135,8 +135,64 @@ def beyond_the_border() -> Any:
     return figure
 
 
+def flutter() -> Any:
+    """A block on an inclined arm: its modes over μ, and growth rates over the arm's angle and μ."""
+    steel, mesh = fs.Material(E=2.1e11, nu=0.3, rho=7850.0), fs.block((0.06, 0.02, 0.02), (3, 1, 1))
+    rubbing = fs.FrictionContact("pad.bottom", "ground", {"pad": mesh}, stiffness=3e10, mu=0.4, direction=(1, 0, 0))
+
+    def on_arm(degrees: float) -> fs.System:
+        angle = np.radians(degrees)
+        pad = fs.solid(mesh, steel, supports={"front": "y", "back": "y"}, interface=["bottom"],
+                       ports={"arm": ("right", (np.cos(angle), 0.0, np.sin(angle)))})
+        return fs.couple({"pad": pad}, [fs.Spring(("pad", "arm"), stiffness=1e8)])
+
+    def reduced(degrees: float) -> fs.Substructure:
+        return fs.reduce(on_arm(degrees), fs.ContactModes(6, contacts=rubbing))
+
+    figure = new_figure(10.5, 5)
+    grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.25])
+    upper, lower = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
+    chart = figure.add_subplot(grid[:, 1])
+    for kind, model, steps in (("full", on_arm(-30), np.linspace(0.0, 1.0, 11)), ("", reduced(-30), np.linspace(0.0, 1.0, 201))):
+        at, im, re = [], [], []
+        for mu in steps:
+            values = fs.complex_modes(model, replace(rubbing, mu=float(mu))).eigenvalues
+            values = values[(values.imag > 0) & (values.imag < 2 * np.pi * 6000)]
+            at += [mu] * len(values)
+            im += list(values.imag / 2 / np.pi)
+            re += list(values.real)
+        style = {"marker": "o", "ms": 7, "mfc": "none", "mec": "black"} if kind else {"marker": ".", "ms": 3, "color": "#c44e00"}
+        name = f"full, {model.size} DOF" if kind else f"contact modes, {model.size} DOF"
+        upper.plot(at, im, ls="none", label=name, **style)
+        lower.plot(at, re, ls="none", **style)
+    upper.set(ylabel="Im λ / 2π  [Hz]", title="arm at -30°")
+    upper.legend()
+    lower.set(xlabel="friction coefficient μ  [-]", ylabel="Re λ  [1/s]")
+    for axis in (upper, lower):
+        axis.grid()
+    angles, friction = np.arange(-80.0, 80.1, 2.0), np.linspace(0.0, 1.5, 61)
+    growth = np.empty((len(friction), len(angles)))
+    for column, degrees in enumerate(angles):
+        model = reduced(degrees)
+        for row, mu in enumerate(friction):
+            growth[row, column] = max(fs.complex_modes(model, replace(rubbing, mu=float(mu))).growth, 0.0)
+    shown = np.where(growth > 1.0, growth, np.nan)
+    picture = chart.pcolormesh(angles, friction, shown, shading="nearest", cmap="viridis_r", rasterized=True)
+    above = np.linspace(34.0, 80.0, 100)
+    chart.plot(above, 1 / np.tan(np.radians(above)), "--", color="#c44e00", label="self-locking, μ = 1/tan(angle)")
+    chart.set(xlabel="angle of the arm  [°]", ylabel="friction coefficient μ  [-]", title="growth rate; white: nothing grows",
+              ylim=(0, 1.5))
+    for place in (-42, 6):
+        chart.text(place, 1.25, "flutter", color="white" if place < 0 else "black", ha="center", rotation=90 if place > 0 else 0)
+    chart.text(62, 1.25, "divergence", color="white", ha="center")
+    chart.legend(loc="lower center")
+    chart.grid(alpha=0.3)
+    figure.colorbar(picture, ax=chart, label="largest Re λ  [1/s]")
+    return figure
+
+
 FIGURES: dict[str, Callable[[], Any]] = {"disc": disc, "matrices": matrices, "how-many-modes": how_many_modes,
-                                       "beyond-the-border": beyond_the_border}
+                                       "beyond-the-border": beyond_the_border, "flutter": flutter}
 
 
 def main() -> None:
