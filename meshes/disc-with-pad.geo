@@ -9,4 +9,3 @@ Physical Surface("inner") = Surface In BoundingBox{-0.051, -0.051, -0.001, 0.051
 Physical Surface("pad") = Surface In BoundingBox{0.089, -0.021, 0.011, 0.131, 0.021, 0.013};
 Mesh.MeshSizeMax = 0.02;
 Mesh.ElementOrder = 2;
-Mesh.MshFileVersion = 4.1;

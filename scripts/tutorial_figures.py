@@ -125,7 +125,7 @@ def beyond_the_border() -> Any:
             run = fs.transient(full, here, time=(0.0, 40000.0), record_from=39000.0, **begin)
             last = run.final
             levels.append(fs.rms(run.t, run.velocity("belt")))
-        axis.plot(order, levels, marker, color="#555555", mfc="none", ms=8, ls="none", zorder=4, label=f"in time, full, {name} speed")
+        axis.plot(order, levels, marker, color="#555555", mfc="none", ms=8, zorder=4, label=f"in time, full, {name} speed")
     for name, value, height in (("Hopf point", hopf, 0.0), ("fold", fold.value, fold.rms)):
         axis.plot(value, height, "*", color="#c44e00", ms=12, zorder=5)
         axis.annotate(f"{name} {value:.3f}", (value, height), (8, 8), textcoords="offset points", color="#c44e00")

@@ -1,0 +1,59 @@
+"""The tutorials show the files and the pictures that they speak of; what their blocks print is in test_readme.py."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import femsub as fs
+
+ROOT = Path(__file__).parent.parent
+TUTORIALS = ROOT / "docs" / "tutorials"
+sys.path.insert(0, str(ROOT / "scripts"))
+
+import paper_figures  # noqa: E402
+import tutorial_figures  # noqa: E402
+
+
+def test_the_page_on_a_disc_shows_the_geometry_of_its_mesh() -> None:
+    text = (TUTORIALS / "disc.md").read_text(encoding="utf-8")
+    shown = next(block for block in re.findall(r"```text\n(.*?)```", text, flags=re.DOTALL) if "Physical" in block)
+    assert shown == (ROOT / "meshes" / "disc-with-pad.geo").read_text(encoding="utf-8")
+    mesh = fs.read_mesh(ROOT / "meshes" / "disc-with-pad.msh")
+    assert set(mesh.sets) == set(re.findall(r'Physical \w+\("(\w+)"\)', shown))
+    radius = np.hypot(*mesh.points[:, :2].T)
+    numbers = [float(word) for word in re.findall(r"0\.012, (\d\.\d+)}", shown)]  # of the two cylinders
+    assert (radius.max(), radius.min()) == pytest.approx(numbers)
+
+
+def test_the_beam_of_calculix_has_the_frequencies_that_calculix_prints() -> None:
+    files = ROOT / "meshes" / "calculix" / "beam"
+    beam = fs.read_component(f"{files}.mas", f"{files}.sti", dofs=f"{files}.dof")
+    printed = re.search(r"CalculiX prints ([\d., and]+) Hz", (TUTORIALS / "matrices.md").read_text(encoding="utf-8"))
+    assert printed is not None
+    hertz = [float(word) for word in re.findall(r"\d+\.\d+", printed[1])]
+    assert fs.normal_modes(beam, count=4).frequencies / 2 / np.pi == pytest.approx(hertz, abs=6e-4)
+
+
+@pytest.mark.parametrize(("figures", "folder"), [(tutorial_figures.FIGURES, "tutorials"), (paper_figures.FIGURES, "paper")])
+def test_each_picture_is_drawn_by_the_script_and_shown_on_a_page(figures: dict[str, object], folder: str) -> None:
+    stored = {path.stem for path in (ROOT / "docs" / "pictures" / folder).glob("*.png")}
+    assert stored == set(figures)
+    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*/*.md"))
+    assert stored == set(re.findall(rf"pictures/{folder}/([\w-]+)\.png", pages))
+
+
+def test_each_tutorial_begins_with_what_one_knows_at_its_end() -> None:
+    pages = [page for page in TUTORIALS.glob("*.md") if page.stem != "index"]
+    assert len(pages) >= 6
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        begin = text.split("\n## ")[0]
+        assert "At the end you know:" in " ".join(begin.split()), page
+        assert begin.count("\n- ") == 3, page
+        assert "\n## What next\n" in text and "](../pictures/" in text, page
+        assert 80 <= len(text.splitlines()) <= 160, page
