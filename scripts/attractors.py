@@ -49,7 +49,8 @@ from femsub.studies.tables import table
 SHORT = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC"}
 MEASURED = ("distance", "error_spectrum", "error_frequency", "error_amplitude")
 # Hue of a state by its strongest line, shade by its place among those of that hue.
-HUES = ((0.3, "Greys"), (0.6, "Oranges"), (0.9, "Blues"), (1.2, "Greens"), (np.inf, "RdPu"))
+STRONG = ("#1f2a44", "#009e73", "#882255", "#0072b2")  # of states of the full model
+PALE = {True: "#fbe0b5", False: "#d5d5d5"}  # of other states, periodic or not
 Row = dict[str, Any]
 Model = tuple[str, int, tuple[int, ...]]
 
@@ -217,18 +218,19 @@ def _told(parts: Sequence[float], names: Sequence[str]) -> str:
 
 def draw(found: dict[str, Any]) -> Any:
     """Stacked shares over the DOF, HCB above CC, the full model to the right; below, the distance from the full model."""
-    from femsub.app.figure_style import look, new_figure
+    from femsub.app.figure_style import PAGE, look, new_figure
 
     rows, states = found["rows"], found["states"]
     interfaces = list(dict.fromkeys(tuple(row["interface"]) for row in rows if row["method"] != "full"))
     methods = list(dict.fromkeys(row["method"] for row in sorted(rows, key=lambda row: row["method"]) if row["method"] != "full"))
     full = next(row for row in rows if row["method"] == "full")
     sizes = sorted({row["size"] for row in rows if row["method"] != "full"})
-    figure = new_figure(2.2 + 4.6 * len(interfaces), 8.6)
+    figure = new_figure(PAGE, 7.6)
     panels = figure.subplots(3, len(interfaces), sharex=True, squeeze=False, height_ratios=[3] * len(methods) + [2.4])
     places = [*sizes, sizes[-1] + 1.5, sizes[-1] + 2.5]
     seen = np.any([*(row["shares"] for row in rows), found["again"]["shares"]], axis=0)  # the others were only passed on the way
-    colours = [*_colours([state["omega"] if there else np.nan for state, there in zip(states, seen, strict=False)]), "white"]
+    own = np.array(full["shares"]) + np.array(found["again"]["shares"]) > 0  # states of the full model itself
+    colours = [*_colours(states, own), "white"]
     names = [state["state"] for state in states] + [""]
     for column, interface in zip(panels.T, interfaces, strict=True):
         for panel, method in zip(column, methods, strict=False):
@@ -247,8 +249,7 @@ def draw(found: dict[str, Any]) -> Any:
                                    bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75})
                     below += share
             panel.axvline(sizes[-1] + 0.75, color="0.5", lw=0.8)
-            panel.set_title(f"{SHORT[method]}, interface {_interface(interface)}; above the bars: states of the full model that "
-                            "it holds", fontsize=9)
+            panel.set_title(f"{look(method).label}, interface {_interface(interface)}")
             panel.set(ylim=(0, 114), yticks=range(0, 101, 20))
         last = column[-1]
         last.axhspan(0, found["chance"], color="0.85", label="within chance (95 %)")
@@ -258,10 +259,10 @@ def draw(found: dict[str, Any]) -> Any:
                           key=lambda row: row["size"])
             at = np.array([row["size"] for row in mine]) + shift
             middle, low, high = (np.array([row[key] for row in mine]) for key in ("distance", "distance_low", "distance_high"))
-            last.errorbar(at, middle, [np.maximum(middle - low, 0), np.maximum(high - middle, 0)], color=colour, marker="o", ms=4,
-                          capsize=2, lw=1.3, label=f"{SHORT[method]}: distance of shares")
+            last.errorbar(at, middle, [np.maximum(middle - low, 0), np.maximum(high - middle, 0)], color=colour,
+                          marker=look(method).marker, ms=5, capsize=2, lw=1.3, label=f"{look(method).label}: distance of shares")
             last.plot(at, [row["missing_share"] for row in mine], color=colour, marker="x", ms=5, lw=1, ls=":",
-                      label=f"{SHORT[method]}: missing share of growing modes")
+                      label=f"{look(method).label}: missing share of growing modes")
         last.plot(places[-1], found["again"]["distance"], "ks", ms=5)
         last.set(ylim=(-0.04, 1.06), xlabel="DOF of the reduced model  [-]")
         last.set_xticks(places, [*(str(size) for size in sizes), "full", "full,\nother\nstarts"])
@@ -271,16 +272,19 @@ def draw(found: dict[str, Any]) -> Any:
         panel.set_ylabel("share of starts  [%]")
     panels[-1, 0].set_ylabel("distance from full  [-]")
     from_axis = panels[0, 0]
+    told = {colours[at]: f"{state['state']}, of the full model: {'periodic' if state['periodic'] else 'not periodic'}, "
+            + " + ".join(f"{line:.3f}" for line, share in state["lines"][:3] if share > 0.08) + " rad/time"
+            for at, state in enumerate(states) if own[at]}
+    told |= {colours[at]: f"not of the full model, {'periodic' if states[at]['periodic'] else 'not periodic'}"
+             for at in np.flatnonzero(seen[:-1] & ~own[:-1])}
+    if seen[-1]:
+        told["white"] = "not settled"
     keys = [from_axis.bar([0], [0], color=colour, edgecolor="0.4", lw=0.4, hatch="///" if colour == "white" else None)
-            for colour in colours]
-    told = [f"{state['state']}: {'periodic' if state['periodic'] else 'not periodic'}, "
-            + " + ".join(f"{at:.3f}" for at, share in state["lines"][:3] if share > 0.08) + f", rms {state['rms_least']:.2f}"
-            + (f"-{state['rms_most']:.2f}" if f"{state['rms_most']:.2f}" != f"{state['rms_least']:.2f}" else "")
-            for state in states] + ["not settled"]
-    used = np.flatnonzero(seen)
+            for colour in told]
     first, second = panels[-1, 0].get_legend_handles_labels()
-    figure.legend([keys[at] for at in used] + first, [told[at] for at in used] + second, loc="outside lower center",
-                  ncols=1 + len(interfaces), fontsize=8, title="state: lines under the belt [rad/time], rms of the speed there")
+    figure.legend(keys + first, [*told.values(), *second], loc="outside lower center", ncols=2, fontsize=8)
+    figure.suptitle("Where the starts end, by the letters of the states in the table\n"
+                    "above the bars: states of the full model in which the model stays if it is put there", fontsize=9)
     from_axis.set_xlim(sizes[0] - 0.7, places[-1] + 0.7)
     return figure
 
@@ -289,12 +293,10 @@ def _by_name(parts: Sequence[float], names: Sequence[str]) -> dict[str, float]:
     return {name: float(share) for share, name in zip(parts, names, strict=True) if share > 0}
 
 
-def _colours(omega: Sequence[float]) -> list[Any]:
-    from matplotlib import colormaps
-
-    families = [next((hue for limit, hue in HUES if each < limit), "Greys_r") for each in omega]
-    shades = {hue: iter(np.linspace(0.9, 0.25, families.count(hue))) for hue in set(families)}
-    return [colormaps[hue](next(shades[hue])) for hue in families]  # NaN, that is not drawn, lies in no family
+def _colours(states: Sequence[Row], own: np.ndarray) -> list[str]:
+    """A colour for each state of the full model; all others have one of two pale ones: they differ by their letters."""
+    strong = iter(STRONG * len(states))
+    return [next(strong) if mine else PALE[state["periodic"]] for state, mine in zip(states, own, strict=False)]
 
 
 def main() -> int:

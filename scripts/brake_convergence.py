@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.figure_style import new_figure, render
+from femsub.app.figure_style import PAGE, legend_below, new_figure, render
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.quadratic.matching import match
 from femsub.studies.friction_sweep import first_loss
 
 MODES = 100
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of modes
 
 
 def solved(size: float, mu: float) -> dict[str, Any]:
@@ -48,21 +49,23 @@ def followed(rows: list[dict[str, Any]]) -> np.ndarray:
 
 def figure(rows: list[dict[str, Any]], values: np.ndarray, mu: float) -> Any:
     """Frequency and growth relative to the finest mesh, and the critical mu, over element length."""
-    drawn = new_figure(10.5, 4.2)
+    drawn = new_figure(PAGE, 3.6)
     axes = drawn.subplots(1, 3)
     sizes = np.array([row["size"] for row in rows])
     names = [f"{value.imag / 2 / np.pi:.4g} Hz" for value in values[-1]]
     for axis, part, title in ((axes[0], np.imag, "frequency"), (axes[1], np.real, "growth Re λ")):
         for k, name in enumerate(names):
-            axis.plot(1e3 * sizes, 100 * (part(values[:, k]) / part(values[-1, k]) - 1), "o-", label=name)
-        axis.set(xlabel="element length  [mm]", ylabel="difference to the finest mesh  [%]", title=f"{title} at mu = {mu:g}")
+            axis.plot(1e3 * sizes, 100 * (part(values[:, k]) / part(values[-1, k]) - 1), "o^sDv"[k % 5], ls="-",
+                      color=COLOURS[k % len(COLOURS)], label=name, zorder=3)
+        axis.set(xlabel="element length  [mm]", title=f"{title} at μ = {mu:g}")
+    axes[0].set_ylabel("difference to the finest mesh  [%]")
     axes[2].plot(1e3 * sizes, [row["critical"] for row in rows], "s-", color="black")
     near = f"first loss, near {rows[-1]['omega'] / 2 / np.pi:.4g} Hz"
-    axes[2].set(xlabel="element length  [mm]", ylabel="critical mu  [-]", title=near)
+    axes[2].set(xlabel="element length  [mm]", ylabel="critical μ  [-]", title=near)
     for axis in axes:
         axis.set_xlim(0, None)
         axis.grid(lw=0.4)
-    axes[0].legend()
+    legend_below(drawn, axes[:1])
     drawn.suptitle(f"Brake of {', '.join(format(row['dof'], ',') for row in rows)} DOF")
     return drawn
 

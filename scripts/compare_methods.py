@@ -23,7 +23,7 @@ from typing import Any
 
 import femsub as fs
 from benchmarks import joined
-from femsub.app.figure_style import look, new_figure, render
+from femsub.app.figure_style import PAGE, legend_below, look, new_figure, render
 from femsub.reduction.reduce import METHODS
 
 KEYS = ["craig-bampton", "macneal", "dual-craig-bampton", "rubin", "herting"]
@@ -32,23 +32,26 @@ KEYS = ["craig-bampton", "macneal", "dual-craig-bampton", "rubin", "herting"]
 def figure(rows: Sequence[dict[str, Any]]) -> Any:
     """For each problem the mean error (lines) and the largest one (dotted) over the size, one line per method."""
     problems = list(dict.fromkeys(row["problem"] for row in rows))
-    across = min(len(problems), 4)
-    drawn = new_figure(3.2 * across, 2.9 * -(-len(problems) // across) + 0.5)
+    across = min(len(problems), 3)
+    drawn = new_figure(PAGE, 2.5 * -(-len(problems) // across) + 0.9)
     axes = drawn.subplots(-(-len(problems) // across), across, squeeze=False)
     for axis in axes.ravel()[len(problems):]:
         axis.remove()
     for axis, problem in zip(axes.ravel(), problems, strict=False):
-        for key in dict.fromkeys(row["method"] for row in rows):
+        for at, key in enumerate(dict.fromkeys(row["method"] for row in rows)):
             mine, seen = [row for row in rows if (row["problem"], row["method"]) == (problem, key)], look(key)
             sizes = [row["size"] for row in mine]
-            axis.semilogy(sizes, [row["mean"] for row in mine], color=seen.colour, marker=seen.marker, ms=5, label=seen.label)
-            axis.semilogy(sizes, [row["largest"] for row in mine], color=seen.colour, ls=":", lw=1)
+            axis.semilogy(sizes, [row["mean"] for row in mine], color=seen.colour, marker=seen.marker, ms=8 - at, lw=1.2,
+                          zorder=3, label=f"{seen.label}, mean")  # smaller marks on larger ones: all are seen
+            axis.semilogy(sizes, [row["largest"] for row in mine], color=seen.colour, ls=":", lw=1,
+                          label="largest (dotted)" if at == 0 else None)
         axis.set(title=problem)
         axis.grid()
     for axis in axes[:, 0]:
-        axis.set_ylabel("error of ω  [-]")
-    drawn.supxlabel("coordinates of the system  [-]", fontsize=9)
-    drawn.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+        axis.set_ylabel("relative error of ω  [-]")
+    for axis in axes[-1]:
+        axis.set_xlabel("DOF of the system  [-]")
+    legend_below(drawn, axes[0, :1], 3)
     return drawn
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 import femsub as fs
 from benchmarks import gallery
+from femsub.app.figure_style import PAGE, legend_below, look, new_figure, render
 from femsub.io.atomic import write_whole
 from femsub.linalg.factor import release
 from femsub.model.bands import within
@@ -170,41 +171,37 @@ def summary(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
-    colours = {"CraigBampton": "tab:blue", "CraigChang": "tab:orange"}
-    names = {"CraigBampton": "HCB", "CraigChang": "CC"}
+def draw(rows: list[dict[str, Any]]) -> Any:
+    """How many estimates are how far from the error, and modes chosen over the fewest that would do."""
+    figure = new_figure(PAGE, 4.4)
+    axes = figure.subplots(1, 3)
+    looks = {"CraigBampton": look("craig-bampton"), "CraigChang": look("craig-chang")}
     bins = np.logspace(-0.5, 1.5, 81)  # 1 is an edge
     for axis, key, what in ((axes[0], "omega", "undamped ω"), (axes[1], "lambda", "complex λ")):
-        for method, colour in colours.items():
+        for method, (label, colour, _) in looks.items():
             mine = [row for row in rows if row["method"] == method]
             share, hard = (np.clip(figures(mine, key, hard), bins[0], bins[-1]) for hard in (False, True))
             if len(share):
-                axis.hist(share, bins, color=colour, alpha=0.5, label=f"{names[method]}, {len(share)} figures")
-                axis.hist(hard, bins, color=colour, histtype="step", lw=1.5, label=f"{names[method]}, no mode to spare")
+                axis.hist(share, bins, color=colour, alpha=0.4, label=f"{label}, all bases")
+                axis.hist(hard, bins, color=colour, histtype="step", lw=1.2, label=f"{label}, no mode to spare")
         axis.axvspan(1, 10, color="0.9", zorder=0, label="wanted for 90 %")
         for edge in (0.5, 10):
             axis.axvline(edge, color="0.4", ls="--", lw=1)
-        axis.set(xscale="log", yscale="log", ylim=(0.7, 1e5), xlabel="estimate / true error", ylabel="number of modes",
-                 title=f"Effectivity, {what}")
-        axis.legend(fontsize=8, loc="upper right")
+        axis.set(xscale="log", yscale="log", ylim=(0.7, 1e5), xlabel="estimate / true error  [-]",
+                 title=f"effectivity, {what}")
+    axes[0].set_ylabel("number of modes  [-]")
     markers = dict(zip(TOLERANCES, "osD^", strict=True))
-    for method, colour in colours.items():
+    for method, (label, colour, _) in looks.items():
         for tol, marker in markers.items():
             mine = [at for row in rows if row["method"] == method for at in row["tolerances"] if at["tol"] == tol]
             x, y = ([max(at[key], 0.7) for at in mine] for key in ("fewest", "modes"))
-            axes[2].plot(x, y, marker, color=colour, ms=4, alpha=0.6, label=f"{names[method]}, {tol:g}")
+            axes[2].plot(x, y, marker, color=colour, ms=4, alpha=0.6, label=f"{label}, tol = {tol:g}")
     line = np.geomspace(0.7, max(at["fewest"] for row in rows for at in row["tolerances"]) * 1.2, 200)
     axes[2].plot(line, line, "k-", lw=0.8)
     axes[2].plot(line, np.maximum(1.5 * line, line + 2), "k--", lw=0.8)
-    axes[2].set(xscale="log", yscale="log", xlabel="fewest modes that would do", ylabel="modes chosen", title="Choice")
-    axes[2].legend(fontsize=7, ncol=2)
-    figure.savefig(path, dpi=130)
+    axes[2].set(xscale="log", yscale="log", xlabel="fewest modes that would do  [-]", ylabel="modes chosen  [-]", title="choice")
+    legend_below(figure, axes, 3)
+    return figure
 
 
 def main() -> None:
@@ -229,7 +226,7 @@ def main() -> None:
     told = summary(rows)
     write_whole(asked.out, {"effectivity.txt": lambda stream: stream.write(f"{told}\n".encode())})
     print(told)
-    draw(rows, asked.out / "effectivity.png")
+    write_whole(asked.out, {"effectivity.png": lambda file: render(lambda: draw(rows), file)})
 
 
 if __name__ == "__main__":

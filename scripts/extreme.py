@@ -81,35 +81,31 @@ def text(rows: list[Row]) -> str:
 
 def draw(rows: list[Row]) -> Any:
     """Error over bound, and the verdicts of each group."""
-    from femsub.app.figure_style import new_figure
+    from femsub.app.figure_style import PAGE, legend_below, new_figure
 
     groups = list(dict.fromkeys(row["group"] for row in rows))
-    colours = ["#0067a5", "#c44e00", "#2e8b57", "#8e44ad", "#b08900", "#555555", "#c2185b", "#008b8b", "#7a4b1e",
-               "#88aa00", "black", "#5b8def", "#e08a4a", "#7fb98f", "#b48ac9"]
-    markers = "os^Dv"  # colours alone are too many to tell apart
-    figure = new_figure(11, 5.4)
+    colours = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "black")
+    markers = "os^Dv"  # as many as share no factor with the colours: 35 pairs before the first one comes again
+    figure = new_figure(PAGE, 4.9)
     cloud, bars = figure.subplots(1, 2, width_ratios=[3, 2])
-    for at, (group, colour) in enumerate(zip(groups, colours * 9, strict=False)):
+    for at, group in enumerate(groups):
         points = [(row["bound"], max(row["error"], 1e-18)) for row in rows
                   if row["group"] == group and row["verdict"] == "right"]
         if points:
-            cloud.plot(*zip(*points, strict=True), markers[at % 5], color=colour, ms=5, alpha=0.75, label=group)
-    cloud.plot([1e-17, 1], [1e-17, 1], color="#b00000", lw=1)
-    cloud.annotate("error = bound", (1e-8, 1e-8), rotation=42, rotation_mode="anchor", xytext=(-8, 5), textcoords="offset points",
-                   color="#b00000", fontsize=9)
-    cloud.set(xscale="log", yscale="log", xlim=(1e-16, 1), ylim=(3e-19, 1), title="right: the largest error of each case",
-              xlabel="bound stated beforehand (relative)", ylabel="error against the reference (relative; at least 1e-18 drawn)")
+            cloud.plot(*zip(*points, strict=True), markers[at % len(markers)], color=colours[at % len(colours)], ms=5, mew=0,
+                       alpha=0.8, zorder=3, label=group)
+    cloud.plot([1e-19, 1], [1e-19, 1], color="black", lw=1, label="error = bound")
+    cloud.set(xscale="log", yscale="log", xlim=(1e-16, 1), ylim=(3e-19, 1), title="largest error of each right case",
+              xlabel="relative bound, stated beforehand  [-]", ylabel="relative error, drawn from 1e-18 on  [-]")
     cloud.grid(alpha=0.3)
-    if cloud.get_legend_handles_labels()[0]:
-        cloud.legend(fontsize=8, loc="upper left")
     left = [0] * len(groups)
-    for verdict, colour in (("right", "#2e8b57"), ("refused", "#d9a400"), ("wrong", "#b00000")):
+    for verdict, colour in (("right", "#009e73"), ("refused", "#e69f00"), ("wrong", "black")):
         counts = [sum(row["group"] == group and row["verdict"] == verdict for row in rows) for group in groups]
         bars.barh(groups, counts, left=left, color=colour, label=f"{verdict}: {sum(counts)}")
         left = [a + b for a, b in zip(left, counts, strict=True)]
     bars.invert_yaxis()
-    bars.set(title="verdicts", xlabel="cases", xlim=(0, 1.05 * max(left)))
-    figure.legend(*bars.get_legend_handles_labels(), fontsize=9, loc="outside lower right", ncols=3)
+    bars.set(title="verdicts", xlabel="cases  [-]", xlim=(0, 1.05 * max(left)))
+    legend_below(figure, [cloud, bars], 6)
     return figure
 
 

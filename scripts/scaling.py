@@ -222,44 +222,52 @@ def text(rows: list[Row], fits: list[Row]) -> str:
 
 def draw(rows: list[Row], fits: list[Row]) -> Any:
     """Seconds (least to most as bars) above, peak memory below, one column for each component, all axes logarithmic."""
-    from femsub.app.figure_style import look, new_figure
+    from femsub.app.figure_style import PAGE, look, new_figure
 
-    hcb, cc = (look(key).colour for key in ("craig-bampton", "craig-chang"))
-    looks = {"assembly": ("0.55", "v", 5), "HCB": (hcb, "s", 5), "CC": (cc, "^", 5), "CEA full": ("black", "o", 5),
-             "CEA HCB": (hcb, "s", 3), "CEA CC": (cc, "^", 3)}
+    hcb, cc = (look(key) for key in ("craig-bampton", "craig-chang"))
+    dots = (0, (1, 1.5))  # what is solved after a reduction
+    looks = {"assembly": ("0.55", "v", "-"), "HCB": (hcb.colour, hcb.marker, "-"), "CC": (cc.colour, cc.marker, "-"),
+             "CEA full": ("black", "o", "-"), "CEA HCB": (hcb.colour, "x", dots), "CEA CC": (cc.colour, "+", dots)}
+    told = {"HCB": f"reduce: {hcb.label}", "CC": f"reduce: {cc.label}", "CEA full": "solve: full model",
+            "CEA HCB": f"solve: {hcb.label}", "CEA CC": f"solve: {cc.label}"}
     kinds, cores = (list(dict.fromkeys(row[key] for row in rows)) for key in ("component", "cores"))
-    figure = new_figure(2 + 3.4 * len(kinds), 7.6)
+    figure = new_figure(PAGE if len(kinds) > 1 else 0.7 * PAGE, 7.0)
     panels = figure.subplots(2, len(kinds), sharex=True, sharey="row", squeeze=False)
     for (times, memory), kind in zip(panels.T, kinds, strict=True):
-        lines = [f"{fit['step']} {fit['seconds, large']:.2f}" for fit in fits if fit["seconds, large"] is not None
+        lines = [f"{told[fit['step']]} {fit['seconds, large']:.2f}" for fit in fits if fit["seconds, large"] is not None
                  and fit["component"] == kind and fit["cores"] == max(cores) and fit["step"] in ("HCB", "CC", "CEA full")]
         for fit in (fit for fit in fits if fit["component"] == kind):
             mine = [row for row in rows if all(row[key] == fit[key] for key in ("component", "cores", "step"))]
-            colour, marker, size = looks[fit["step"]]
+            colour, marker, line = looks[fit["step"]]
             dof, least, middle, most, peak = np.array([[row[key] for key in (
                 "dof", "seconds_least", "seconds", "seconds_most", "peak_mb")] for row in mine]).T
-            filled = colour if fit["cores"] == max(cores) else "white"
-            style = {"color": colour, "marker": marker, "markersize": size, "markerfacecolor": filled, "lw": 1.3,
-                     "linestyle": "-" if fit["cores"] == max(cores) else "--", "zorder": 2 + (filled == colour)}
+            most_cores = fit["cores"] == max(cores)
+            style = {"color": colour, "marker": marker, "markersize": 5, "lw": 1.3, "linestyle": line,
+                     "alpha": 1.0 if most_cores else 0.4, "zorder": 2 + most_cores}
             times.errorbar(dof, middle, [middle - least, most - middle], capsize=2, **style)
             memory.plot(dof, peak, **style)
-        times.set(xscale="log", yscale="log", title=kind + (f"\n$n^p$ from $10^4$ on: {', '.join(lines)}" if lines else "\n"))
-        times.title.set_fontsize(9)
-        memory.set(yscale="log", xlabel="DOF n")
+        times.set(xscale="log", yscale="log", title=kind)
+        if lines:
+            times.annotate("p of $n^p$ from $10^4$ on:\n" + "\n".join(lines), (0.04, 0.96), xycoords="axes fraction", va="top",
+                           fontsize=8)
+        memory.set(yscale="log", xlabel="DOF n  [-]")
         if kind == "chain":
-            memory.axhline(LIMITS["peak_mb"], color="#b00000", ls=(0, (1, 3)))
-            memory.annotate("limit for HCB and CC", (0.03, LIMITS["peak_mb"]), xycoords=("axes fraction", "data"), va="top",
-                            textcoords="offset points", xytext=(0, -3), fontsize=8, color="#b00000")
+            memory.axhline(LIMITS["peak_mb"], color="0.3", ls=(0, (1, 3)))
+            memory.annotate("limit of both reductions", (0.03, LIMITS["peak_mb"]), xycoords=("axes fraction", "data"), va="top",
+                            textcoords="offset points", xytext=(0, -3), fontsize=8, color="0.3")
         for panel in (times, memory):
             panel.grid(alpha=0.3)
-    panels[0, 0].set_ylabel("seconds  (median; bars: least to most)")
+    panels[0, 0].set_ylabel("run time, median; bars: least to most  [s]")
     panels[1, 0].set_ylabel("peak resident memory  [MB]")
     shown = [step for step in looks if step in {row["step"] for row in rows}]
     empty = panels[0, 0]
-    keys = [empty.plot([], [], color=looks[step][0], marker=looks[step][1], markersize=looks[step][2])[0] for step in shown]
-    keys += [empty.plot([], [], color="0.3", ls="-" if many == max(cores) else "--")[0] for many in cores]
-    figure.legend(keys, [*shown, *(f"{many} core{'s' * (many > 1)}" for many in cores)], loc="outside lower center",
-                  ncols=8 if len(kinds) > 1 else 4, fontsize=9)
+    keys = [empty.plot([], [], color=colour, marker=marker, ls=line, markersize=5)[0]
+            for colour, marker, line in map(looks.get, shown)]
+    names = [told.get(step, step) for step in shown]
+    if len(cores) > 1:
+        keys += [empty.plot([], [], color="0.3", alpha=1.0 if many == max(cores) else 0.4)[0] for many in cores]
+        names += [f"{many} core{'s' * (many > 1)}{'' if many == max(cores) else ' (pale)'}" for many in cores]
+    figure.legend(keys, names, loc="outside lower center", ncols=3)
     return figure
 
 
