@@ -49,7 +49,7 @@ def figure(rows: Sequence[dict[str, Any]]) -> Any:
         axis.grid()
     for axis in axes[:, 0]:
         axis.set_ylabel("relative error of ω  [-]")
-    for axis in axes[-1]:
+    for axis in axes.ravel()[:len(problems)][-across:]:
         axis.set_xlabel("DOF of the system  [-]")
     legend_below(drawn, axes[0, :1], 3)
     return drawn

@@ -24,7 +24,7 @@ def friction_figure(speeds: Any, curves: Sequence[Mapping[str, Any]], titles: Ma
         for curve in curves:
             if curve["law"] == law:
                 axis.plot(speeds, curve["value"], color=shades[curve["eps"]], label=f"ε = {curve['eps']:g}")
-        axis.axvline(speed, color="#c44e00", lw=0.8, ls="--", label=f"v0 = {speed:g}, μ' = {slope:.4f}")
+        axis.axvline(speed, color="0.3", lw=0.8, ls="--", label=f"v0 = {speed:g}, μ' = {slope:.4f}")
         axis.set(title=title, xlabel="sliding speed v  [length/time]", xticks=[-1, -0.5, 0, 0.5, 1])
         axis.grid()
     axes[0].set_ylabel("friction coefficient μ  [-]")
@@ -84,7 +84,7 @@ def size_sweep_figure(curves: Sequence[Mapping[str, Any]], belt: int) -> Any:
             axis.grid()
     axes[0, 0].set_ylabel("critical slope dμ/dv  [time/length]")
     axes[1, 0].set_ylabel("relative error  [-]")
-    legend_below(figure, axes[0, :1])
+    legend_below(figure, axes[:, 0])
     return figure
 
 
