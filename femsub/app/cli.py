@@ -1,4 +1,4 @@
-"""The command line: `femsub scenes`, `femsub new SCENE`, `femsub run SCENE [--out DIR]`, `femsub show DIR`, and more: `--help`."""
+"""The command line: `femsub scenes`, `femsub new SCENE`, `femsub run SCENE [--out DIR]`, `femsub show DIR`, more: `--help`."""
 
 from __future__ import annotations
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import json
+import zlib
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -94,9 +96,9 @@ def read_mode(content: bytes, path: Path) -> Moving:
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             told = json.loads(file["told"].tobytes())
             points, cells, real, imag = (file[name] for name in ARRAYS)
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise InputError(f"{path} does not hold a mode as femsub writes it ({error}); delete it, or run the scene again") from None
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
+        raise InputError(f"{path} does not hold a mode as femsub writes it: {error}. Delete it, or run the scene again") from None
     if not (isinstance(told, dict) and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
             and cells.shape[1] in (2, 3) and cells.min(initial=0) >= 0 and cells.max(initial=0) < max(len(points), 1)):
-        raise InputError(f"{path} does not hold a mode as femsub writes it; delete it, or run the scene again")
+        raise InputError(f"{path} does not hold a mode as femsub writes it. Delete it, or run the scene again")
     return Moving(told, points, cells, real + 1j * imag)

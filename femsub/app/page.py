@@ -33,17 +33,21 @@ OPEN = 40  # rows of a table that is shown at once; longer ones are folded
 ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided"}
 MODELS = ("method", "model")  # columns that name a model
 TIMES = ("reduction_median_s", "solution_median_s")  # other times are in the files alone
+SLIDERS = (("phase", "phase φ", 0, 360, 1, 0), ("speed", "periods per second", 0.1, 2, 0.1, 0.5),
+           ("scale", "scale", 0, 3, 0.05, 1))  # name, label, least, most, step and value
 CELLS_OF_LISTS = 6  # longest list that stands in a cell
 #: names of tables, and of their columns: what stands at the head, and what it tells
 TABLES = {"critical-slope": "Critical slopes", "size-sweep": "Critical slope over the model's size", "eigenvalues": "Eigenvalues",
           "error-time": "Error against run time", "modes": "Normal modes", "joined-interface": "Interface on springs",
           "unstable": "Unstable modes of the full model", "flutter": "Eigenvalues over mu", "losses": "Losses of stability",
-          "cycles": "Limit cycles", "branches": "Branches, point by point", "transients": "Transients", "models": "Models in time",
-          "meetings": "Where modes meet", "critical-value": "Critical values", "spectrum": "Peaks of the spectra",
+          "cycles": "Limit cycles", "branches": "Branches, point by point", "transients": "Transients",
+          "models": "Models in time", "meetings": "Where modes meet", "critical-value": "Critical values",
+          "spectrum": "Peaks of the spectra",
           "spectrogram": "Strongest frequency over time", "growth": "Growth in time", "quality": "Quality under self-excitation",
           "parts": "Parts", "methods": "Methods, error against run time", "modes-per-part": "Modes of each part"}
 COLUMNS = {
-    "method": ("model", "the full model, or the method of reduction"), "model": ("model", "the full model, or the method of reduction"),
+    "method": ("model", "the full model, or the method of reduction"),
+    "model": ("model", "the full model, or the method of reduction"),
     "modes": ("modes", "modes kept in the basis"), "size": ("DOF", "degrees of freedom of the model"),
     "error_eigenvalue": ("err λ", "largest error of a complex eigenvalue, over its modulus"),
     "error_growth": ("err Re λ", "largest error of a growth rate, over the rates of damping and friction"),
@@ -74,7 +78,8 @@ COLUMNS = {
     "multiplier": ("multiplier", "largest Floquet multiplier; inside the unit circle: stable"),
     "missed": ("missed", "unstable modes of the full model that are stable in the small one"),
     "invented": ("invented", "unstable modes of the small model that are stable in the full one"),
-    "mu_error": ("err critical mu", "relative error of the critical mu"), "growth_error": ("err Re λ", "largest error of Re λ, over |λ|"),
+    "mu_error": ("err critical mu", "relative error of the critical mu"),
+    "growth_error": ("err Re λ", "largest error of Re λ, over |λ|"),
     "springs": ("springs", "stiffness of the springs over that of the interface"),
     "damping": ("equiv. damping", "-2 Re λ / |λ|"), "evidence": ("evidence", "how completeness was shown")}
 
@@ -146,10 +151,10 @@ def _body(told: Mapping[str, Any], tables: Sequence[str], mode: Moving | None) -
     yield from _warned(told)
     if mode is not None:
         yield from _mode(told, mode)
-    yield '<section id="plots"><h2>Plots</h2><p class="note">Point at a mark to read its numbers. Click a name in a legend to hide ' \
-          'it. Drag to zoom; double-click to zoom out.</p><div class="plots"></div></section>'
-    yield '<section id="tables"><h2>Tables</h2><p class="note">Click a head to sort by its column. Point at it to read what it ' \
-          'means.</p>'
+    yield ('<section id="plots"><h2>Plots</h2><p class="note">Point at a mark to read its numbers. Click a name in a legend to '
+           'hide it. Drag to zoom; double-click to zoom out.</p><div class="plots"></div></section>')
+    yield ('<section id="tables"><h2>Tables</h2><p class="note">Click a head to sort by its column. Point at it to read what it '
+           'means.</p>')
     for name in tables:
         yield from _table(name, rows_of(told, name))
     yield "</section>"
@@ -173,18 +178,18 @@ def _warned(told: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _mode(told: Mapping[str, Any], mode: Moving) -> Iterator[str]:
-    (growth, omega), title = mode.told["eigenvalue"], str(mode.told["title"])
+    (growth, omega), said = mode.told["eigenvalue"], str(mode.told["title"])
     verb = "grows" if growth > 0 else "decays"
     at = units_of(told).said(f"{omega:.6g} rad/time")
     fewer = f" Drawn are {len(mode.points)} of {mode.told['nodes']} nodes." if len(mode.points) < mode.told["nodes"] else ""
     sliders = "".join(
         f'<label>{title} <input type="range" id="{name}" min="{low}" max="{high}" step="{step}" value="{value}"><output></output>'
-        "</label>" for name, title, low, high, step, value in (
-            ("phase", "phase φ", 0, 360, 1, 0), ("speed", "periods per second", 0.1, 2, 0.1, 0.5), ("scale", "scale", 0, 3, 0.05, 1)))
-    yield (f'<section id="mode"><h2>The mode in motion</h2><p>{escape(title[:1].upper() + title[1:])}: λ = {growth:.5g} '
-           f'{"+" if omega >= 0 else "-"} {abs(omega):.6g}i. It {verb}, and oscillates at {escape(at)}.</p><div id="motion"></div>'
-           f'<div class="controls"><button id="play" type="button">Play</button>{sliders}</div><p class="note">Shown is '
-           f"Re(u e<sup>iφ</sup>) without growth. Colour: amplitude of each place over the largest.{fewer}</p></section>")
+        "</label>" for name, title, low, high, step, value in SLIDERS)
+    yield (f'<section id="mode"><h2>The mode in motion</h2><p>{escape(said[:1].upper() + said[1:])}: λ = {growth:.5g} '
+           f'{"+" if omega >= 0 else "-"} {abs(omega):.6g}i. It {verb}, and oscillates at {escape(at)}.</p>'
+           f'<div id="motion"></div><div class="controls"><button id="play" type="button">Play</button>{sliders}</div>'
+           '<p class="note">Shown is Re(u e<sup>iφ</sup>) without growth. Colour: amplitude of each place over the largest.'
+           f'{fewer}</p></section>')
 
 
 def rows_of(told: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
@@ -202,17 +207,20 @@ def rows_of(told: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
 
 
 def _table(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    columns = [key for key in dict.fromkeys(key for row in rows for key in row)
-               if (key in TIMES or not key.endswith("_s")) and not (key == "hertz" and "frequency_hz" in rows[0]) and any(row.get(key) not in (None, "", []) for row in rows)]
+    keys = dict.fromkeys(key for row in rows for key in row if key in TIMES or not key.endswith("_s"))
+    if "frequency_hz" in keys:
+        keys.pop("hertz", None)
+    columns = [key for key in keys if any(row.get(key) not in (None, "", []) for row in rows)]
     if not columns:
         return
-    known = next((title for key, title in TABLES.items() if key == name), name.replace("-", " ").capitalize())
-    yield f"<details{' open' if len(rows) <= OPEN else ''}><summary>{escape(known)} <span>({len(rows)} row{'s' * (len(rows) != 1)}, {escape(name)}.csv)</span>"
+    known, count = TABLES.get(name, name.replace("-", " ").capitalize()), f"{len(rows)} row{'s' * (len(rows) != 1)}"
+    yield f"<details{' open' if len(rows) <= OPEN else ''}><summary>{escape(known)} <span>({count}, {escape(name)}.csv)</span>"
     yield '</summary><div class="scroll"><table><thead><tr>'
     for key in columns:
         label, told = _head(key)
         number = all(isinstance(row.get(key), (int, float, type(None))) and not isinstance(row.get(key), bool) for row in rows)
-        yield f'<th scope="col"{" class=number" if number else ""}><button type="button" title="{escape(told or key)}">{escape(label)}</button></th>'
+        yield (f'<th scope="col"{" class=number" if number else ""}><button type="button" title="{escape(told or key)}">'
+               f'{escape(label)}</button></th>')
     yield "</tr></thead><tbody>"
     for row in rows:
         yield "<tr>" + "".join(_cell(look(str(row[key])).label if key in MODELS and row.get(key) else row.get(key))
@@ -260,14 +268,13 @@ def _toml_lines(table: Mapping[str, Any], header: str) -> Iterator[str]:
 
 def _rests_on(told: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
     """Inputs, files, versions and the machine."""
-    yield '<section id="inputs"><h2>Inputs</h2><p class="note">As a scene file, with every key as it was used. Places of files are ' \
-          f"relative to the folder of the results.</p><pre>{escape(inputs_toml(told['inputs']))}</pre></section>"
+    yield ('<section id="inputs"><h2>Inputs</h2><p class="note">As a scene file, with every key as it was used. Places of files '
+           f"are relative to the folder of the results.</p><pre>{escape(inputs_toml(told['inputs']))}</pre></section>")
     versions = {**told.get("versions", {}), **{f"machine: {key}": value for key, value in told.get("machine", {}).items()}}
     facts = [(key, ", ".join(map(str, value)) if isinstance(value, list) else value) for key, value in versions.items()]
     facts += [(str(item.get("path")), f"SHA-256 {item.get('sha256')}") for item in told.get("files", [])]
     facts += [("run ended", told.get("date", "")), ("page made by", f"femsub {__version__}")]
     if mode is None:
-        facts.append(("mode", f"no shape is stored. Run the scene with outputs = [..., \"page\"], and {MODE_FILE} will hold one, if the "
-                              "scene has one"))
+        facts.append(("mode", f"{MODE_FILE} is not there. A run with the output page writes it, if the scene finds a mode"))
     lines = "".join(f"<tr><th scope=row>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts)
     yield f'<section id="versions"><h2>Versions and machine</h2><div class="scroll"><table>{lines}</table></div></section>'

@@ -11,12 +11,15 @@ from femsub.app.verdict import seconds_words, units_of
 
 Data = Mapping[str, Any]
 Trace = dict[str, Any]
-SYMBOLS = {"o": "circle-open", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down", "*": "star", "P": "cross",
-           "X": "x", "h": "hexagon", "p": "pentagon", "<": "triangle-left", ">": "triangle-right"}
+SYMBOLS = {"o": "circle-open", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down", "*": "star",
+           "P": "cross", "X": "x", "h": "hexagon", "p": "pentagon", "<": "triangle-left", ">": "triangle-right"}
 FLOOR = 1e-16  # errors of zero are drawn there
 DASHES = ("solid", "dash", "dot", "dashdot")
 INK = "ink"  # the page's own colour of text, light or dark
 KINDS = {"fold": "diamond", "period doubling": "square", "Neimark-Sacker": "triangle-up", "branch point": "triangle-down"}
+OVER = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [length/time]", "force": "normal force F  [force]"}
+BRANCHES = ("Solid: stable. Dashed: unstable. Dotted: stability not computed. Star: where the branch begins. Open circle: where a "
+            "transient ended. Triangle, square, diamond: special points, which tell their kind.")
 ERRORS = {"error_growth": "error of Re λ", "error_eigenvalue": "error of λ", "error_frequency": "error of ω",
           "error_slope": "error of the critical slope", "error_force": "error of the forces in joints",
           "mu_error": "error of the critical mu", "growth_error": "error of Re λ, over |λ|", "error": "error of λ, over |λ|"}
@@ -98,7 +101,8 @@ def _eigenvalues(told: Data) -> Iterator[dict[str, Any]]:
                                  size=11 if model["model"] == "full" else 7,
                                  hollow=[bool(model["above_cutoff"][i]) for i in at]))
         yield _plot(f"Eigenvalues, {panel}", "Right of the line Re λ = 0 a mode grows. Hollow marks of reduced models lie above "
-                    "their cut-off. Conjugates are not drawn.", traces, "Re λ  [1/time]", "Im λ  [rad/time]", told, lines=[_line(0.0, "")])
+                    "their cut-off. Conjugates are not drawn.", traces, "Re λ  [1/time]", "Im λ  [rad/time]", told,
+                    lines=[_line(0.0, "")])
 
 
 def _studies(told: Data) -> Iterator[tuple[str, Sequence[Data]]]:
@@ -131,17 +135,18 @@ def _error_time(told: Data) -> Iterator[dict[str, Any]]:
             columns: dict[str, list[Any]] = {"solve": [b for _, b in seconds], "reduce": [a for a, _ in seconds],
                                              "both": [a + b for a, b in seconds]}
             columns |= {key: [_floored(row.get(key)) for row in own] for key in errors}
-            text = [_told(told, _label(method, row["size"], row["modes"]), **{label: row.get(key) for key, label in errors.items()},
-                          **{"s to reduce": a, "s to solve": b, "missing": row.get("missing", row.get("missed")),
-                             "extra": row.get("extra", row.get("invented"))})
+            text = [_told(told, _label(method, row["size"], row["modes"]), **{
+                        label: row.get(key) for key, label in errors.items()}, **{
+                        "s to reduce": a, "s to solve": b, "missing": row.get("missing", row.get("missed")),
+                        "extra": row.get("extra", row.get("invented"))})
                     for row, (a, b) in zip(own, seconds, strict=True)]
             traces.append(_trace(method, _label(method), columns["solve"], columns[next(iter(errors))], text, "lines+markers",
                                  columns=columns))
         full = next((row["solution_median_s"] for row in rows if row["method"] == "full"), None) if not brake else \
             told["error-time"]["full_seconds"]
-        yield _plot(f"Error against run time{f', {about}' if about else ''}", f"Below and to the left is better. Errors of zero are "
-                    f"drawn at {FLOOR:g}.", traces, times["solve"], next(iter(errors.values())), told, logs="xy",
-                    choices={"x": times, "y": errors},
+        yield _plot(f"Error against run time{f', {about}' if about else ''}",
+                    f"Below and to the left is better. Errors of zero are drawn at {FLOOR:g}.",
+                    traces, times["solve"], next(iter(errors.values())), told, logs="xy", choices={"x": times, "y": errors},
                     lines=[_line(full, f"full model: {seconds_words(full)}", ["solve", "both"])] if full else [])
 
 
@@ -186,7 +191,7 @@ def _critical_slopes(told: Data) -> Iterator[dict[str, Any]]:
             own = [row for row in rows if row["method"] == method and wide(row) == widened]
             name = _label(method, own[0]["size"] if own else None) + (", belt in the interface" if widened else "")
             if own:
-                traces.append(_sloped(told, method, name, own, [row["belt"] for row in own], **({"dash": "dot"} if widened else {})))
+                traces.append(_sloped(told, method, name, own, [row["belt"] for row in own], dash="dot" if widened else "solid"))
     exact = {row["belt"]: row["full"] for row in rows}
     traces.append(_trace("full", "full model", list(exact), list(exact.values()), [
         _told(told, "full model", belt=f"m{belt}", slope=slope) for belt, slope in exact.items()], "lines+markers",
@@ -229,6 +234,7 @@ def _flutter(told: Data) -> Iterator[dict[str, Any]]:
     critical = found["critical"] if isinstance(found, dict) else {}
     at = [critical["full"]["mu"] or critical["reduced"]["mu"]] if critical else \
         [row["value"] for row in told.get("critical-value", [])]
+    lines = [_line(value, f"{value:.4g}") for value in dict.fromkeys(at) if isinstance(value, float)]
     names = list(dict.fromkeys(row["model"] for row in rows))
     shades = dict(zip((name for name in names if name != "full"), ("#0067a5", "#c44e00", "#1b7837", "#6a3d9a"), strict=False))
     for key, title, label in (("growth", "Growth rates", "Re λ  [1/time]"), ("omega", "Frequencies", "Im λ  [rad/time]")):
@@ -241,16 +247,17 @@ def _flutter(told: Data) -> Iterator[dict[str, Any]]:
             traces.append(_trace(name, name, [row[parameter] for row in own], [row[key] for row in own], text,
                                  size=10 if full else 4) | ({} if full else {"colour": shades.get(name, "#7a7a7a"),
                                                                              "symbol": "circle"}))
-        yield _plot(f"{title} over {parameter}", "Dashed: where stability is lost. A mode with Re λ above 0 grows.", traces, parameter,
-                    label, told, lines=[_line(value, f"{value:.4g}") for value in dict.fromkeys(at) if isinstance(value, float)])
+        yield _plot(f"{title} over {parameter}", "Dashed: where stability is lost. A mode with Re λ above 0 grows.", traces,
+                    parameter, label, told, lines=lines)
 
 
 def _branch_plots(told: Data) -> Iterator[dict[str, Any]]:
     """Branches of limit cycles: amplitude, frequency or sticking over the parameter, a plot for each family."""
     found = [item for item in told.get("branches", []) if "points" in item]
-    columns = {"rms": "rms of v at the belt  [length/time]", "omega": "ω  [rad/time]", "peak": "peak of v at the belt  [length/time]",
-               "sticking": "share of the period in which it sticks"}
-    parameter = told.get("parameter", "")
+    columns = {"rms": "rms of v at the belt  [length/time]", "omega": "ω  [rad/time]",
+               "peak": "peak of v at the belt  [length/time]", "sticking": "share of the period in which it sticks"}
+    parameter = str(told.get("parameter", ""))
+    now = [_line(told[parameter], "this run")] if isinstance(told.get(parameter), float) else []
     families = list(dict.fromkeys(item["family"] for item in found))
     for family in families:
         traces: list[Trace] = []
@@ -267,15 +274,12 @@ def _branch_plots(told: Data) -> Iterator[dict[str, Any]]:
             if item["hopf"]:
                 hopf = item["hopf"]
                 kind = "Hopf point, " + ("supercritical" if hopf["supercritical"] else "subcritical")
-                traces.append(_marked(told, item, kind, hopf["value"], {"rms": 0.0, "omega": hopf["omega"]}, columns, "star"))
+                traces.append(_marked(told, item, kind, hopf["value"], hopf | {"rms": 0.0}, columns, "star"))
         for dot in told.get("transients", []):
             if isinstance(dot["omega"], float) and min(families, key=lambda one: abs(one - dot["omega"])) == family:
                 traces.append(_marked(told, dot, "transient", dot["value"], dot, columns, "circle-open"))
-        yield _plot(f"Limit cycles from the mode at ω = {family:.4g} rad/time", "Solid: stable. Dashed: unstable. Dotted: stability "
-                    "not computed. Star: where the branch begins. Open circle: where a transient ended. Triangle, square, diamond: "
-                    "special points, which tell their kind.", traces, f"{parameter} of the friction" if parameter ==
-                    "slope" else parameter, columns["rms"], told, choices={"y": columns},
-                    lines=[_line(told[parameter], "this run")] if isinstance(told.get(parameter), float) else [])
+        yield _plot(f"Limit cycles from the mode at ω = {family:.4g} rad/time", BRANCHES, traces, OVER.get(parameter, parameter),
+                    columns["rms"], told, choices={"y": columns}, lines=now)
 
 
 def _branch(told: Data, item: Data, parameter: str, stable: bool | None, columns: Mapping[str, str], **more: Any) -> Trace:
@@ -284,17 +288,17 @@ def _branch(told: Data, item: Data, parameter: str, stable: bool | None, columns
     # a piece reaches to the next point, so that the line has no gaps
     shown = [point["is_stable"] is stable or (i > 0 and points[i - 1]["is_stable"] is stable) for i, point in enumerate(points)]
     values = {key: [point[key] if keep else None for point, keep in zip(points, shown, strict=True)] for key in columns}
-    text = [_told(told, _label(item["model"]), **{parameter: point[parameter], "ω": point["omega"], "rms": point["rms"],
-                  "peak": point["peak"], "sticking": point["sticking"], "stable": {True: "yes", False: "no"}.get(point["is_stable"]),
-                  "harmonics": point["harmonics"]}) for point in points]
-    return _trace(item["model"], _label(item["model"]), [point[parameter] for point in points], values["rms"], text, "lines+markers", size=4,
+    name, verdicts = _label(item["model"]), {True: "yes", False: "no"}
+    text = [_told(told, name, **{parameter: point[parameter], "ω": point["omega"], "stable": verdicts.get(point["is_stable"])},
+                  **{key: point[key] for key in ("rms", "peak", "sticking", "harmonics")}) for point in points]
+    return _trace(item["model"], name, [point[parameter] for point in points], values["rms"], text, "lines+markers", size=4,
                   columns=values, **more)
 
 
 def _marked(told: Data, item: Data, kind: str, x: float, values: Data, columns: Mapping[str, str], symbol: str) -> Trace:
     text = [_told(told, f"{_label(item['model'])}: {kind}", value=x, rms=values.get("rms"), **{"ω": values.get("omega")})]
-    columns_here = {key: [values.get(key)] for key in columns}
-    return _trace(item["model"], kind, [x], columns_here["rms"], text, size=11, columns=columns_here, quiet=True) | {"symbol": symbol}
+    here = {key: [values.get(key)] for key in columns}
+    return _trace(item["model"], kind, [x], here["rms"], text, size=11, columns=here, quiet=True) | {"symbol": symbol}
 
 
 def _spectra(told: Data) -> Iterator[dict[str, Any]]:
@@ -323,8 +327,8 @@ def _springs(told: Data) -> Iterator[dict[str, Any]]:
         text = [_told(told, name, springs=row["springs"], error=row["error"]) for row in own]
         traces.append(_trace(model, name, [row["springs"] for row in own], [_floored(row["error"]) for row in own], text,
                              "lines+markers", dash=DASHES[kept.index(modes) % len(DASHES)]))
-    yield _plot("Error with the interface on springs", "Soft springs leave the interface nearly free, stiff ones nearly fixed.", traces,
-                "stiffness of the springs, over that of the interface", "largest relative error of a frequency", told, logs="xy")
+    yield _plot("Error with the interface on springs", "Soft springs leave the interface nearly free, stiff ones nearly fixed.",
+                traces, "stiffness of the springs, over that of the interface", "largest relative error of a frequency", told, logs="xy")
 
 
 def _friction(told: Data) -> Iterator[dict[str, Any]]:
@@ -336,7 +340,8 @@ def _friction(told: Data) -> Iterator[dict[str, Any]]:
         name = f"{curve['law']}, ε = {curve['eps']:g}"
         text = [_told(told, name, v=v, **{"μ": mu}) for v, mu in zip(found["speed"], curve["value"], strict=True)]
         shown = curve["eps"] == told.get("eps")
+        colour = "#0067a5" if curve["law"] == told.get("law") else "#c44e00"
         traces.append({"name": name, "x": found["speed"], "y": curve["value"], "text": text, "mode": "lines", "symbol": "circle",
-                       "colour": "#0067a5" if curve["law"] == told.get("law") else "#c44e00", "dash": "solid" if shown else "dot"})
-    yield _plot("Friction laws", "Solid: the width ε of this run.", traces, "sliding speed v  [length/time]", "friction coefficient μ",
-                told)
+                       "colour": colour, "dash": "solid" if shown else "dot"})
+    yield _plot("Friction laws", "Solid: the width ε of this run.", traces, "sliding speed v  [length/time]",
+                "friction coefficient μ", told)

@@ -1,4 +1,4 @@
-"""The answer of a run in plain sentences, from its results.json: may the small model replace the full one, and what decides it."""
+"""The answer of a run in plain sentences, from its results.json: may a small model replace the full one, what decides it."""
 
 from __future__ import annotations
 
@@ -97,7 +97,8 @@ def _decides(row: Data, rows: Sequence[Data], tolerance: float) -> list[str]:
     if "mu_error" in row:
         return [f"{_model(row)}: no unstable mode of the full model is missed{_invented(row)}.",
                 f"Its critical mu is within {row['mu_error']:.1e} of the full model's.",
-                f"Its eigenvalues are within {row['error']:.1e} of their modulus, its growth rates within {row['growth_error']:.1e}."]
+                f"Its eigenvalues are within {row['error']:.1e} of their modulus, its growth rates within "
+                f"{row['growth_error']:.1e}."]
     said = [f"{_model(row)}: the growth rates in the band are within {row['error_growth']:.1e} of the rates of damping and "
             f"friction; the tolerance is {tolerance:g}.",
             "No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off."]
@@ -106,13 +107,14 @@ def _decides(row: Data, rows: Sequence[Data], tolerance: float) -> list[str]:
     if _number(row.get("error_force")):
         said.append(f"The forces in the joints are within {row['error_force']:.1e}.")
     if full is not None and row["stable"] != full["stable"]:
-        said.append(f"Mind: in the band the full model is {STABLE[full['stable']]} and the small one {STABLE[row['stable']]}. The "
-                    "border is nearer than the error.")
+        said.append(f"Mind: in the band the full model is {STABLE[full['stable']]} and the small one {STABLE[row['stable']]}. "
+                    "The border is nearer than the error.")
     elif full is not None:
         said.append(f"In the band both models are {STABLE[full['stable']]}.")
     if full is not None and full["solution_median_s"] and row["solution_median_s"]:
-        said.append(f"It takes {seconds_words(row['reduction_median_s'])} to reduce and {seconds_words(row['solution_median_s'])} to solve. "
-                    f"The full model takes {seconds_words(full['solution_median_s'])}: {_pays(row, full)}.")
+        reducing, small, large = (seconds_words(value) for value in (
+            row["reduction_median_s"], row["solution_median_s"], full["solution_median_s"]))
+        said.append(f"It takes {reducing} to reduce and {small} to solve. The full model takes {large}: {_pays(row, full)}.")
     return said
 
 
@@ -143,8 +145,9 @@ def _stability(told: Data) -> list[str]:
             said.append(f"Completeness of the full model's eigenvalues in the band: {full['evidence']}.")
     if isinstance(told.get("unstable"), list):
         count = len(told["unstable"])
-        said.append(f"At mu = {told['unstable'][0]['mu']:g} the full model has {count} unstable mode{'s' * (count != 1)} in the band."
-                    if count else "The full model has no unstable mode in the band.")
+        modes = f"{count} unstable mode{'s' * (count != 1)}"
+        said.append(f"At mu = {told['unstable'][0]['mu']:g} the full model has {modes} in the band." if count else
+                    "The full model has no unstable mode in the band.")
     critical = told.get("flutter", {}).get("critical", {}) if isinstance(told.get("flutter"), dict) else {}
     found = [f"of the {name} model at mu = {at['mu']:.6g}" for name, at in critical.items() if _number(at["mu"])]
     said += [f"Loss of stability in the flutter diagram: {', '.join(found)}."] if found else []
@@ -167,21 +170,22 @@ def _cycles(told: Data) -> Verdict:
             said += (f", with frequencies within {max(own[at]['omega_error'] for at in both):.1e} and amplitudes (rms) within "
                      f"{max(own[at]['rms_error'] for at in both):.1e}")
         decides.append(f"{said}.")
-        decides += [f"{label}: the cycle near ω = {at:.4g} is {STABLE[own[at]['is_stable']]}, but {STABLE[full[at]['is_stable']]} in "
-                    "the full model." for at in other]
+        decides += [f"{label}: the cycle near ω = {at:.4g} is {STABLE[own[at]['is_stable']]}, but "
+                    f"{STABLE[full[at]['is_stable']]} in the full model." for at in other]
         if len(both) == len(full) and not other:
             good.append(label)
     unchecked = [NEVER, "Cycles that begin from no mode of the band were not sought. Motions that are no cycle were not either."]
     if not full:
-        return Verdict("open", "The full model's limit cycles are not among the results, so nothing is decided.", decides, unchecked)
+        return Verdict("open", "The full model's limit cycles are not among the results. Nothing is decided.", decides, unchecked)
     if not names:
         return Verdict("open", f"The full model has {len(full)} limit cycles. No small model was compared.", decides, unchecked)
     at = _at(told)
     if good:
-        return Verdict("yes" if len(good) == len(names) else "in part", f"{' and '.join(good)} may replace the full model for its "
-                       f"limit cycles {at}, if the errors told here will do: the same cycles exist and are stable alike.",
-                       decides, unchecked)
-    return Verdict("no", f"No small model has all limit cycles of the full model {at} with the same stability.", decides, unchecked)
+        return Verdict("yes" if len(good) == len(names) else "in part",
+                       f"{' and '.join(good)} may replace the full model for its limit cycles {at}, if the errors told here will "
+                       "do. The same cycles exist and are stable alike.", decides, unchecked)
+    return Verdict("no", f"No small model has all limit cycles of the full model {at} with the same stability.", decides,
+                   unchecked)
 
 
 def _at(told: Data) -> str:
@@ -193,9 +197,10 @@ def _in_time(told: Data) -> Verdict:
     decides = [_sentence(row["verdict"], _named(row["model"], row["size"])) for row in quality]
     for row in told["models"]:
         if row["rms"] is not None and row["peaks"]:
-            decides.append(f"{_named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {_omega(told, row['peaks'][0])}.")
-    return Verdict("open", "The models are compared in time, each by one trajectory. No tolerance is set, so the figures below are "
-                   "yours to judge.", decides,
+            strongest = units_of(told).said(f"{row['peaks'][0]:.5g} rad/time")
+            decides.append(f"{_named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {strongest}.")
+    return Verdict("open", "The models are compared in time, each by one trajectory. No tolerance is set, so the figures below "
+                   "are yours to judge.", decides,
                    [NEVER, "Where several motions exist, another start may end in another one. One trajectory does not show it."])
 
 
@@ -208,8 +213,8 @@ def _critical_value(told: Data) -> Verdict:
                            f"({row['evidence']}).{closed}")
         else:
             decides.append(f"{row['model']}: stability is {row['stability']} ({row['evidence']}).")
-    return Verdict("open", "The run finds where stability is lost. The model is small as it is, so that nothing is reduced.", decides,
-                   ["Values of the parameter outside the range were not searched."])
+    return Verdict("open", "The run finds where stability is lost. The model is small as it is, so that nothing is reduced.",
+                   decides, ["Values of the parameter outside the range were not searched."])
 
 
 def _left_out(told: Data) -> list[str]:
@@ -250,10 +255,6 @@ def _invented(row: Data) -> str:
 def _band(told: Data) -> str:
     band = told.get("band") or (told["error-time"].get("band") if isinstance(told.get("error-time"), dict) else None)
     return units_of(told).said(f"in the band {band[0]:g} to {band[1]:.4g} rad/time") if band else "in the band"
-
-
-def _omega(told: Data, omega: float) -> str:
-    return units_of(told).said(f"{omega:.5g} rad/time")
 
 
 def _sentence(text: str, start: str) -> str:

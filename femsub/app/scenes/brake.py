@@ -35,8 +35,8 @@ from femsub.app.figures_flutter import flutter_figure
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.keys import key
 from femsub.app.moving import mode_file
-from femsub.app.scene import Progress, Result, Scene, run_outputs
-from femsub.app.scenes.outputs import motion_files, vtu
+from femsub.app.scene import Progress, Result, Scene, Writer, run_outputs
+from femsub.app.scenes.outputs import least_stable, motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array, check_band, interval
 from femsub.components.brake import brake_meshes, check_held, opposite
@@ -232,21 +232,16 @@ def _unstable(brake: Brake) -> Result:
             for i, (value, bar) in enumerate(zip(modes.eigenvalues[chosen], modes.error_bar[chosen], strict=True))]
     head = (f"Unstable modes of the full model at mu = {mu:g} in the band: {len(rows)} of {len(modes)}; completeness "
             f"{modes.evidence}")
+    paged = _mode_file(brake, modes, mu)
     if not rows:
-        return Result({"unstable": rows}, {}, f"{head}. All modes decay; give a larger mu, or less damping", {})
+        return Result({"unstable": rows}, {}, f"{head}. All modes decay; give a larger mu, or less damping", {}, paged)
     said = table(["f [Hz]", "Re λ", "error bar", "equivalent damping", *(f"energy {name}" for name in shares)],
                  [list(row.values())[2:] for row in rows], [".6g", ".5g", ".0e", ".2e", *[".2f"] * len(shares)])
-    result = Result({"unstable": rows}, {"unstable": rows}, f"{head}\n{said}", {})
-    if not scene.figures and not scene.paged:
+    result = Result({"unstable": rows}, {"unstable": rows}, f"{head}\n{said}", {}, paged)
+    if not scene.figures:
         return result
     (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, chosen]).items()
     fields = fields * np.exp(-1j * np.angle(_largest(fields)))
-    worst = int(np.argmax([row["growth"] for row in rows]))
-    if scene.paged:
-        value = complex(rows[worst]["growth"], rows[worst]["omega"])
-        result.files.update(mode_file(mesh, fields[..., worst], f"most unstable mode of the full model at mu = {mu:g}", value))
-    if not scene.figures:
-        return result
     titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g}" for row in rows]
     names = [f"{row['hertz']:.5g} Hz" for row in rows]
     title = f"{scene.name}: unstable modes at mu = {mu:g}, at the phase of the largest displacement"
@@ -254,9 +249,19 @@ def _unstable(brake: Brake) -> Result:
     shown = {f"{part} {name}": getattr(fields[..., i], attribute) for i, name in enumerate(names)
              for part, attribute in (("real-part", "real"), ("imaginary-part", "imag"))}
     phases = {f"phase {name}": np.degrees(np.angle(fields[..., i])) for i, name in enumerate(names)}
+    worst = int(np.argmax([row["growth"] for row in rows]))
     result.files["unstable.vtu"] = partial(vtu, mesh, shown | phases)
     result.files.update(motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst], "most-unstable"))
     return result
+
+
+def _mode_file(brake: Brake, modes: ComplexModes, mu: float) -> dict[str, Writer]:
+    """The least stable mode of the full model, for a page."""
+    at = least_stable(modes) if brake.scene.paged else None
+    if at is None:
+        return {}
+    (_, (mesh, fields)), = by_kind(brake.system, brake.meshes, modes.shapes[:, [at]]).items()
+    return mode_file(mesh, fields[..., 0], f"least stable mode of the full model at mu = {mu:g}", complex(modes.eigenvalues[at]))
 
 
 def _largest(fields: Array) -> Array:

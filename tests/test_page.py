@@ -1,0 +1,355 @@
+"""The page of a run: its sentences, tables and plots from the results alone; opened in a browser where there is one."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import femsub as fs
+from femsub.app import page
+from femsub.app.cli import main
+from femsub.app.moving import MODE_FILE, moving, read_mode
+from femsub.app.page_plots import plots
+from femsub.app.scene import load
+from femsub.app.verdict import verdict
+from test_results import CHAIN, SMALL, difference, results, scene_file
+
+pytest.importorskip("plotly", reason="the page of a run is drawn by Plotly")
+
+FOUR = ("chain", "solid", "chain-limit-cycle", "brake")
+MORE = ("chain-parts", "chain-transient", "two-mode", "own-parts")  # other kinds of results, each made in a moment
+LIMIT = 10_000_000  # bytes of a page
+WORDS = 30  # of a sentence
+
+
+def asked(name: str) -> str:
+    """A small scene with its page."""
+    text = SMALL[name]
+    return text.replace("outputs = [", 'outputs = ["page", ') if "outputs = [" in text else 'outputs = ["page"]\n' + text
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Folders of results by scene; each is made when it is first asked for."""
+    class Made(dict[str, Path]):
+        def __missing__(self, name: str) -> Path:
+            folder = tmp_path_factory.mktemp(name)
+            assert main(["run", "-q", scene_file(folder, name, asked(name)), "--no-figures", "--out", str(folder / "out")]) == 0
+            self[name] = folder / "out"
+            return self[name]
+
+    return Made()
+
+
+def test_a_scene_that_does_not_ask_loads_and_writes_nothing(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path, "chain", 'outputs = ["eigenvalues"]\n')
+    code = ("import sys; from femsub.app.cli import main; status = main(sys.argv[1:]); "
+            "sys.exit(status or any(name in sys.modules for name in ('plotly', 'femsub.app.page', 'femsub.app.verdict')))")
+    subprocess.run([sys.executable, "-c", code, "run", "-q", scene, "--no-figures", "--out", str(tmp_path / "out")], check=True)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "eigenvalues.csv"}
+
+
+def test_the_page_changes_no_result(tmp_path: Path, folders: dict[str, Path]) -> None:
+    scene = scene_file(tmp_path, "chain")
+    assert main(["run", "-q", scene, "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    without, told = results(tmp_path / "out"), results(folders["chain"])
+    assert set(told["written"]) - set(without["written"]) == {page.PAGE_FILE, MODE_FILE}
+    assert told["inputs"]["outputs"] == [*without["inputs"]["outputs"], "page"]
+    for one in (without, told):
+        del one["written"], one["inputs"]
+    assert not difference(without, told)
+
+
+def test_the_page_is_that_of_the_folder_alone(folders: dict[str, Path]) -> None:
+    for name in FOUR:
+        made = (folders[name] / page.PAGE_FILE).read_bytes()
+        assert len(made) < LIMIT
+        (folders[name] / page.PAGE_FILE).unlink()
+        assert main(["show", str(folders[name])]) == 0
+        assert (folders[name] / page.PAGE_FILE).read_bytes() == made
+        assert (folders[name] / MODE_FILE).exists() == (name != "chain-limit-cycle")
+
+
+def test_a_run_without_a_page_has_one_afterwards(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, out = scene_file(tmp_path, "chain", CHAIN), tmp_path / "out"
+    assert main(["run", "-q", scene, "--out", str(out)]) == 0
+    assert main(["show", str(out)]) == 0
+    assert f"written: {out / page.PAGE_FILE}" in capsys.readouterr().out
+    text = (out / page.PAGE_FILE).read_text(encoding="utf-8")
+    assert '<section id="mode">' not in text and "mode.npz is not there" in text and '<section id="verdict"' in text
+    assert main(["run", "-q", scene, "--out", str(out)]) == 0
+    assert "files that are not of this run: report.html" in capsys.readouterr().err
+
+
+def test_wrong_folders_and_damaged_files_end_in_one_line(tmp_path: Path, folders: dict[str, Path],
+                                                         capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "results.json").write_text('{"scene": "a"}')
+    for folder in (tmp_path, tmp_path / "missing"):
+        assert main(["show", str(folder)]) == 2
+        said = capsys.readouterr().err
+        assert "holds no results.json of a run" in said and said.count("\n") == 1
+    copy = tmp_path / "copy"
+    shutil.copytree(folders["chain"], copy)
+    (copy / page.PAGE_FILE).unlink()
+    whole = (copy / MODE_FILE).read_bytes()
+    wrong = tmp_path / "wrong.npz"
+    np.savez(wrong, told=np.frombuffer(b"{}", np.uint8), points=np.zeros((2, 3)), cells=np.array([[0, 2]]),
+             real=np.zeros((2, 3)), imag=np.zeros((2, 3)))
+    for content in (b"", b"no mode", whole[:len(whole) // 2], wrong.read_bytes()):
+        (copy / MODE_FILE).write_bytes(content)
+        assert main(["show", str(copy)]) == 2
+        said = capsys.readouterr().err
+        assert "does not hold a mode" in said and said.count("\n") == 1
+    assert not (copy / page.PAGE_FILE).exists()
+
+
+def test_a_missing_plotly_is_told_before_anything_is_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                              capsys: pytest.CaptureFixture[str]) -> None:
+    from femsub.app.scenes import chain
+
+    scene = scene_file(tmp_path, "chain", asked("chain"))
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    monkeypatch.setattr(chain, "run", lambda *_: pytest.fail("it was run"))
+    assert main(["run", scene, "--out", str(tmp_path / "out")]) == 1
+    assert 'pip install "femsub[page]"' in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", [*FOUR, *MORE])
+def test_the_page_has_every_table_every_input_and_short_sentences(name: str, folders: dict[str, Path], tmp_path: Path) -> None:
+    told, text = results(folders[name]), (folders[name] / page.PAGE_FILE).read_text(encoding="utf-8")
+    tables = [file for file in told["written"] if file.endswith(".csv")]
+    for file in tables:
+        with (folders[name] / file).open(encoding="utf-8", newline="") as lines:
+            rows = list(csv.DictReader(lines))
+        shown = page.rows_of(told, file.removesuffix(".csv"))
+        assert len(shown) == len(rows) and f"({len(rows)} row{'s' * (len(rows) != 1)}, {file})" in text
+        for row, known in zip(rows, shown, strict=True):
+            assert all(float(row[key]) == value for key, value in known.items() if key in row and isinstance(value, float))
+            assert {key for key, value in row.items() if len(value.split()) == 1} <= {*known, "eigenvalues", "multiplier"}
+    assert tables and plots(told) or name == "brake"
+    # the inputs are a scene file of the same scene
+    again = tmp_path / "again.toml"
+    again.write_text(page.inputs_toml(told["inputs"]), encoding="utf-8")
+    assert not difference(tomllib.loads(again.read_text(encoding="utf-8")), without_empty(told["inputs"]))
+    if not told["files"]:
+        one, other = (asdict(load(str(path))[0]) | {"folder": ""} for path in (again, folders[name] / "results.json"))
+        assert not difference(one, other)
+    found = verdict(told)
+    for line in (found.headline, *found.decides, *found.unchecked):
+        for sentence in re.split(r"(?<=[.:;]) ", line):
+            assert len(sentence.split()) <= WORDS, sentence
+        assert line.endswith(".")
+
+
+def without_empty(value: Any) -> Any:
+    if isinstance(value, list):
+        return [without_empty(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    return {key: without_empty(item) for key, item in value.items() if item not in (None, "", [])}
+
+
+def test_the_verdict_follows_the_recommendation(folders: dict[str, Path]) -> None:
+    told = results(folders["solid"])
+    model = told["recommended"]["model"]
+    yes = verdict(told)
+    assert yes.answer == "yes" and f"({model['size']} DOF)" in yes.headline and f"of {told['size']} DOF" in yes.headline
+    assert "In the band both models are unstable." in yes.decides
+    other = verdict(told | {"recommended": told["recommended"] | {"model": model | {"stable": True}}})
+    assert any(line.startswith("Mind: in the band the full model is unstable and the small one stable") for line in other.decides)
+    none = told | {"recommended": told["recommended"] | {"model": None, "sentence": "none of these models is accurate enough"}}
+    assert verdict(none).answer == "no"
+    assert any("joined-interface" in line for line in verdict(
+        told | {"inputs": told["inputs"] | {"outputs": ["error-time"]}}).unchecked)
+    assert any("modes failed: too few" in line for line in verdict(told | {"failed": {"modes": "too few"}}).unchecked)
+    bare = {key: value for key, value in told.items() if key not in ("recommended", "error-time")}
+    assert verdict(bare).answer == "open"
+    chain = results(folders["chain"])  # one interface has a model that is good enough, the other has none
+    assert [bool(one["model"]) for one in chain["error-time"]["recommended"]] == [False, True]
+    assert verdict(chain).answer == "in part"
+
+
+def test_the_verdict_on_limit_cycles(folders: dict[str, Path]) -> None:
+    told = results(folders["chain-limit-cycle"])
+    full = {row["family"]: row["is_stable"] for row in told["cycles"] if row["model"] == "full"}
+    for agrees, answer in ((True, "yes"), (False, "no")):
+        rows = [row | {"is_stable": full[row["family"]] == agrees} for row in told["cycles"] if row["model"] != "full"]
+        assert verdict(told | {"cycles": [row for row in told["cycles"] if row["model"] == "full"] + rows}).answer == answer
+    gone = [{"family": row["family"], "model": row["model"], "size": row["size"], "why": "none"} if row["model"] != "full" else row
+            for row in told["cycles"]]
+    assert verdict(told | {"cycles": gone}).answer == "no"
+    assert verdict(told | {"cycles": [row for row in told["cycles"] if row["model"] != "full"]}).answer == "open"
+
+
+def test_what_stands_in_results_cannot_break_the_page(tmp_path: Path, folders: dict[str, Path]) -> None:
+    copy = tmp_path / "out"
+    shutil.copytree(folders["chain"], copy)
+    told = results(copy)
+    evil = "</script><script>alert(1)</script>%%BODY%%"
+    told |= {"scene": evil, "warnings": [evil]}
+    told["eigenvalues"]["models"][0]["interface"] = evil
+    (copy / "results.json").write_text(json.dumps(told))
+    assert main(["show", str(copy)]) == 0
+    text = (copy / page.PAGE_FILE).read_text(encoding="utf-8")
+    assert "<script>alert" not in text and text.count("&lt;/script&gt;&lt;script&gt;alert(1)") == 3  # title, head, warning
+    outside = re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
+    assert "http:" not in outside and "https:" not in outside and "default-src 'none'" in outside
+
+
+def test_a_surface_is_thinned_to_what_a_browser_can_move() -> None:
+    mesh = fs.block((0.3, 0.2, 0.1), (12, 10, 6), "hexahedron20")
+    u = mesh.points[:, :1] * np.exp(1j * mesh.points[:, :1]) * np.array([0.0, 3.0, 4.0])
+    whole, thin = (moving(mesh, u, {}, most) for most in (10**6, 200))
+    assert len(whole.points) == 2 * (13 * 11 + 13 * 7 + 11 * 7) - 4 * (13 + 11 + 7) + 8 and len(whole.cells) == 4 * (120 + 72 + 60)
+    assert 60 < len(thin.points) <= 200 and thin.cells.max() < len(thin.points) and thin.cells.shape[1] == 3
+    assert (np.diff(np.sort(thin.cells, axis=1), axis=1) > 0).all()  # no triangle has become a line
+    for made in (whole, thin):
+        lengths = np.linalg.norm(made.u, axis=1)
+        assert lengths.max() == pytest.approx(1)
+        known = mesh.points[np.abs(mesh.points[:, None] - made.points[None]).max(axis=2).argmin(axis=0)]
+        np.testing.assert_allclose(made.points, known)  # nodes that are left are in their places
+    top = whole.u.ravel()[np.abs(whole.u).argmax()]
+    assert top.real > 0 and abs(top.imag) < 1e-12
+    line = moving(fs.Mesh(np.arange(5.0)[:, None], np.stack([np.arange(4), np.arange(1, 5)], axis=1), "line"),
+                  np.zeros((5, 3), dtype=complex), {})
+    assert line.points.shape == (5, 3) and line.cells.shape == (4, 2) and not line.u.any()
+
+
+def test_a_mode_s_file_holds_the_shape_in_single_precision(folders: dict[str, Path]) -> None:
+    path = folders["solid"] / MODE_FILE
+    mode = read_mode(path.read_bytes(), path)
+    told = results(folders["solid"])["least-stable"]
+    assert mode.told["eigenvalue"] == told["eigenvalue"] and mode.points.dtype == np.float32
+    assert np.linalg.norm(mode.u, axis=1).max() == pytest.approx(1, abs=1e-6)
+    sent = page._sent(mode)
+    again = np.frombuffer(__import__("base64").b64decode(sent["real"]), "<i2").reshape(-1, 3) * sent["unit"]
+    np.testing.assert_allclose(again, mode.u.real, atol=sent["unit"])
+
+
+# ---- in a browser
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    sync = pytest.importorskip("playwright.sync_api", reason="pages are opened by playwright")
+    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if path is None:
+        pytest.skip("there is no Chromium here (Debian: apt-get install chromium)")
+    with sync.sync_playwright() as play:
+        # as root there is no sandbox; without a graphics card WebGL is computed by the processor
+        opened = play.chromium.launch(executable_path=path, args=["--no-sandbox", "--use-angle=swiftshader",
+                                                                  "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"])
+        yield opened
+        opened.close()
+
+
+class Opened:
+    """A page in a browser, with what went wrong in it."""
+
+    def __init__(self, browser: Any, path: Path, **context: Any) -> None:
+        self.wrong: list[str] = []
+        self.page = browser.new_context(offline=True, **context).new_page()
+        self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        self.page.on("console", lambda line: self.wrong.append(line.text) if line.type == "error" else None)
+        self.page.on("request", lambda asked: None if asked.url.startswith(("file:", "data:", "blob:")) else
+                     self.wrong.append(asked.url))
+        self.page.goto(path.as_uri())
+        self.page.evaluate("window.ready.then(() => null)")
+
+    def hover(self, plot: int) -> tuple[str, list[list[float]]]:
+        """What the label says when the mouse is on the first mark of a plot, and x and y of the marks that say so."""
+        canvas = self.page.locator(".canvas").nth(plot)
+        canvas.scroll_into_view_if_needed()
+        x, y = canvas.evaluate("""box => {
+          const trace = box._fullData.find(one => one.x.some((v, i) => v !== null && one.y[i] !== null)), frame = box.getBoundingClientRect();
+          const i = trace.x.findIndex((v, i) => v !== null && trace.y[i] !== null), { xaxis, yaxis } = box._fullLayout;
+          return [frame.x + xaxis._offset + xaxis.d2p(trace.x[i]), frame.y + yaxis._offset + yaxis.d2p(trace.y[i])];
+        }""")
+        self.page.mouse.move(x - 2, y - 2)
+        self.page.mouse.move(x, y)
+        label = canvas.locator(".hovertext").first
+        label.wait_for(timeout=10_000)
+        said = label.text_content()
+        return said, canvas.evaluate("""(box, said) => box._fullData.flatMap(one => one.text.map((text, i) => [text, one.x[i], one.y[i]]))
+          .filter(([text]) => text.replaceAll("<br>", "") === said).map(([, x, y]) => [x, y])""", said)
+
+    def places(self) -> list[float]:
+        """Where the mode's nodes are, as they are drawn."""
+        return self.page.evaluate("(data => [...(data.z || []), ...data.x, ...data.y])(document.getElementById('motion')._fullData[0])")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FOUR)
+def test_a_page_in_a_browser(name: str, folders: dict[str, Path], browser: Any) -> None:
+    path = folders[name] / page.PAGE_FILE
+    opened = Opened(browser, path, viewport={"width": 1200, "height": 900})
+    told = results(folders[name])
+    assert opened.page.locator("#verdict li").count() >= 2 and opened.page.locator(".plot").count() == len(plots(told))
+    if plots(told):
+        said, marks = opened.hover(0)
+        numbers = [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e[-+]?\d+)?", said)]
+        assert marks and all(np.isclose(numbers, value, rtol=1e-5, atol=1e-300).any() for value in marks[0])
+    # a click sorts, another sorts the other way round
+    table = opened.page.locator("#tables details[open] table").last
+    column = next(i for i in range(table.locator("th").count())
+                  if len(set(table.locator(f"tbody tr td:nth-child({i + 1})").all_text_contents())) > 1
+                  or table.locator("tbody tr").count() == 1)
+    head, cells = table.locator("th").nth(column), table.locator(f"tbody tr td:nth-child({column + 1})")
+    orders = []
+    for _ in range(2):
+        head.locator("button").click()
+        values = cells.evaluate_all("all => all.map(one => one.dataset.v ?? one.textContent)")
+        try:
+            values = [float(value) for value in values if value != "–"]
+        except ValueError:
+            values = [value for value in values if value != "–"]
+        orders.append(values)
+    assert orders[0] == sorted(orders[0]) and orders[1] == sorted(orders[0], reverse=True)
+    assert head.get_attribute("aria-sort") == "descending"
+    if (folders[name] / MODE_FILE).exists():
+        rest = opened.places()
+        opened.page.click("#play")
+        opened.page.wait_for_function("document.getElementById('phase').value > 20")
+        first = opened.places()
+        opened.page.wait_for_function("at => Math.abs(document.getElementById('phase').value - at) > 20",
+                                      arg=float(opened.page.input_value("#phase")))
+        second = opened.places()
+        opened.page.click("#play")
+        size = float(np.abs(rest).max())
+        assert np.abs(np.subtract(first, rest)).max() > 1e-3 * size and np.abs(np.subtract(second, first)).max() > 1e-3 * size
+        # half a period on, everything is on the other side
+        opened.page.evaluate("""() => { const slider = document.getElementById('phase'); slider.value = 180;
+                                        slider.dispatchEvent(new Event('input')); }""")
+        opened.page.wait_for_timeout(300)
+        mode = read_mode((folders[name] / MODE_FILE).read_bytes(), folders[name])
+        still = np.asarray(opened.page.evaluate("decoded(data.mode.points, Float32Array).length")) // 3
+        assert still == len(mode.points)
+        assert np.abs(np.subtract(opened.places(), rest)).max() > 1e-3 * size
+    assert not opened.wrong
+
+
+@pytest.mark.slow
+def test_a_page_on_a_phone_at_night_and_on_paper(folders: dict[str, Path], browser: Any) -> None:
+    path = folders["solid"] / page.PAGE_FILE
+    backgrounds = []
+    for scheme in ("light", "dark"):
+        opened = Opened(browser, path, viewport={"width": 400, "height": 800}, color_scheme=scheme)
+        assert opened.page.evaluate("document.documentElement.scrollWidth") <= 400
+        for canvas in opened.page.locator(".canvas").all():
+            assert canvas.bounding_box()["x"] + canvas.bounding_box()["width"] <= 400
+        backgrounds.append(opened.page.evaluate("getComputedStyle(document.body).backgroundColor"))
+        paper = opened.page.pdf(format="A4")
+        assert paper.startswith(b"%PDF") and not opened.wrong
+    assert len(set(backgrounds)) == 2
