@@ -1,10 +1,16 @@
 """A large brake: its reduction, 100 values of mu of the reduced model, and the full model at one, with seconds and memory.
 
-    python -m benchmarks.brake [--size METRES] [--modes N] [--method KEY] [--mu N] [--full METRES] [--out FILE]
+    python -m benchmarks.brake [--size METRES ...] [--model parts|whole|full ...] [--mu N] [--out FILE]
 
-Each measurement runs in a process of its own, so that the memory told is its own. --size 0.0085 has 50,000 DOF, 0.0035 some
-480,000. --method reduces the parts one by one before (their interface is dense: only for small models). --full is the size of the
-elements of the model that is solved in full, 0 for none. The number of threads is that of OMP_NUM_THREADS.
+parts  Each part is reduced by itself, in a process of its own, to its real modes on a contact with the ground and its
+       responses to smooth tractions there. The joined parts are reduced to contact modes. No process holds more than one part.
+whole  The full brake is reduced to contact modes.
+full   The full brake is solved at mu = 0.5.
+
+Each measurement runs in a process of its own, so that the memory told is its own. Elements of 0.025 m make 7,458 DOF, of
+0.0085 50,000, of 0.0034 573,714. Rows of the file with the same size and model are replaced. Beside a full model, the others of
+its size are compared with it. Seconds of the processor tell more than those of the clock where other programs run. The number of
+threads is that of OMP_NUM_THREADS.
 """
 
 from __future__ import annotations
@@ -12,82 +18,207 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, ClassVar
 
 import numpy as np
 
 import femsub as fs
 from benchmarks.processes import fresh, machine, peak_mb
 from femsub.app.scenes.brake import PADS, Brake, BrakeScene
+from femsub.io.atomic import write_whole
+from femsub.model.affine import Affine
+from femsub.quadratic.matching import match
 from femsub.studies.friction_sweep import first_loss, over_mu
+from femsub.studies.tables import table
 
-MU = 0.5  # at which the full model is solved
+MU = 0.5  # at which models are compared
+OWN = 60  # real modes of each part
+MODES = 100  # real modes of the brake
+DEGREE = 6  # of the tractions on a patch
+MODELS = ("parts", "whole", "full")
+FILE = Path(__file__).parent / "data" / "brake.json"
 
-
-def made(size: float, **keys: Any) -> tuple[Brake, dict[str, Any]]:
-    """The brake, its size, and the seconds to build it."""
-    start = time.perf_counter()
-    brake = Brake(BrakeScene(size=size, **keys), lambda _: None)
-    nodes = sum(len(brake.meshes[name].sets["face"]) for name in PADS)
-    return brake, {"element": size, "dof": brake.system.size, "contact_nodes": nodes, "build_s": time.perf_counter() - start}
-
-
-def reduced(size: float, modes: int, method: str, points: int) -> dict[str, Any]:
-    """A reduced model, solved at so many values of mu."""
-    brake, row = made(size, modes=[modes])
-    model, affine, seconds = brake.reduced(method, modes)
-    band = brake.scene.band[0], brake.scene.band[1]
-    start, unstable = time.perf_counter(), []
-    for mu in np.linspace(brake.scene.mu[0], brake.scene.mu[1], points):
-        found = fs.complex_modes(affine.at(mu=float(mu)), band=band)
-        unstable.append(len(found.unstable))
-    sweep = time.perf_counter() - start
-    critical, omega = first_loss(affine, brake.scene.mu, band)
-    near = fs.complex_modes(affine.at(mu=MU), band=band)
-    return row | {"model": f"{method or 'contact modes'} {modes}", "size": model.size, "reduce_s": seconds, "points": points,
-                  "sweep_s": sweep, "critical_mu": critical, "critical_hz": omega / (2 * np.pi), "most_unstable": max(unstable),
-                  "unstable": [[value.real, value.imag] for value in near.eigenvalues[near.unstable]], "peak_mb": peak_mb()}
+Row = dict[str, Any]
 
 
-def full(size: float) -> dict[str, Any]:
-    """The full model at one mu."""
-    brake, row = made(size)
-    affine = over_mu(brake.system, brake.contacts(0.0))
-    start = time.perf_counter()
-    found = fs.complex_modes(affine.at(mu=MU), band=(brake.scene.band[0], brake.scene.band[1]))
-    return row | {"model": "full", "solve_s": time.perf_counter() - start, "modes": len(found), "peak_mb": peak_mb(),
-                  "unstable": [[value.real, value.imag] for value in found.eigenvalues[found.unstable]]}
+@contextmanager
+def timed(row: Row, what: str) -> Iterator[None]:
+    """Adds the seconds of a block, of the clock and of the processor."""
+    start = time.perf_counter(), time.process_time()
+    yield
+    row[f"{what}_s"] = time.perf_counter() - start[0]
+    row[f"{what}_cpu_s"] = time.process_time() - start[1]
 
 
-def told(row: dict[str, Any]) -> str:
-    """One line for the terminal."""
-    head = f"{row['dof']:,} DOF, {row['contact_nodes']:,} contact nodes, built in {row['build_s']:.1f} s; {row['model']}: "
-    if row["model"] == "full":
-        what = f"one mu in {row['solve_s']:.1f} s, {row['modes']} modes"
-    else:
-        what = (f"{row['size']} DOF in {row['reduce_s']:.1f} s, {row['points']} values of mu in {row['sweep_s']:.1f} s, critical "
-                f"mu {row['critical_mu']:.5f} at {row['critical_hz']:.5g} Hz")
-    lost = ", ".join(f"{growth:.4g} {omega / (2 * np.pi):+.5g} Hz" for growth, omega in row["unstable"])
-    return f"{head}{what}; peak {row['peak_mb']:,.0f} MB; unstable at mu = {MU}: {lost or 'none'}"
+def brake(size: float) -> Brake:
+    """Its meshes; the parts and the system are made when they are asked for."""
+    return Brake(BrakeScene(size=size), lambda _: None)
+
+
+def contact_nodes(made: Brake) -> int:
+    """Of the pads' faces."""
+    return sum(len(made.meshes[name].sets["face"]) for name in PADS)
+
+
+def part(size: float, name: str) -> tuple[fs.ReducedSubstructure, Row]:
+    """A part reduced by itself. Of its basis only the rows of the interface are kept, since the others would be much to send."""
+    row: Row = {}
+    with timed(row, "build"):
+        made = brake(size)
+        sub = made.part(name)
+    with timed(row, "reduce"):
+        on = [fs.FrictionContact(key, "ground", made.meshes[name], made.scene.contact, 0.0, axis=np.array([0.0, 0.0, 1.0]))
+              for key in sub.sets]
+        ports = {f"patch-{contact.first}": contact.patch_loads(sub, DEGREE) for contact in on}
+        sets = {key: sub.interface[places] for key, places in sub.sets.items()}
+        loaded = fs.Substructure(sub.M, sub.K, sub.D, sets, {**sub.ports, **ports}, name, sub.dofs)
+        model = fs.reduce(loaded, fs.ContactModes(OWN, contacts=on, friction=False), ports=True)
+    rows = model.V[model.full_interface]
+    small = replace(model, V=rows, full_interface=np.arange(len(rows)), full_dofs=model.interface_dofs,
+                    ports={key: model.ports[key] for key in sub.ports})
+    return small, row | {"dof": sub.size, "size": model.size, "peak_mb": peak_mb()}
+
+
+def swept(row: Row, made: Brake, affine: Affine, points: int) -> Row:
+    """The row of a reduced model, solved at so many values of mu."""
+    band, unstable = (made.scene.band[0], made.scene.band[1]), 0
+    with timed(row, "sweep"):
+        for mu in np.linspace(made.scene.mu[0], made.scene.mu[1], points):
+            unstable = max(unstable, len(fs.complex_modes(affine.at(mu=float(mu)), band=band).unstable))
+    critical, omega = first_loss(affine, made.scene.mu, band)
+    return row | {"points": points, "critical_mu": critical, "critical_hz": omega / (2 * np.pi), "most_unstable": unstable,
+                  **told_at(affine, (band[0], 1.05 * band[1])), "peak_mb": peak_mb()}
+
+
+def told_at(affine: Affine, band: tuple[float, float]) -> Row:
+    """The eigenvalues at MU and their error bars."""
+    found = fs.complex_modes(affine.at(mu=MU), band=band)
+    above = found.eigenvalues.imag > 0
+    return {"eigenvalues": [[value.real, value.imag] for value in found.eigenvalues[above]],
+            "error_bars": found.error_bar[above].tolist()}
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """All contacts of a small system on one port, its coordinates: (at mu = 0, change over mu) of what is added to D and K.
+
+    The parts' interfaces have more DOF than the system has coordinates, so that contact modes cannot keep them as sets.
+    """
+
+    damping: tuple[np.ndarray, np.ndarray]
+    stiffness: tuple[np.ndarray, np.ndarray]
+    mu: float = 0.0
+
+    ports: ClassVar = ("coordinates",)
+
+    @classmethod
+    def of(cls, system: fs.System, without: fs.Pencil, rubbing: fs.Pencil) -> Gathered:
+        return cls((without.D - system.D, rubbing.D - without.D), (without.K - system.K, rubbing.K - without.K))
+
+    def linearised(self, model: fs.Substructure) -> tuple[np.ndarray, np.ndarray]:
+        return self.damping[0] + self.mu * self.damping[1], self.stiffness[0] + self.mu * self.stiffness[1]
+
+
+def joined(size: float, parts: dict[str, fs.ReducedSubstructure], points: int) -> Row:
+    """The reduced parts, joined, reduced to contact modes, and solved."""
+    row: Row = {}
+    made = brake(size)
+    with timed(row, "join"):
+        system = made.joined(parts)
+        rubbing = Gathered.of(system, *(system.linearised(made.contacts(mu)) for mu in (0.0, 1.0)))
+        bare = fs.Substructure(system.M, system.K, system.D, ports={Gathered.ports[0]: np.eye(system.size)})
+        small = fs.reduce(bare, fs.ContactModes(MODES, contacts=rubbing))
+        affine = over_mu(small, [rubbing])
+    return swept(row | {"size": small.size, "contact_nodes": contact_nodes(made)}, made, affine, points)
+
+
+def by_parts(size: float, points: int) -> Row:
+    """The row of the model whose parts are reduced one by one."""
+    found = {name: fresh(part, size, name) for name in ("disc", *PADS)}
+    last = fresh(joined, size, {name: model for name, (model, _) in found.items()}, points)
+    rows = {name: row for name, (_, row) in found.items()}
+    total = {f"{what}_{unit}": sum(row[f"{what}_{unit}"] for row in rows.values()) for what in ("build", "reduce")
+             for unit in ("s", "cpu_s")}
+    return last | total | {"dof": sum(row["dof"] for row in rows.values()), "parts": rows, "join_peak_mb": last["peak_mb"],
+                           "peak_mb": max(row["peak_mb"] for row in (*rows.values(), last))}
+
+
+def whole(size: float, points: int) -> Row:
+    """The row of contact modes of the full brake."""
+    row: Row = {}
+    with timed(row, "build"):
+        made = brake(size)
+        dof = made.system.size
+    with timed(row, "reduce"):
+        small, affine, _ = made.reduced("", MODES)
+    return swept(row | {"dof": dof, "size": small.size, "contact_nodes": contact_nodes(made)}, made, affine, points)
+
+
+def full(size: float, _: int) -> Row:
+    """The row of the full model at MU."""
+    row: Row = {}
+    with timed(row, "build"):
+        made = brake(size)
+        affine = made.affine
+    with timed(row, "solve"):
+        found = told_at(affine, (made.scene.band[0], made.scene.band[1]))
+    return row | {"dof": made.system.size, "contact_nodes": contact_nodes(made), **found, "peak_mb": peak_mb()}
+
+
+def compared(row: Row, exact: Row) -> Row:
+    """The largest error of λ relative to |λ|, that of unstable λ, and unstable modes of the full model that are missed."""
+    ours, theirs = (np.array(one["eigenvalues"]) @ [1.0, 1j] for one in (exact, row))
+    at, to = match(ours, theirs)
+    error = np.abs(theirs[to] - ours[at]) / np.abs(ours[at])
+    unstable = ours.real > np.array(exact["error_bars"])
+    grows = unstable[at]
+    return {"error": float(error.max()), "unstable_error": float(error[grows].max(initial=0.0)), "unstable": int(unstable.sum()),
+            "missed": int((grows & (theirs[to].real <= 0)).sum() + unstable.sum() - grows.sum())}
+
+
+def told(rows: list[Row]) -> str:
+    """A table of all rows: nodes of the contact, seconds of the processor, errors of λ against the full model."""
+    exact = {row["element"]: row for row in rows if row["model"] == "full"}
+    cells = []
+    for row in rows:
+        beside = compared(row, exact[row["element"]]) if row["model"] != "full" and row["element"] in exact else {}
+        cells.append([row["model"], row["element"], row["dof"], row["contact_nodes"], row.get("size"), row["build_cpu_s"],
+                      row.get("reduce_cpu_s", 0.0) + row.get("join_cpu_s", 0.0) or None, row.get("sweep_cpu_s"),
+                      row.get("solve_cpu_s"), row["peak_mb"] / 1e3, row.get("critical_mu"), beside.get("error"),
+                      beside.get("unstable_error"), f"{beside['missed']} of {beside['unstable']}" if beside else None])
+    return table(["model", "element", "DOF", "nodes", "small", "build", "reduce", "sweep", "full", "GB", "critical mu", "error λ",
+                  "unstable", "missed"], cells,
+                 ["s", "g", ",d", ",d", "d", ".0f", ".0f", ".0f", ".0f", ".1f", ".5f", ".1e", ".1e", "s"])
+
+
+def _write(text: bytes, file: BinaryIO) -> None:
+    file.write(text)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="A large brake, reduced and full.")
-    parser.add_argument("--size", type=float, default=0.0085, metavar="METRES", help="of the elements; default 0.0085")
-    parser.add_argument("--modes", type=int, default=100, metavar="N", help="real modes of the brake in contact; default 100")
-    parser.add_argument("--method", default="", metavar="KEY", help="for the parts, e.g. craig-bampton; default none")
+    parser.add_argument("--size", type=float, nargs="+", default=[0.0085], metavar="METRES", help="of elements; default 0.0085")
+    parser.add_argument("--model", choices=MODELS, nargs="+", default=["parts"], help="default parts")
     parser.add_argument("--mu", type=int, default=100, metavar="N", help="values of mu; default 100")
-    parser.add_argument("--full", type=float, default=0.025, metavar="METRES", help="elements of the full model; 0: none")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="a JSON file for the rows")
+    parser.add_argument("--out", type=Path, default=FILE, metavar="FILE", help="a JSON file; default benchmarks/data/brake.json")
     given = parser.parse_args()
-    rows = [fresh(reduced, given.size, given.modes, given.method, given.mu)]
-    print(told(rows[0]), flush=True)
-    if given.full:
-        rows.append(fresh(full, given.full))
-        print(told(rows[1]), flush=True)
-    if given.out:
-        given.out.write_text(json.dumps({"machine": fresh(machine), "rows": rows}, indent=1) + "\n", encoding="utf-8")
+    measures: dict[str, Callable[[float, int], Row]] = {"parts": by_parts, "whole": partial(fresh, whole),
+                                                        "full": partial(fresh, full)}
+    host = fresh(machine)
+    for size in given.size:
+        for model in given.model:
+            row = {"model": model, "element": size} | measures[model](size, given.mu)
+            rows = json.loads(given.out.read_text(encoding="utf-8"))["rows"] if given.out.exists() else []
+            rows = [one for one in rows if (one["model"], one["element"]) != (model, size)] + [row]
+            rows.sort(key=lambda one: (-one["element"], one["model"]))
+            text = json.dumps({"machine": host, "mu": MU, "rows": rows}, indent=1) + "\n"
+            write_whole(given.out.parent, {given.out.name: partial(_write, text.encode())})
+            print(told([one for one in rows if one["element"] == size]), flush=True)
 
 
 if __name__ == "__main__":

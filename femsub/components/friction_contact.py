@@ -190,6 +190,22 @@ class FrictionContact(Joint):
             K = K - S.T @ (turned @ _along(s, carried)) - T.T @ (fallen @ _along(t, carried))
         return sp.csr_array(D), sp.csr_array(K)
 
+    def patch_loads(self, model: Substructure, degree: int) -> Array:
+        """Forces (n, k) of smooth tractions along n and t on the first surface: ∫ N P_j dA and ∫ T P_j dA, for all j.
+
+        P_j are the products of Legendre polynomials up to `degree` in two coordinates of the patch. As ports they bring the
+        static responses to what the second surface will do into the basis of the first body: few shapes for many DOF.
+        """
+        points = contact_points(self._mesh(self.first), None, self.tolerance)
+        move = _moved(model, self.first, points.first, points.first.N)
+        x = points.x - np.average(points.x, axis=0, weights=points.weight)
+        axes = np.linalg.eigh(x.T @ (points.weight[:, None] * x))[1]  # the last is the longest
+        legendre = [np.polynomial.legendre.legvander(2 * (at - at.min()) / np.ptp(at) - 1, degree) for at in (x @ axes[:, 1:]).T]
+        P = np.stack([legendre[0][:, i] * legendre[1][:, j] for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
+        n, t, *_ = self._directions(points)
+        forces = np.hstack([_along(way, move).T @ (points.weight[:, None] * P) for way in (n, t)])
+        return np.asarray(model.interface_rows[model.sets[self.first]].T @ forces)
+
     def _points(self) -> Points:
         surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]
         points = contact_points(surfaces[0], surfaces[1], self.tolerance)

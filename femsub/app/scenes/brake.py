@@ -115,7 +115,13 @@ class Brake:
         self.scene, self.tell = scene, lambda text: progress(f"{scene.name}: {text}")
         self.tell("building the parts")
         self.meshes = self._meshes()
-        self.system = self.joined(self._parts())
+        for name in PADS:
+            check_held(self.meshes[name], scene.sprung, f"the pad {name!r}")
+
+    @cached_property
+    def system(self) -> System:
+        """The full model."""
+        return self.joined({name: self.part(name) for name in ("disc", *PADS)})
 
     def _meshes(self) -> dict[str, Mesh]:
         scene = self.scene
@@ -128,17 +134,16 @@ class Brake:
             found["disc"] = found["disc"].with_sets(**{f"under-{name}": met})
         return found
 
-    def _parts(self) -> dict[str, Substructure]:
-        scene = self.scene
+    def part(self, name: str) -> Substructure:
+        """The disc or a pad by itself."""
+        scene, mesh = self.scene, self.meshes[name]
         iron, lining, plate = (Material(*one) for one in zip(scene.E, scene.nu, scene.rho, strict=True))
-        parts = {"disc": solid(self.meshes["disc"], iron, supports=[scene.hub], interface=[f"under-{name}" for name in PADS],
-                               rayleigh=(scene.rayleigh[0], scene.rayleigh[1]), name="disc")}
-        ports = {f"{place}-{axis}": (place, axis) for place in scene.sprung for axis in "xyz"}
-        for name in PADS:
-            parts[name] = solid(self.meshes[name], {"lining": lining, "plate": plate}, interface=[scene.face], ports=ports,
-                                rayleigh=(scene.rayleigh_pads[0], scene.rayleigh_pads[1]), name=name)
-            check_held(self.meshes[name], scene.sprung, f"the pad {name!r}")
-        return parts
+        if name == "disc":
+            return solid(mesh, iron, supports=[scene.hub], interface=[f"under-{pad}" for pad in PADS],
+                         rayleigh=(scene.rayleigh[0], scene.rayleigh[1]), name=name)
+        return solid(mesh, {"lining": lining, "plate": plate}, interface=[scene.face], name=name,
+                     ports={f"{place}-{axis}": (place, axis) for place in scene.sprung for axis in "xyz"},
+                     rayleigh=(scene.rayleigh_pads[0], scene.rayleigh_pads[1]))
 
     def contacts(self, mu: float) -> list[FrictionContact]:
         """Between the face of each pad and the track that turns under it."""
