@@ -152,4 +152,4 @@ def test_a_face_that_lies_beside_the_track_is_told() -> None:
     disc = meshes["disc"].with_sets(inboard=half(meshes["disc"], "inboard"))
     with pytest.MonkeyPatch.context() as patch, pytest.warns(fs.FemsubWarning, match=r"only 4\d% of the face 'face' of 'inb"):
         patch.setattr("femsub.app.scenes.brake.brake_meshes", lambda size: meshes | {"disc": disc})
-        Brake(BrakeScene(size=0.08), lambda _: None)
+        assert Brake(BrakeScene(size=0.08), lambda _: None).system.size

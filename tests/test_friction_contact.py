@@ -257,3 +257,20 @@ def test_a_surface_that_reaches_beyond_the_second_is_told() -> None:
     disc = fs.annulus(0.05, 0.15, 0.01, (2, 12, 1), "hexahedron20")  # curved faces, which have straight edges here
     same = moved(disc, (0, 0, np.ptp(disc.points[:, 2])))
     assert contact_points((same, "bottom", "a"), (disc, "top", "b"), None).share == pytest.approx(1.0, rel=1e-9)
+
+
+def test_smooth_tractions_on_a_patch_have_their_resultants() -> None:
+    mesh = moved(fs.block((0.1, 0.05, 0.02), (4, 2, 2), "hexahedron20"), (0.05, 0.02, 0.0))
+    pad = fs.solid(mesh, STEEL, interface=["bottom"])
+    loads = fs.FrictionContact("bottom", "ground", mesh, K, MU, direction=(1, 0, 0)).patch_loads(pad, 2)
+    u, places = 2 * (pad.dofs.points[:, 0] - 0.1) / 0.1, pad.dofs.components
+    work = np.stack([np.where(places == 2, power, 0.0) @ loads for power in (np.ones_like(u), u, u**2)])
+    along = np.where(places == 0, 1.0, 0.0) @ loads
+    assert loads.shape == (pad.size, 12)  # six polynomials, along n = z and t = x
+    g = AREA / 3 / abs(work[1, 1])  # where the outermost points are, of half the length: there the polynomials are ±1
+    exact = AREA * np.array([[1, 0, (1 / g**2 - 1) / 2], [0, 1 / (3 * g), 0], [1 / 3, 0, (3 / (5 * g**2) - 1 / 3) / 2]])
+    sign = [1, np.sign(work[1, 1]), 1]  # the sense of the axis is open
+    assert 0.9 < g <= 1
+    np.testing.assert_allclose(work[:, :3] * sign, exact, atol=1e-12 * AREA)  # of 1, P₁(u), P₂(u)
+    assert np.abs(work[:, [3, 4]]).max() < 1e-12 * AREA  # of v, uv
+    assert along[6] == pytest.approx(AREA) and np.abs(work[:, 6:]).max() + np.abs(along[:6]).max() < 1e-12 * AREA
