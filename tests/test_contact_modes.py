@@ -142,5 +142,3 @@ def test_contact_modes_need_contacts_that_have_the_parameter() -> None:
         fs.ContactModes(4)
     with pytest.raises(fs.InputError, match=r"parameter 'my'.*mu"):
         fs.ContactModes(4, contacts=pad()[1], parameter="my")
-    with pytest.raises(fs.InputError, match="takes a number of modes only"):
-        fs.ContactModes(band=(0.0, 1e4), tol=1e-3, contacts=pad()[1])

@@ -300,21 +300,22 @@ class Nest:
     def fewest(self, loads: Sequence[int], band: tuple[float, float], tol: float, below: float) -> tuple[int, Estimate] | None:
         """The size and the estimate of the first model of fewer than `below` DOF that meets the tolerance.
 
-        The numbers of modes rise in steps: one mode more is not always better, since pairs that meet want both or none.
+        The numbers of modes rise in steps: one mode more is not always better, since pairs that meet want both or none. Nothing
+        is searched if the largest model does not meet it.
         """
         inside = int(np.searchsorted(self.frequencies[:self.most], band[1], side="right"))
-        count = max(inside, int(not self.rigid))  # no basis is empty
-        while True:
-            count = min(count, self.most)
+        count, most = max(inside, int(not self.rigid)), self.most  # no basis is empty
+        if (size := self.basis(most, loads).shape[1]) >= below:
+            most = int(most * below / size)
+        if most < count or not self.estimate(most, self.basis(most, loads), band, tol).met:
+            return None
+        while count <= most:
             T = self.basis(count, loads)
-            if T.shape[1] >= below:
-                return None
             found = self.estimate(count, T, band, tol)
             if found.met:
-                return T.shape[1], found
-            if count == self.most:
-                return None
-            count = max(count + 1, int(STEP * count))
+                return (T.shape[1], found) if T.shape[1] < below else None
+            count = max(count + 1, min(most, int(STEP * count)))
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,7 +366,7 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, dam
 
 def _lacking(name: str, best: Estimate, larger: Larger) -> str:
     lo, hi = best.band
-    if not best.met:
+    if larger.counted:
         return (f"{name!r} cannot be reduced to a relative error of {best.tol:g} from {lo:.5g} to {hi:.5g} rad/time under this "
                 f"friction. With {best.modes} modes: {best!r}. Lower the band, or raise tol")
     return (f"{name!r}: with {best.searched} modes the eigenvalues of the full system up to {hi:.5g} rad/time cannot be counted "

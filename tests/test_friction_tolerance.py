@@ -1,0 +1,188 @@
+"""Contact modes with a tolerance: no unstable mode is missed, and what is told of the full system holds."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+
+import femsub as fs
+from benchmarks.random_brakes import TOL, Brake, errors, judged, random_brake
+from femsub.model.bands import within
+from femsub.reduction import friction_estimate
+from femsub.reduction.friction_estimate import Larger
+from femsub.reduction.mode_selection import Search
+
+SEEDS = (1, 3, 6, 10, 29, 36, 61, 70)  # with damping by friction, gyroscopic terms, a falling slope, real λ; four flutter
+EASY, FLUTTER = 29, 70
+
+
+@cache
+def brake(seed: int) -> Brake:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        return random_brake(seed)
+
+
+@cache
+def reduced(seed: int, **more: object) -> fs.ReducedSubstructure:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        return fs.reduce(brake(seed).system, fs.ContactModes(band=brake(seed).band, tol=TOL, contacts=brake(seed).contacts), **more)
+
+
+def larger(seed: int, above: float) -> Larger:
+    """A larger model with the real modes up to so many times the band."""
+    one = brake(seed)
+    method = fs.ContactModes(1, contacts=one.contacts)
+    part = method.part(one.system)
+    search = Search(method.statics(part, part.factored(), np.zeros((one.system.size, 0))), None)
+    while search.top <= above * one.band[1]:
+        search.grow(search.modes + 1)
+    return Larger(search, one.system.linearised(one.contacts), [part.friction, part.friction.T], one.band[1])
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_unstable_mode_of_a_random_brake_is_missed(seed: int) -> None:
+    row = judged(brake(seed))
+    assert row["missed"] == row["invented"] == row["outside"] == 0
+    assert row["rom"] in (row["full"], None) and (row["rom"] is not None or seed == 10)
+    assert row["true"] <= TOL and row["estimate"] <= TOL
+    for error, estimate in row["pairs"]:
+        assert error <= estimate <= 1.02 * error + 1e-4  # the radius of the circle is the rest
+
+
+def test_the_brakes_here_are_not_all_stable() -> None:
+    unstable = [brake(seed).votes.count(False) for seed in SEEDS]
+    assert sum(unstable) >= 8 and sum(count > 0 for count in unstable) >= 4
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+@pytest.mark.parametrize("friction", [True, False])
+@pytest.mark.parametrize("ports", [True, False])
+def test_the_model_is_the_one_that_was_judged(ports: bool, friction: bool) -> None:
+    one = brake(EASY)
+    method = fs.ContactModes(band=one.band, tol=1e-2, contacts=one.contacts, friction=friction)
+    rom = fs.reduce(one.system, method, ports=ports)
+    modes = fs.complex_modes(rom, one.contacts, band=one.band)
+    assert rom.estimate is not None and rom.estimate.met and len(modes)
+    assert modes.full_growth is not None and np.isfinite(modes.full_growth).all()
+    assert errors(one, fs.complex_modes(rom, one.contacts).eigenvalues)[0].max() <= 1e-2
+    assert ("friction response" in rom.kinds) == (friction or bool(ports and one.system.ports))
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+def test_a_tolerance_keeps_fewer_modes_the_wider_it_is() -> None:
+    one = brake(EASY)
+    sizes = [fs.reduce(one.system, fs.ContactModes(band=one.band, tol=tol, contacts=one.contacts)).size for tol in (1e-2, 1e-5)]
+    assert sizes[0] < sizes[1]
+
+
+@pytest.mark.parametrize("above", [1.6, 2.0])
+def test_the_circles_hold_the_eigenvalues_of_the_full_system(above: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Larger, "_answers", lambda self, U, *rest: U[:, :0])  # a poor model, with wide circles
+    for seed in (EASY, FLUTTER, 3):
+        found, one = larger(seed, above), brake(seed)
+        inside = np.flatnonzero(within(found.values, one.band) & (found.values.imag >= 0) & np.isfinite(found.radii))
+        assert len(inside)
+        distance = np.abs(one.values[:, None] - found.values[inside]).min(axis=0)
+        assert (distance <= found.radii[inside] + 1e-9 * np.abs(found.values[inside])).all()
+
+
+def test_the_constant_bounds_what_the_larger_model_leaves_out() -> None:
+    for seed in (EASY, FLUTTER):
+        found, one = larger(seed, 1.5), brake(seed)
+        pencil, A = one.system.linearised(one.contacts).dense(), found.product(np.eye(one.system.size))
+        L = la.null_space((A @ found.U).T)
+        root = la.cholesky(L.T @ A @ L)
+        reach = friction_estimate.BEYOND * one.band[1]
+        least = np.inf
+        for value in reach * np.array([1j, 1 + 1j, -1 + 1j, 1, -1, 0.3 + 0.9j]):
+            P = L.T @ pencil.at(value) @ L
+            P = la.solve_triangular(root, la.solve_triangular(root, P, trans=1).conj().T, trans=1)
+            least = min(least, float(la.eigvalsh((P + P.conj().T) / 2)[0]))
+        assert 0 < found.coercivity <= least + 1e-9
+
+
+def test_the_coupling_is_the_dual_norm_of_the_residual() -> None:
+    found, one = larger(EASY, 1.5), brake(EASY)
+    pencil, A = one.system.linearised(one.contacts).dense(), found.product(np.eye(one.system.size))
+    small = found.small
+    at = int(np.argmin(np.abs(small.values - 0.7j * one.band[1])))
+    value = small.values[at]
+    right, left = small.lengths(value)
+    residual = pencil.at(value) @ (found.U @ small.X[:, at])
+    other = pencil.at(value).T @ (found.U @ small.Y[:, at].conj())
+    for length, force in ((right[at], residual), (left[at], other)):
+        assert length == pytest.approx(np.sqrt((force.conj() @ la.solve(A, force)).real), rel=1e-4)
+
+
+def test_too_few_modes_are_not_counted() -> None:
+    found = larger(FLUTTER, 0.8)
+    assert found.coercivity < 0 and not found.counted and np.isinf(found.radii).all()
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+def test_what_cannot_be_met_or_counted_is_refused_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = brake(EASY)
+    with pytest.raises(fs.NotConvergedError, match=r"cannot be reduced to a relative error of 1e-14 .* under this friction"):
+        fs.reduce(one.system, fs.ContactModes(band=one.band, tol=1e-14, contacts=one.contacts))
+    monkeypatch.setattr(friction_estimate, "MOST", 1)
+    monkeypatch.setattr(friction_estimate, "DENSE", 1)
+    monkeypatch.setattr(friction_estimate, "LEAST", 2.0)
+    with pytest.raises(fs.NotConvergedError, match=r"cannot be counted \(c = 0\.\d+, at least 2 is needed\)"):
+        fs.reduce(one.system, fs.ContactModes(band=one.band, tol=1e-2, contacts=one.contacts))
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+def test_a_mode_is_called_stable_only_if_the_full_system_is_told_to_agree() -> None:
+    one = brake(10)  # a mode that decays in the full system grows in the model, less than the tolerance
+    modes = fs.complex_modes(reduced(10), one.contacts, band=one.band)
+    assert one.is_stable and modes.is_stable is None
+    assert replace(modes, full_growth=None).is_stable is False
+    assert modes.full_growth is not None and (modes.full_growth[:, 1] < 0).all()
+    shifted = replace(modes, full_growth=np.abs(modes.full_growth))
+    assert True not in shifted.stable
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+def test_under_other_contacts_nothing_is_told_of_the_full_system() -> None:
+    one = brake(EASY)
+    modes = fs.complex_modes(reduced(EASY), [replace(contact, mu=0.1) for contact in one.contacts], band=one.band)
+    assert modes.full_growth is not None and np.isnan(modes.full_growth).all() and None not in modes.stable
+
+
+def test_the_estimate_is_written_and_read_with_the_circles() -> None:
+    estimate = reduced(EASY).estimate
+    assert estimate is not None and len(estimate.located) == len(estimate.eigenvalues)
+    again = fs.Estimate.of_record(json.loads(json.dumps(estimate.record())))
+    np.testing.assert_array_equal(again.located, estimate.located)
+    np.testing.assert_array_equal(again.radius, estimate.radius)
+    with pytest.raises(fs.InputError, match="damaged"):
+        fs.Estimate.of_record(estimate.record() | {"radius": [1.0]})
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+def test_a_system_of_reduced_parts_is_judged_as_it_is() -> None:
+    one = brake(EASY)
+    roms = fs.reduce(one.system, {name: fs.CraigBampton(12) for name in one.system.parts}, ports=True)
+    small = fs.reduce(roms, fs.ContactModes(band=one.band, tol=TOL, contacts=one.contacts))
+    exact, found = (fs.complex_modes(model, one.contacts, band=one.band).eigenvalues for model in (roms, small))
+    assert small.size < roms.size
+    np.testing.assert_allclose(found, exact, rtol=TOL)
+
+
+def test_a_pad_that_slides_freely_has_its_elastic_modes_judged() -> None:
+    steel, mesh = fs.Material(2.1e11, 0.3, 7850.0), fs.block((0.1, 0.05, 0.02), (4, 2, 1), "hexahedron")
+    pad = fs.solid(mesh, steel, interface=["bottom"], rayleigh=(20.0, 1e-7))
+    rubbing = fs.FrictionContact("bottom", "ground", mesh, 1e11, 0.3, direction=np.array([1.0, 0.0, 0.0]))
+    rom = fs.reduce(pad, fs.ContactModes(band=(1e3, 7e4), tol=TOL, contacts=rubbing))
+    exact, found = (fs.complex_modes(model, rubbing, band=(1e3, 7e4)) for model in (pad, rom))
+    assert rom.kinds.count("rigid") == 3 and found.is_stable is True
+    np.testing.assert_allclose(found.eigenvalues, exact.eigenvalues, rtol=TOL)
