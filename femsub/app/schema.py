@@ -37,8 +37,8 @@ def schema() -> dict[str, Any]:
     completions behind an `if`.
     """
     scenes = {name: scene_schema(name) for name in SCENES}
-    own = {"type": "string", "pattern": r"\.py$"}
-    every: dict[str, Any] = {"scene": {"anyOf": [{"enum": list(SCENES)}, own], "default": "chain",
+    python = {"type": "string", "pattern": r"\.py$"}
+    every: dict[str, Any] = {"scene": {"anyOf": [{"enum": list(SCENES)}, python], "default": "chain",
                                        "description": "what is run: the name of a scene, or the Python file of one of your own"}}
     meanings: dict[str, list[Any]] = {}
     for made in scenes.values():
