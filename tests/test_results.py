@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from femsub.app.cli import main
 from femsub.app.report import commit
 from femsub.app.scene import SCENES, load
 from femsub.app.units import SYSTEMS, UNKNOWN
+from femsub.studies.tables import WIDTH
 
 #: a small model of each scene
 SMALL = {
@@ -94,11 +96,16 @@ def without_folders(inputs: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_a_run_is_repeated_from_its_results(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_is_repeated_from_its_results_and_told_in_100_columns(
+        tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     scene = scene_file(tmp_path / "here", name)
     assert main(["run", scene, "--no-figures", "--out", str(tmp_path / "out")]) == 0
     monkeypatch.chdir(tmp_path)
+    capsys.readouterr()
     assert main(["run", "out/results.json", "--out", "deep/again"]) == 0
+    printed = capsys.readouterr().out
+    assert all(len(line) <= WIDTH for line in printed.splitlines()), max(printed.splitlines(), key=len)
+    assert not re.search(r"\b(nan|inf|None|True|False)\b", printed)
     first, second = results(tmp_path / "out"), results(tmp_path / "deep" / "again")
     for told in (first, second):  # seen from another folder
         for item in told["files"]:

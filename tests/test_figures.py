@@ -1,0 +1,224 @@
+"""Figures and tables can be read: colours, labels, sizes of texts, widths; what is drawn is what was computed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations, pairwise, product
+from typing import Any
+
+import numpy as np
+import pytest
+
+from femsub.app.scene import load
+from femsub.reduction.contact_modes import ContactModes
+from femsub.reduction.interface_modes import InterfaceModes
+from femsub.reduction.reduce import METHODS
+from femsub.studies.friction_sweep import FrictionRow
+from femsub.studies.results import Row, Study, Timing
+from femsub.studies.tables import WIDTH, fitted, table
+
+pytest.importorskip("matplotlib")
+
+from femsub.app.figure_style import PAGE, ROUNDING, SMALL, STYLE, label_points, look, new_figure
+from femsub.app.figures import eigenvalue_figure
+from femsub.app.figures_errors import error_time_figure, errors_figure, friction_errors_figure
+from femsub.app.figures_transient import COLUMNS, envelope
+
+#: what those see who lack one kind of cones, on linear RGB (Machado, Oliveira and Fernandes 2009, severity 1)
+SEEN = {"all": np.eye(3),
+        "no red": np.array([[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]),
+        "no green": np.array([[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]),
+        "no blue": np.array([[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]])}
+APART = 12.0  # in CIELAB; 2.3 is just noticeable
+
+
+def lab(colour: str, seen: np.ndarray) -> np.ndarray:
+    """CIELAB, D65, of '#rrggbb' as it is seen."""
+    rgb = np.array([int(colour[at:at + 2], 16) for at in (1, 3, 5)]) / 255
+    linear = np.clip(seen @ np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4), 0, 1)
+    xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ linear
+    x, y, z = np.cbrt(xyz / np.array([0.9505, 1.0, 1.089]))
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+def test_each_method_has_a_colour_and_a_mark_that_all_can_tell_apart() -> None:
+    kinds = [*METHODS.values(), InterfaceModes, ContactModes]
+    kinds = [kind for kind in kinds if kind.__module__.startswith("femsub.")]
+    assert len({kind.marker for kind in kinds}) == len(kinds) >= 10
+    for (one, other), seen in product(combinations(["#000000", *(kind.colour for kind in kinds)], 2), SEEN.values()):
+        assert np.linalg.norm(lab(one, seen) - lab(other, seen)) > APART, (one, other)
+    assert look("contact-modes")[1:] == (ContactModes.colour, ContactModes.marker)
+
+
+# ---- error against run time
+
+
+def study(errors: dict[str, list[float]], slope: float = 1e-3, force: float = np.nan) -> Study:
+    full = Row("full", 0, 400, 0.0, 0.0, 0.0, 0, -1.0, 0.0, Timing(0, 0, 0), Timing(0.5, 0.4, 0.6), 0.0)
+    rows = [Row(method, 5 + at, 8 + at, 0.1 * error, error, slope * error, 0, -1.0, 0.0, Timing(0.1, 0.09, 0.2),
+                Timing(1e-3, 0.9e-3, 2e-3), 0.0, error_frequency=error, error_force=force, pareto=at == 0)
+            for method, several in errors.items() for at, error in enumerate(several)]
+    return Study("x", (0.0, 1.0), 3, full, tuple(rows))
+
+
+FOUND = study({"craig-bampton": [1e-1, 2e-2, 1.9e-2, 1e-3], "craig-chang": [1e-2, 1.9e-2, 1e-4, 1e-16]})
+
+
+def drawn(figure: Any) -> list[Any]:
+    return [axis for axis in figure.axes if axis.get_visible()]
+
+
+def test_error_against_time_has_two_panels_a_study_and_none_of_rounding() -> None:
+    assert len(drawn(error_time_figure([("{m1}", FOUND), ("{m1, m2}", FOUND)]))) == 4
+    titles = [axis.get_title() for axis in drawn(error_time_figure([("{m1}", study({"rubin": [1e-2, 1e-3]}, slope=1e-14))]))]
+    assert titles == ["growth rates Re λ", "eigenvalues λ"]
+    figure = error_time_figure([("{m1}", FOUND)])
+    axis = drawn(figure)[0]
+    assert axis.get_ylim()[0] > 0.01 * ROUNDING  # an error of 1e-16 does not stretch the axis
+    assert {tuple(line.get_xdata()) for line in axis.lines if line.get_linestyle() == "--"} == {(0.5, 0.5)}  # the full model
+    marks = {(line.get_marker(), line.get_markerfacecolor() == "white") for line in axis.lines if line.get_marker() in "s^"}
+    assert marks == {("s", True), ("s", False), ("^", True), ("^", False)}
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels[:3] == ["full model, 400 DOF", "Craig-Bampton", "Craig-Chang"]
+    assert labels[3:] == ["no other is both as fast and as accurate", "rounding"]
+
+
+def test_labels_of_points_cover_no_mark_and_no_other_label() -> None:
+    figure = error_time_figure([("{m1}", FOUND)])
+    figure.canvas.draw()
+    for axis in drawn(figure):
+        boxes = [text.get_window_extent() for text in axis.texts]
+        assert len(boxes) >= 6
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+        for line in axis.lines:
+            if line.get_marker() not in ("None", None, ""):
+                for x, y in line.get_transform().transform(np.column_stack(line.get_data())):
+                    assert not any(box.contains(x, y) for box in boxes)
+
+
+def test_a_label_without_room_is_left_out() -> None:
+    figure = new_figure(4.0, 3.0)
+    axis = figure.subplots()
+    axis.plot([0.5] * 9, [0.5] * 9, "o")
+    label_points(figure, [(axis, 0.5, 0.5, f"{at}" * 3, "black") for at in range(40)])
+    assert 1 <= len(axis.texts) <= 8
+
+
+def test_systems_have_a_panel_for_each_error_and_models_with_a_missing_mode_none() -> None:
+    found = study({"rubin": [1e-2, 1e-3]}, force=1e-2)
+    titles = [axis.get_title() for axis in drawn(errors_figure(found, "x"))]
+    assert titles == ["frequencies ω", "growth rates Re λ", "critical slope", "forces in the joints"]
+    assert [axis.get_title() for axis in drawn(errors_figure(study({"rubin": [1e-2]}), "x"))] == titles[:3]
+    figure = errors_figure(replace(found, rows=tuple(replace(row, missing=1) for row in found.rows)), "x")
+    assert len(figure.legends[0].get_texts()) == 1  # the full model
+
+
+def test_models_under_friction_without_a_counterpart_have_no_error_to_draw() -> None:
+    row = FrictionRow("rubin", 5, 10, 0.2, 0.1, np.nan, np.nan, 1, 0, np.inf, np.nan)
+    friction_errors_figure([row], 1.0, "x").canvas.draw()
+    figure = friction_errors_figure([row, replace(row, method="contact-modes", error=1e-3, growth_error=1e-4)], 1.0, "x")
+    assert [axis.get_title() for axis in drawn(figure)] == ["eigenvalues λ", "growth rates Re λ"]
+    assert "misses an unstable mode" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+# ---- eigenvalues, signals
+
+
+def spectrum(model: str, top: float, panel: str = "a") -> dict[str, Any]:
+    values = np.linspace(-top, top, 20) * 1j + 0.01
+    return {"panel": panel, "model": model, "size": 5, "eigenvalues": values, "above_cutoff": np.zeros(20, bool)}
+
+
+def test_a_clump_of_eigenvalues_is_enlarged() -> None:
+    assert len(drawn(eigenvalue_figure([spectrum("full", 2.0), spectrum("rubin", 1.9)], "x"))) == 1
+    upper, lower = drawn(eigenvalue_figure([spectrum("full", 2.0), spectrum("rubin", 0.2)], "x"))
+    assert upper.get_ylim()[1] > 2.0 and 0.2 < lower.get_ylim()[1] < 0.3
+    several = [spectrum("full", 2.0), spectrum("rubin", 0.2), spectrum("full", 2.0, "b"), spectrum("rubin", 0.1, "b")]
+    axes = drawn(eigenvalue_figure(several, "x"))
+    assert axes[2].get_ylim()[1] > 0.2 > axes[3].get_ylim()[1] > 0.1  # each its own part
+
+
+def test_marks_that_lie_on_each_other_are_all_seen() -> None:
+    axis = eigenvalue_figure([spectrum(name, 2.0) for name in ("full", "craig-bampton", "craig-chang", "rubin")], "x").axes[0]
+    sizes = [line.get_markersize() for line in axis.lines if line.get_marker() not in ("None", "")]
+    assert len(sizes) == 4 and all(one > other for one, other in pairwise(sizes))
+    assert all(line.get_zorder() > 2 for line in axis.lines if line.get_marker() not in ("None", ""))
+
+
+def test_an_envelope_has_every_extreme(rng: np.random.Generator) -> None:
+    t = np.sort(rng.random(20_000))
+    v = rng.standard_normal(20_000)
+    places, low, high = envelope(t, v)
+    assert len(places) == COLUMNS and low.min() == v.min() and high.max() == v.max()
+    at = np.searchsorted(places, t, side="right") - 1
+    assert np.all((low[at] <= v) & (v <= high[at]))
+    assert np.array_equal(envelope(t[:3], v[:3])[1], v[:3])
+
+
+# ---- all of a scene's figures
+
+
+@pytest.mark.parametrize(("name", "keys"), [
+    ("chain", 'belts = [1, 2]\nsizes = [3, 5]\nrepeats = 1\n'),
+    ("chain-parts", 'n = 12\nparts = [2]\nmodes = [2]\nrepeats = 1\n'),
+    ("chain-transient", 'time = [0, 300]\nwindow = [100, 300]\nlength = 100\n'),
+    ("two-mode", "points = 11\n")])
+def test_figures_have_units_texts_that_can_be_read_and_legends_beside_the_data(name: str, keys: str, tmp_path: Any) -> None:
+    from matplotlib import rc_context
+    from matplotlib.text import Text
+
+    (tmp_path / "scene.toml").write_text(f'scene = "{name}"\n{keys}')
+    scene, run = load(str(tmp_path / "scene.toml"))
+    drawings = run(scene, lambda _: None).drawings
+    assert drawings
+    for title, draw in drawings.items():
+        with rc_context(STYLE):
+            figure = draw()
+        assert figure.get_figwidth() <= PAGE
+        small = [text.get_text() for text in figure.findobj(Text) if text.get_text().strip() and text.get_fontsize() < SMALL
+                 and "$" not in text.get_text()]
+        assert not small, (title, small)
+        for axis in drawn(figure):
+            assert axis.get_legend() is None, title
+            for label in (axis.get_xlabel(), axis.get_ylabel()):
+                assert not label or "[" in label or label in ("μ", "P l/k"), (title, label)
+        assert any(axis.get_xlabel() for axis in figure.axes) and any(axis.get_ylabel() for axis in figure.axes), title
+
+
+# ---- tables
+
+
+def test_a_wide_table_has_its_heads_broken_and_then_continues_below() -> None:
+    head = ["model", "DOF", *(f"static error {at}" for at in range(9))]
+    rows = [["Craig-Chang, physical", 100_000, *[1.5e-3] * 9]]
+    said = table(head, rows, ["s", "d", *[".1e"] * 9], keys=2).splitlines()
+    assert max(map(len, said)) <= WIDTH and "static" in said[0] and "error" in said[1]
+    assert all(line == line.rstrip() for line in said)
+    parts = table(head * 3, [rows[0] * 3], ["s", "d", *[".1e"] * 9] * 3, keys=2).split("\n\n")
+    assert len(parts) > 2 and max(len(line) for part in parts for line in part.splitlines()) <= WIDTH
+    assert all("Craig-Chang, physical  100000" in part for part in parts)  # the keys stand in each
+    assert "".join(parts).count("1.5e-03") == 27
+
+
+def test_what_has_no_value_is_a_dash_and_the_table_says_why() -> None:
+    said = table(["a", "ω"], [["x", np.nan], ["y", None], ["z", 1.0]], ["s", ".1f"], ["ω"], none="not computed").splitlines()
+    assert [line.split() for line in said[2:5]] == [["x", "-", "-"], ["y", "-", "-"], ["z", "1.0", "0.2"]]
+    assert said[-1] == "-  not computed" and "nan" not in "".join(said)
+    assert "not computed" not in table(["a"], [["x"]], ["s"], none="not computed")
+
+
+def test_long_lines_are_broken_and_short_ones_left() -> None:
+    text = "short   line\n" + "word " * 40 + "\n" + "x" * 120
+    said = fitted(text).splitlines()
+    assert said[0] == "short   line" and said[-1] == "x" * 120
+    assert all(len(line) <= WIDTH for line in said[:-1]) and " ".join(" ".join(said[1:-1]).split()) == ("word " * 40).strip()
+
+
+def test_the_widest_study_fits() -> None:
+    slow = Timing(123.0, 99.0, 150.0)
+    row = Row("craig-chang-physical", 99, 99_999, 1e-10, 1e-10, 1e-10, 100, -1.0, 0.0, slow, slow, 0.0, stable=True,
+              error_frequency=1e-10, error_force=1e-10, pareto=True, cutoff=0.5, reason="the reason is " + "long " * 30)
+    for force in (0.0, np.nan):
+        found = Study("x", (0.0, 1.0), 5, replace(row, method="full", size=100_000, error_force=force), (row, row))
+        assert max(map(len, str(found).splitlines())) <= WIDTH
+        assert "\n\n" not in str(found)  # in one piece
