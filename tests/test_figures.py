@@ -70,6 +70,8 @@ def drawn(figure: Any) -> list[Any]:
 
 def test_error_against_time_has_two_panels_a_study_and_none_of_rounding() -> None:
     assert len(drawn(error_time_figure([("{m1}", FOUND), ("{m1, m2}", FOUND)]))) == 4
+    lacking = replace(FOUND, rows=tuple(replace(row, missing=1) for row in FOUND.rows))
+    assert len(error_time_figure([("{m1}", lacking)]).legends[0].get_texts()) == 1  # the full model alone
     titles = [axis.get_title() for axis in drawn(error_time_figure([("{m1}", study({"rubin": [1e-2, 1e-3]}, slope=1e-14))]))]
     assert titles == ["growth rates Re λ", "eigenvalues λ"]
     figure = error_time_figure([("{m1}", FOUND)])
