@@ -8,16 +8,18 @@ import zlib
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
 
-from femsub import Mesh
 from femsub.checks import Array
 from femsub.components.mesh import boundary_faces, corner_nodes
 from femsub.errors import InputError
-from femsub.io.atomic import Writer
+
+if TYPE_CHECKING:
+    from femsub import Mesh
+    from femsub.app.scene import Writer
 
 MODE_FILE = "mode.npz"
 MOST_NODES = 12_000  # of a surface: a browser redraws so many some 20 times a second

@@ -14,7 +14,6 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from femsub import __version__
 from femsub.app.explain import toml
 from femsub.app.figure_style import look
 from femsub.app.inputs import results_of
@@ -273,7 +272,7 @@ def _rests_on(told: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
     versions = {**told.get("versions", {}), **{f"machine: {key}": value for key, value in told.get("machine", {}).items()}}
     facts = [(key, ", ".join(map(str, value)) if isinstance(value, list) else value) for key, value in versions.items()]
     facts += [(str(item.get("path")), f"SHA-256 {item.get('sha256')}") for item in told.get("files", [])]
-    facts += [("run ended", told.get("date", "")), ("page made by", f"femsub {__version__}")]
+    facts.append(("run ended", told.get("date", "")))
     if mode is None:
         facts.append(("mode", f"{MODE_FILE} is not there. A run with the output page writes it, if the scene finds a mode"))
     lines = "".join(f"<tr><th scope=row>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts)

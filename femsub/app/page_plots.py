@@ -18,8 +18,8 @@ DASHES = ("solid", "dash", "dot", "dashdot")
 INK = "ink"  # the page's own colour of text, light or dark
 KINDS = {"fold": "diamond", "period doubling": "square", "Neimark-Sacker": "triangle-up", "branch point": "triangle-down"}
 OVER = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [length/time]", "force": "normal force F  [force]"}
-BRANCHES = ("Solid: stable. Dashed: unstable. Dotted: stability not computed. Star: where the branch begins. Open circle: where a "
-            "transient ended. Triangle, square, diamond: special points, which tell their kind.")
+BRANCHES = ("Solid: stable. Dashed: unstable. Dotted: stability not computed. Star: where the branch begins. Open circle: where "
+            "a transient ended. Triangle, square, diamond: special points, which tell their kind.")
 ERRORS = {"error_growth": "error of Re λ", "error_eigenvalue": "error of λ", "error_frequency": "error of ω",
           "error_slope": "error of the critical slope", "error_force": "error of the forces in joints",
           "mu_error": "error of the critical mu", "growth_error": "error of Re λ, over |λ|", "error": "error of λ, over |λ|"}
@@ -328,7 +328,8 @@ def _springs(told: Data) -> Iterator[dict[str, Any]]:
         traces.append(_trace(model, name, [row["springs"] for row in own], [_floored(row["error"]) for row in own], text,
                              "lines+markers", dash=DASHES[kept.index(modes) % len(DASHES)]))
     yield _plot("Error with the interface on springs", "Soft springs leave the interface nearly free, stiff ones nearly fixed.",
-                traces, "stiffness of the springs, over that of the interface", "largest relative error of a frequency", told, logs="xy")
+                traces, "stiffness of the springs, over that of the interface", "largest relative error of a frequency", told,
+                logs="xy")
 
 
 def _friction(told: Data) -> Iterator[dict[str, Any]]:

@@ -14,9 +14,8 @@ from typing import Any, BinaryIO
 from femsub.app.inputs import hash_of, results_of
 from femsub.app.keys import item_kind, keys_of, kinds
 from femsub.app.report import machine, to_json, versions, write
-from femsub.app.scene import SCENES, Progress, Result, Scene
+from femsub.app.scene import SCENES, Progress, Result, Scene, Writer
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.io.atomic import Writer
 from femsub.io.mesh_text import texts_read
 
 #: the paper whose study the scenes of the chain repeat
