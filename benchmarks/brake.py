@@ -1,6 +1,7 @@
 """A large brake: its reduction, 100 values of mu of the reduced model, and the full model at one, with seconds and memory.
 
     python -m benchmarks.brake [--size METRES ...] [--model parts|whole|full ...] [--mu N] [--out FILE]
+                               [--keep FOLDER]
 
 parts  Each part is reduced by itself, in a process of its own, to its real modes on a contact with the ground and its
        responses to smooth tractions there. The joined parts are reduced to contact modes. No process holds more than one part.
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import pickle
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -137,9 +139,15 @@ def joined(size: float, parts: dict[str, fs.ReducedSubstructure], points: int) -
     return swept(row | {"size": small.size, "contact_nodes": contact_nodes(made)}, made, affine, points)
 
 
-def by_parts(size: float, points: int) -> Row:
-    """The row of the model whose parts are reduced one by one."""
-    found = {name: fresh(part, size, name) for name in ("disc", *PADS)}
+def by_parts(size: float, points: int, folder: Path | None = None) -> Row:
+    """The row of the model whose parts are reduced one by one; parts that are in the folder are not made again."""
+    found = {}
+    for name in ("disc", *PADS):
+        path = None if folder is None else folder / f"{name}-{size:g}.pickle"
+        found[name] = fresh(part, size, name) if path is None or not path.exists() else pickle.loads(path.read_bytes())
+        if path is not None:
+            write_whole(path.parent, {path.name: partial(_write, pickle.dumps(found[name]))})
+            print(f"{name}: {found[name][1]}", flush=True)
     last = fresh(joined, size, {name: model for name, (model, _) in found.items()}, points)
     rows = {name: row for name, (_, row) in found.items()}
     total = {f"{what}_{unit}": sum(row[f"{what}_{unit}"] for row in rows.values()) for what in ("build", "reduce")
@@ -206,9 +214,10 @@ def main() -> None:
     parser.add_argument("--model", choices=MODELS, nargs="+", default=["parts"], help="default parts")
     parser.add_argument("--mu", type=int, default=100, metavar="N", help="values of mu; default 100")
     parser.add_argument("--out", type=Path, default=FILE, metavar="FILE", help="a JSON file; default benchmarks/data/brake.json")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="for reduced parts: a run that was stopped goes on from them")
     given = parser.parse_args()
-    measures: dict[str, Callable[[float, int], Row]] = {"parts": by_parts, "whole": partial(fresh, whole),
-                                                        "full": partial(fresh, full)}
+    measures: dict[str, Callable[[float, int], Row]] = {"parts": partial(by_parts, folder=given.keep),
+                                                        "whole": partial(fresh, whole), "full": partial(fresh, full)}
     host = fresh(machine)
     for size in given.size:
         for model in given.model:
