@@ -119,6 +119,7 @@ def test_all_interface_modes_are_the_system(key: str, held: bool) -> None:
     assert rigid == (0 if held else 3)
     rom = fs.reduce(system, fs.InterfaceModes(n_b - rigid))
     assert rom.size == system.size and rom.cutoff == system.cutoff
+    assert fs.InterfaceModes(1).static_columns(system) == system.size - n_b
     for key in "MDK":
         energy, own = rom.V.T @ getattr(system, key) @ rom.V, getattr(rom, key)
         assert np.allclose(energy, own, rtol=1e-6, atol=1e-6 * np.sqrt(np.outer(*[own.diagonal().clip(1e-9 * own.max())] * 2)))
