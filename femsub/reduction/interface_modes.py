@@ -127,7 +127,7 @@ class InterfaceModes(Method):
 
     def static_columns(self, sub: Substructure) -> int:
         """The coordinates that are kept as they are: those beside the interface."""
-        return min(sub.size - len(np.unique(_rows(sub).indices)), INTERIOR)
+        return min(sub.size - len(_turned(sub)[1]), INTERIOR)  # `part` refuses more
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
         """The interior coordinates as they are, and the port columns whose static responses join the basis."""
