@@ -134,7 +134,8 @@ def random_brake(seed: int) -> Brake:
     system = fs.couple(parts, [*contacts, *joints], f"brake {seed}")
     pencil = system.linearised(contacts).dense()
     values, noise = eigenvalues(pencil)
-    still = np.sqrt(np.maximum(la.eigvalsh((pencil.K + pencil.K.T) / 2, pencil.M), 0.0))
+    held = system.linearised([replace(one, mu=0.0) for one in contacts]).dense().K
+    still = np.sqrt(la.eigvalsh((held + held.T) / 2, pencil.M))
     last = int(random.integers(4, 13))
     hi = float(still[last - 1] + random.uniform(0.2, 0.8) * (still[last] - still[last - 1]))
     return Brake(seed, kind, system, tuple(contacts), (0.0, hi), values, noise, tuple(traits))

@@ -18,8 +18,8 @@ from femsub.reduction import friction_estimate
 from femsub.reduction.friction_estimate import Larger
 from femsub.reduction.mode_selection import Search
 
-SEEDS = (1, 3, 6, 10, 29, 36, 61, 70)  # with damping by friction, gyroscopic terms, a falling slope, real λ; four flutter
-EASY, FLUTTER = 29, 70
+SEEDS = (3, 6, 7, 29, 36, 56, 61, 70)  # with damping by friction, gyroscopic terms, a falling slope, real λ, and none of these
+EASY, FLUTTER, CLOSE = 29, 70, 7
 
 
 @cache
@@ -52,7 +52,7 @@ def larger(seed: int, above: float) -> Larger:
 def test_no_unstable_mode_of_a_random_brake_is_missed(seed: int) -> None:
     row = judged(brake(seed))
     assert row["missed"] == row["invented"] == row["outside"] == 0
-    assert row["rom"] in (row["full"], None) and (row["rom"] is not None or seed == 10)
+    assert row["rom"] in (row["full"], None) and (row["rom"] is not None or seed == CLOSE)
     assert row["true"] <= TOL and row["estimate"] <= TOL
     for error, estimate in row["pairs"]:
         assert error <= estimate <= 1.02 * error + 1e-4  # the radius of the circle is the rest
@@ -142,13 +142,12 @@ def test_what_cannot_be_met_or_counted_is_refused_with_the_reason(monkeypatch: p
 
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 def test_a_mode_is_called_stable_only_if_the_full_system_is_told_to_agree() -> None:
-    one = brake(10)  # a mode that decays in the full system grows in the model, less than the tolerance
-    modes = fs.complex_modes(reduced(10), one.contacts, band=one.band)
-    assert one.is_stable and modes.is_stable is None
-    assert replace(modes, full_growth=None).is_stable is False
-    assert modes.full_growth is not None and (modes.full_growth[:, 1] < 0).all()
-    shifted = replace(modes, full_growth=np.abs(modes.full_growth))
-    assert True not in shifted.stable
+    one = brake(CLOSE)  # a mode grows in the full system by 1e-7 of |λ|, and decays in the model
+    modes = fs.complex_modes(reduced(CLOSE), one.contacts, band=one.band)
+    assert one.is_stable is False and modes.is_stable is None
+    assert replace(modes, full_growth=None).is_stable is True
+    assert modes.full_growth is not None and (modes.full_growth[:, 0] > 0).sum() == 1
+    assert True not in replace(modes, full_growth=np.abs(modes.full_growth)).stable
 
 
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
@@ -182,7 +181,8 @@ def test_a_pad_that_slides_freely_has_its_elastic_modes_judged() -> None:
     steel, mesh = fs.Material(2.1e11, 0.3, 7850.0), fs.block((0.1, 0.05, 0.02), (4, 2, 1), "hexahedron")
     pad = fs.solid(mesh, steel, interface=["bottom"], rayleigh=(20.0, 1e-7))
     rubbing = fs.FrictionContact("bottom", "ground", mesh, 1e11, 0.3, direction=np.array([1.0, 0.0, 0.0]))
-    rom = fs.reduce(pad, fs.ContactModes(band=(1e3, 7e4), tol=TOL, contacts=rubbing))
+    rom = fs.reduce(pad, fs.ContactModes(band=(0.0, 7e4), tol=TOL, contacts=rubbing))
+    assert rom.kinds.count("rigid") == 3 and rom.estimate is not None and rom.estimate.met
     exact, found = (fs.complex_modes(model, rubbing, band=(1e3, 7e4)) for model in (pad, rom))
-    assert rom.kinds.count("rigid") == 3 and found.is_stable is True
+    assert found.is_stable is True and found.full_growth is not None and np.isfinite(found.full_growth).all()
     np.testing.assert_allclose(found.eigenvalues, exact.eigenvalues, rtol=TOL)

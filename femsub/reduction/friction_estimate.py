@@ -157,7 +157,7 @@ class Larger:
             for start in range(0, R, COLUMNS):
                 load = part @ U[:, start:start + COLUMNS]
                 if load.any():
-                    answer = self._outside(self.handle.factor.solve(load))
+                    answer = self.handle.factor.solve(load) - U @ (U.T @ load)  # UᵀA A⁻¹ = Uᵀ
                     columns = slice(at * R + start, at * R + start + load.shape[1])
                     gram[:, columns] = np.vstack([U.T @ (other.T @ answer) for other in parts])
         scale = np.repeat([self.hi**2, self.hi, 1.0], R)
