@@ -192,16 +192,17 @@ def test_what_moves_not_is_refused_by_name() -> None:
     sub = part(4, sparse=False)
     with pytest.raises(fs.InputTypeError, match=r"Rubbing has no exerted\(u, v\)"):
         fs.transient(sub, Rubbing())
-    with pytest.raises(fs.InputError, match="takes Belts only, not Hardening"):
-        fs.transient(part(4), Hardening(), method="alpha")
 
 
-def test_where_a_friction_law_is_needed_it_is_refused_by_name() -> None:
+def test_where_it_has_no_place_it_is_refused_by_name() -> None:
     sub = part()
-    law = fs.StribeckArctan(eps=1e-2)
-    for call in (lambda c: fs.harmonic_balance(sub, c), lambda c: fs.branch(sub, c)):
-        with pytest.raises(fs.InputTypeError, match=r"takes Belts.*not Rubbing"):
-            call([fs.Belt(speed=0.2, law=law), Rubbing()])
+    belt = fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2))
+    with pytest.raises(fs.InputTypeError, match=r"a branch of limit cycles takes Belts.*not Rubbing"):
+        fs.branch(sub, [belt, Rubbing()])
+    still = fs.State(np.zeros(sub.size), np.zeros(sub.size))
+    for call in (lambda c: fs.harmonic_balance(sub, c), lambda c: fs.shoot(sub, c, still, 1.0)):
+        with pytest.raises(fs.InputTypeError, match=r"Rubbing has no exerted\(u, v\)"):
+            call([belt, Rubbing()])
 
 
 def test_what_is_no_contact_is_told() -> None:

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
 from femsub.components.mesh import Mesh
+from femsub.components.sliding_surfaces import SlidingSurfaces
 from femsub.components.solid_elements import reference, skfem
 from femsub.components.ties import Surface, areas, common_parts, reach, rows_of_nodes
 from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
@@ -45,6 +46,10 @@ class FrictionContact(Joint):
     along. Other terms with p but without k are left out. At a wavelength L they are about p / (k L) of those with k. A surface
     that tilts or stretches turns n and t and changes the area (follower forces). Two bodies that move apart in the surface meet
     at another place of the second. With a `direction` the material of the second body is not carried through the contact.
+
+    In motion (`transient`, `harmonic_balance`, `shoot`) that force acts as it stands, less its value in steady sliding, from
+    which displacements are counted. If a pressure is given, the surfaces part where it would become negative. Below 1 % of V the
+    friction is proportional to the sliding velocity, in place of sticking.
 
     A friction contact is also a joint without equations: among the joints of `couple` it says which parts meet, and a part that
     nothing else holds to the others is taken. The contact itself is given to the analysis.
@@ -205,6 +210,20 @@ class FrictionContact(Joint):
         n, t, *_ = self._directions(points)
         forces = np.hstack([_along(way, move).T @ (points.weight[:, None] * P) for way in (n, t)])
         return np.asarray(model.interface_rows[model.sets[self.first]].T @ forces)
+
+    def in_motion(self, model: Substructure) -> SlidingSurfaces:
+        """What it exerts in motion on a model, for `transient` and limit cycles."""
+        points = self._points()
+        n, t, s, r = self._directions(points)
+        move = self._motions(model, points)
+        turns = self.speed is not None and self.pressure > 0
+        carried = None
+        if turns and self.axis is not None:
+            moved = [float(self.speed or 0.0) * motion for motion in self._carried(model, points)]
+            carried = _along(t, moved), _along(s, moved)
+        N, T, S = (_along(vectors, move) for vectors in (n, t, s))
+        return SlidingSurfaces(self.sets, N, T, S, carried, points.weight, float(self.speed or 0.0) * r if turns else None,
+                               float(self.stiffness), float(self.pressure), float(self.mu), float(self.slope))
 
     def _points(self) -> Points:
         surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]

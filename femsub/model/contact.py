@@ -36,12 +36,13 @@ class Contact(Protocol):
     linearised(model)      (C_D, C_K): D becomes D + W C_D Wᵀ, K becomes K + W C_K Wᵀ about the operating point. Each is a
                            matrix (p, p), symmetric or not, full or sparse; a number c, which stands for c times the unit
                            matrix; or None.
-    exerted(u, v)          the force f (p,) in motion: M q̈ + D q̇ + K q = W f(u, v), for `transient`
+    exerted(u, v)          the force f (p,) in motion: M q̈ + D q̇ + K q = W f(u, v), for `transient` and limit cycles
     tangents(u, v)         (∂f/∂u, ∂f/∂v), (p, p) each. At the operating point they are -C_K and -C_D.
+    in_motion(model)       instead of the last two: an object that has them, for contacts whose force needs to know the model
     =====================  ================================================================================================
 
-    `ports` and `linearised` are required. Without the last two the contact has no place in nonlinear motion, and is refused there
-    by name.
+    `ports` and `linearised` are required. Without what it exerts and its tangents the contact has no place in nonlinear motion,
+    and is refused there by name.
     """
 
     @property

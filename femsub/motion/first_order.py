@@ -202,7 +202,7 @@ def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array, re
         np.copyto(gradient, linear)
         gradient[n:work, loss] = 2 * (symmetric @ y[n:work])
 
-    if contact.others:
+    if contact.columns > 1 or contact.others:
         still = rest[:p] @ G
 
         def rhs(t: float, y: Array) -> Array:
@@ -223,7 +223,7 @@ def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array, re
             gradient[:p, work] = G @ (of_u.T @ v)
             gradient[n:n + p, work] = G @ (contact.exerted(u, v) + of_v.T @ v)
             return gradient
-    elif contact.columns == 1:
+    else:
         belt, g = contact.belts[0], float(G[0, 0])
         force, speed, first = belt.force, float(belt.speed or 0.0), float(steady[0])
         mu, mu_slope = scalar_law(belt.law)  # type: ignore[arg-type]
@@ -243,23 +243,6 @@ def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array, re
             tangent = -force * mu_slope(speed - v)
             gradient[n, n] += g * g * tangent
             gradient[n, work] = g * (force * mu(speed - v) + v * tangent)
-            return gradient
-    else:
-        def rhs(t: float, y: Array) -> Array:
-            dot(y, whole)
-            v = y[n:n + p] @ G
-            f = contact.force(v)
-            out[n:n + p] += G @ (f - steady)
-            dissipated()
-            out[work] = f @ v
-            return out
-
-        def jacobian(t: float, y: Array) -> Array:
-            start_gradient(y)
-            v = y[n:n + p] @ G
-            f, tangent = contact.force(v), contact.tangent(v)
-            gradient[n:n + p, n:n + p] += ((G * tangent) @ G.T).T
-            gradient[n:n + p, work] = G @ (f + v * tangent)
             return gradient
 
     return rhs, jacobian

@@ -1,9 +1,9 @@
-"""Large sparse models in time: M a + D v + K x = W f(Wᵀv) by the generalised-α method, with one solve per step.
+"""Large sparse models in time: M a + D v + K x = W f(Wᵀx, Wᵀv) by the generalised-α method, with one solve per step.
 
 The method (Chung and Hulbert, J. Appl. Mech. 60 (1993) 371) is of second order, and damps frequencies that the step cannot
 resolve (spectral radius RADIUS at infinity). Each step solves an equation in which the contact has rank p:
 
-    S d = -r + W (f(v₁) - f(v₀)),   v₁ = v₀ + s Wᵀd,   S = σM + sD + K,
+    S d = -r + W (f(u₁, v₁) - f(u₀, v₀)),   u₁ = u₀ + Wᵀd,   v₁ = v₀ + s Wᵀd,   S = σM + sD + K,
 
 with r the residual at the predictor, s and σ the shifts of the step. S depends on the step size only and is factorised once
 per size. The remaining p equations for v₁ are solved to rounding by Newton's method. (PETSc's own TSALPHA2 starts with twice
@@ -67,7 +67,7 @@ class AlphaFlow:
         self.work = self.loss = 0.0
         self.dt = self.largest = step
         self.speed = _speed(contact, start)
-        self.rest, self.steady = start.displacement, contact.force(np.zeros(contact.columns))
+        self.rest, self.steady = start.displacement, contact.resting(start.displacement)
         self.pull = contact.pull(self.rest)
         self.shaken = float(np.sqrt(np.square(contact.W @ self.steady) @ (1 / self.weight)))
         self.moving, self.error = self._moving(start), 0.0
@@ -175,7 +175,8 @@ class AlphaFlow:
 
     def _moving(self, start: State) -> float:
         """V at the start: the larger of ‖v‖ and aᵀMa/sqrt(aᵀKa), the largest speed of a single mode released from rest."""
-        force = self.pull + self.contact.W @ (self.contact.force(self.contact.W.T @ start.velocity) - self.steady)
+        W = self.contact.W
+        force = self.pull + W @ (self.contact.exerted(W.T @ self.rest, W.T @ start.velocity) - self.steady)
         a = force / self.weight
         stiffness = float(a @ (self.K @ a))
         return float(np.hypot(self._norm(start.velocity), force @ a / np.sqrt(stiffness) if stiffness > 0 else 0.0))
@@ -211,7 +212,7 @@ class AlphaFlow:
 
 def _speed(contact: Sliding, start: State) -> float:
     """The belts' speed as a norm of velocities: v / sqrt(wᵀ(diag M)⁻¹w), the largest of the columns'."""
-    speed = max(*(abs(belt.speed or 0.0) for belt in contact.belts), float(np.abs(contact.W.T @ start.velocity).max())) or 1.0
+    speed = max([*(abs(belt.speed or 0.0) for belt in contact.belts), float(np.abs(contact.W.T @ start.velocity).max())]) or 1.0
     norms = np.square(contact.W).T @ (1 / contact.model.M.diagonal())
     return float(speed / np.sqrt(norms[norms > 0].min())) if norms.any() else speed
 
@@ -227,8 +228,7 @@ class Stepper:
     def __init__(self, flow: AlphaFlow, start: State) -> None:
         self.flow, self.x, self.v = flow, np.zeros(len(start.velocity)), start.velocity.copy()
         contact = flow.contact
-        speeds = contact.W.T @ self.v
-        self.force = contact.force(speeds)
+        self.force = contact.exerted(contact.W.T @ flow.rest, contact.W.T @ self.v)
         self.a = mass_solve(flow.M, -flow.residual(self.x, self.v, np.zeros_like(self.v), self.force))
 
     def step(self, h: float) -> None:
@@ -236,42 +236,48 @@ class Stepper:
         flow, contact = self.flow, self.flow.contact
         part, s, sigma = STAGE * BETA * h * h, GAMMA / (BETA * h), INERTIA / (STAGE * BETA * h * h)
         # the predictor keeps a
-        speed = self.v + STAGE * h * self.a
-        speeds = contact.W.T @ speed
-        before = contact.force(speeds)
-        residual = flow.residual(self.x + STAGE * (h * self.v + h * h / 2 * self.a), speed, self.a, before)
+        place, speed = self.x + STAGE * (h * self.v + h * h / 2 * self.a), self.v + STAGE * h * self.a
+        guess = contact.W.T @ (flow.rest + place) if contact.others else np.zeros(contact.columns), contact.W.T @ speed
+        before = contact.exerted(*guess)
+        residual = flow.residual(place, speed, self.a, before)
         handle, Z, C = flow.factor(sigma, s)
         d = handle.solve(-residual)
-        self.force = _contact_force(contact, speeds + s * (contact.W.T @ d), speeds, before, C)
+        self.force = _contact_force(contact, guess, s * (contact.W.T @ d), before, C, s)
         change = (d + Z @ (self.force - before)) / part  # of a
         self.x = self.x + h * self.v + h * h * (self.a / 2 + BETA * change)
         self.v = self.v + h * (self.a + GAMMA * change)
         self.a = self.a + change
 
 
-def _contact_force(contact: Sliding, linear: Array, guess: Array, before: Array, C: Array) -> Array:
-    """f(v) with v = linear + C (f(v) - before), by Newton's method with step halving; shape (p,)."""
+def _contact_force(contact: Sliding, guess: tuple[Array, Array], change: Array, before: Array, C: Array, s: float) -> Array:
+    """f(u, v) with v = v₀ + change + C (f(u, v) - before) and u = u₀ + (v - v₀)/s, by Newton's method with step halving; (p,)."""
+    place, begin = guess
+    linear = begin + change
+
     def gap(v: Array) -> tuple[Array, Array]:
-        f = contact.force(v)
+        f = contact.exerted(place + (v - begin) / s, v)
         return v - linear - C @ (f - before), f
 
-    v = guess
+    v = begin
     rest, f = gap(v)
     floor = 8 * np.finfo(float).eps * (np.abs(linear).max() + np.abs(C).max() * np.abs(before).max() + np.abs(v).max())
+    if contact.others:  # forces depend on displacements as well, whose rounding they multiply
+        floor += 8 * np.finfo(float).eps * float((np.abs(C @ contact.tangents(place, v)[0]) @ np.abs(place)).max())
     for _ in range(200):
         if np.abs(rest).max() <= floor:
             return f
-        change = np.linalg.solve(np.eye(len(v)) - C * contact.tangent(v), rest)
+        of_u, of_v = contact.tangents(place + (v - begin) / s, v)
+        step = np.linalg.solve(np.eye(len(v)) - C @ (of_v + of_u / s), rest)
         part = 1.0
         while part > 1e-12:
-            trial = v - part * change
+            trial = v - part * step
             found, f = gap(trial)
             if np.linalg.norm(found) < np.linalg.norm(rest) or np.abs(found).max() <= floor:
                 break
             part /= 2
         else:
             if np.abs(rest).max() <= 1e4 * floor:
-                return contact.force(v)
+                return gap(v)[1]
             break
         v, rest = trial, found
     raise NotConvergedError(f"Newton's method for the contact stalled at a residual of {np.abs(rest).max():.1e}. Either several "

@@ -4,7 +4,7 @@
 
 with one column of W (n, p) for each column of each belt's port, and v = Wᵀq̇ (p,) the speeds under the belts. Friction
 stands on the right, see `friction`. Full and reduced models alike: W of a reduced one is VᵀW. Other contacts exert f(u, v),
-which depends on the displacements u = Wᵀq as well; `transient` takes them.
+which depends on the displacements u = Wᵀq as well, and their columns act on each other.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, real_array
@@ -73,7 +73,7 @@ class Sliding:
 
     def __repr__(self) -> str:
         under = ", ".join(f"{belt.port!r} at {belt.speed:g}" for belt in self.belts)
-        more = ", ".join(f"{type(other).__name__} on {', '.join(other.ports)}" for other in self.others)
+        more = ", ".join(f"{type(other).__name__} on {', '.join(places_of(other))}" for other in self.others)
         return f"Sliding: {self.model.name!r} with {self.model.size} DOF" + (f", belts under {under}" if under else "") + \
                (f", {more}" if more else "")
 
@@ -98,32 +98,37 @@ class Sliding:
         """f(v) = F μ(v0 - v), in the shape of v, (p,) or (p, m): one row per column of W. Of belts only, see `exerted`."""
         return self._each("value", v)
 
+    @cached_property
+    def _blocks(self) -> list[slice]:
+        """The columns of each contact, belts first."""
+        ends = np.searchsorted(self.owner, np.arange(len(self.belts) + len(self.others) + 1)).tolist()
+        return [slice(*pair) for pair in pairwise(ends)]
+
     def exerted(self, u: Array, v: Array) -> Array:
         """f(u, v) of all contacts at displacements u (p,) and speeds v (p,) of the columns, shape (p,)."""
-        result, owner = np.empty(self.columns), np.array(self.owner)
-        for at, contact in enumerate((*self.belts, *self.others)):
-            rows = owner == at
-            result[rows] = contact.exerted(u[rows], v[rows])
-        return result
+        if not self.others:
+            return self.force(v)
+        contacts = (*self.belts, *self.others)
+        return np.concatenate([one.exerted(u[rows], v[rows]) for rows, one in zip(self._blocks, contacts, strict=True)])
 
     def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
         """(∂f/∂u, ∂f/∂v) of all contacts, shape (p, p) each, block by block."""
-        owner = np.array(self.owner)
-        parts = [contact.tangents(u[owner == at], v[owner == at]) for at, contact in enumerate((*self.belts, *self.others))]
-        return la.block_diag(*(part[0] for part in parts)), la.block_diag(*(part[1] for part in parts))
+        of_u, of_v = np.zeros((self.columns, self.columns)), np.zeros((self.columns, self.columns))
+        for rows, contact in zip(self._blocks, (*self.belts, *self.others), strict=True):
+            of_u[rows, rows], of_v[rows, rows] = contact.tangents(u[rows], v[rows])
+        return of_u, of_v
 
     def resting(self, displacement: Array) -> Array:
         """f at rest at a displacement q (n,), shape (p,)."""
-        still = np.zeros(self.columns)
-        return self.exerted(self.W.T @ displacement, still) if self.others else self.force(still)
+        return self.exerted(self.W.T @ displacement, np.zeros(self.columns))
 
     def tangent(self, v: Array) -> Array:
         """The diagonal of df/dv = -F μ'(v0 - v), shape (p,) or (p, m). It is diagonal since each column is a separate contact."""
         return -self._each("slope", v)
 
     def sticks(self, v: Array) -> Array:
-        """Where the contact sticks, see `Belt.sticks`; bool, in the shape of v."""
-        return np.array([self.belts[at].sticks(row) for at, row in zip(self.owner, v, strict=True)])
+        """Where the belts stick, see `Belt.sticks`; bool, one row per column of the belts, of v with a row per column of W."""
+        return np.array([self.belts[at].sticks(row) for at, row in zip(self.owner, v, strict=True) if at < len(self.belts)])
 
     @property
     def widths(self) -> list[float]:
@@ -134,6 +139,23 @@ class Sliding:
     def without_eps(self) -> list[str]:
         """Ports of the belts whose law has no ε."""
         return [belt.port for belt, width in zip(self.belts, self.widths, strict=True) if np.isnan(width)]
+
+    def _held(self) -> ShiftInvert:
+        """The factor of K of a model that does not float; to be released."""
+        handle = ShiftInvert(self.model.K, self.model.M)
+        if handle.floating:
+            handle.release()
+            raise InputError(f"{self.model.name!r} floats ({handle.rigid.shape[1]} rigid-body modes), so the belt drags it away "
+                             "and there is no sliding equilibrium. Hold it with supports or springs")
+        return handle
+
+    @cached_property
+    def static(self) -> tuple[Array, Array]:
+        """K⁻¹W (n, p) and WᵀK⁻¹W (p, p)."""
+        handle = self._held()
+        Z = handle.factor.solve(self.W)
+        handle.release()
+        return Z, self.W.T @ Z
 
     @cached_property
     def equilibrium(self) -> Array:
@@ -146,18 +168,13 @@ class Sliding:
         NotConvergedError
             Newton's method found no equilibrium.
         """
-        handle = ShiftInvert(self.model.K, self.model.M)
-        if handle.floating:
-            handle.release()
-            raise InputError(f"{self.model.name!r} floats ({handle.rigid.shape[1]} rigid-body modes), so the belt drags it away "
-                             "and there is no sliding equilibrium. Hold it with supports or springs")
+        u, still = np.zeros(self.columns), np.zeros(self.columns)
         if not self.others:
-            found = handle.factor.solve(self.W @ self.force(np.zeros(self.columns)))
+            handle = self._held()
+            found = handle.factor.solve(self.W @ self.force(still))
             handle.release()
             return found
-        Z = handle.factor.solve(self.W)
-        handle.release()
-        H, u, still = self.W.T @ Z, np.zeros(self.columns), np.zeros(self.columns)
+        Z, H = self.static
         for _ in range(NEWTON):
             rest = u - H @ self.exerted(u, still)
             if np.abs(rest).max() <= RESIDUE * (np.abs(u) + np.abs(H) @ np.abs(self.exerted(u, still))).max():
@@ -184,6 +201,9 @@ class Sliding:
         size : float or mapping of str to float
             J (mass · length / time), on the first belt's port or on the ports named.
         """
+        if not isinstance(size, Mapping) and not self.ports:
+            raise InputError(f"an impulse needs a port, but {' and '.join(type(one).__name__ for one in self.others)} acts on no "
+                             "port. Name one, impulse={port: J}, or give start=")
         blows = size if isinstance(size, Mapping) else {self.ports[0]: size}
         load = np.zeros(self.model.size)
         for port, value in blows.items():
@@ -222,7 +242,8 @@ def sliding(model: Substructure, belts: Any, what: str = "the nonlinear model", 
     given = tuple(belts) if isinstance(belts, Sequence) else (belts,)
     contacts = tuple(belt for belt in given if isinstance(belt, Belt))
     free = contacts_of(tuple(belt for belt in given if not isinstance(belt, Belt))) if others else ()
-    for contact in free:
+    moving = tuple(made(model) if callable(made := getattr(contact, "in_motion", None)) else contact for contact in free)
+    for contact in moving:
         if not all(callable(getattr(contact, name, None)) for name in ("exerted", "tangents")):
             raise InputTypeError(f"{what} needs what a contact exerts in motion, but {type(contact).__name__} has no "
                                  "exerted(u, v) and tangents(u, v)")
@@ -233,14 +254,19 @@ def sliding(model: Substructure, belts: Any, what: str = "the nonlinear model", 
             raise InputError(f"the belt on port {belt.port!r} has a slope only, but {what} needs a friction law and the belt's "
                              "speed, e.g. Belt(speed=0.19113, law=StribeckArctan(eps=1e-3))")
     if not contacts and not free:
-        raise InputError(f"{what} needs at least one Belt")
+        raise InputError(f"{what} needs at least one Belt" + (" or another contact" if others else ""))
     names = [belt.port for belt in contacts]
     if len(set(names)) < len(names):
         raise InputError(f"two belts act on one port: {names}. Give each its own port")
     columns = [columns_of(model, contact) for contact in (*contacts, *free)]
     columns = [W.toarray() if sp.issparse(W) else W for W in columns]
     owner = tuple(at for at, column in enumerate(columns) for _ in range(column.shape[1]))
-    return Sliding(model, contacts, np.hstack(columns), owner, free)
+    return Sliding(model, contacts, np.hstack(columns), owner, moving)
+
+
+def places_of(contact: Any) -> tuple[str, ...]:
+    """The ports and interface sets that a contact acts on."""
+    return (*contact.ports, *getattr(contact, "sets", ()))
 
 
 def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The nonlinear model in time: M q̈ + D q̇ + K q = W f(Wᵀq̇), full or reduced."""
+"""The nonlinear model in time: M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇), full or reduced."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def transient(model: Substructure, belts: Belt | Contact | Sequence[Belt | Conta
         Full or reduced; M must not be singular.
     belts : Belt or another contact, or a sequence of them
         On any ports, of one or several columns. A belt needs a friction law, another contact `exerted` and `tangents` (see
-        `femsub.model.contact.Contact`). Sparse models above 300 DOF take belts only.
+        `femsub.model.contact.Contact`). Contacts of surfaces, such as `FrictionContact`, will do as well.
     time : (t0, t1)
         Start and end.
     start : State, optional
@@ -258,9 +258,6 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
     if method == "alpha" or (method == "auto" and large):
         from femsub.motion.generalised_alpha import AlphaFlow
 
-        if contact.others:
-            raise InputError(f"the generalised-α method takes Belts only, not {type(contact.others[0]).__name__}. Reduce the "
-                             "model first")
         points = _grid(*time, *grid, 0.0)
         apart = float(points[1] - points[0]) if len(points) > 1 else time[1] - time[0]
         return AlphaFlow(contact, start, time[0], apart, TOL["alpha"] if tol is None else float(tol), columns, whole), points
@@ -284,7 +281,7 @@ def _columns(contact: Sliding, ports: Sequence[str]) -> tuple[Array, dict[str, A
         places[name] = at if column.ndim == 1 else slice(at, at + wide.shape[1])
         at += wide.shape[1]
         parts.append(wide)
-    return np.hstack(parts), places
+    return np.hstack(parts) if parts else np.zeros((contact.model.size, 0)), places
 
 
 def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_from: float | None, highest: float) -> Array:

@@ -86,19 +86,23 @@ def coefficients(samples: Array, count: int) -> Array:
 
 
 class Balance:
-    """R(v, ω) of one contact and one model's compliance, with its derivatives."""
+    """R(v, ω) of belts and one model's compliance, with its derivatives; `coupled.balance_of` makes that of any contacts."""
 
     def __init__(self, contact: Sliding, flexibility: Compliance) -> None:
         self.contact, self.flexibility = contact, flexibility
+
+    def force(self, orbit: Orbit, count: int) -> Array:
+        """f at `count` equidistant times of one period, (p, count)."""
+        return self.contact.force(orbit.samples(count))
 
     def samples(self, orbit: Orbit) -> int:
         """The number of samples, a power of two, for which R is free of aliasing."""
         H = orbit.harmonics
         count = power_of_two(max(64, 4 * H + 2))
-        f = coefficients(self.contact.force(orbit.samples(count)), H)
+        f = coefficients(self.force(orbit, count), H)
         Y = self.flexibility.estimate(1j * orbit.omega * np.arange(1, H + 1))
         while count < SAMPLES:
-            finer = coefficients(self.contact.force(orbit.samples(2 * count)), H)
+            finer = coefficients(self.force(orbit, 2 * count), H)
             error = np.einsum("kij,kj->ki", Y, (finer - f)[1:])
             if np.linalg.norm(error) <= ALIASING * np.linalg.norm(orbit.v):
                 break
@@ -109,7 +113,7 @@ class Balance:
         """R (H, p), and Y, dY/dω, f at the same orbit."""
         k = np.arange(1, orbit.harmonics + 1)
         Y, slope = self.flexibility.mobility(1j * orbit.omega * k)
-        f = coefficients(self.contact.force(orbit.samples(count)), orbit.harmonics)[1:]
+        f = coefficients(self.force(orbit, count), orbit.harmonics)[1:]
         return orbit.v - np.einsum("kij,kj->ki", Y, f), Y, 1j * k[:, None, None] * slope, f
 
     def derivative(self, orbit: Orbit, count: int, parts: tuple[Array, Array, Array, Array]) -> Array:
@@ -142,8 +146,8 @@ class Balance:
         used = self.samples(orbit)
         count = min(2 * SAMPLES, 4 * used)
         top = count // 4
-        f = coefficients(self.contact.force(orbit.samples(count)), top)[1:]
-        coarse = coefficients(self.contact.force(orbit.samples(used)), H)[1:]
+        f = coefficients(self.force(orbit, count), top)[1:]
+        coarse = coefficients(self.force(orbit, used), H)[1:]
         Y = self.flexibility.estimate(1j * orbit.omega * np.arange(1, top + 1))
         rest = np.linalg.norm(np.einsum("kij,kj->ki", Y, f), axis=1)
         size = float(np.linalg.norm(orbit.v)) or 1.0

@@ -15,11 +15,13 @@ from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConverge
 from femsub.linalg.factor import shared_factor
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
+from femsub.motion.cycles.coupled import balance_of
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
+    from femsub.model.contact import Contact
     from femsub.model.friction import Belt
     from femsub.model.substructure import Substructure
 
@@ -100,8 +102,10 @@ class LimitCycle:
 
     @cached_property
     def sticking(self) -> float:
-        """Share of the period in which a column sticks, |v0 - v| ≤ 3 ε; NaN if a law has no ε."""
-        return np.nan if self.contact.without_eps else float(self.contact.sticks(self._wave).any(axis=0).mean())
+        """Share of the period in which a belt sticks, |v0 - v| ≤ 3 ε; NaN if a law has no ε, or without belts."""
+        if self.contact.without_eps or not self.contact.belts:
+            return np.nan
+        return float(self.contact.sticks(self._wave).any(axis=0).mean())
 
     def row(self) -> dict[str, Any]:
         """Its numbers by their names, for tables."""
@@ -119,9 +123,9 @@ class LimitCycle:
     @cached_property
     def _motion(self) -> tuple[Array, Array, Array]:
         """K⁻¹W f_0 (n,), ikω (H,) and q_k (n, H)."""
-        f = coefficients(self.contact.force(self._wave), self.orbit.harmonics)
+        f = coefficients(balance_of(self.contact, self.flexibility).force(self.orbit, self._wave.shape[1]), self.orbit.harmonics)
         mean = f[0].real
-        steady = self.contact.force(np.zeros(self.contact.columns))
+        steady = self.contact.force(np.zeros(self.contact.columns)) if not self.contact.others else np.zeros(1)
         if self.contact.columns == 1 and steady[0] != 0:
             rest = self.contact.equilibrium * (mean[0] / steady[0])
         else:
@@ -137,8 +141,8 @@ class LimitCycle:
 
     @cached_property
     def floquet(self) -> Multipliers | None:
-        """The Floquet multipliers; None for a model of more than 2,000 DOF, or without `stability`."""
-        if not self.stability or not isinstance(self.flexibility, Fractions):
+        """The Floquet multipliers; None for more than 2,000 DOF, with contacts beside belts, or without `stability`."""
+        if not self.stability or self.contact.others or not isinstance(self.flexibility, Fractions):
             return None
         return multipliers(self.contact, self.flexibility, self.orbit)
 
@@ -151,24 +155,26 @@ class LimitCycle:
         verdict = {True: "stable", False: "unstable",
                    None: "stability not computed" if self.floquet is None else "stability undecided"}[self.is_stable]
         without = self.contact.without_eps
-        sticking = f"unknown (the law on {without[0]!r} has no eps)" if without else f"{100 * self.sticking:.3g} %"
+        sticking = f"unknown (the law on {without[0]!r} has no eps)" if without else \
+            f"{100 * self.sticking:.3g} %" if self.contact.belts else "not told (no belt)"
         return (f"LimitCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, sticking {sticking}, {verdict}; "
                 f"{self.orbit.harmonics} harmonics, residual {self.residual:.0e}, left out {self.truncation:.0e}")
 
 
-def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmonics: int | None = None, start: Any = None,
-                     tolerance: float = 1e-4) -> LimitCycle:
+def harmonic_balance(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], *, harmonics: int | None = None,
+                     start: Any = None, tolerance: float = 1e-4) -> LimitCycle:
     """A limit cycle of a full or reduced model under its belts, by harmonic balance.
 
     M q̈ + D q̇ + K q = W f(Wᵀq̇) is solved for its periodic speed under the belts: v_k = Y(ikω) f_k(v), k = 1 … H, with the
-    mobility Y(s) = s Wᵀ(s²M + sD + K)⁻¹W (p, p). The frequency ω is an unknown as well.
+    mobility Y(s) = s Wᵀ(s²M + sD + K)⁻¹W (p, p). The frequency ω is an unknown as well. Contacts beside belts exert f(Wᵀq, Wᵀq̇).
 
     Parameters
     ----------
     model : Substructure
         Full or reduced.
-    belts : Belt or sequence of Belt
-        With friction laws and speeds.
+    belts : Belt or another contact, or a sequence of them
+        Belts with friction laws and speeds; other contacts as for `transient`. With these a `start` is needed that moves (not a
+        frequency), and no multipliers are computed: `shoot` has them.
     harmonics : int, optional
         H. By default enough to make the effect of the neglected ones smaller than `tolerance`.
     start : optional
@@ -208,12 +214,12 @@ def harmonic_balance(model: Substructure, belts: Belt | Sequence[Belt], *, harmo
     >>> print(f"{cycle.omega:.4f} {cycle.rms:.4f}")
     0.7305 0.1166
     """
-    contact = sliding(model, belts, "harmonic balance")
+    contact = sliding(model, belts, "harmonic balance", others=True)
     if harmonics is not None:
         whole_number("harmonics", harmonics, least=1, most=MOST_ASKED)
     if not 0 < finite_number("tolerance", tolerance) < 1:
         raise InputError(f"tolerance must lie between 0 and 1, such as 1e-4, not {tolerance!r}")
-    if all(belt.force == 0 for belt in contact.belts):
+    if not contact.others and all(belt.force == 0 for belt in contact.belts):
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
     flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
@@ -243,7 +249,7 @@ def flexibility_of(contact: Sliding, start: Any) -> Compliance:
 def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: int | None, tolerance: float,
             steps: int = 0) -> LimitCycle:
     """Newton's method from a nearby orbit, with a given number of harmonics, or as many as needed."""
-    balance = Balance(contact, flexibility)
+    balance = balance_of(contact, flexibility)
     orbit = orbit.with_harmonics(harmonics or min(orbit.harmonics, MOST))
     while True:
         orbit, residual, turns = balance.solve(orbit)
@@ -263,7 +269,7 @@ def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) ->
     if isinstance(start, LimitCycle):
         return _trimmed(start.orbit), 0
     if start is not None and hasattr(start, "t") and callable(getattr(start, "velocity", None)):
-        start = (start.t, np.vstack([np.atleast_2d(start.velocity(belt.port)) for belt in contact.belts]))
+        start = (start.t, _speeds(contact, start))
     if isinstance(start, tuple) and len(start) == 2:
         orbit = of_signal(*start, contact.columns)
         return orbit.with_harmonics(harmonics_for(contact, min(most, orbit.harmonics))), 0
@@ -272,7 +278,21 @@ def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) ->
                              f"{type(start).__name__}")
     if start is not None and not 0 < start < np.inf:
         raise InputError(f"start must be a positive frequency in rad per unit of time, not {start!r}")
+    if contact.others:
+        raise InputError(f"with {type(contact.others[0]).__name__} a cycle needs a start that moves: a transient, a signal "
+                         "start=(t, v), or a LimitCycle. Only belts have one that is found by itself")
     return _sharpened(contact, flexibility, None if start is None else float(start), most)
+
+
+def _speeds(contact: Sliding, run: Any) -> Array:
+    """Wᵀq̇ of a transient, (p, m): of its states, or as recorded at the ports."""
+    if getattr(run, "states", None) is not None and run.contact.model is contact.model:
+        return np.asarray(contact.W.T @ run.states[1].T)
+    if bare := next((other for other in contact.others if getattr(other, "sets", ())), None):
+        raise InputError(f"{type(bare).__name__} acts on the sets {', '.join(bare.sets)}, which a transient does not record at "
+                         "ports. Run it on the same model with record='states'")
+    ports = [port for one in (*contact.belts, *contact.others) for port in one.ports]
+    return np.vstack([np.asarray(run.velocity(port)).T for port in ports])
 
 
 def _trimmed(orbit: Orbit, tail: float = 1e-5) -> Orbit:

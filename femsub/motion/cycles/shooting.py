@@ -22,6 +22,7 @@ from femsub.motion.cycles.limit_cycle import LimitCycle
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
+    from femsub.model.contact import Contact
     from femsub.model.friction import Belt
     from femsub.model.substructure import Substructure
 
@@ -92,16 +93,16 @@ class ShotCycle:
                 f"{'stable' if self.is_stable else 'unstable'}; closed to {self.residual:.0e} in {self.steps} Newton steps")
 
 
-def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle | State, period: float | None = None, *,
-          rtol: float = 1e-10, rounds: int = 12) -> ShotCycle:
+def shoot(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], start: LimitCycle | State,
+          period: float | None = None, *, rtol: float = 1e-10, rounds: int = 12) -> ShotCycle:
     """A limit cycle by shooting: y(T) = y(0) of M q̈ + D q̇ + K q = W f(Wᵀq̇), y = (q, q̇). A check of `harmonic_balance`.
 
     Parameters
     ----------
     model : Substructure
         At most 60 DOF.
-    belts : Belt or sequence of Belt
-        With friction laws and speeds.
+    belts : Belt or another contact, or a sequence of them
+        As for `transient`.
     start : LimitCycle or State
         A cycle of the same model, or a state near the cycle.
     period : float, optional
@@ -135,7 +136,7 @@ def shoot(model: Substructure, belts: Belt | Sequence[Belt], start: LimitCycle |
     >>> abs(fs.shoot(model, belt, cycle).omega - cycle.omega) < 1e-6
     True
     """
-    contact = sliding(model, belts, "shooting")
+    contact = sliding(model, belts, "shooting", others=True)
     if not TIGHTEST <= finite_number("rtol", rtol) <= 1e-2:
         raise InputError(f"rtol must lie between {TIGHTEST:g} and 0.01, not {rtol!r}")
     whole_number("rounds", rounds, least=1)
@@ -189,11 +190,12 @@ class _Flow:
         self.contact, self.rtol = contact, rtol
         self.A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ pencil.K, -inverse @ pencil.D]])
         self.B = np.vstack([np.zeros_like(contact.W), inverse @ contact.W])
-        self.C = np.vstack([np.zeros_like(contact.W), contact.W]).T
+        none = np.zeros_like(contact.W)
+        self.U, self.C = np.vstack([contact.W, none]).T, np.vstack([none, contact.W]).T
 
     def rate(self, y: Array) -> Array:
         """ẏ (2n,)."""
-        return self.A @ y + self.B @ self.contact.force(self.C @ y)
+        return self.A @ y + self.B @ self.contact.exerted(self.U @ y, self.C @ y)
 
     def run(self, y: Array, period: float, samples: int = 0) -> tuple[Array, Array, Array]:
         """y(T), Φ(T), and v at equidistant times; without Φ if samples are requested."""
@@ -207,8 +209,8 @@ class _Flow:
 
         def both(_: float, x: Array) -> Array:
             whole = x.reshape(m + 1, m)
-            g = self.contact.tangent(self.C @ whole[0])
-            change = whole[1:] @ self.A.T + ((whole[1:] @ self.C.T) * g) @ self.B.T
+            of_u, of_v = self.contact.tangents(self.U @ whole[0], self.C @ whole[0])
+            change = whole[1:] @ (self.A + self.B @ (of_u @ self.U + of_v @ self.C)).T
             return np.concatenate([self.rate(whole[0]), change.ravel()])
 
         found = solve_ivp(both, (0, period), np.concatenate([y, np.eye(m).ravel()]), "DOP853", rtol=self.rtol,

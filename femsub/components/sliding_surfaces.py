@@ -1,0 +1,109 @@
+"""`SlidingSurfaces`: what a `FrictionContact` exerts in motion on one model, nonlinear, with its tangents."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from femsub.checks import Array, Matrix
+
+SLOW = 1e-2  # of the sliding velocity V: below, friction is proportional to the velocity, so that its direction has no jump
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SlidingSurfaces:
+    """f(u, v) of a `FrictionContact` about steady sliding, where u = 0, v = 0 and f = 0.
+
+    At each point the pressure is P = max(p - k Nᵀu, 0), and the second body slides against the first one at the velocity
+    w = (V - Tᵀv + Tᵣᵀu) t - (Sᵀv - Sᵣᵀu) s, with the terms of u for a second body that turns. The force on the first body is
+    P n + μ(|w|) P w/|w|, less its value in steady sliding. Without a speed or a pressure the sliding direction stays t. Without
+    a pressure the surfaces do not part.
+
+    Attributes
+    ----------
+    N, T, S : sparse, shape (q, p)
+        The motion at q points along n, t and s.
+    carried : (sparse, sparse) or None
+        Tᵣ and Sᵣ (q, p).
+    area, speed : ndarray, shape (q,)
+        Areas, and V; the speed is None where the sliding direction does not turn.
+    """
+
+    sets: tuple[str, ...]
+    N: Matrix
+    T: Matrix
+    S: Matrix
+    carried: tuple[Matrix, Matrix] | None
+    area: Array
+    speed: Array | None
+    stiffness: float
+    pressure: float
+    mu: float
+    slope: float
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        return ()
+
+    def linearised(self, model: Any) -> tuple[Array, Array]:
+        """(C_D, C_K), from the tangents."""
+        none = np.zeros(self.N.shape[1])
+        of_u, of_v = self.tangents(none, none)
+        return -of_v, -of_u
+
+    def exerted(self, u: Array, v: Array) -> Array:
+        """f(u, v), shape (p,)."""
+        more, _ = self._pressed(u)
+        if self.speed is None:
+            return self.N.T @ (self.area * more) + self.mu * (self.T.T @ (self.area * more))
+        along, across, _, mu, _ = self._sliding(u, v)
+        P = self.pressure + more
+        return (self.N.T @ (self.area * more) + self.T.T @ (self.area * (mu * P * along - self.mu * self.pressure))
+                + self.S.T @ (self.area * (mu * P * across)))
+
+    def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """(∂f/∂u, ∂f/∂v), shape (p, p) each."""
+        more, touching = self._pressed(u)
+        normal = self._by(-self.stiffness * touching, self.N)
+        if self.speed is None:
+            return (self.N.T @ normal + self.mu * (self.T.T @ normal)).toarray(), np.zeros((len(u),) * 2)
+        along, across, slow, mu, moves = self._sliding(u, v)
+        P = self.pressure + more
+        turned = mu * P / slow  # of the friction, over a velocity across it
+        fallen = moves * (self.slope * P - turned)
+        blocks = turned + fallen * along**2, fallen * along * across, turned + fallen * across**2
+        pairs = (self.T, self.S)
+        of_v = -self._squared(blocks, pairs)
+        of_u = self.N.T @ normal + self.T.T @ self._by(mu * along, normal, plain=True) + \
+            self.S.T @ self._by(mu * across, normal, plain=True)
+        if self.carried is not None:
+            of_u = of_u + self._squared(blocks, self.carried)
+        return of_u.toarray(), of_v.toarray()
+
+    def _pressed(self, u: Array) -> tuple[Array, Array]:
+        """P - p, and where the surfaces touch."""
+        more = -self.stiffness * (self.N @ u)
+        touching = more > -self.pressure if self.pressure else np.ones(len(more), dtype=bool)
+        return np.where(touching, more, -self.pressure), touching
+
+    def _sliding(self, u: Array, v: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """w/|w| along t and s, |w|, μ(|w|), and where |w| is not too small to have a direction."""
+        assert self.speed is not None
+        along, across = self.speed - self.T @ v, -(self.S @ v)
+        if self.carried is not None:
+            along, across = along + self.carried[0] @ u, across + self.carried[1] @ u
+        size = np.hypot(along, across)
+        slow = np.maximum(size, SLOW * self.speed)
+        return along / slow, across / slow, slow, self.mu + self.slope * (slow - self.speed), size >= slow
+
+    def _by(self, factor: Array, A: Matrix, plain: bool = False) -> Matrix:
+        """Rows of A times factors, and times areas unless `plain`."""
+        return A.multiply((factor if plain else factor * self.area)[:, None]).tocsr()
+
+    def _squared(self, blocks: tuple[Array, Array, Array], right: tuple[Matrix, Matrix]) -> Matrix:
+        """[T S]ᵀ [[a, b], [b, c]] of the right pair."""
+        a, b, c = blocks
+        return self.T.T @ (self._by(a, right[0]) + self._by(b, right[1])) + \
+            self.S.T @ (self._by(b, right[0]) + self._by(c, right[1]))
