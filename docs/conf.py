@@ -44,6 +44,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "femsub"
 html_static_path = ["_static"]
 html_css_files = ["femsub.css"]
+html_sidebars = {page.stem: [] for page in HERE.glob("*.md")}  # beside pages without a folder there is nothing to list
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
@@ -100,7 +101,7 @@ def link_reference(app: Sphinx, document: str, text: list[str]) -> None:
 
 
 def outside(app: Sphinx, document: str, text: list[str]) -> None:
-    """Links to the folder above: the README is the first page here, and other files are named without a link."""
+    """Links to pages in the folder above: the README is the first page here, and others are named without a link."""
     def replaced(found: re.Match[str]) -> str:
         words, target = found[1], (Path(app.env.doc2path(document)).parent / found[2]).resolve()
         if target.is_relative_to(HERE) or not target.exists():
@@ -109,7 +110,7 @@ def outside(app: Sphinx, document: str, text: list[str]) -> None:
             return f"[{words}](/index.md)"
         return f"{words} (`{target.relative_to(HERE.parent)}`)"
 
-    text[0] = re.sub(r"(?<!!)\[([^\]]*)\]\(((?:\.\./)+[^)#\s]+)\)", replaced, text[0])
+    text[0] = re.sub(r"(?<!!)\[([^\]]*)\]\(((?:\.\./)+[^)#\s]+(?:\.md|/))\)", replaced, text[0])
 
 
 def escape_bars(app: Sphinx, kind: str, name: str, thing: object, options: Any, lines: list[str]) -> None:

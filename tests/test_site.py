@@ -1,9 +1,11 @@
-"""The site's reference, which is made from the code: no public name and no key of a scene is missing."""
+"""What the site makes from the code: no public name, no key of a scene and no scene of the gallery is missing."""
 
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +14,15 @@ import pytest
 import femsub as fs
 from femsub.app.explain import table_of
 from femsub.app.keys import keys_of
-from femsub.app.scene import SCENES, scene_of
+from femsub.app.scene import SCENES, load, scene_of
 
 DOCS = Path(__file__).parent.parent / "docs"
 
 
 def loaded(path: Path) -> Any:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(f"{path.parent.name}_{path.stem}", path)
     assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
@@ -55,3 +57,28 @@ def test_the_reference_has_every_key_of_a_scene(scene: str) -> None:
         type_, default, meaning, unit = (cell.strip() for cell in re.split(r"(?<!\\)\|", dict(reversed(rows))[name]))
         assert meaning.replace(r"\|", "|") == one.key.meaning and unit == one.key.unit and type_
         assert (default == "required") == one.key.required
+
+
+# the gallery
+
+gallery = loaded(DOCS.parent / "scripts" / "gallery.py")
+RAN: dict[str, Any] = json.loads(gallery.RUNS.read_text(encoding="utf-8"))
+
+
+def test_the_gallery_shows_every_scene() -> None:
+    assert list(SCENES) == list(RAN) and set(gallery.GALLERY) == set(SCENES)
+    assert gallery.PAGE.read_text(encoding="utf-8") == gallery.page(RAN), "scripts/gallery.py"
+    assert set(SCENES) == set(re.findall(r"\]\(\.\./pictures/gallery/([\w-]+)\.png\)", gallery.page(RAN)))
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_scene_of_the_gallery_has_a_small_picture_and_two_sentences(scene: str) -> None:
+    shown = gallery.GALLERY[scene]
+    assert (gallery.PICTURES / f"{scene}.png").stat().st_size < 150e3
+    assert len(re.findall(r"\.(?= |$)", shown.teaches)) == 2 and len(shown.alt.split()) > 3
+    assert RAN[scene]["seconds"] > 0
+
+
+@pytest.mark.parametrize("scene", [name for name, shown in gallery.GALLERY.items() if shown.text])
+def test_a_scene_file_of_the_gallery_is_a_scene_s(scene: str, tmp_path: Path) -> None:
+    assert isinstance(load(gallery.scene_file(scene, tmp_path))[0], scene_of(scene)[0])
