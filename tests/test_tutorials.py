@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -13,10 +15,18 @@ import femsub as fs
 
 ROOT = Path(__file__).parent.parent
 TUTORIALS = ROOT / "docs" / "tutorials"
-sys.path.insert(0, str(ROOT / "scripts"))
 
-import paper_figures  # noqa: E402
-import tutorial_figures  # noqa: E402
+
+def script(name: str) -> ModuleType:
+    """A script as a module."""
+    spec = spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    found = module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
+
+
+paper_figures, tutorial_figures = script("paper_figures"), script("tutorial_figures")
 
 
 def test_the_page_on_a_disc_shows_the_geometry_of_its_mesh() -> None:
@@ -45,6 +55,14 @@ def test_each_picture_is_drawn_by_the_script_and_shown_on_a_page(figures: dict[s
     assert stored == set(figures)
     pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*/*.md"))
     assert stored == set(re.findall(rf"pictures/{folder}/([\w-]+)\.png", pages))
+
+
+@pytest.mark.parametrize("name", ["figure-2", "figure-4"])
+def test_the_script_draws(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["paper_figures.py", name, "--out", str(tmp_path / "new")])
+    paper_figures.main()
+    assert [path.name for path in tmp_path.rglob("*.png")] == [f"{name}.png"]
+    assert (tmp_path / "new" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_each_tutorial_begins_with_what_one_knows_at_its_end() -> None:
