@@ -15,6 +15,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = ROOT / "docs" / "methods"
 SCRIPT = runpy.run_path(str(ROOT / "scripts" / "method_pictures.py"))
 HEAD = re.compile(r"\| (k / k₀[^|]*|μ) \|(.+)\|\n\|[-|]+\|\n((?:\|.+\|\n)+)")
+NOISE = 2e-10  # of ω: rounding in the full model
 ROWS = ["0.01", "1", "10", "100", "1e4", "held"]
 
 
@@ -58,7 +59,7 @@ def test_tables_are_what_the_methods_do(page: str, head: str, columns: str, rows
                 assert found < float(cell[1:]), (page, column, label)
             else:
                 unit = 10.0 ** int(f"{float(cell):e}".split("e")[1])
-                assert abs(found - float(cell)) <= 0.6 * unit, (page, column, label, found)
+                assert abs(found - float(cell)) <= 0.505 * unit + NOISE, (page, column, label, found)
 
 
 def test_every_method_has_its_page_and_its_picture() -> None:
