@@ -185,8 +185,8 @@ def test_its_results_are_not_those_of_another(places: Path) -> None:
 
 
 @pytest.mark.parametrize(("text", "reason"), [
-    ("x = 1", "is no scene: it needs SCENE"), ("SCENE = 3\nrun = print", "is no scene"), ("SCENE = int\nrun = print", "is no scene"),
-    ("x = ", "SyntaxError"),
+    ("x = 1", "is no scene: it needs SCENE"), ("SCENE = 3\nrun = print", "is no scene"),
+    ("SCENE = int\nrun = print", "is no scene"), ("x = ", "SyntaxError"),
     ("1 / 0", "ZeroDivisionError"), ("import nothing_like_it", "No module named")])
 def test_what_is_no_scene_is_told(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "wrong.py").write_text(text)
