@@ -168,7 +168,7 @@ def text(found: dict[str, Any]) -> str:
           "".join(names[at] for at in row["holds"]) or "none", row["same_start_same_state"],
           row["error_frequency"], row["error_amplitude"], row["growing"] - row["missing"] + row["spurious"], row["missing"],
           row["spurious"], row["growth_distance"], row["compliance_mean"]] for row in rows],
-        ["s", "s", "d", "s", ".2f", "s", "s", "s", ".0%", ".1e", ".1e", "d", "d", "d", ".2f", ".3f"]))
+        ["s", "s", "d", "s", ".2f", "s", "s", "s", ".0%", ".1e", ".1e", "d", "d", "d", ".2f", ".3f"], keys=3))
     again = found["again"]
     parts.append(f"The full model against itself with {again['starts']} other starts, each followed to the end: distance "
                  f"{again['distance']:.3f}; by chance at most {found['chance']:.3f} (95 %). Not settled: {found['unsettled']}.")

@@ -26,6 +26,7 @@ residual  The largest of the kept modes, ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|
 from __future__ import annotations
 
 import argparse
+import json
 import signal
 import statistics
 import sys
@@ -40,7 +41,9 @@ import femsub as fs
 from benchmarks import models
 from benchmarks.processes import Row, fresh, machine, peak_mb, warm_up
 from femsub.app import report
+from femsub.app.figure_style import PAGE, look, new_figure, render
 from femsub.app.scene import Result
+from femsub.io.atomic import write_whole
 from femsub.studies.tables import table
 
 STEPS = ("assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC")
@@ -215,15 +218,14 @@ def text(rows: list[Row], fits: list[Row]) -> str:
                ("runs", "runs", "d"), ("peak MB", "peak_mb", ".0f"), ("baseline", "base_mb", ".0f"),
                ("error", "error", ".1e"), ("residual", "residual", ".1e"), ("stable", "stable", "")]
     heads, keys, forms = (list(part) for part in zip(*columns, strict=True))
-    shown = table(heads, [[row[key] for key in keys] for row in rows], forms)
+    shown = table(heads, [[row[key] for key in keys] for row in rows], forms, keys=4, none="not measured, or not known")
     heads = ["growth ~ n^p", "cores", "step", "n >= 10^4: seconds", "least", "memory", "all n: seconds", "least", "memory"]
-    return f"{shown}\n\n" + table(heads, [list(fit.values()) for fit in fits], ["", "d", "", *[".2f"] * 6])
+    return f"{shown}\n\n" + table(heads, [list(fit.values()) for fit in fits], ["", "d", "", *[".2f"] * 6], keys=3,
+                                none="too few sizes")
 
 
 def draw(rows: list[Row], fits: list[Row]) -> Any:
     """Seconds (least to most as bars) above, peak memory below, one column for each component, all axes logarithmic."""
-    from femsub.app.figure_style import PAGE, look, new_figure
-
     hcb, cc = (look(key) for key in ("craig-bampton", "craig-chang"))
     dots = (0, (1, 1.5))  # what is solved after a reduction
     looks = {"assembly": ("0.55", "v", "-"), "HCB": (hcb.colour, hcb.marker, "-"), "CC": (cc.colour, cc.marker, "-"),
@@ -283,7 +285,14 @@ def main() -> int:
                         help="what takes longer is measured once (default 60)")
     parser.add_argument("--out", type=Path, default=Path("out/scaling"), metavar="DIR",
                         help="output folder (default out/scaling)")
+    parser.add_argument("--redraw", action="store_true", help="draw scaling.png again from the scaling.json in the output folder")
     asked = parser.parse_args()
+    if asked.redraw:
+        if not (asked.out / "scaling.json").exists():
+            parser.error(f"--redraw: there is no scaling.json in {asked.out}")
+        told = json.loads((asked.out / "scaling.json").read_text(encoding="utf-8"))
+        write_whole(asked.out, {"scaling.png": lambda file: render(lambda: draw(told["rows"], told["exponents"]), file)})
+        return 0
     if asked.repeats < 1 or min(asked.cores) < 1 or (asked.largest is not None and asked.largest < 10):
         parser.error("--largest must be at least 10, --repeats and --cores at least 1")
     try:

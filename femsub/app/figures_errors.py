@@ -51,15 +51,16 @@ def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
 def _runs(studies: Sequence[tuple[str, Study]]) -> str:
     times = [time for _, found in studies for row in found.rows for time in (row.reduction, row.solution)]
     spread = any(time.most > time.least for time in times)
-    return f"; medians of {studies[0][1].repeats} runs{', bars from least to most' if spread else ''}"
+    runs = studies[0][1].repeats
+    return (f"; medians of {runs} runs" if runs > 1 else "; one run") + (", bars from least to most" if spread else "")
 
 
 def errors_figure(found: Study, title: str) -> Any:
     """Errors of frequencies, growth rates, critical slope and forces in the joints of a system over seconds."""
     rows = [row for row in found.rows if row.sound]
     kinds = {kind: name for kind, name in SYSTEM.items() if any(np.isfinite(getattr(row, kind)) for row in found.rows)}
-    head = (f"{title}: error against run time, band {found.band[0]:g} to {found.band[1]:.4g} rad/time\n{LEGEND}\n"
-            "models with a mode missing or added in the band are not shown")
+    head = (f"{title}: error against run time, band {found.band[0]:g} to {found.band[1]:.4g} rad/time\n{LEGEND}"
+            f"{_runs([('', found)])}\nmodels with a mode missing or added in the band are not shown")
     return _figure([(kinds, found.full, rows)], head, 2)
 
 
