@@ -145,7 +145,8 @@ def _sent(mode: Moving) -> dict[str, Any]:
 
 def _body(told: Mapping[str, Any], tables: Sequence[str], mode: Moving | None) -> Iterator[str]:
     kind = told["inputs"]["scene"]
-    yield f"<header><h1>{escape(str(told['scene']))}</h1><p>{escape(SCENES[kind][1])}.</p></header>"
+    by = f"femsub {told.get('versions', {}).get('femsub', '')}, {str(told.get('date', ''))[:16].replace('T', ' ')} UTC"
+    yield f"<header><h1>{escape(str(told['scene']))}</h1><p>{escape(f'Scene {kind}, run by {by}')}</p></header>"
     yield from _verdict(verdict(told))
     yield from _warned(told)
     if mode is not None:
