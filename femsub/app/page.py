@@ -29,7 +29,7 @@ PAGE_FILE = "report.html"
 TEMPLATE = Path(__file__).with_name("page.html")
 WHY = 'the page of a run is drawn by Plotly: pip install "femsub[page]"'
 OPEN = 40  # rows of a table that is shown at once; longer ones are folded
-ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided"}
+ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found"}
 MODELS = ("method", "model")  # columns that name a model
 TIMES = ("reduction_median_s", "solution_median_s")  # other times are in the files alone
 SLIDERS = (("phase", "phase φ", 0, 360, 1, 0), ("speed", "periods per second", 0.1, 2, 0.1, 0.5),
@@ -163,7 +163,7 @@ def _body(told: Mapping[str, Any], tables: Sequence[str], mode: Moving | None) -
 
 def _verdict(found: Verdict) -> Iterator[str]:
     badge = found.answer.replace(" ", "-")
-    yield f'<section id="verdict" class="{badge}"><h2>May a small model replace the full one?</h2>'
+    yield f'<section id="verdict" class="{badge}"><h2>{escape(found.question)}</h2>'
     yield f'<p class="answer"><strong>{ANSWERS[found.answer]}.</strong> {escape(found.headline)}</p>'
     for title, lines in (("What decides it", found.decides), ("What is not checked", found.unchecked)):
         if lines:

@@ -234,7 +234,11 @@ def _flutter(told: Data) -> Iterator[dict[str, Any]]:
     critical = found["critical"] if isinstance(found, dict) else {}
     at = [critical["full"]["mu"] or critical["reduced"]["mu"]] if critical else \
         [row["value"] for row in told.get("critical-value", [])]
-    lines = [_line(value, f"{value:.4g}") for value in dict.fromkeys(at) if isinstance(value, float)]
+    lines: list[Data] = []
+    apart = 0.1 * (max(row[parameter] for row in rows) - min(row[parameter] for row in rows))
+    for value in dict.fromkeys(value for value in at if isinstance(value, float)):  # texts have no room side by side
+        crowded = any(abs(value - other["at"]) < apart for other in lines)
+        lines.append(_line(value, "" if crowded else f"{value:.4g}"))
     names = list(dict.fromkeys(row["model"] for row in rows))
     shades = dict(zip((name for name in names if name != "full"), ("#0067a5", "#c44e00", "#1b7837", "#6a3d9a"), strict=False))
     for key, title, label in (("growth", "Growth rates", "Re λ  [1/time]"), ("omega", "Frequencies", "Im λ  [rad/time]")):

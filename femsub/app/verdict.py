@@ -21,12 +21,13 @@ LINEAR = ("The verdict is that of the linear model about steady sliding. Motion 
 
 
 class Verdict(NamedTuple):
-    """An answer ('yes', 'no', 'in part' or 'open'), in a sentence; what decides it; what is not checked."""
+    """'yes', 'no', 'in part', 'open' or 'found'; the answer in a sentence; what decides it; what is not checked."""
 
     answer: str
     headline: str
     decides: list[str]
     unchecked: list[str]
+    question: str = "May a small model replace the full one?"
 
 
 def verdict(told: Data) -> Verdict:
@@ -213,8 +214,10 @@ def _critical_value(told: Data) -> Verdict:
                            f"({row['evidence']}).{closed}")
         else:
             decides.append(f"{row['model']}: stability is {row['stability']} ({row['evidence']}).")
-    return Verdict("open", "The run finds where stability is lost. The model is small as it is, so that nothing is reduced.",
-                   decides, ["Values of the parameter outside the range were not searched."])
+    lost, (low, high) = sum(row["stability"] == "lost" for row in told["critical-value"]), told["between"]
+    return Verdict("found", f"{lost} loss{'es' * (lost != 1)} of stability from {low:g} to {high:g}. The model is small as it "
+                   "is, so that nothing is reduced.", decides,
+                   ["Values of the parameter outside the range were not searched."], "Where is stability lost?")
 
 
 def _left_out(told: Data) -> list[str]:
