@@ -52,7 +52,8 @@ from femsub.reduction.statics import COLUMNS
 if TYPE_CHECKING:
     from femsub.reduction.statics import Statics
 
-ABOVE = 2.0  # the larger model has all real modes up to so many times the band
+ABOVE = 1.7  # the larger model has all real modes up to so many times the band
+SPARE = 3  # modes beyond BEYOND times the band whose responses it has
 ROOM = 1.15  # the eigenvalues are counted in a rectangle that ends at so many times the band at most
 BEYOND = 1.2  # c holds up to so many times the band: the circles about these eigenvalues do not reach farther
 STILL = 1e-6  # of the band: |λ| up to which it counts as rigid motion, where a system floats
@@ -101,19 +102,20 @@ class Projection:
 class Larger:
     """The pencil in U = [Φ Q], and how far its eigenvalues are from those of the full system.
 
-    Φ are all modes found, Q their responses to the loads of the model and to friction from the left, and the responses to the
-    residuals of the complex modes in the band.
+    Φ are all modes found, Q the responses to the loads of the first of them, `answered` elastic ones, and to the residuals of the
+    complex modes in the band.
     """
 
-    def __init__(self, search: Search, pencil: Pencil, loads: Sequence[Matrix], hi: float) -> None:
+    def __init__(self, search: Search, pencil: Pencil, loads: Sequence[Matrix], hi: float, answered: int) -> None:
         handle, found = search.statics.handle, search.found
-        check_columns(search.statics.part.sub.name, len(found.shapes), 12 * len(found.eigenvalues))
+        self.answered = found.rigid + answered
+        check_columns(search.statics.part.sub.name, len(found.shapes), 2 * len(found.eigenvalues) + 14 * self.answered)
         self.handle, self.pencil, self.hi = handle, pencil, hi
         self.N = pencil.K - handle.K
         self.symmetric = pencil.symmetric[1] and pencil.symmetric[2]
         self.top = np.inf if search.complete else search.top
         modes = found.shapes / np.sqrt(found.eigenvalues - handle.sigma)
-        forces = np.hstack([load @ found.shapes for load in loads])
+        forces = np.hstack([load @ found.shapes[:, :self.answered] for load in loads])
         self.loads = np.hstack([forces, search.loads])
         self.rest = np.hstack([handle.elastic_solve(forces, found.shapes), search.rest])
         U = np.hstack([modes, orthonormal(self.rest, self.product, modes)[0]])
@@ -256,7 +258,8 @@ class Nest:
 
     @property
     def most(self) -> int:
-        return self.search.modes - (not self.search.complete)
+        """The most elastic modes of a model: those whose responses are known, and the next one's frequency."""
+        return min(self.search.modes - (not self.search.complete), self.larger.answered - self.rigid)
 
     def cutoff(self, count: int) -> float:
         return float(self.frequencies[count]) if count < len(self.frequencies) else np.inf
@@ -264,7 +267,7 @@ class Nest:
     def basis(self, count: int, loads: Sequence[int]) -> Array:
         """T (R, r), TᵀT = I: the model of so many elastic modes and their responses to these loads in the coordinates of U."""
         m, modes, ports = self.rigid + count, len(self.size), self.search.loads.shape[1]
-        groups = [np.arange(m) + modes * load for load in loads]
+        groups = [np.arange(m) + self.larger.answered * load for load in loads]
         chosen = np.concatenate([*groups, np.arange(self.rest.shape[1] - ports, self.rest.shape[1])])
         T = np.eye(len(self.rest), m)
         if not len(chosen):
@@ -343,14 +346,16 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, dam
     NotConvergedError
         No model meets it, or the eigenvalues of the full system cannot be counted, even with all modes or 1000 of them.
     """
-    search, hi = Search(statics, None), band[1]
+    search, hi, answered = Search(statics, None), band[1], 0
     loads = [friction, friction.T, damping] if abs(damping).max() else [friction, friction.T]
     choices = [choice for choice in CHOICES if max(choice, default=0) < len(loads)] if responses else [()]
     while True:
         while not search.complete and search.top <= ABOVE * hi:
             search.grow(min(search.needed(ABOVE * hi), 2 * search.modes))
         search.replace(lowest_modes(statics.handle, search.modes, known=search.found))  # counted by inertia
-        larger = Larger(search, pencil, loads, hi)
+        near = int(np.searchsorted(search.found.frequencies[search.found.rigid:], BEYOND * hi))
+        answered = min(max(near + SPARE, answered), search.modes)
+        larger = Larger(search, pencil, loads, hi, answered)
         nest, best, below = Nest(larger, search), None, np.inf
         for choice in choices if larger.counted else []:
             if (found := nest.fewest(choice, band, tol, below)) is not None:
@@ -358,6 +363,9 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, dam
                 best = Answered(search.found, estimate.modes, estimate.cutoff, estimate, [loads[load] for load in choice])
         if best is not None:
             return best
+        if larger.counted and answered < search.modes:
+            answered *= 2
+            continue
         if search.complete or (search.modes >= MOST and len(larger.U) > DENSE):
             largest = nest.estimate(nest.most, nest.basis(nest.most, choices[-1]), band, tol)
             raise NotConvergedError(_lacking(statics.part.sub.name, largest, larger))
