@@ -118,8 +118,11 @@ def pages() -> dict[str, str]:
 
 
 def write(folder: Path) -> None:
-    """Writes the pages that have changed, so that only these are built anew."""
-    for name, text in pages().items():
+    """Writes the pages that have changed, so that only these are built anew, and removes those that are no more."""
+    made = pages()
+    for path in set(folder.rglob("*.md")) - {folder / name for name in (*made, "index.md")}:
+        path.unlink()
+    for name, text in made.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
