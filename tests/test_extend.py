@@ -162,6 +162,18 @@ def test_a_scene_is_run_by_the_command(places: Path) -> None:
     assert changed.returncode == 2 and "has changed since the run" in changed.stderr
 
 
+def test_its_run_has_a_page(places: Path) -> None:
+    pytest.importorskip("plotly", reason="the page of a run needs plotly")
+    text = (places / "my.toml").read_text(encoding="utf-8")
+    (places / "my.toml").write_text(text + 'outputs = ["places", "page"]\n', encoding="utf-8")
+    assert main(["run", str(places / "my.toml"), "--out", str(places / "out")]) == 0
+    made = places / "out" / "report.html"
+    first = made.read_text(encoding="utf-8")
+    assert "-0.0283" in first and "places.py" in first
+    made.unlink()
+    assert main(["show", str(places / "out")]) == 0 and "-0.0283" in made.read_text(encoding="utf-8")
+
+
 def test_its_keys_are_listed_begun_and_checked(places: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = str(places / "places.py")
     assert main(["keys", source]) == 0

@@ -19,7 +19,7 @@ from femsub.app.figure_style import look
 from femsub.app.inputs import results_of
 from femsub.app.moving import MODE_FILE, Moving, read_mode
 from femsub.app.page_plots import plots
-from femsub.app.scene import SCENES
+from femsub.app.scene import OWN, SCENES
 from femsub.app.verdict import Verdict, units_of, verdict
 from femsub.checks import Array, package
 from femsub.errors import InputError
@@ -104,7 +104,9 @@ def show(folder: Path) -> Path:
     """
     check_plotly()
     told = results_of(folder / "results.json")
-    if told is None or not isinstance(told.get("inputs"), dict) or told["inputs"].get("scene") not in SCENES:
+    inputs = told.get("inputs") if told else None
+    kind = str(inputs.get("scene")) if isinstance(inputs, dict) else ""
+    if told is None or not (kind in SCENES or kind.endswith(OWN)):
         raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
     path = folder / MODE_FILE
     mode = read_mode(path.read_bytes(), path) if path.is_file() else None

@@ -7,7 +7,7 @@ from math import ceil, isfinite
 from typing import Any, NamedTuple
 
 from femsub.app.figure_style import look
-from femsub.app.scene import PAGE, scene_of
+from femsub.app.scene import PAGE, SCENES, scene_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
 
 Data = Mapping[str, Any]
@@ -226,8 +226,8 @@ def _left_out(told: Data) -> list[str]:
     if not told.get("complete", True):
         said.append("The run was interrupted. What came after is missing.")
     inputs = told.get("inputs", {})
-    kind = scene_of(inputs["scene"])[0]
-    missing = [name for name in kind.OUTPUTS if name not in inputs.get("outputs", []) and name != PAGE]
+    every = scene_of(inputs["scene"])[0].OUTPUTS if inputs.get("scene") in SCENES else ()
+    missing = [name for name in every if name not in inputs.get("outputs", []) and name != PAGE]
     if missing:
         said.append(f"Outputs of this scene that were not asked for: {', '.join(missing)}.")
     return said
