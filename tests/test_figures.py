@@ -70,8 +70,9 @@ def drawn(figure: Any) -> list[Any]:
 
 def test_error_against_time_has_two_panels_a_study_and_none_of_rounding() -> None:
     assert len(drawn(error_time_figure([("{m1}", FOUND), ("{m1, m2}", FOUND)]))) == 4
-    lacking = replace(FOUND, rows=tuple(replace(row, missing=1) for row in FOUND.rows))
-    assert len(error_time_figure([("{m1}", lacking)]).legends[0].get_texts()) == 1  # the full model alone
+    for change in ({"missing": 1}, {"size": 400}):  # the full model alone
+        others = replace(FOUND, rows=tuple(replace(row, **change) for row in FOUND.rows))
+        assert len(error_time_figure([("{m1}", others)]).legends[0].get_texts()) == 1
     titles = [axis.get_title() for axis in drawn(error_time_figure([("{m1}", study({"rubin": [1e-2, 1e-3]}, slope=1e-14))]))]
     assert titles == ["growth rates Re λ", "eigenvalues λ"]
     figure = error_time_figure([("{m1}", FOUND)])
@@ -111,8 +112,9 @@ def test_systems_have_a_panel_for_each_error_and_models_with_a_missing_mode_none
     titles = [axis.get_title() for axis in drawn(errors_figure(found, "x"))]
     assert titles == ["frequencies ω", "growth rates Re λ", "critical slope", "forces in the joints"]
     assert [axis.get_title() for axis in drawn(errors_figure(study({"rubin": [1e-2]}), "x"))] == titles[:3]
-    figure = errors_figure(replace(found, rows=tuple(replace(row, missing=1) for row in found.rows)), "x")
-    assert len(figure.legends[0].get_texts()) == 1  # the full model
+    for change in ({"missing": 1}, {"extra": 1}, {"size": 400}):  # the full model alone
+        figure = errors_figure(replace(found, rows=tuple(replace(row, **change) for row in found.rows)), "x")
+        assert len(figure.legends[0].get_texts()) == 1
 
 
 def test_models_under_friction_without_a_counterpart_have_no_error_to_draw() -> None:

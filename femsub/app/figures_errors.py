@@ -35,16 +35,17 @@ class Point:
 def error_time_figure(studies: Sequence[tuple[str, Study]]) -> Any:
     """Errors over seconds: a row of panels for each study, by the name of its interface.
 
-    Shown are the two errors that tell most: those of growth rates and of the critical slope, or of eigenvalues where there is no
-    slope or its error is rounding.
+    Models of full size are not shown, since their errors are rounding. Shown are the two errors that tell most: those of growth
+    rates and of the critical slope, or of eigenvalues where there is no slope or its error is rounding.
     """
-    rows = [row for _, found in studies for row in found.rows if row.missing == 0]
+    shown = [[row for row in found.rows if row.missing == 0 and row.size < found.full.size] for _, found in studies]
+    rows = [row for several in shown for row in several]
     kinds = [kind for kind in COMPONENT if any(getattr(row, kind) > ROUNDING for row in rows)][:2] or ["error_growth"]
     found = studies[0][1]
     head = (f"{found.name}: error against run time, band {found.band[0]:g} to {found.band[1]:.4g} rad/time\n"
             f"{LEGEND}{_runs(studies)}")
     panels = [({kind: COMPONENT[kind] + (f", interface {interface}" if len(studies) > 1 else "") for kind in kinds},
-               one.full, [row for row in one.rows if row.missing == 0]) for interface, one in studies]
+               one.full, several) for (interface, one), several in zip(studies, shown, strict=True)]
     return _figure(panels, head, len(kinds))
 
 
@@ -57,10 +58,10 @@ def _runs(studies: Sequence[tuple[str, Study]]) -> str:
 
 def errors_figure(found: Study, title: str) -> Any:
     """Errors of frequencies, growth rates, critical slope and forces in the joints of a system over seconds."""
-    rows = [row for row in found.rows if row.sound]
+    rows = [row for row in found.rows if row.sound and row.size < found.full.size]
     kinds = {kind: name for kind, name in SYSTEM.items() if any(np.isfinite(getattr(row, kind)) for row in found.rows)}
     head = (f"{title}: error against run time, band {found.band[0]:g} to {found.band[1]:.4g} rad/time\n{LEGEND}"
-            f"{_runs([('', found)])}\nmodels with a mode missing or added in the band are not shown")
+            f"{_runs([('', found)])}\nnot shown: models of full size, and those with a mode missing or added in the band")
     return _figure([(kinds, found.full, rows)], head, 2)
 
 
