@@ -180,7 +180,9 @@ def test_its_keys_are_listed_begun_and_checked(places: Path, capsys: pytest.Capt
     told = capsys.readouterr().out
     assert "number of masses" in told and "a whole number at least 2 and at most 1,000" in told
     assert main(["new", source]) == 0
-    (places / "new.toml").write_text(capsys.readouterr().out, encoding="utf-8")
+    begun = capsys.readouterr().out
+    assert '#name = "places"' in begun
+    (places / "new.toml").write_text(begun, encoding="utf-8")
     assert load(str(places / "new.toml"))[0].modes == 4  # type: ignore[attr-defined]
     assert main(["schema", source]) == 0
     assert json.loads(capsys.readouterr().out)["properties"]["n"]["minimum"] == 2

@@ -7,6 +7,7 @@ import inspect
 import json
 import textwrap
 from collections.abc import Container, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from femsub.app.keys import Declared, defaults_of, item_kind, keys_of, kinds, type_words
@@ -19,7 +20,7 @@ WIDTH = 100
 def keys_text(name: str) -> str:
     """Every key of a scene: its type, unit, default and meaning."""
     scene = scene_of(name)[0]
-    return "\n".join([*_docstring(scene), "", *_listed(scene, defaults_of(scene, name), "")])
+    return "\n".join([*_docstring(scene), "", *_listed(scene, defaults_of(scene, Path(name).stem), "")])
 
 
 def new_text(name: str) -> str:
@@ -30,7 +31,7 @@ def new_text(name: str) -> str:
     scene = scene_of(name)[0]
     lines = [f"#:schema {FILE}", *_docstring(scene, "# "), "#", *_paragraph(
         "A key behind a # stands at its default. Delete the # to change it.", "# "), "", f'scene = "{name}"']
-    return "\n".join([*lines, *_template(scene, defaults_of(scene, name), "")])
+    return "\n".join([*lines, *_template(scene, defaults_of(scene, Path(name).stem), "")])
 
 
 def _listed(kind: type, defaults: Mapping[str, Any], indent: str) -> Iterator[str]:
