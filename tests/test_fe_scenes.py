@@ -208,6 +208,8 @@ def test_what_rules_a_model_out() -> None:
     assert chosen() == 10
     for change in ({"error_growth": 2e-3}, {"error_growth": np.nan}, {"missing": 1}, {"extra": 1}, {"cutoff": 1.4}):
         assert chosen(**change) == 20
+    complete = Row("craig-chang", 999, 1000, 0.0, 0.0, 0.0, 0, -1.0, 0.0, time, time, 0.0)
+    assert Study("x", (0.0, 1.5), 1, full, (complete,)).recommended() is None  # it has as many DOF as the full model
 
 
 def test_eigenvalues_that_only_the_reduced_model_has_are_counted() -> None:

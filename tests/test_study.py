@@ -158,7 +158,7 @@ def test_noise_of_milliseconds_does_not_move_the_star(rng: np.random.Generator) 
         seconds = [Timing.of(0.01 * (1 + rng.random(9))) for _ in sizes]
         rows = [Row("craig-chang", 4, size, 0.0, error, 0.0, 0, 0.0, 0.0, time, time, 0.0)
                 for size, error, time in zip(sizes, errors, seconds, strict=True)]
-        found = Study("x", (0.0, 1.0), 3, rows[0], with_front(rows, 1.0))
+        found = Study("x", (0.0, 1.0), 3, replace(rows[0], size=100), with_front(rows, 1.0))
         stars.add(tuple(row.pareto for row in found.rows))
         chosen = found.recommended()
         best.add(None if chosen is None else (chosen.size, chosen.error_growth))

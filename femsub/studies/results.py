@@ -177,13 +177,14 @@ class Study:
     def recommended(self, tolerance: float = 1e-3) -> Row | None:
         """The smallest reduced model that may replace the full one, or None.
 
-        The conditions are: error_growth ≤ tolerance; no missing and no spurious eigenvalue in the band; the whole band below
-        the cut-off. Of these models the one with the fewest DOF is taken: it is solved fastest, and the choice does not depend
-        on timing noise. Among models of equal size the one with the smallest error is taken, unless its fastest run is slower
-        than the slowest run of another one by a quarter.
+        The conditions are: fewer DOF than the full model; error_growth ≤ tolerance; no missing and no spurious eigenvalue in
+        the band; the whole band below the cut-off. Of these models the one with the fewest DOF is taken: it is solved fastest,
+        and the choice does not depend on timing noise. Among models of equal size the one with the smallest error is taken,
+        unless its fastest run is slower than the slowest run of another one by a quarter.
         """
         positive_number("tolerance", tolerance)
-        fit = [row for row in self.rows if row.error_growth <= tolerance and row.sound and row.cutoff >= self.band[1]]
+        fit = [row for row in self.rows if row.size < self.full.size and row.error_growth <= tolerance and row.sound
+               and row.cutoff >= self.band[1]]
         least = min((row.size for row in fit), default=0)
         fit = [row for row in fit if row.size == least]
         return min((row for row in fit if not any(other.quicker(row) for other in fit)), key=lambda row: row.error_growth,
