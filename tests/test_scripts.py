@@ -112,6 +112,7 @@ def test_certificates_cost_less_than_what_they_certify(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "options", "printed"), [
     ("effectivity", ["--only", "chain 10, stable", "--out", "{out}"], "8 reductions to a tolerance: 0 miss it"),
     ("system_effectivity", ["--systems", "3", "--out", "{out}"], "missed in 0"),
+    ("random_brakes", ["--brakes", "2", "--from", "2", "--out", "{out}"], "of these missed: 0"),
     ("cycle_cost", ["--modes", "8", "--repeats", "1", "--harmonics", "30"], "chain"),
     ("integrators", ["--time", "1", "--numbers", "10"], "LSODA"),
     ("factors", ["--models", "beam", "--repeats", "1"], "petsc"),
