@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import femsub as fs
 from femsub.checks import Array
-from femsub.components.sliding_surfaces import SLOW
+from femsub.components.friction_in_motion import SLOW
 from femsub.model.contact import small_matrices
 from femsub.motion.cycles.coupled import CoupledBalance
 from femsub.motion.nonlinear_model import sliding
@@ -324,5 +324,48 @@ def test_a_block_on_moving_ground_in_time() -> None:
             parted = [not moving._pressed(W.T @ q)[1].all() for q in run.states[0]]
             assert any(parted) and not all(parted)
         assert np.abs((found - exact) / scale).max() < close
-    with pytest.raises(fs.InputError, match="an impulse needs a port, but SlidingSurfaces acts on no port"):
+    with pytest.raises(fs.InputError, match="an impulse needs a port, but FrictionInMotion acts on no port"):
         fs.transient(model, contact, impulse=1.0)
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """Negative damping of a port up to a displacement, positive beyond, by which the pad moves in a cycle."""
+
+    gain: float = 5e3
+    size: float = 1e-6
+    ports: ClassVar[tuple[str, ...]] = ("rub",)
+
+    def linearised(self, model: fs.Substructure) -> tuple[float, None]:
+        return -self.gain, None
+
+    def exerted(self, u: Array, v: Array) -> Array:
+        return self.gain * (1 - (u / self.size) ** 2) * v
+
+    def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
+        return np.diag(-2 * self.gain * u * v / self.size**2), np.diag(self.gain * (1 - (u / self.size) ** 2))
+
+
+def test_a_cycle_under_friction_between_surfaces() -> None:
+    """A pad that moves across the direction of sliding, which the friction follows: harmonic balance is closed by shooting."""
+    mesh = fs.block((0.1, 0.05, 0.02), (1, 1, 1))
+    model = fs.solid(mesh, STEEL, supports=["top"], interface=["bottom"], rayleigh=(50.0, 1e-8), ports={"rub": ("bottom", "y")})
+    friction = fs.FrictionContact("bottom", "ground", mesh, stiffness=K, mu=MU, pressure=P, direction=(1.0, 0, 0), speed=V)
+    contacts = (friction, Shaken())
+    modes = fs.complex_modes(model, contacts)
+    at = int(np.argmax(modes.eigenvalues.real))
+    value, shape = modes.eigenvalues[at], modes.shapes[:, at]
+    shape = 1.5e-6 * shape / (model.port("rub") @ shape)
+    period = 2 * np.pi / value.imag
+    start = fs.State(shape.real, (value * shape).real)
+    given: dict[str, Any] = {"start": start, "step": period / 30, "record_from": 30 * period}
+    run = fs.transient(model, contacts, (0.0, 45 * period), record="states", **given)
+    assert np.abs(run.velocity("rub")).max() > 0.2 * V  # far from small
+    cycle = fs.harmonic_balance(model, contacts, start=run, harmonics=5)
+    shot = fs.shoot(model, contacts, cycle)
+    assert cycle.residual < 1e-8 and shot.residual < 1e-8 and shot.is_stable
+    assert shot.omega == pytest.approx(cycle.omega, rel=1e-6) and abs(shot.omega / value.imag - 1) > 1e-6
+    assert shot.velocity.shape[0] == 25 and shot.rms == pytest.approx(cycle.rms, rel=1e-3)
+    bare = fs.transient(model, contacts, (0.0, 32 * period), **given)
+    with pytest.raises(fs.InputError, match=r"FrictionInMotion acts on the sets bottom, .*record='states'"):
+        fs.harmonic_balance(model, contacts, start=bare)

@@ -11,8 +11,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
+from femsub.components.friction_in_motion import FrictionInMotion
 from femsub.components.mesh import Mesh
-from femsub.components.sliding_surfaces import SlidingSurfaces
 from femsub.components.solid_elements import reference, skfem
 from femsub.components.ties import Surface, areas, common_parts, reach, rows_of_nodes
 from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 KEPT = 8  # pairs of surfaces whose points are kept, since a sweep over μ makes a contact for each value
 ALONG = 0.1  # of the sliding velocity that must lie in the surface
+FEW = 100_000  # numbers up to which the motions of the points are dense in motion
 TOUCHING = 0.99  # of the first surface that lies on the second: below, there is a warning
 
 
@@ -211,18 +212,21 @@ class FrictionContact(Joint):
         forces = np.hstack([_along(way, move).T @ (points.weight[:, None] * P) for way in (n, t)])
         return np.asarray(model.interface_rows[model.sets[self.first]].T @ forces)
 
-    def in_motion(self, model: Substructure) -> SlidingSurfaces:
+    def in_motion(self, model: Substructure) -> FrictionInMotion:
         """What it exerts in motion on a model, for `transient` and limit cycles."""
         points = self._points()
         n, t, s, r = self._directions(points)
         move = self._motions(model, points)
+        if len(n) * move[0].shape[1] <= FEW:  # a sparse product of few numbers takes longer
+            move = [one.toarray() for one in move]
         turns = self.speed is not None and self.pressure > 0
         carried = None
         if turns and self.axis is not None:
-            moved = [float(self.speed or 0.0) * motion for motion in self._carried(model, points)]
+            moved = [float(self.speed or 0.0) * (motion if sp.issparse(move[0]) else motion.toarray())
+                     for motion in self._carried(model, points)]
             carried = _along(t, moved), _along(s, moved)
         N, T, S = (_along(vectors, move) for vectors in (n, t, s))
-        return SlidingSurfaces(self.sets, N, T, S, carried, points.weight, float(self.speed or 0.0) * r if turns else None,
+        return FrictionInMotion(self.sets, N, T, S, carried, points.weight, float(self.speed or 0.0) * r if turns else None,
                                float(self.stiffness), float(self.pressure), float(self.mu), float(self.slope))
 
     def _points(self) -> Points:
@@ -400,4 +404,5 @@ def _moved(model: Substructure, name: str, side: Side, N: Matrix) -> list[Matrix
 
 def _along(vectors: Array, motions: list[Matrix]) -> Matrix:
     """Σ v_i U_i, (q, p): the component along a direction (q, 3)."""
-    return sp.csr_array(sum(sp.diags_array(vectors[:, i]) @ motions[i] for i in range(3)))
+    found = sum(sp.diags_array(vectors[:, i]) @ motions[i] for i in range(3))
+    return sp.csr_array(found) if sp.issparse(found) else found

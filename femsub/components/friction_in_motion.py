@@ -1,4 +1,4 @@
-"""`SlidingSurfaces`: what a `FrictionContact` exerts in motion on one model, nonlinear, with its tangents."""
+"""`FrictionInMotion`: what a `FrictionContact` exerts in motion on one model, nonlinear, with its tangents."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 
@@ -13,7 +14,7 @@ SLOW = 1e-2  # of the sliding velocity V: below, friction is proportional to the
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SlidingSurfaces:
+class FrictionInMotion:
     """f(u, v) of a `FrictionContact` about steady sliding, where u = 0, v = 0 and f = 0.
 
     At each point the pressure is P = max(p - k Nᵀu, 0), and the second body slides against the first one at the velocity
@@ -23,9 +24,9 @@ class SlidingSurfaces:
 
     Attributes
     ----------
-    N, T, S : sparse, shape (q, p)
+    N, T, S : sparse or dense, shape (q, p)
         The motion at q points along n, t and s.
-    carried : (sparse, sparse) or None
+    carried : (matrix, matrix) or None
         Tᵣ and Sᵣ (q, p).
     area, speed : ndarray, shape (q,)
         Areas, and V; the speed is None where the sliding direction does not turn.
@@ -68,7 +69,7 @@ class SlidingSurfaces:
         more, touching = self._pressed(u)
         normal = self._by(-self.stiffness * touching, self.N)
         if self.speed is None:
-            return (self.N.T @ normal + self.mu * (self.T.T @ normal)).toarray(), np.zeros((len(u),) * 2)
+            return _dense(self.N.T @ normal + self.mu * (self.T.T @ normal)), np.zeros((len(u),) * 2)
         along, across, slow, mu, moves = self._sliding(u, v)
         P = self.pressure + more
         turned = mu * P / slow  # of the friction, over a velocity across it
@@ -76,11 +77,10 @@ class SlidingSurfaces:
         blocks = turned + fallen * along**2, fallen * along * across, turned + fallen * across**2
         pairs = (self.T, self.S)
         of_v = -self._squared(blocks, pairs)
-        of_u = self.N.T @ normal + self.T.T @ self._by(mu * along, normal, plain=True) + \
-            self.S.T @ self._by(mu * across, normal, plain=True)
+        of_u = self.N.T @ normal + self.T.T @ _scaled(mu * along, normal) + self.S.T @ _scaled(mu * across, normal)
         if self.carried is not None:
             of_u = of_u + self._squared(blocks, self.carried)
-        return of_u.toarray(), of_v.toarray()
+        return _dense(of_u), _dense(of_v)
 
     def _pressed(self, u: Array) -> tuple[Array, Array]:
         """P - p, and where the surfaces touch."""
@@ -98,12 +98,21 @@ class SlidingSurfaces:
         slow = np.maximum(size, SLOW * self.speed)
         return along / slow, across / slow, slow, self.mu + self.slope * (slow - self.speed), size >= slow
 
-    def _by(self, factor: Array, A: Matrix, plain: bool = False) -> Matrix:
-        """Rows of A times factors, and times areas unless `plain`."""
-        return A.multiply((factor if plain else factor * self.area)[:, None]).tocsr()
+    def _by(self, factor: Array, A: Matrix) -> Matrix:
+        """Rows of A times factors and areas."""
+        return _scaled(factor * self.area, A)
 
     def _squared(self, blocks: tuple[Array, Array, Array], right: tuple[Matrix, Matrix]) -> Matrix:
         """[T S]ᵀ [[a, b], [b, c]] of the right pair."""
         a, b, c = blocks
         return self.T.T @ (self._by(a, right[0]) + self._by(b, right[1])) + \
             self.S.T @ (self._by(b, right[0]) + self._by(c, right[1]))
+
+
+def _scaled(factor: Array, A: Matrix) -> Matrix:
+    return sp.diags_array(factor) @ A if sp.issparse(A) else factor[:, None] * A
+
+
+def _dense(A: Matrix) -> Array:
+    found: Array = A.toarray() if sp.issparse(A) else A
+    return found
