@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,6 +15,9 @@ import femsub as fs
 from femsub.checks import Array
 from femsub.components.friction_in_motion import SLOW
 from femsub.model.contact import small_matrices
+from femsub.motion.cycles.balance import Orbit
+from femsub.motion.cycles.compliance import compliance
+from femsub.motion.cycles.continuation import Path
 from femsub.motion.cycles.coupled import CoupledBalance
 from femsub.motion.nonlinear_model import sliding
 
@@ -175,14 +178,18 @@ def test_belts_beside_a_bumper_in_a_cycle() -> None:
     assert cycle.residual < 1e-8 and shot.residual < 1e-8 and shot.steps <= 3
     assert shot.omega == pytest.approx(cycle.omega, rel=1e-6) and shot.rms == pytest.approx(cycle.rms, rel=1e-4)
     assert cycle.orbit.v.shape[1] == 4 and 0 <= cycle.sticking <= 1 and cycle.rms > 0.02
+    found = fs.branch(model, CONTACTS, "force", (0.95, 1.05), start=cycle, harmonics=25, points=9)
+    assert found.values.min() < 1.0 < found.values.max() and "stability not computed" in repr(found)
+    for value, point in ((found.values[0], found.points[0]), (found.values[-1], found.points[-1])):
+        changed = (replace(CONTACTS[0], force=float(value)), *CONTACTS[1:])
+        alone = fs.harmonic_balance(model, changed, start=cycle, harmonics=point.orbit.harmonics)
+        assert point.omega == pytest.approx(alone.omega, rel=1e-8) and point.rms == pytest.approx(alone.rms, rel=1e-7)
+        assert abs(point.rms / cycle.rms - 1) > 1e-4
 
 
 def test_the_jacobian_of_coupled_contacts_is_exact() -> None:
     model, rng = part(5), np.random.default_rng(0)
     contact = sliding(model, (CONTACTS[0], Bumper(h=2.0), VanDerPolAt("other")), others=True)
-    from femsub.motion.cycles.balance import Orbit
-    from femsub.motion.cycles.compliance import compliance
-
     balance = CoupledBalance(contact, compliance(contact))
     orbit = Orbit(0.2 * (rng.standard_normal((3, 4)) + 1j * rng.standard_normal((3, 4))) / np.arange(1, 4)[:, None] ** 2, 0.6)
     count, x = 64, orbit.vector
@@ -195,6 +202,10 @@ def test_the_jacobian_of_coupled_contacts_is_exact() -> None:
     for j in range(len(x)):
         step = 1e-6 * np.eye(len(x))[j]
         np.testing.assert_allclose(J[:, j], (residual(x + step) - residual(x - step)) / 2e-6, atol=2e-6 * np.abs(J).max())
+    path = Path(contact, balance.flexibility, "force", 0, (1.0, 1.0, 1.0), 1e-3, 10)
+    ahead, behind = (path._system(orbit, value, count)[0] for value in (1.0 + 1e-4, 1.0 - 1e-4))
+    by_force = path._system(orbit, 1.0, count)[1][:-1, -1]
+    np.testing.assert_allclose(by_force, (ahead - behind)[:-1] / 2e-4, atol=1e-6 * np.abs(by_force).max())
 
 
 @dataclass(frozen=True)
@@ -222,8 +233,10 @@ def test_what_is_missing_for_a_cycle_is_told() -> None:
     for start in (None, 0.5):
         with pytest.raises(fs.InputError, match=r"with Bumper a cycle needs a start that moves: a transient, .*LimitCycle"):
             fs.harmonic_balance(model, CONTACTS, start=start)
-    with pytest.raises(fs.InputTypeError, match=r"a branch of limit cycles takes Belts.*not Bumper"):
-        fs.branch(model, CONTACTS)
+    with pytest.raises(fs.InputError, match="several belts or other contacts a branch must begin at a known cycle"):
+        fs.branch(model, (CONTACTS[0], Bumper()))
+    with pytest.raises(fs.InputError, match="follows a parameter of a belt, but there is no belt"):
+        fs.branch(model, Bumper())
     with pytest.raises(fs.InputError, match="at least one Belt or another contact"):
         fs.transient(model, ())
 

@@ -99,7 +99,7 @@ class Sliding:
         return self._each("value", v)
 
     @cached_property
-    def _blocks(self) -> list[slice]:
+    def blocks(self) -> list[slice]:
         """The columns of each contact, belts first."""
         ends = np.searchsorted(self.owner, np.arange(len(self.belts) + len(self.others) + 1)).tolist()
         return [slice(*pair) for pair in pairwise(ends)]
@@ -109,12 +109,12 @@ class Sliding:
         if not self.others:
             return self.force(v)
         contacts = (*self.belts, *self.others)
-        return np.concatenate([one.exerted(u[rows], v[rows]) for rows, one in zip(self._blocks, contacts, strict=True)])
+        return np.concatenate([one.exerted(u[rows], v[rows]) for rows, one in zip(self.blocks, contacts, strict=True)])
 
     def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
         """(∂f/∂u, ∂f/∂v) of all contacts, shape (p, p) each, block by block."""
         of_u, of_v = np.zeros((self.columns, self.columns)), np.zeros((self.columns, self.columns))
-        for rows, contact in zip(self._blocks, (*self.belts, *self.others), strict=True):
+        for rows, contact in zip(self.blocks, (*self.belts, *self.others), strict=True):
             of_u[rows, rows], of_v[rows, rows] = contact.tangents(u[rows], v[rows])
         return of_u, of_v
 

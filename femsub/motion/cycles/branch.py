@@ -23,6 +23,7 @@ from femsub.motion.cycles.special_points import SpecialPoint, Tracer
 from femsub.motion.nonlinear_model import Sliding, sliding
 
 if TYPE_CHECKING:
+    from femsub.model.contact import Contact
     from femsub.model.friction import Belt
     from femsub.model.substructure import Substructure
 
@@ -102,7 +103,7 @@ class Branch:
                 f"{begin}; {stable}; {named}; {self.ended}")
 
 
-def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "slope",
+def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], parameter: str = "slope",
            between: tuple[float, float] | None = None, *, start: float | LimitCycle | None = None, port: str | None = None,
            points: int = 150, harmonics: int = 400, tolerance: float = 1e-3, stability: bool = True,
            progress: Callable[[str], None] | None = None) -> Branch:
@@ -159,7 +160,9 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
     >>> print(found.stable)
     (True, True, True)
     """
-    contact = sliding(model, belts, "a branch of limit cycles")
+    contact = sliding(model, belts, "a branch of limit cycles", others=True)
+    if not contact.belts:
+        raise InputError("a branch follows a parameter of a belt, but there is no belt among the contacts")
     choice("parameter", parameter, PARAMETERS)
     whole_number("points", points, least=1)
     whole_number("harmonics", harmonics, least=1)
@@ -185,8 +188,9 @@ def branch(model: Substructure, belts: Belt | Sequence[Belt], parameter: str = "
                       (*back.special[::-1], *ahead.special), None, f"{back.ended}; {ahead.ended}")
     if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float))):
         raise InputTypeError(f"start must be a frequency or a LimitCycle, not {type(start).__name__}")
-    if len(contact.belts) > 1:
-        raise InputError("with several belts a branch must begin at a known cycle. Give start=, a cycle from fs.harmonic_balance")
+    if len(contact.belts) > 1 or contact.others:
+        raise InputError("with several belts or other contacts a branch must begin at a known cycle. Give start=, a cycle from "
+                         "fs.harmonic_balance")
     hopf, shape = hopf_point(contact, flexibility, parameter, between, start)
     limits = limits_of(between, parameter, hopf.value, belt)
     path = _path(contact, flexibility, parameter, at, limits, hopf.omega, tolerance, harmonics)

@@ -16,8 +16,9 @@ import scipy.linalg as la
 from femsub.checks import Array
 from femsub.errors import NotConvergedError
 from femsub.model.friction import Belt, with_slope
-from femsub.motion.cycles.balance import Balance, Orbit, coefficients
+from femsub.motion.cycles.balance import Orbit, coefficients
 from femsub.motion.cycles.compliance import Compliance
+from femsub.motion.cycles.coupled import balance_of
 from femsub.motion.nonlinear_model import Sliding
 
 PARAMETERS = ("speed", "force", "slope")
@@ -79,12 +80,12 @@ class Path:
     def _system(self, orbit: Orbit, value: float, count: int) -> tuple[Array, Array]:
         """R and phase (2Hp + 1,), and their scaled derivatives (2Hp + 1, 2Hp + 2)."""
         speed, omega, size = self.scales
-        balance = Balance(self.contact(value), self.flexibility)
+        balance = balance_of(self.contact(value), self.flexibility)
         parts = balance.residual(orbit, count)
         J = balance.derivative(orbit, count, parts)
         h = DIFFERENCE * size
-        v = orbit.samples(count)
-        ahead, behind = (coefficients(self.contact(value + sign * h).force(v), orbit.harmonics)[1:] for sign in (1, -1))
+        ahead, behind = (coefficients(balance_of(self.contact(value + sign * h), self.flexibility).force(orbit, count),
+                                      orbit.harmonics)[1:] for sign in (1, -1))
         change = -np.einsum("kij,kj->ki", parts[1], (ahead - behind) / (2 * h))
         column = np.concatenate([change.real.ravel(), change.imag.ravel()]) * (size / speed)
         scaled = np.hstack([J[:, :-1], J[:, -1:] * (omega / speed), column[:, None]])
@@ -99,7 +100,7 @@ class Path:
         ------
         NotConvergedError
         """
-        count = Balance(self.contact(value), self.flexibility).samples(orbit)
+        count = balance_of(self.contact(value), self.flexibility).samples(orbit)
         x, before = self.scaled(orbit, value), np.inf
         for turn in range(1, rounds + 1):
             R, J = self._system(orbit, value, count)
@@ -118,7 +119,7 @@ class Path:
             if size <= CONVERGED * (1 + float(np.linalg.norm(x))):
                 break
             if size < 1e-2:
-                count = Balance(self.contact(value), self.flexibility).samples(orbit)
+                count = balance_of(self.contact(value), self.flexibility).samples(orbit)
         else:
             raise NotConvergedError(f"the corrector did not converge at {self.parameter} = {value:.6g}: last step {size:.1e}")
         right = np.zeros(len(row))
@@ -160,4 +161,4 @@ class Path:
 
     def left_out(self, place: Place) -> tuple[float, float]:
         """Truncation and aliasing, see `Balance.unresolved`."""
-        return Balance(self.contact(place.value), self.flexibility).unresolved(place.orbit)[:2]
+        return balance_of(self.contact(place.value), self.flexibility).unresolved(place.orbit)[:2]

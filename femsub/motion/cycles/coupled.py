@@ -14,6 +14,7 @@ where ũ = u - u_0, and δu_0 = (I - h(0) G^u_0)⁻¹ h(0) δf_0 with the other 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,14 @@ class CoupledBalance(Balance):
     """R(v, ω) of any contacts."""
 
     @cached_property
+    def _belts(self) -> list[tuple[slice, Any]]:
+        return list(zip(self.contact.blocks, self.contact.belts, strict=False))
+
+    @cached_property
+    def _others(self) -> list[tuple[slice, Any]]:
+        return list(zip(self.contact.blocks[len(self.contact.belts):], self.contact.others, strict=True))
+
+    @cached_property
     def _mean(self) -> Array:
         """u_0 from which Newton's method begins: that of the last orbit, at first the equilibrium's."""
         return self.contact.W.T @ self.contact.equilibrium
@@ -46,12 +55,24 @@ class CoupledBalance(Balance):
         return samples_of(orbit.v / (1j * orbit.omega * k), count), orbit.samples(count)
 
     def _course(self, u: Array, v: Array) -> Array:
-        return np.array([self.contact.exerted(*pair) for pair in zip(u.T, v.T, strict=True)]).T
+        """f at all times, (p, count); a contact that is no belt is asked time by time."""
+        f = np.empty_like(v)
+        for rows, belt in self._belts:
+            f[rows] = belt.exerted(u[rows], v[rows])
+        for rows, other in self._others:
+            f[rows] = np.array([other.exerted(*pair) for pair in zip(u[rows].T, v[rows].T, strict=True)]).T
+        return f
 
     def _tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
         """∂f/∂u and ∂f/∂v at all times, (p, p, count) each."""
-        found = [self.contact.tangents(*pair) for pair in zip(u.T, v.T, strict=True)]
-        return np.stack([one[0] for one in found], axis=-1), np.stack([one[1] for one in found], axis=-1)
+        found = np.zeros((2, len(v), *v.shape))
+        for rows, belt in self._belts:
+            at = np.arange(rows.start, rows.stop)
+            found[1, at, at] = -belt.force * belt.law.slope(belt.speed - v[rows])
+        for rows, other in self._others:
+            parts = np.array([other.tangents(*pair) for pair in zip(u[rows].T, v[rows].T, strict=True)])
+            found[:, rows, rows] = parts.transpose(1, 2, 3, 0)
+        return found[0], found[1]
 
     def _settled(self, u: Array, v: Array) -> tuple[Array, Array]:
         """u_0, and f at all times with it."""
