@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from io import BytesIO
 from itertools import combinations, pairwise, product
 from typing import Any
 
@@ -19,7 +20,7 @@ from femsub.studies.tables import WIDTH, fitted, table
 
 pytest.importorskip("matplotlib")
 
-from femsub.app.figure_style import PAGE, ROUNDING, SMALL, STYLE, label_points, look, new_figure
+from femsub.app.figure_style import PAGE, ROUNDING, SMALL, STYLE, label_points, look, new_figure, render
 from femsub.app.figures import eigenvalue_figure
 from femsub.app.figures_errors import error_time_figure, errors_figure, friction_errors_figure
 from femsub.app.figures_transient import COLUMNS, envelope
@@ -187,6 +188,15 @@ def test_figures_have_units_texts_that_can_be_read_and_legends_beside_the_data(n
             for label in (axis.get_xlabel(), axis.get_ylabel()):
                 assert not label or "[" in label or label in ("μ", "P l/k"), (title, label)
         assert any(axis.get_xlabel() for axis in figure.axes) and any(axis.get_ylabel() for axis in figure.axes), title
+
+
+def test_a_long_title_is_broken_where_its_figure_ends() -> None:
+    figure = new_figure(4.0, 3.0)
+    figure.suptitle("a title of many words " * 6)
+    render(lambda: figure, BytesIO())
+    figure.canvas.draw()  # at the figure's own resolution
+    title = next(text for text in figure.findobj(lambda artist: "a title" in getattr(artist, "get_text", str)()))
+    assert title.get_text().count("\n") >= 2 and title.get_window_extent().width < figure.bbox.width
 
 
 # ---- tables

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, BinaryIO, NamedTuple
 
@@ -47,7 +48,16 @@ def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note
         if note:
             title = figure._suptitle  # get_suptitle is newer than the oldest matplotlib
             figure.suptitle(f"{title.get_text()}\n{note}" if title else note)
+        _fit_title(figure)
         figure.savefig(file, format="png", dpi=150)
+
+
+def _fit_title(figure: Any) -> None:
+    """Breaks the lines of a title that is wider than its figure."""
+    title = figure._suptitle
+    if title is not None:
+        room = int(figure.get_figwidth() * 72 / (0.58 * title.get_fontsize()))  # letters; 0.58 of their height is a wide mean
+        title.set_text("\n".join(textwrap.fill(line, room) for line in title.get_text().split("\n")))
 
 
 def _put_units(figure: Any, units: Units) -> None:

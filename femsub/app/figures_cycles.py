@@ -33,7 +33,7 @@ def bifurcation_figure(branches: Sequence[Mapping[str, Any]], dots: Sequence[Map
     homes = [_home(dot["omega"], shown, branches) for dot in dots]
     kinds: set[str] = set()
     for (top, bottom), family in zip(panels, shown, strict=False):
-        for item in branches:
+        for item in sorted(branches, key=lambda item: item["model"] != "full"):  # the wide line of the full model lies below
             if item["family"] != family:
                 continue
             kinds |= _drawn(top, bottom, item["branch"], look(item["model"]).colour, widths[item["model"]])
