@@ -48,8 +48,8 @@ def moving(mesh: Mesh, u: Array, told: Mapping[str, Any], most: int = MOST_NODES
     used, inverse = np.unique(cells, return_inverse=True)
     points, u, cells = points[used], u[used], inverse.reshape(cells.shape)
     if len(points) > most:
-        kept, cells = _clustered(points, cells, most)
-        points, u = points[kept], u[kept]
+        box, cells = _clustered(points, cells, most)
+        points, u = _means(points, box), _means(u, box)
     length = np.linalg.norm(u, axis=1).max()
     largest = u.ravel()[np.abs(u).argmax()]
     return Moving(dict(told), points, cells, u * (np.conj(largest) / abs(largest) / length) if length else u)
@@ -63,20 +63,30 @@ def _drawn_cells(mesh: Mesh) -> Array:
 
 
 def _clustered(points: Array, cells: Array, most: int) -> tuple[Array, Array]:
-    """One node of each box of a grid, and the cells that are left: Rossignac and Borrel (1993), with boxes that just suffice."""
+    """The box of a grid that each point is in (n,), and the cells that join boxes: Rossignac and Borrel (1993).
+
+    The boxes are as small as they can be, within a quarter.
+    """
     low = points.min(axis=0)
     box = float(np.ptp(points, axis=0).max()) / most
     while True:
         at = ((points - low) / box).astype(np.int64)
-        _, kept, inverse = np.unique(at @ np.array([1, most + 1, (most + 1) ** 2]), return_index=True, return_inverse=True)
-        if len(kept) <= most:
+        boxes, inside = np.unique(at @ np.array([1, most + 1, (most + 1) ** 2]), return_inverse=True)
+        if len(boxes) <= most:
             break
         box *= 1.25
-    joined = inverse.reshape(-1)[cells]
+    joined = inside[cells]
     ordered = np.sort(joined, axis=1)
     whole = np.flatnonzero((np.diff(ordered, axis=1) > 0).all(axis=1))
     _, first = np.unique(ordered[whole], axis=0, return_index=True)
-    return kept, joined[whole[first]]
+    return inside, joined[whole[first]]
+
+
+def _means(values: Array, box: Array) -> Array:
+    """The mean of the values (n, 3) in each box."""
+    found = np.zeros((box.max() + 1, values.shape[1]), values.dtype)
+    np.add.at(found, box, values)
+    return found / np.bincount(box)[:, None]
 
 
 def _write(mesh: Mesh, u: Array, told: Mapping[str, Any], file: BinaryIO) -> None:

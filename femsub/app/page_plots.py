@@ -37,8 +37,18 @@ def _plot(title: str, note: str, traces: Iterable[Trace], x: str, y: str, told: 
     `lines` are upright ones.
     """
     said = units_of(told).said
-    return {"title": said(title), "note": note, "traces": list(traces), "x": said(x), "y": said(y), "logs": logs, "lines": lines,
+    return {"title": said(title), "note": note, "traces": [_drawn(trace) for trace in traces],
+            "x": said(x), "y": said(y), "logs": logs, "lines": lines,
             "choices": {axis: {key: said(label) for key, label in columns.items()} for axis, columns in (choices or {}).items()}}
+
+
+def _drawn(trace: Trace) -> Trace:
+    """A trace without what no axis has a place for: numbers that are infinite stand as words in results.json."""
+    def places(values: Sequence[Any]) -> list[Any]:
+        return [value if isinstance(value, (int, float)) else None for value in values]
+
+    columns = {key: places(values) for key, values in trace.get("columns", {}).items()}
+    return trace | {"x": places(trace["x"]), "y": places(trace["y"])} | ({"columns": columns} if columns else {})
 
 
 def _trace(model: str, name: str, x: Sequence[Any], y: Sequence[Any], text: Sequence[str], mode: str = "markers",

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from femsub.app.figure_style import look
 from femsub.app.scene import PAGE, SCENES, scene_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
+from femsub.checks import NOT_CHECKED
 
 Data = Mapping[str, Any]
 STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
@@ -44,8 +45,10 @@ def verdict(told: Data) -> Verdict:
     else:
         found = Verdict("open", "This run compares no models by their errors, so it does not decide whether a small model may "
                         "replace the full one.", [], [])
-    unchecked = [*found.unchecked, *_left_out(told)]
-    return found._replace(decides=[*found.decides, *_stability(told)], unchecked=list(dict.fromkeys(unchecked)))
+    proof, proven = _completeness(told)
+    unchecked = [*found.unchecked, *([] if proven else proof), *_left_out(told)]
+    return found._replace(decides=[*found.decides, *_stability(told), *(proof if proven else [])],
+                          unchecked=list(dict.fromkeys(unchecked)))
 
 
 def units_of(told: Data) -> Units:
@@ -97,16 +100,17 @@ def _decides(row: Data, rows: Sequence[Data], tolerance: float) -> list[str]:
     full = next((one for one in rows if one.get("method") == "full"), None)
     if "mu_error" in row:
         return [f"{_model(row)}: no unstable mode of the full model is missed{_invented(row)}.",
-                f"Its critical mu is within {row['mu_error']:.1e} of the full model's.",
-                f"Its eigenvalues are within {row['error']:.1e} of their modulus, its growth rates within "
-                f"{row['growth_error']:.1e}."]
-    said = [f"{_model(row)}: the growth rates in the band are within {row['error_growth']:.1e} of the rates of damping and "
-            f"friction; the tolerance is {tolerance:g}.",
+                f"Its critical mu is within {_shown(row['mu_error'], '.1e')} of the full model's.",
+                f"Its eigenvalues are within {_shown(row['error'], '.1e')} of their modulus, its growth rates within "
+                f"{_shown(row['growth_error'], '.1e')}."]
+    said = [f"{_model(row)}: the growth rates in the band are within {_shown(row['error_growth'], '.1e')} of the rates of "
+            f"damping and friction; the tolerance is {tolerance:g}.",
             "No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off."]
     if _number(row.get("error_slope")):
-        said.append(f"Its critical slope is within {row['error_slope']:.1e} of the full model's, {row['slope']:.5g}.")
+        said.append(f"Its critical slope is {_shown(row['slope'], '.5g')}, within {_shown(row['error_slope'], '.1e')} of the "
+                    "full model's.")
     if _number(row.get("error_force")):
-        said.append(f"The forces in the joints are within {row['error_force']:.1e}.")
+        said.append(f"The forces in the joints are within {_shown(row['error_force'], '.1e')}.")
     if full is not None and row["stable"] != full["stable"]:
         said.append(f"Mind: in the band the full model is {STABLE[full['stable']]} and the small one {STABLE[row['stable']]}. "
                     "The border is nearer than the error.")
@@ -132,25 +136,36 @@ def _listed(values: Sequence[float]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
 
+def _spectra(told: Data) -> Sequence[Data]:
+    found = told.get("eigenvalues")
+    return found["models"] if isinstance(found, dict) else found or []
+
+
+def _completeness(told: Data) -> tuple[list[str], bool]:
+    """Whether all eigenvalues of the full model in the band were found, if that is told; and whether it was checked at all."""
+    evidence = next((one["evidence"] for one in _spectra(told) if one["model"] == "full" and "evidence" in one),
+                    told.get("completeness"))
+    said = [f"Completeness of the full model's eigenvalues in the band: {evidence}."] if evidence else []
+    return said, evidence != NOT_CHECKED
+
+
 def _stability(told: Data) -> list[str]:
-    """What the eigenvalues of the full model say, and whether their completeness is proven."""
-    spectra = told.get("eigenvalues")
-    models = spectra["models"] if isinstance(spectra, dict) else spectra or []
+    """What the eigenvalues of the full model say."""
+    models = _spectra(told)
     full = next((one for one in models if one["model"] == "full"), None)
     said = []
     if full is not None and _number(full.get("growth")):
-        said.append(f"Steady sliding is {STABLE[full['is_stable']]}: the full model's largest Re λ is {full['growth']:.5g}.")
+        said.append(f"Steady sliding is {STABLE[full['is_stable']]}: the full model's largest Re λ is "
+                    f"{_shown(full['growth'], '.5g')}.")
         wrong = [one for one in models if one["is_stable"] != full["is_stable"]]
         said += [f"Mind: {_named(one['model'], one['size'])} says {STABLE[one['is_stable']]}." for one in wrong]
-        if full.get("evidence", "certified") != "certified":
-            said.append(f"Completeness of the full model's eigenvalues in the band: {full['evidence']}.")
     if isinstance(told.get("unstable"), list):
         count = len(told["unstable"])
         modes = f"{count} unstable mode{'s' * (count != 1)}"
         said.append(f"At mu = {told['unstable'][0]['mu']:g} the full model has {modes} in the band." if count else
                     "The full model has no unstable mode in the band.")
     critical = told.get("flutter", {}).get("critical", {}) if isinstance(told.get("flutter"), dict) else {}
-    found = [f"of the {name} model at mu = {at['mu']:.6g}" for name, at in critical.items() if _number(at["mu"])]
+    found = [f"of the {name} model at mu = {_shown(at['mu'], '.6g')}" for name, at in critical.items() if _number(at["mu"])]
     said += [f"Loss of stability in the flutter diagram: {', '.join(found)}."] if found else []
     return said
 
@@ -198,8 +213,8 @@ def _in_time(told: Data) -> Verdict:
     decides = [_sentence(row["verdict"], _named(row["model"], row["size"])) for row in quality]
     for row in told["models"]:
         if row["rms"] is not None and row["peaks"]:
-            strongest = units_of(told).said(f"{row['peaks'][0]:.5g} rad/time")
-            decides.append(f"{_named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {strongest}.")
+            strongest = units_of(told).said(f"{_shown(row['peaks'][0], '.5g')} rad/time")
+            decides.append(f"{_named(row['model'], row['size'])}: rms {_shown(row['rms'], '.5g')}, strongest at {strongest}.")
     return Verdict("open", "The models are compared in time, each by one trajectory. No tolerance is set, so the figures below "
                    "are yours to judge.", decides,
                    [NEVER, "Where several motions exist, another start may end in another one. One trajectory does not show it."])
@@ -209,8 +224,8 @@ def _critical_value(told: Data) -> Verdict:
     decides = []
     for row in told["critical-value"]:
         if _number(row["value"]):
-            closed = f" The closed form gives {row['exact']:.8g}." if _number(row.get("exact")) else ""
-            decides.append(f"{row['model']}: stability is {row['stability']} at {row['value']:.8g} by {row['kind']} "
+            closed = f" The closed form gives {_shown(row['exact'], '.8g')}." if _number(row.get("exact")) else ""
+            decides.append(f"{row['model']}: stability is {row['stability']} at {_shown(row['value'], '.8g')} by {row['kind']} "
                            f"({row['evidence']}).{closed}")
         else:
             decides.append(f"{row['model']}: stability is {row['stability']} ({row['evidence']}).")
@@ -269,6 +284,11 @@ def _sentence(text: str, start: str) -> str:
 def seconds_words(value: float) -> str:
     """'3.1 ms', '2.4 s'."""
     return f"{value * 1e3:.3g} ms" if value < 1 else f"{value:.3g} s"
+
+
+def _shown(value: Any, form: str) -> str:
+    """A number as results.json has it, where it may be infinite, or not known."""
+    return "unknown" if value is None else format(float(value), form)
 
 
 def _number(value: Any) -> bool:

@@ -238,11 +238,12 @@ def _unstable(brake: Brake) -> Result:
     head = (f"Unstable modes of the full model at mu = {mu:g} in the band: {len(rows)} of {len(modes)}; completeness "
             f"{modes.evidence}")
     paged = _mode_file(brake, modes, mu)
+    data = {"unstable": rows, "completeness": modes.evidence}
     if not rows:
-        return Result({"unstable": rows}, {}, f"{head}. All modes decay; give a larger mu, or less damping", {}, paged)
+        return Result(data, {}, f"{head}. All modes decay; give a larger mu, or less damping", {}, paged)
     said = table(["f [Hz]", "Re λ", "error bar", "equivalent damping", *(f"energy {name}" for name in shares)],
                  [list(row.values())[2:] for row in rows], [".6g", ".5g", ".0e", ".2e", *[".2f"] * len(shares)])
-    result = Result({"unstable": rows}, {"unstable": rows}, f"{head}\n{said}", {}, paged)
+    result = Result(data, {"unstable": rows}, f"{head}\n{said}", {}, paged)
     if not scene.figures:
         return result
     (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, chosen]).items()
