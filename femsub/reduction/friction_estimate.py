@@ -61,10 +61,11 @@ LEAST = 0.05  # smallest c with which the count is tried
 SURE = 0.7  # g stays below this share of c at the points where it is sampled
 CIRCLE = np.exp(2j * np.pi * (np.arange(8) + 0.5) / 8)  # the points on a circle about an eigenvalue
 SMALLEST = 1e-10  # of |λ|: its smallest radius
+FINE = 1e-6  # of |λ|: a radius so small is not improved
 CHOICES = ((0,), (0, 1), (0, 2), (0, 1, 2))  # of the loads K₁, K₁ᵀ and D₁: the responses that are tried
 STEP = 1.1  # from one number of modes to the next that is tried
 LANCZOS = 40  # steps
-NOTHING = 1e-20  # share of the squared residuals below which a direction is left out
+NOTHING = 1e-15  # share of the squared residuals below which a direction is rounding
 
 
 class Projection:
@@ -85,16 +86,18 @@ class Projection:
         right, left = (np.sqrt(np.maximum((gram @ powers @ powers.conj()).real, 0.0)) for gram in self.grams)
         return right, left
 
-    def excludes(self, value: complex, limit: float) -> bool:
+    def excludes(self, value: complex, limit: float, thorough: bool = True) -> bool:
         """Whether g(λ) < limit.
 
         By P_U⁻¹ = Σ x_j y_jᴴ / ((λ - λ_j) y_jᴴP'x_j) and the triangle's inequality, which takes no solution. Where that is too
-        much, since eigenvalues meet, by the Frobenius norm.
+        much, since eigenvalues meet, by the Frobenius norm, if it is to be `thorough`.
         """
         right, left = self.lengths(value)
         with np.errstate(divide="ignore", invalid="ignore"):
             if (right * left / (np.abs(value - self.values) * self.slope)).sum() < limit:
                 return True
+        if not thorough:
+            return False
         right, left = (value**2 * T[:, 0] + value * T[:, 1] + T[:, 2] for T in (self.right, self.left))
         return bool(np.linalg.norm(right @ np.linalg.solve(self.pencil.at(value), left.T)) < limit)
 
@@ -236,13 +239,19 @@ class Larger:
             value = self.values[k]
             right, left = small.lengths(value)
             first = right[k] * left[k] / (limit * small.slope[k]) if small.slope[k] else np.inf
-            radius = float(max(first, SMALLEST * abs(value), 4 * rounding))
-            while radius < min(abs(value), (BEYOND - ROOM) * self.hi):
-                if all(small.excludes(value + radius * turn, limit) for turn in CIRCLE):
-                    found[k] = radius
-                    break
-                radius *= 2
+            start = float(max(first, SMALLEST * abs(value), 4 * rounding))
+            for thorough in (False, True):
+                if found[k] > FINE * abs(value):
+                    found[k] = min(found[k], self._circle(value, start, thorough))
         return found
+
+    def _circle(self, value: complex, radius: float, thorough: bool) -> float:
+        """A radius with g < c on the circle, at least the one given; inf if it would reach too far."""
+        while radius < min(abs(value), (BEYOND - ROOM) * self.hi):
+            if all(self.small.excludes(value + radius * turn, SURE * self.coercivity, thorough) for turn in CIRCLE):
+                return radius
+            radius *= 2
+        return float(np.inf)
 
 
 class Nest:
