@@ -187,6 +187,23 @@ def test_what_does_not_fit_is_told(change: tuple[str, str], words: str, tmp_path
     assert not (tmp_path / "out").exists()
 
 
+def test_a_band_counts_and_an_empty_one_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Between 0.5 and 1.1 the mode that grows is outside; above 5 there is none to draw, and the other output is kept."""
+    told = run(tmp_path, 'scene = "affine"\nband = [0.5, 1.1]\npoints = 5\nunits = "SI"\n')
+    assert [row["stability"] for row in told["critical-value"]] == ["never lost"] and told["band_hz"]
+    assert "modes from 0.5 to 1.1 rad/s (0.07958 to 0.1751 Hz)" in " ".join(capsys.readouterr().out.split())
+    (tmp_path / "scene.toml").write_text('scene = "affine"\nband = [5.0, 20.0]\npoints = 5\n', encoding="utf-8")
+    assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) != 0
+    told = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    assert told["critical-value"] and "has no mode from 5 to 20 rad/time anywhere" in told["failed"]["diagram"]
+
+
+def test_what_grows_from_the_begin_on_is_told_beside_its_regain(tmp_path: Path) -> None:
+    rows = run(tmp_path, 'scene = "affine"\nbetween = [0.06, 0.2]\noutputs = ["critical-value"]\n')["critical-value"]
+    assert [row["stability"] for row in rows] == ["lost at the begin", "regained"]
+    assert rows[1]["value"] == pytest.approx(border(0.4, 0.06, 0.2)[0], abs=1e-10)
+
+
 # expressions
 
 

@@ -33,6 +33,7 @@ def flutter_figure(tracks: Mapping[str, Tracked], critical: Mapping[str, Sequenc
     figure = new_figure(7.0, 6.4)
     axes = figure.subplots(2, 1, sharex=True)
     every = np.concatenate([item.eigenvalues.ravel() for item in tracks.values()])
+    every = every if every.size else np.zeros(1)  # no mode in the band
     many = next(iter(tracks.values())).eigenvalues.shape[1] > len(COLOURS)
     top = float(np.nanmax(every.real))
     for axis, part in zip(axes, (every.imag, every.real), strict=True):

@@ -13,6 +13,7 @@ from femsub import Affine, CriticalValue, Tracked, track
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.checks import interval
+from femsub.errors import InputError
 from femsub.stability.seen_losses import losses_over
 from femsub.studies.tables import table
 
@@ -48,7 +49,11 @@ def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, e
     @cache
     def tracked(name: str) -> Tracked:
         progress(f"{scene.name}: modes tracked, {name}")
-        return track(models[name], None, parameter, np.linspace(*between, scene.points), band=band)
+        modes = track(models[name], None, parameter, np.linspace(*between, scene.points), band=band)
+        if not modes.eigenvalues.size:
+            raise InputError(f"{name} has no mode from {modes.band[0]:g} to {modes.band[1]:g} rad/time anywhere in the range. "
+                             "Give another band")
+        return modes
 
     found: dict[str, CriticalValue] = {}
     for name, model in models.items():
@@ -57,32 +62,33 @@ def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, e
 
     def compute(output: str) -> Result:
         if output == "critical-value":
-            return _critical(found, exact, label)
+            return _critical(found, exact, label, scene.system.beside("ω"))
         return _diagram({name: tracked(name) for name in models},
                         {name: [one.value for one in item.losses] for name, item in found.items()}, label, scene.name)
 
     head = f"{scene.name}: {label} from {between[0]:g} to {between[1]:g}"
+    head += f", modes from {band[0]:g} to {band[1]:g} rad/time" if band else ""
     return run_outputs(scene.outputs, compute, {**data, "between": scene.between}, ["\n".join([head, *text])])
 
 
-def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], label: str) -> Result:
+def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], label: str, hertz: Sequence[str]) -> Result:
     rows: list[dict[str, Any]] = []
     for name, item in found.items():
+        if item.growing or not (item.losses or item.regains):
+            rows.append({"model": name, "stability": "lost at the begin" if item.growing else "never lost", "value": None,
+                         "kind": "", "omega": None, "exact": exact.get(name), "error": None, "width": None,
+                         "evidence": item.evidence})
         for what, crossings in (("lost", item.losses), ("regained", item.regains)):
             for one in crossings:
                 first = what == "lost" and one is item.losses[0] and name in exact
                 rows.append({"model": name, "stability": what, "value": one.value, "kind": one.kind, "omega": one.omega,
                              "exact": exact[name] if first else None, "error": abs(one.value - exact[name]) if first else None,
                              "width": one.width, "evidence": item.evidence})
-        if not item.losses and not item.regains:
-            rows.append({"model": name, "stability": "never lost" if not item.growing else "lost at the begin", "value": None,
-                         "kind": "", "omega": None, "exact": exact.get(name), "error": None, "width": None,
-                         "evidence": item.evidence})
     columns = {"model": "s", "stability": "s", "value": ".10f", "kind": "s", "omega": ".6g",
                **({"exact": ".10f", "error": ".0e"} if exact else {}), "evidence": "s"}
     heads = {"value": label, "omega": "ω", "exact": "closed form"}
     said = table([heads.get(column, column) for column in columns], [[row[column] for column in columns] for row in rows],
-                 list(columns.values()))
+                 list(columns.values()), hertz)
     left = [line for name, item in found.items() for line in _left_open(name, item)]
     places = {name: [list(one) for one in item.open] for name, item in found.items()}
     return Result({"critical-value": rows, "not_excluded": places}, {"critical-value": rows},
