@@ -382,3 +382,26 @@ def test_a_cycle_under_friction_between_surfaces() -> None:
     bare = fs.transient(model, contacts, (0.0, 32 * period), **given)
     with pytest.raises(fs.InputError, match=r"FrictionInMotion acts on the sets bottom, .*record='states'"):
         fs.harmonic_balance(model, contacts, start=bare)
+
+
+def test_two_friction_contacts_and_a_belt_by_two_integrators() -> None:
+    """A block held by springs at its end, rubbing below and above: the generalised-α method on the sparse model, and LSODA."""
+    mesh = fs.block((0.1, 0.05, 0.02), (1, 1, 1), "hexahedron")
+    model = fs.solid(mesh, STEEL, supports=["left"], interface=["bottom", "top"], rayleigh=(50.0, 1e-7),
+                     ports={"belt": ("right", "y")})
+    contacts = [fs.FrictionContact(name, "ground", mesh, stiffness=1e11, mu=MU, pressure=P, direction=way, speed=V)
+                for name, way in (("bottom", (1.0, 0, 0)), ("top", (0, 1.0, 0)))]
+    belt = fs.Belt(force=100.0, speed=1.0, law=fs.StribeckArctan(eps=0.5))
+    first = fs.normal_modes(model, count=1)
+    start = fs.State(5e-6 * first.shapes[:, 0] / np.abs(first.shapes).max(), np.zeros(model.size))
+    period = 2 * np.pi / first.frequencies[0]
+    given: dict[str, Any] = {"start": start, "samples": 20, "record": "states"}
+    exact = fs.transient(model, [belt, *contacts], (0.0, 2 * period), method="lsoda", **given)
+    found = fs.transient(model, [belt, *contacts], (0.0, 2 * period), method="alpha", tol=1e-6, **given)
+    assert exact.states is not None and found.states is not None and "FrictionInMotion on bottom" in repr(found.contact)
+    for one, other in zip(found.states, exact.states, strict=True):
+        assert np.abs(one - other).max() < 2e-2 * np.abs(other).max()
+    for left_out in (belt, *contacts):
+        rest = [one for one in (belt, *contacts) if one is not left_out]
+        other = fs.transient(model, rest, (0.0, 2 * period), method="lsoda", **given)
+        assert other.states is not None and np.abs(other.states[0] - exact.states[0]).max() > 1e-3 * np.abs(exact.states[0]).max()
