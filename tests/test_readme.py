@@ -8,7 +8,10 @@ output into it. A page of more than some 3 s has a comment `<!-- slow -->`.
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -206,3 +209,20 @@ def test_a_page_runs_in_one_namespace_and_a_fault_tells_its_block(tmp_path: Path
     found, printed, fault = run(page, tmp_path)
     assert [block.shown for block in found] == [None, "2\n", "meshes …\n", None] and printed[:2] == ["", "2\n"]
     assert len(printed) == 3 and "ZeroDivisionError" in fault and "<block 4>" in fault
+
+
+def test_the_output_of_a_page_is_written_into_it(tmp_path: Path) -> None:
+    def run_page(*options: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([sys.executable, str(ROOT / "scripts" / "run_page.py"), str(page), *options], capture_output=True,
+                              text=True, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)})
+
+    page = tmp_path / "page.md"
+    page.write_text("# A\n\n```python\nprint(1.25)\n```\n\nB.\n\n```python\nprint('x', 3)\n```\n\n```text\nx …\n```\n\n"
+                    "```python\ny = 1\n```\n")
+    assert run_page().returncode == 1 and run_page("--write").returncode == 0
+    text = page.read_text()
+    assert "print(1.25)\n```\n\n```text\n1.25\n```\n\nB.\n" in text and "x …" in text and text.count("```text") == 2
+    assert run_page().returncode == 0
+    page.write_text(text.replace("1.25\n```\n\nB", "1.35\n```\n\nB"))
+    told = run_page()
+    assert told.returncode == 1 and "[1.35]" in told.stdout and "[1.25]" in told.stdout
