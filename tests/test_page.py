@@ -32,6 +32,7 @@ FOUR = ("chain", "solid", "chain-limit-cycle", pytest.param("brake", marks=pytes
 MORE = ("chain-parts", "chain-transient", "two-mode", "own-parts")  # other kinds of results, each made in a moment
 LIMIT = 10_000_000  # bytes of a page
 WORDS = 30  # of a sentence
+PATIENCE = 120_000  # milliseconds, of a browser without a graphics card on a machine that others use
 
 
 def asked(name: str) -> str:
@@ -290,6 +291,7 @@ class Opened:
     def __init__(self, browser: Any, path: Path, **context: Any) -> None:
         self.wrong: list[str] = []
         self.page = browser.new_context(offline=True, **context).new_page()
+        self.page.set_default_timeout(PATIENCE)
         self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
         self.page.on("console", lambda line: self.wrong.append(line.text) if line.type == "error" else None)
         self.page.on("request", lambda asked: None if asked.url.startswith(("file:", "data:", "blob:")) else
@@ -310,7 +312,7 @@ class Opened:
         self.page.mouse.move(x - 2, y - 2)
         self.page.mouse.move(x, y)
         label = canvas.locator(".hovertext").first
-        label.wait_for(timeout=10_000)
+        label.wait_for()
         said = label.text_content()
         return said, canvas.evaluate("""(box, said) => box._fullData
           .flatMap(one => one.text.map((text, i) => [text, one.x[i], one.y[i]]))
@@ -318,7 +320,7 @@ class Opened:
 
     def moved(self, before: list[float]) -> list[float]:
         """Where the nodes are once they are drawn elsewhere."""
-        for _ in range(100):
+        for _ in range(300):
             now = self.places()
             if np.abs(np.subtract(now, before)).max() > 1e-3 * np.abs(before).max():
                 return now

@@ -194,11 +194,11 @@ def _critical_slopes(told: Data) -> Iterator[dict[str, Any]]:
         yield _plot("Critical slope over the model's size", note, traces, "DOF of the reduced model", choices["y"]["slope"], told,
                     choices=choices)
         return
-    wide = lambda row: "," in row["interface"]  # noqa: E731 - whether the belt's mass is part of the interface
+    given = f"{{{', '.join(f'm{mass}' for mass in told['interface'])}}}"  # the interface without the belt's mass
     traces = []
     for method in dict.fromkeys(row["method"] for row in rows):
         for widened in (False, True):
-            own = [row for row in rows if row["method"] == method and wide(row) == widened]
+            own = [row for row in rows if row["method"] == method and (row["interface"] != given) == widened]
             name = _label(method, own[0]["size"] if own else None) + (", belt in the interface" if widened else "")
             if own:
                 traces.append(_sloped(told, method, name, own, [row["belt"] for row in own], dash="dot" if widened else "solid"))

@@ -191,6 +191,8 @@ def _cycles(told: Data) -> Verdict:
         if len(both) == len(full) and not other:
             good.append(label)
     unchecked = [NEVER, "Cycles that begin from no mode of the band were not sought. Motions that are no cycle were not either."]
+    if "branches" in told:
+        unchecked.append("Branches are drawn and listed, not judged: the verdict is that of the cycles at one parameter.")
     if not full:
         return Verdict("open", "The full model's limit cycles are not among the results. Nothing is decided.", decides, unchecked)
     if not names:
