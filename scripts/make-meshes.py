@@ -26,7 +26,8 @@ The brake's parts have a common frame, with the axis along z. Their elements are
 that, so that their faces do not match the disc's. --size 0.0035 makes 477,000 DOF, 0.0033 makes 617,000. All nodes lie on circles
 about the axis, in the middle of edges as well, which a disc that turns needs.
 
-Two come from elsewhere: disc-with-pad.msh by `gmsh -3 -nt 1 disc-with-pad.geo`, calculix/ by CalculiX 2.20 from calculix/beam.inp.
+Two come from elsewhere: disc-with-pad.msh by `gmsh -3 -nt 1 disc-with-pad.geo`, calculix/ by CalculiX 2.20 from its
+beam.inp.
 
 beam and disc need femsub alone; the others need Gmsh: pip install gmsh (made with 4.15.2), and its libraries
 (Debian: libglu1-mesa libxrender1 libxcursor1 libxft2 libxinerama1).
