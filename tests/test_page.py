@@ -179,6 +179,10 @@ def test_the_verdict_follows_the_recommendation(folders: dict[str, Path]) -> Non
     assert any("modes failed: too few" in line for line in verdict(told | {"failed": {"modes": "too few"}}).unchecked)
     bare = {key: value for key, value in told.items() if key not in ("recommended", "error-time")}
     assert verdict(bare).answer == "open"
+    never = told | {"recommended": told["recommended"] | {"model": model | {"slope": "-inf", "error_slope": 0.0}}}
+    assert "At no slope does it lose its stability in the band, and neither does the full model." in verdict(never).decides
+    far = told | {"recommended": told["recommended"] | {"model": model | {"slope": "-inf", "error_slope": 1.0}}}
+    assert any("critical slope is -inf, within 1.0e+00" in line for line in verdict(far).decides)
     chain = results(folders["chain"])  # one interface has a model that is good enough, the other has none
     assert [bool(one["model"]) for one in chain["error-time"]["recommended"]] == [False, True]
     assert verdict(chain).answer == "in part"

@@ -106,7 +106,9 @@ def _decides(row: Data, rows: Sequence[Data], tolerance: float) -> list[str]:
     said = [f"{_model(row)}: the growth rates in the band are within {_shown(row['error_growth'], '.1e')} of the rates of "
             f"damping and friction; the tolerance is {tolerance:g}.",
             "No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off."]
-    if _number(row.get("error_slope")):
+    if row.get("slope") == "-inf" and row.get("error_slope") == 0:
+        said.append("At no slope does it lose its stability in the band, and neither does the full model.")
+    elif _number(row.get("error_slope")):
         said.append(f"Its critical slope is {_shown(row['slope'], '.5g')}, within {_shown(row['error_slope'], '.1e')} of the "
                     "full model's.")
     if _number(row.get("error_force")):
