@@ -397,11 +397,11 @@ def test_two_friction_contacts_and_a_belt_by_two_integrators() -> None:
     period = 2 * np.pi / first.frequencies[0]
     given: dict[str, Any] = {"start": start, "samples": 20, "record": "states"}
     exact = fs.transient(model, [belt, *contacts], (0.0, 2 * period), method="lsoda", **given)
-    found = fs.transient(model, [belt, *contacts], (0.0, 2 * period), method="alpha", tol=1e-6, **given)
+    found = fs.transient(model, [belt, *contacts], (0.0, 2 * period), method="alpha", tol=1e-5, **given)
     assert exact.states is not None and found.states is not None and "FrictionInMotion on bottom" in repr(found.contact)
     for one, other in zip(found.states, exact.states, strict=True):
-        assert np.abs(one - other).max() < 2e-2 * np.abs(other).max()
+        assert np.abs(one - other).max() < 4e-3 * np.abs(other).max()
     for left_out in (belt, *contacts):
         rest = [one for one in (belt, *contacts) if one is not left_out]
         other = fs.transient(model, rest, (0.0, 2 * period), method="lsoda", **given)
-        assert other.states is not None and np.abs(other.states[0] - exact.states[0]).max() > 1e-3 * np.abs(exact.states[0]).max()
+        assert other.states is not None and np.abs(other.states[0] - exact.states[0]).max() > 1e-2 * np.abs(exact.states[0]).max()
