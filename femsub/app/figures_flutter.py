@@ -58,7 +58,7 @@ def flutter_figure(tracks: Mapping[str, Tracked], critical: Mapping[str, Sequenc
     axes[1].axhline(0.0, color="black", lw=0.8)
     axes[0].set_ylabel("Im λ  [rad/time]")
     axes[1].set(xlabel=label, ylabel="Re λ  [1/time]")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     figure.suptitle(f"{title}: flutter diagram", fontsize=11)
     return figure
 
