@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -15,7 +15,7 @@ import femsub as fs
 from benchmarks.random_brakes import TOL, Brake, errors, judged, random_brake
 from femsub.model.bands import within
 from femsub.reduction import friction_estimate
-from femsub.reduction.friction_estimate import Larger
+from femsub.reduction.friction_estimate import Larger, Nest
 from femsub.reduction.mode_selection import Search
 
 SEEDS = (3, 6, 7, 29, 36, 56, 61, 70)  # with damping by friction, gyroscopic terms, a falling slope, real λ, or none of these
@@ -186,3 +186,96 @@ def test_a_pad_that_slides_freely_has_its_elastic_modes_judged() -> None:
     exact, found = (fs.complex_modes(model, rubbing, band=(1e3, 7e4)) for model in (pad, rom))
     assert found.is_stable is True and found.full_growth is not None and np.isfinite(found.full_growth).all()
     np.testing.assert_allclose(found.eigenvalues, exact.eigenvalues, rtol=TOL)
+
+
+@dataclass(frozen=True)
+class Rub:
+    """Friction at one point: a spring along the port n, and μ times its force along the port t."""
+
+    ports: tuple[str, ...] = ("n", "t")
+    stiffness: float = 5.0
+    mu: float = 0.5
+    drag: float = 0.0
+
+    def linearised(self, model: fs.Substructure) -> tuple[np.ndarray, np.ndarray]:
+        return np.diag([0.0, self.mu * self.drag]), self.stiffness * np.array([[1.0, 0.0], [self.mu, 0.0]])
+
+
+@cache
+def sliding(massless: bool = False, damped: bool = True) -> fs.Substructure:
+    """A chain that slides freely along t, and a held one along n; springs between them turn with the friction."""
+    random = np.random.default_rng(5)
+    difference = np.diff(np.eye(16), axis=0) * np.sqrt(random.uniform(1.0, 10.0, (15, 1)))
+    K = la.block_diag(difference.T @ difference, np.diag(random.uniform(1.0, 4.0, 8)))
+    for k in range(4):
+        link = np.zeros(24)
+        link[[3 * k, 3 * k + 1, 16 + k]] = 1.0, -1.0, 0.5
+        K += 2.0 * np.outer(link, link)
+    mass = random.uniform(0.5, 2.0, 24)
+    mass[23] *= not massless
+    w = {"n": np.eye(24)[17], "t": np.eye(24)[5]}
+    return fs.Substructure(np.diag(mass), K, 1e-3 * K if damped else None, [], w, "sliding")
+
+
+def of_sliding(rub: Rub, hi: float = 1.2) -> Larger:
+    part = (method := fs.ContactModes(1, contacts=rub)).part(sliding())
+    search = Search(method.statics(part, part.factored(), np.zeros((24, 0))), None)
+    return Larger(search, sliding().linearised(rub), [part.friction, part.friction.T], hi, search.modes)
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.3])
+def test_rigid_motion_is_neither_counted_twice_nor_refused(drag: float) -> None:
+    rub, band = Rub(drag=drag), (0.0, 1.2)
+    found = of_sliding(rub)
+    np.testing.assert_allclose(found.U.T @ found.product(found.U), np.eye(found.U.shape[1]), atol=1e-8)
+    assert found.loose == (0 if drag else 1) and found.counted
+    rom = fs.reduce(sliding(), fs.ContactModes(band=band, tol=1e-6, contacts=rub))
+    exact, modes = (fs.complex_modes(one, rub).eigenvalues for one in (sliding(), rom))
+    exact = exact[within(exact, band) & (np.abs(exact) > 1e-3)]
+    assert rom.size < 24 and (np.abs(exact[:, None] - modes).min(axis=1) <= 1e-6 * np.abs(exact)).all()
+    judged = fs.complex_modes(rom, rub, band=band)
+    assert judged.is_stable is not False and len(judged.unstable) == 0
+
+
+def test_the_shift_is_part_of_the_coupling() -> None:
+    found = of_sliding(Rub(mu=0.0))
+    found.pencil, sigma = sliding(damped=False).pencil, found.handle.sigma
+    bare = found._coupling(found.pencil.D * 0.0, found.N * 0.0)
+    assert found.loose == 1 and sigma < 0
+    np.testing.assert_allclose(bare[:, 2], sigma * bare[:, 0], atol=1e-12 * abs(sigma) * np.abs(bare[:, 0]).max())
+
+
+def test_a_motion_so_slow_that_it_may_be_rigid_is_called_neither() -> None:
+    estimate = reduced(EASY).estimate
+    assert estimate is not None
+    low, high = estimate.growth_of_full(np.array([1e-9 * estimate.band[1] + 0j]))[0]
+    assert low < 0 < high
+
+
+def test_motion_without_mass_is_refused() -> None:
+    with pytest.raises(fs.InputError, match="1 DOF without mass, and a tolerance under friction needs mass"):
+        fs.reduce(sliding(massless=True), fs.ContactModes(band=(0.0, 1.0), tol=1e-3, contacts=Rub()))
+
+
+def test_a_sum_that_is_not_the_inverse_excludes_nothing() -> None:
+    small = larger(EASY, 1.5).small
+    value = 0.9j * float(np.abs(small.values).min())
+    limit = 1.01 * float(np.linalg.norm(_couplings(small.right, value) @ la.solve(small.pencil.at(value),
+                                                                                  _couplings(small.left, value).T)))
+    assert small.expands and small.excludes(value, limit)
+    wrong = friction_estimate.Projection(fs.Pencil(np.diag([1.0, 0.0]), None, np.diag([1.0, 1e-3])), np.ones((1, 3, 2)),
+                                         np.ones((1, 3, 2)), 1.0)
+    assert not wrong.expands and not wrong.excludes(2.0, 100.0)  # its second DOF, without mass, is in no eigenvector
+
+
+def _couplings(T: np.ndarray, value: complex) -> np.ndarray:
+    return value**2 * T[:, 0] + value * T[:, 1] + T[:, 2]
+
+
+def test_the_model_that_is_made_is_judged_and_not_a_richer_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    rub, band = Rub(drag=0.3), (0.0, 1.2)
+    monkeypatch.setattr(Nest, "basis", lambda self, count, loads: np.eye(len(self.rest)))
+    rom = fs.reduce(sliding(), fs.ContactModes(band=band, tol=1e-6, contacts=rub))
+    exact, modes = (fs.complex_modes(one, rub).eigenvalues for one in (sliding(), rom))
+    exact = exact[within(exact, band) & (np.abs(exact) > 1e-3)]
+    assert (np.abs(exact[:, None] - modes).min(axis=1) <= 1e-6 * np.abs(exact)).all()

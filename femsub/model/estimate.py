@@ -10,11 +10,12 @@ import numpy as np
 
 from femsub.checks import Array, check_band
 from femsub.errors import InputError
-from femsub.model.bands import beyond
+from femsub.model.bands import LEAST, beyond
 from femsub.model.substructure import Substructure
 
 SHARE = 0.7  # a band ends below this share of the cut-off: the neglected terms of a series in (ω/ω_cut)² then stay below 1/2
-SAME = 1e-6  # |Δλ| / |λ| up to which an eigenvalue of the model is one of its estimate
+STILL = 1e-6  # of the band: |λ| up to which it counts as rigid motion
+SAME = 1e-6  # |Δλ| / |λ| up to which an eigenvalue of the model is one of its estimate; |λ| counts as at least LEAST hi
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,16 +111,18 @@ class Estimate:
     def growth_of_full(self, values: Array) -> Array:
         """Between which values Re λ of the full system lies, for each λ of the model, (k, 2); NaN where it is not told.
 
-        The estimate holds for the contacts that it was made for. So it is told of those λ alone that it knows.
+        The estimate holds for the contacts that it was made for. So it is told of those λ alone that it knows. A λ of at most
+        1e-6 of the band that it does not know may be rigid motion, whose λ = 0 rounding moves to either side.
         """
         found = np.full((len(values), 2), np.nan)
         if len(self.located) and len(values):
             mirrored = np.where(values.imag < 0, values.conj(), values)
             apart = np.abs(mirrored[:, None] - self.eigenvalues)
             near = apart.argmin(axis=1)
-            known = apart[np.arange(len(values)), near] <= SAME * np.abs(values)
+            known = apart[np.arange(len(values)), near] <= SAME * np.maximum(np.abs(values), LEAST * self.band[1])
             middle, radius = self.located.real[near], self.radius[near]
             found[known] = np.stack([middle - radius, middle + radius], axis=1)[known]
+            found[~known & (np.abs(values) <= STILL * self.band[1])] = STILL * self.band[1] * np.array([-1.0, 1.0])
         return found
 
     @property

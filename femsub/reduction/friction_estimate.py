@@ -25,24 +25,26 @@ constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
-from femsub.errors import NotConvergedError
+from femsub.errors import InputError, NotConvergedError
 from femsub.linalg.memory import check_columns
 from femsub.linalg.subspace import orthonormal
 from femsub.model.bands import beyond, upper, within
-from femsub.model.estimate import Estimate
+from femsub.model.estimate import STILL, Estimate
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.static_shapes import energy_directions
+from femsub.modes.shift_invert import RIGID, units
+from femsub.modes.static_shapes import DEPENDENT, energy_directions, independent
 from femsub.quadratic.bars import bars
-from femsub.quadratic.dense import solve
+from femsub.quadratic.dense import solve, unresisted
 from femsub.quadratic.matching import match
 from femsub.reduction.basis import Kept
 from femsub.reduction.error_bounds import FAR, MARGIN
@@ -56,12 +58,12 @@ ABOVE = 1.7  # the larger model has all real modes up to so many times the band
 SPARE = 3  # modes beyond BEYOND times the band whose responses it has
 ROOM = 1.15  # the eigenvalues are counted in a rectangle that ends at so many times the band at most
 BEYOND = 1.2  # c holds up to so many times the band: the circles about these eigenvalues do not reach farther
-STILL = 1e-6  # of the band: |λ| up to which it counts as rigid motion, where a system floats
 LEAST = 0.05  # smallest c with which the count is tried
 SURE = 0.7  # g stays below this share of c at the points where it is sampled
 CIRCLE = np.exp(2j * np.pi * (np.arange(8) + 0.5) / 8)  # the points on a circle about an eigenvalue
 SMALLEST = 1e-10  # of |λ|: its smallest radius
 FINE = 1e-6  # of |λ|: a radius so small is not improved
+EXPANDS = 1e-3  # largest entry of P_U times the sum for its inverse, less I
 CHOICES = ((0,), (0, 1), (0, 2), (0, 1, 2))  # of the loads K₁, K₁ᵀ and D₁: the responses that are tried
 STEP = 1.1  # from one number of modes to the next that is tried
 LANCZOS = 40  # steps
@@ -74,10 +76,14 @@ class Projection:
     `right` (k, 3, R) holds T₀, T₁, T₂ with ‖P_LU(λ)x‖ = ‖(λ²T₀ + λT₁ + T₂)x‖; `left` the same of P_ULᵀ.
     """
 
-    def __init__(self, pencil: Pencil, right: Array, left: Array) -> None:
+    def __init__(self, pencil: Pencil, right: Array, left: Array, hi: float) -> None:
         self.pencil, self.right, self.left = pencil, right, left
         self.values, self.X, self.Y = solve(pencil)
-        self.slope = np.abs(np.einsum("ij,ij->j", self.Y.conj(), (pencil.M @ self.X) * (2 * self.values) + pencil.D @ self.X))
+        slope = np.einsum("ij,ij->j", self.Y.conj(), (pencil.M @ self.X) * (2 * self.values) + pencil.D @ self.X)
+        self.slope, at = np.abs(slope), hi * (1 + 1j)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = (self.X / ((at - self.values) * slope)) @ self.Y.conj().T
+        self.expands = bool(np.abs(pencil.at(at) @ inverse - np.eye(pencil.size)).max(initial=0.0) < EXPANDS)
         self.grams = [np.einsum("kaj,kbj->jab", image.conj(), image) for image in (right @ self.X, left @ self.Y.conj())]
 
     def lengths(self, value: complex) -> tuple[Array, Array]:
@@ -90,12 +96,14 @@ class Projection:
         """Whether g(λ) < limit.
 
         By P_U⁻¹ = Σ x_j y_jᴴ / ((λ - λ_j) y_jᴴP'x_j) and the triangle's inequality, which takes no solution. Where that is too
-        much, since eigenvalues meet, by the Frobenius norm, if it is to be `thorough`.
+        much, since eigenvalues meet, by the Frobenius norm, if it is to be `thorough`. So, too, where the sum is not the inverse:
+        of a double eigenvalue whose left and right vectors do not belong together.
         """
-        right, left = self.lengths(value)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            if (right * left / (np.abs(value - self.values) * self.slope)).sum() < limit:
-                return True
+        if self.expands:
+            right, left = self.lengths(value)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                if (right * left / (np.abs(value - self.values) * self.slope)).sum() < limit:
+                    return True
         if not thorough:
             return False
         right, left = (value**2 * T[:, 0] + value * T[:, 1] + T[:, 2] for T in (self.right, self.left))
@@ -117,36 +125,69 @@ class Larger:
         self.N = pencil.K - handle.K
         self.symmetric = pencil.symmetric[1] and pencil.symmetric[2]
         self.top = np.inf if search.complete else search.top
-        modes = found.shapes / np.sqrt(found.eigenvalues - handle.sigma)
-        forces = np.hstack([load @ found.shapes[:, :self.answered] for load in loads])
+        self.found, self.loose = found, 0
+        if found.rigid:
+            self._turn()
+        shapes = self.found.shapes
+        modes = shapes / np.sqrt(found.eigenvalues - handle.sigma)
+        forces = np.hstack([_forces(load, shapes[:, :self.answered]) for load in loads])
         self.loads = np.hstack([forces, search.loads])
-        self.rest = np.hstack([handle.elastic_solve(forces, found.shapes), search.rest])
+        self.rest = self._without_rounding(np.hstack([handle.elastic_solve(forces, shapes), search.rest]))
         U = np.hstack([modes, orthonormal(self.rest, self.product, modes)[0]])
         values, X, Y = solve(self._projected(U))
         keep = within(values, (0.0, ROOM * hi)) & upper(values)
         self.U = np.hstack([U, orthonormal(self._answers(U, values[keep], X[:, keep], Y[:, keep]), self.product, U)[0]])
         right = self._coupling(pencil.D, self.N)
         left = right if self.symmetric else self._coupling(pencil.D.T, self.N.T)
-        self.small = Projection(self._projected(self.U), right, left)
+        self.small = Projection(self._projected(self.U), right, left, hi)
         self.values = self.small.values
 
     def product(self, x: Array) -> Array:
-        """Ax."""
-        force = self.handle.K @ x
-        return force - self.handle.sigma * (self.handle.M @ x) if self.handle.sigma else force
+        """Ax. K times rigid motion is 0: its rounding would exceed -σM."""
+        handle = self.handle
+        if not handle.sigma:
+            return handle.K @ x
+        force = handle.K @ handle.deflate(x)
+        return force - handle.M @ (handle.rigid @ (handle.rigid.T @ force)) - handle.sigma * (handle.M @ x)
+
+    def _turn(self) -> None:
+        """Turn the rigid modes so that the `loose` ones come first, on which neither N nor D acts.
+
+        Each of them has a double eigenvalue at 0, in P and in P_U alike, and no part in the others: its column of P is λ²MΦ.
+        What moves by rounding alone is at rest: friction on its motion would not look like rounding.
+        """
+        N, D, r = self.N, self.pencil.D * self.hi, self.found.rigid
+        both = sp.vstack([N, D]) if sp.issparse(N) else np.vstack([N, D])
+        Z, root = self.found.shapes[:, :r], np.sqrt(self.handle.M.diagonal())[:, None]
+        Z = np.where(root * np.abs(Z) > RIGID * np.linalg.norm(root * Z, axis=0), Z, 0.0)
+        Z, free = unresisted(both, Z, np.tile(units(self.handle.K), 2))
+        self.found = replace(self.found, shapes=np.hstack([Z[:, ::-1], self.found.shapes[:, r:]]))
+        self.loose = len(free)
+
+    def _without_rounding(self, rest: Array) -> Array:
+        """The responses, 0 where the modes have left nothing but rounding; of small ones most may be rigid motion."""
+        rest = self.handle.deflate(rest)
+        held, r = self.found.shapes[:, self.found.rigid:].T @ self.loads, self.found.rigid
+        energy = np.einsum("ij,ij->j", rest, self.product(rest))
+        whole = energy + np.einsum("ij,ij->j", held, held / self.found.eigenvalues[r:, None])
+        return np.where(energy > DEPENDENT * whole, rest, 0.0)
 
     def _projected(self, U: Array) -> Pencil:
-        M, D, N = (U.T @ (part @ U) for part in (self.pencil.M, self.pencil.D, self.N))
+        U = U[:, self.loose:]
+        M, D, N = (U.T @ _forces(part, U) for part in (self.pencil.M, self.pencil.D, self.N))
         M = (M + M.T) / 2
         return Pencil(M, (D + D.T) / 2 if self.pencil.symmetric[1] else D, np.eye(len(M)) + self.handle.sigma * M + N)
 
     def _answers(self, U: Array, values: Array, X: Array, Y: Array) -> Array:
         """A⁻¹ times the residuals of right and left eigenvectors, real and imaginary parts."""
-        sides = [self.pencil.residual(values, U @ X)]
+        V = U[:, self.loose:]
+        sides = [self.pencil.residual(values, V @ X)]
         if not self.symmetric:
-            sides.append(self.pencil.transposed().residual(values.conj(), U @ Y))
+            sides.append(self.pencil.transposed().residual(values.conj(), V @ Y))
         loads = np.hstack([part for side in sides for part in (side.real, side.imag)])
-        return self.handle.factor.solve(compressed(loads, self.handle.K.diagonal())) if loads.any() else loads[:, :0]
+        if not loads.any():
+            return loads[:, :0]
+        return self.handle.deflate(self.handle.factor.solve(compressed(loads, self.handle.K.diagonal())))
 
     def _outside(self, x: Array) -> Array:
         """x without its part in U."""
@@ -155,20 +196,24 @@ class Larger:
         return x
 
     def _coupling(self, D: Matrix, N: Matrix) -> Array:
-        """T (k, 3, R) with TᵀT the Gram matrix of MU, DU and NU in L, in the norm of A⁻¹."""
-        U, parts, R = self.U, (self.pencil.M, D, N), self.U.shape[1]
+        """T (k, 3, R) with TᵀT the Gram matrix of MU, DU and NU + σMU in L, in the norm of A⁻¹."""
+        U, V, parts = self.U, self.U[:, self.loose:], (self.pencil.M, D, N)
+        R, modes = V.shape[1], len(self.found.eigenvalues) - self.loose
         gram = np.zeros((3 * R, 3 * R))
         for at, part in enumerate(parts):
             for start in range(0, R, COLUMNS):
-                load = part @ U[:, start:start + COLUMNS]
+                load = _forces(part, V[:, start:start + COLUMNS])
                 if load.any():
                     answer = self.handle.factor.solve(load) - U @ (U.T @ load)  # UᵀA A⁻¹ = Uᵀ
                     columns = slice(at * R + start, at * R + start + load.shape[1])
-                    gram[:, columns] = np.vstack([U.T @ (other.T @ answer) for other in parts])
+                    gram[:, columns] = np.vstack([V.T @ (other.T @ answer) for other in parts])
+        gram[:modes] = gram[:, :modes] = 0.0  # MΦ is a multiple of AΦ, and 0 in L
         scale = np.repeat([self.hi**2, self.hi, 1.0], R)
         share, turn = np.linalg.eigh(scale[:, None] * (gram + gram.T) / 2 * scale)
         keep = share > NOTHING * max(float(share[-1]), 0.0)
-        return ((np.sqrt(share[keep]) * turn[:, keep]).T / scale).reshape(-1, 3, R)
+        T = ((np.sqrt(share[keep]) * turn[:, keep]).T / scale).reshape(-1, 3, R)
+        T[:, 2] += self.handle.sigma * T[:, 0]  # of K₀U in L only σMU is left
+        return T
 
     @cached_property
     def coercivity(self) -> float:
@@ -254,12 +299,18 @@ class Larger:
         return float(np.inf)
 
 
+def _forces(load: Matrix, shapes: Array) -> Array:
+    """The forces of a load on shapes, 0 where they are but rounding, as those of friction on rigid motion."""
+    force = load @ shapes
+    return np.where(np.linalg.norm(force, axis=0) > RIGID * np.linalg.norm(abs(load) @ abs(shapes), axis=0), force, 0.0)
+
+
 class Nest:
     """The models of contact modes of every size in one larger model, with the responses to any of its loads."""
 
-    def __init__(self, larger: Larger, search: Search) -> None:
-        self.larger, self.search = larger, search
-        found = search.found
+    def __init__(self, larger: Larger, search: Search, matrices: Sequence[Matrix]) -> None:
+        self.larger, self.search, self.matrices = larger, search, matrices
+        found = larger.found
         self.rigid, self.frequencies = found.rigid, found.frequencies[found.rigid:]
         self.size = np.sqrt(found.eigenvalues - larger.handle.sigma)  # of the modes in the coordinates of U
         self.rest = larger.U.T @ larger.product(larger.rest)
@@ -281,7 +332,7 @@ class Nest:
         T = np.eye(len(self.rest), m)
         if not len(chosen):
             return T
-        values = self.search.found.eigenvalues
+        values = self.larger.found.eigenvalues
         shapes = self.rest[:, chosen].copy()
         shapes[m:modes] += self.loads[m:, chosen] * (self.size[m:] / values[m:])[:, None]
         shapes[:m] = 0.0
@@ -289,9 +340,20 @@ class Nest:
         whole = np.einsum("ij,ij->j", shapes, shapes) + np.einsum("ij,ij->j", held, held / values[self.rigid:m, None])
         return np.hstack([T, shapes @ energy_directions(shapes.T @ shapes, whole)[0]])
 
+    def made(self, count: int, loads: Sequence[int]) -> Array:
+        """T (R, r) of the model as `reduce` makes it: nearly dependent responses that it drops may be others than in `basis`."""
+        search, larger, m = self.search, self.larger, self.rigid + count
+        handle, shapes = larger.handle, search.found.shapes[:, :m]
+        forces = np.hstack([*(self.matrices[load] @ shapes for load in loads), search.statics.forces])
+        rest = handle.elastic_solve(forces, shapes)
+        static = independent(handle, rest, forces, shapes, search.found.eigenvalues[:m])[0]
+        inner = larger.U.T @ larger.product(static)
+        inner[:m] = 0.0
+        return np.hstack([np.eye(len(inner), m), np.linalg.qr(inner)[0]])
+
     def estimate(self, count: int, T: Array, band: tuple[float, float], tol: float) -> Estimate:
         """The estimate of the model with so many elastic modes and the basis T."""
-        larger, pencil = self.larger, self.larger.small.pencil
+        larger, pencil, T = self.larger, self.larger.small.pencil, T[self.larger.loose:, self.larger.loose:]
         least = STILL * band[1] if self.rigid else 0.0
         found = solve(Pencil(*(T.T @ (part @ T) for part in (pencil.M, pencil.D, pencil.K))))[0]
         found = found[upper(found) & (np.abs(found) > least)]
@@ -325,6 +387,9 @@ class Nest:
             T = self.basis(count, loads)
             found = self.estimate(count, T, band, tol)
             if found.met:
+                T = self.made(count, loads)
+                found = self.estimate(count, T, band, tol)
+            if found.met:
                 return (T.shape[1], found) if T.shape[1] < below else None
             count = max(count + 1, min(most, int(STEP * count)))
         return None
@@ -352,9 +417,14 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, dam
 
     Raises
     ------
+    InputError
+        Motions without mass: the model follows them statically, and would not be the one that is judged.
     NotConvergedError
         No model meets it, or the eigenvalues of the full system cannot be counted, even with all modes or 1000 of them.
     """
+    if (massless := statics.handle.K.shape[0] - statics.handle.finite) > 0:
+        raise InputError(f"{statics.part.sub.name!r} has {massless} DOF without mass, and a tolerance under friction needs mass "
+                         "everywhere. Condense these DOF, or give a number of modes instead, e.g. ContactModes(20, contacts=...)")
     search, hi, answered = Search(statics, None), band[1], 0
     loads = [friction, friction.T, damping] if abs(damping).max() else [friction, friction.T]
     choices = [choice for choice in CHOICES if max(choice, default=0) < len(loads)] if responses else [()]
@@ -365,7 +435,7 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, dam
         near = int(np.searchsorted(search.found.frequencies[search.found.rigid:], BEYOND * hi))
         answered = min(max(near + SPARE, answered), search.modes)
         larger = Larger(search, pencil, loads, hi, answered)
-        nest, best, below = Nest(larger, search), None, np.inf
+        nest, best, below = Nest(larger, search, loads), None, np.inf
         for choice in choices if larger.counted else []:
             if (found := nest.fewest(choice, band, tol, below)) is not None:
                 below, estimate = found
