@@ -279,3 +279,26 @@ def test_the_model_that_is_made_is_judged_and_not_a_richer_one(monkeypatch: pyte
     exact, modes = (fs.complex_modes(one, rub).eigenvalues for one in (sliding(), rom))
     exact = exact[within(exact, band) & (np.abs(exact) > 1e-3)]
     assert (np.abs(exact[:, None] - modes).min(axis=1) <= 1e-6 * np.abs(exact)).all()
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+def test_an_unstable_mode_just_below_the_end_of_the_band_is_not_missed() -> None:
+    for seed in (FLUTTER, 3, 6, 36):
+        one = brake(seed)
+        growing = one.values[one.inside[[vote is False for vote in one.votes]]]
+        for value in growing[:2]:
+            band = (0.0, float(value.imag) * (1 + 1e-7))
+            rom = fs.reduce(one.system, fs.ContactModes(band=band, tol=0.05, contacts=one.contacts))
+            assert fs.complex_modes(rom, one.contacts, band=band).is_stable is not True
+
+
+@pytest.mark.filterwarnings("ignore::femsub.PortWarning")
+def test_a_circle_that_reaches_into_the_band_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = brake(EASY)
+    value = one.values[one.inside][np.argmax(one.values[one.inside].imag)]
+    band = (0.0, float(value.imag) * (1 - 1e-4))
+    plain = fs.reduce(one.system, fs.ContactModes(band=band, tol=1e-3, contacts=one.contacts)).estimate
+    monkeypatch.setattr(Larger, "radii", property(lambda self: np.full(len(self.values), 2e-4) * np.abs(self.values)))
+    wide = fs.reduce(one.system, fs.ContactModes(band=band, tol=1e-3, contacts=one.contacts)).estimate
+    assert plain is not None and wide is not None and len(wide.eigenvalues) == len(plain.eigenvalues) + 1
+    assert plain.reaching(band) == band and wide.reaching(band)[1] == pytest.approx(value.imag, rel=1e-3)

@@ -10,7 +10,7 @@ import numpy as np
 
 from femsub.checks import Array, check_band
 from femsub.errors import InputError
-from femsub.model.bands import LEAST, beyond
+from femsub.model.bands import LEAST, beyond, distance_outside
 from femsub.model.substructure import Substructure
 
 SHARE = 0.7  # a band ends below this share of the cut-off: the neglected terms of a series in (ω/ω_cut)² then stay below 1/2
@@ -124,6 +124,12 @@ class Estimate:
             found[known] = np.stack([middle - radius, middle + radius], axis=1)[known]
             found[~known & (np.abs(values) <= STILL * self.band[1])] = STILL * self.band[1] * np.array([-1.0, 1.0])
         return found
+
+    def reaching(self, band: tuple[float, float]) -> tuple[float, float]:
+        """The band, widened to those λ of the model beside it whose λ of the full system may be in it."""
+        outside = distance_outside(self.located, band, (-band[1], band[1])) if len(self.located) else np.zeros(0)
+        height = self.eigenvalues.imag[:len(outside)][outside <= self.radius]
+        return float(height.min(initial=band[0])), float(height.max(initial=band[1]))
 
     @property
     def worst(self) -> float:

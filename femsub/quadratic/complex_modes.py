@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import NOT_CHECKED, Array, instance
+from femsub.checks import NOT_CHECKED, Array, check_band, instance
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model.bands import beyond
 from femsub.model.pencil import Pencil
@@ -165,7 +165,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     band : (lo, hi), optional
         Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. The edges belong to the band, with a
         tolerance of 1e-9 |λ| for rounding. A double eigenvalue split by rounding (up to 1e-6 |λ|) is in as a whole or not at
-        all (`bands.in_band`).
+        all (`bands.in_band`). Of contact modes with a tolerance a λ beside the band is listed, too, if that of the full system may
+        be in it.
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     certify : bool, optional
@@ -207,6 +208,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     (array([ 0.149, -0.149]), True)
     """
     pencil, cutoff = _with_contacts(model, contacts)
+    if band is not None and (estimate := getattr(model, "estimate", None)) is not None:
+        band = estimate.reaching(check_band(band))
     region = region_of(pencil, count, band, re)
     found = search(pencil, region, certify)
     at = region.listed(found.values)

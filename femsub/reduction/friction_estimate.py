@@ -37,7 +37,7 @@ from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
 from femsub.linalg.memory import check_columns
 from femsub.linalg.subspace import orthonormal
-from femsub.model.bands import beyond, upper, within
+from femsub.model.bands import beyond, distance_outside, upper, within
 from femsub.model.estimate import STILL, Estimate
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import lowest_modes
@@ -355,14 +355,17 @@ class Nest:
         """The estimate of the model with so many elastic modes and the basis T."""
         larger, pencil, T = self.larger, self.larger.small.pencil, T[self.larger.loose:, self.larger.loose:]
         least = STILL * band[1] if self.rigid else 0.0
-        found = solve(Pencil(*(T.T @ (part @ T) for part in (pencil.M, pencil.D, pencil.K))))[0]
+        small = Pencil(*(T.T @ (part @ T) for part in (pencil.M, pencil.D, pencil.K))) if T.shape[1] else None
+        found = np.zeros(0, dtype=complex) if small is None else solve(small)[0]
         found = found[upper(found) & (np.abs(found) > least)]
         keep = np.flatnonzero(upper(larger.values) & (np.abs(larger.values) > least))
         exact, radii = larger.values[keep], larger.radii[keep]
         at, to = match(exact, found, far=FAR)
         distance = np.abs(found[to] - exact[at])
-        inside = within(exact[at], band) | (within(found[to], band) & (distance < np.abs(exact[at]) / 2))
-        lone, extra = within(exact, band), within(found, band)
+        near = within(exact, (0.0, ROOM * band[1])) & (distance_outside(exact, band, (-band[1], band[1])) <= radii)
+        reaches = within(exact, band) | near  # λ of the full system may be in the band
+        inside = reaches[at] | (within(found[to], band) & (distance < np.abs(exact[at]) / 2))
+        lone, extra = reaches, within(found, band)
         lone[at], extra[to] = False, False
         error = (MARGIN * distance + radii[at]) / np.abs(exact[at])
         omega = self.frequencies[:count]
