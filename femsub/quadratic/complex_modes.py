@@ -165,8 +165,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     band : (lo, hi), optional
         Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. The edges belong to the band, with a
         tolerance of 1e-9 |λ| for rounding. A double eigenvalue split by rounding (up to 1e-6 |λ|) is in as a whole or not at
-        all (`bands.in_band`). Of contact modes with a tolerance a λ beside the band is listed, too, if that of the full system may
-        be in it.
+        all (`bands.in_band`). Of contact modes with a tolerance a λ beside the band is listed, too, if that of the full system
+        may be in it.
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     certify : bool, optional
