@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 import shutil
@@ -17,7 +18,7 @@ import scipy.io
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.report import commit
+from femsub.app.report import _csv, commit
 from femsub.app.scene import SCENES, load
 from femsub.app.units import SYSTEMS, UNKNOWN
 from femsub.studies.tables import WIDTH
@@ -72,6 +73,13 @@ def scene_file(folder: Path, name: str, text: str | None = None) -> str:
 
 def results(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "results.json").read_text(encoding="utf-8"))
+
+
+def test_tables_have_every_digit_whatever_numpy_prints(tmp_path: Path) -> None:
+    value = 0.1 + 0.2
+    with np.printoptions(legacy="1.13"):  # pyyeti sets it
+        _csv([{"one": np.float64(value), "more": np.array([value, 1.0])}], file := io.BytesIO())
+    assert file.getvalue().decode() == f"one,more\n{value!r},{value!r} 1.0\n"
 
 
 def difference(one: Any, other: Any, where: str = "") -> list[str]:

@@ -102,9 +102,15 @@ def _csv(rows: Sequence[dict[str, Any]], file: BinaryIO) -> None:
     writer = csv.DictWriter(text, list(dict.fromkeys(key for row in rows for key in row)), lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({key: " ".join(map(str, np.ravel(value))) if isinstance(value, (list, tuple, np.ndarray)) else value
-                         for key, value in row.items()})
+        writer.writerow({key: _cell(value) for key, value in row.items()})
     text.detach()
+
+
+def _cell(value: Any) -> Any:
+    """Numbers as Python's own, which have every digit whatever NumPy's print options are (pyyeti changes them)."""
+    if isinstance(value, np.generic):
+        return value.item()
+    return " ".join(map(str, np.ravel(value).tolist())) if isinstance(value, (list, tuple, np.ndarray)) else value
 
 
 def machine() -> dict[str, Any]:
