@@ -436,8 +436,9 @@ def test_workers_end_with_their_parent_and_leave_no_file(tmp_path: Path, sent: s
     marks.mkdir()
     place.mkdir()
     script.write_text(SCRIPT + GUARD)
+    # tests that run in the background of a shell ignore SIGINT, and hand that on
     parent = subprocess.Popen([sys.executable, script, marks], env=environment(place), stderr=subprocess.PIPE, text=True,
-                              start_new_session=True)
+                              start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     until(lambda: len(list(marks.iterdir())) == 2 and list(place.glob("femsub-*/*.result")))  # the third worker is idle
     pids = [int(path.stem) for path in marks.iterdir()]
     assert all(map(alive, pids))
