@@ -100,6 +100,8 @@ STEPS = (
     module("brake", "A large brake", "Seconds and memory for 100 values of the friction.", step="brake-size"),
     script("critical_values", "Critical values", "Against a dense scan with bisection, on 300 random models.", "0", "300",
            writes=False, step="critical-values"),
+    script("random_brakes", "Friction to a tolerance", "Random small brakes against dense solutions of their full models.",
+           "--brakes", "200", step="random-brakes"),
     script("system_effectivity", "Systems of parts to a tolerance", "The estimate against the true error over random systems.",
            step="system-effectivity"),
     script("workers", "Parts side by side", "One process against two.", writes=False),
