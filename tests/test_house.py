@@ -22,7 +22,7 @@ ORDER = (("errors", "checks"), ("model",), ("linalg",), ("modes",), ("quadratic"
          ("components", "reduction", "stability"), ("io", "motion"), ("studies",), ("femsub",), ("app",), ("__main__",))
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
 ROOMS = 15  # entries of the package beside its __init__, at most
-ACROSS = 390
+ACROSS = 384
 DRAWERS = ("figure_style.py", "figures.py", "figures_modes.py", "figures_parts.py", "figures_cycles.py",  # import matplotlib
            "figures_errors.py", "figures_flutter.py", "figures_transient.py")
 
