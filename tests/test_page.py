@@ -334,12 +334,21 @@ class Opened:
         raise AssertionError("the mode does not move")
 
     def at_phase(self, degrees: float, scale: float) -> Any:
-        """Where the nodes are at a phase and a scale."""
-        before = self.places()
+        """Where the nodes are at a phase and a scale, if they are drawn in a moment."""
         for name, value in (("scale", scale), ("phase", degrees)):
             self.page.locator(f"#{name}").evaluate(
                 "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input')); }", value)
-        return np.array(self.moved(before))
+        self.page.wait_for_timeout(200)
+        return np.array(self.places())
+
+    def turns_about(self, rest: list[float]) -> bool:
+        """Whether half a period on everything is on the other side of where it rests; a busy machine is given time to draw."""
+        for _ in range(100):
+            half, none = self.at_phase(180, 1), self.at_phase(180, 0)
+            size = np.abs(none).max()
+            if np.abs(half - none).max() > 1e-3 * size and np.abs(half + rest - 2 * none).max() <= 1e-6 * size:
+                return True
+        return False
 
     def places(self) -> list[float]:
         """Where the mode's nodes are, as they are drawn."""
@@ -382,9 +391,7 @@ def test_a_page_in_a_browser(name: str, folders: dict[str, Path], browser: Any) 
         first = opened.moved(rest)
         opened.moved(first)
         opened.page.click("#play")
-        # half a period on, everything is on the other side of where it rests
-        half, none = opened.at_phase(180, 1), opened.at_phase(180, 0)
-        np.testing.assert_allclose(np.add(half, rest), 2 * none, atol=1e-6 * np.abs(none).max())
+        assert opened.turns_about(rest)
     assert not opened.wrong
 
 
