@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from numbers import Integral, Real
 from pathlib import Path
@@ -25,16 +26,50 @@ Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (spar
 
 EPS = sys.float_info.epsilon
 
-#: How sure it is that none of the eigenvalues asked for is missing. By an argument without sampling: the inertia of K - ω²M,
-#: or all eigenvalues were computed, and their number is known.
+#: Evidence that nothing is missing: the result lists as many as an independent count without sampling gives. Such counts are the
+#: inertia of K - ω²M, the number of all eigenvalues that a pencil has, and the discs of `femsub.stability.exclusion`.
 CERTIFIED = "certified"
-#: By a function sampled on a contour, whose phase or margin is not bounded between the points: a winding number of det P, or
-#: the count in a disc where contacts and dashpots come in by a small determinant.
+#: The same, but the count comes from samples or an estimate: a winding number of det P, a margin known at points of a contour,
+#: a pencil sampled over a range of its parameter.
 CONFIRMED = "confirmed"
-#: The eigensolver's word alone.
+#: Nothing was counted, or not all of it, or the count differs from what is listed.
 NOT_CHECKED = "not checked"
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Tally:
+    """How sure a result is: what it lists, beside the number that an independent count gives.
+
+    No other place says that a result is certified (tests/test_house.py).
+
+    Parameters
+    ----------
+    listed : int
+        Modes, eigenvalues, or losses less regains.
+    counted : int, optional
+        Their number by a count that knows nothing of the list. None: nothing was counted.
+    sampled : bool
+        Whether the count rests on samples or an estimate.
+
+    Examples
+    --------
+    >>> from femsub.checks import Tally
+    >>> Tally(4, 4).evidence, Tally(4, 4, sampled=True).evidence, Tally(3, 4).evidence, Tally(4).evidence
+    ('certified', 'confirmed', 'not checked', 'not checked')
+    """
+
+    listed: int
+    counted: int | None = None
+    sampled: bool = False
+
+    @property
+    def evidence(self) -> str:
+        """'certified', 'confirmed' or 'not checked'."""
+        if self.counted is None or self.listed != self.counted:
+            return NOT_CHECKED
+        return CONFIRMED if self.sampled else CERTIFIED
 
 
 def shown(value: Any) -> str:

@@ -219,3 +219,32 @@ def test_every_name_of_the_front_door_exists() -> None:
     assert not {path.stem for path in PACKAGE.iterdir()} & set(fs.__all__)
     with pytest.raises(AttributeError, match="no attribute 'missing'"):
         fs.missing  # noqa: B018
+
+
+def of_evidence(path: Path) -> set[str]:
+    """Where code says that a result is certified or confirmed without a Tally: lines with the words, or with their names."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return {f"{path.name}:{node.lineno}" for node in ast.walk(tree)
+            if (isinstance(node, ast.Constant) and node.value in {"certified", "confirmed"})
+            or (isinstance(node, ast.Name) and node.id in {"CERTIFIED", "CONFIRMED"})
+            or (isinstance(node, ast.alias) and node.name in {"CERTIFIED", "CONFIRMED"})}
+
+
+def counts_what_it_lists(path: Path) -> set[str]:
+    """Tallies that are given one and the same expression as what is listed and what was counted; (0, 0) is an empty list."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Tally")]
+    return {f"{path.name}:{node.lineno}" for node in calls if len(node.args) > 1
+            and ast.unparse(node.args[0]) == ast.unparse(node.args[1]) != "0"}
+
+
+@pytest.mark.parametrize("path", [path for path in modules() if path.name != "checks.py"],
+                         ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_only_a_tally_says_certified(path: Path) -> None:
+    assert not of_evidence(path) and not counts_what_it_lists(path)
+
+
+def test_a_shortcut_to_certified_is_seen(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text("from femsub.checks import CERTIFIED\nword = 'confirmed'\nx = Tally(n, n)\ny = Tally(n, m)\n")
+    assert of_evidence(path) == {"module.py:1", "module.py:2"} and counts_what_it_lists(path) == {"module.py:3"}

@@ -200,7 +200,7 @@ def test_modes_are_added_to_and_not_sought_again() -> None:
     first = lowest_modes(handle, 10, certify=False)
     before = handle.factor.columns
     more = lowest_modes(handle, 14, known=first, certify=False)
-    assert np.array_equal(more.shapes[:, :10], first.shapes) and not more.confirmed
+    assert np.array_equal(more.shapes[:, :10], first.shapes) and more.tally.counted is None
     assert handle.factor.columns - before <= 20  # the deflation, and the step of inverse iteration, in one block
     assert np.allclose(more.frequencies, fs.chain_frequencies(3000, 14), rtol=1e-12)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import CERTIFIED, EPS, NOT_CHECKED, Array, Matrix, check_band, shown, whole_number
+from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
 from femsub.errors import (
     ConditionWarning,
     FemsubError,
@@ -65,8 +65,8 @@ class NormalModes:
         limit lies above the modes listed. If the list ends inside a cluster, it lies just below that.
     unlisted : int
         Modes that were found but not listed, since they lie outside the requested band.
-    confirmed : bool
-        Whether the inertia count has been made already; see `confirm`.
+    tally : Tally
+        The modes found below the limit, and their number by the inertia count, if it has been made; see `confirm`.
     factorisations : int
         Factorisations made for the modes, without that of the count: 0 if an earlier call had made it.
     rounding : ndarray, shape (k,)
@@ -87,14 +87,14 @@ class NormalModes:
     residual: Array
     counted: tuple[float, int]
     factorisations: int = 1
-    confirmed: bool = True
+    tally: Tally = field(default=Tally(0))
     rounding: Array = field(default_factory=lambda: np.zeros(0))
     unlisted: int = 0
 
     @property
     def evidence(self) -> str:
         """'certified' if the inertia count proves that no mode is missing; see `femsub.checks`."""
-        return CERTIFIED if self.confirmed else NOT_CHECKED
+        return self.tally.evidence
 
     @property
     def frequencies(self) -> Array:
@@ -162,17 +162,20 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
     count = len(values) - rigid if count is None else count
     if len(values) < rigid + count:  # fewer finite eigenvalues than the rank of M
         raise InputError(f"{count} elastic modes were asked for, but only {len(values) - rigid} have a clearly finite frequency")
+    tally = Tally(0, 0)
     if len(values):
         # a limit far above all modes: if M is nearly singular, the highest mode loses digits first
         edge, below = _limit(values, rigid + count) if rigid + count < len(values) else (2 * float(values[-1]), len(values))
-        _check_count(negative_eigenvalues(K - edge * M), below, edge)
+        counted = negative_eigenvalues(K - edge * M)
+        _check_count(counted, below, edge)
+        tally = Tally(below, counted)
     keep = slice(rigid, rigid + count)
     shapes = np.zeros((handle.K.shape[0], count))
     shapes[massive], shapes[bare] = moving[:, keep], lift @ moving[:, keep]
     shapes = shapes if turn is None else turn @ shapes
     shapes = handle.deflate(shapes)
     shapes /= np.sqrt(np.einsum("ij,ij->j", shapes, handle.M @ shapes))
-    return _result(handle, values[keep], shapes, (np.inf, len(values)), accepted=accepted)
+    return _result(handle, values[keep], shapes, (np.inf, len(values)), tally, accepted)
 
 
 def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: NormalModes | None, certify: bool) -> NormalModes:
@@ -195,20 +198,22 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
             more = symmetric_modes(handle.factor, handle.K, handle.M, handle.sigma, ask, tol=TOLERANCE, known=beside)
         values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]])
     if len(values) == 0:
-        return _result(handle, values, shapes, (0.0, 0))
+        return _result(handle, values, shapes, (0.0, 0), Tally(0, 0))
     if not certify:
         order = np.argsort(values, kind="stable")[:count]
-        return _result(handle, values[order], shapes[:, order], (0.0, 0), False)
+        return _result(handle, values[order], shapes[:, order], (0.0, 0), Tally(0))
     for attempt in range(4):
         order = np.argsort(values, kind="stable")
         values, shapes = values[order], shapes[:, order]
         limit, below = _limit(values, min(count, len(values)))
         if heavy and defer:
-            return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), below + rigid), False)
+            return _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), below + rigid),
+                           Tally(below + rigid))
         counted = modes_under(handle.K, handle.M, limit)
         missed = counted - below - rigid
         if missed == 0:
-            found = _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted))
+            found = _result(handle, values[:count], shapes[:, :count], (float(np.sqrt(limit)), counted),
+                            Tally(below + rigid, counted))
             _remember(handle.K, handle.M, limit, found)
             return found
         if missed < 0 or attempt == 3:
@@ -232,13 +237,13 @@ def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     MissedModesError
         The inertia of K - ω²M gives another number of modes.
     """
-    if modes.confirmed:
+    if modes.tally.counted is not None:
         return modes
     limit, expected = modes.counted
     counted = modes_under(handle.K, handle.M, limit**2)
     _check_count(counted, expected, limit**2)
     _remember(handle.K, handle.M, limit**2, modes)
-    return replace(modes, confirmed=True)
+    return replace(modes, tally=Tally(expected, counted))
 
 
 def _check_count(counted: int, found: int, limit: float) -> None:
@@ -251,7 +256,7 @@ def _missed(counted: int, found: int, limit: float) -> MissedModesError:
                             f"{counted}. There may be a cluster of frequencies. Ask for a few modes more or fewer")
 
 
-def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], confirmed: bool = True,
+def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[float, int], tally: Tally,
             accepted: float = ACCEPTED) -> NormalModes:
     values = np.concatenate([np.zeros(handle.rigid.shape[1]), values])
     shapes = np.hstack([handle.rigid, shapes])
@@ -265,7 +270,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
              f"{rounding.max():.0e}, because large elastic forces cancel in this mode. Reduce the stiffness contrast "
              "within the part, coarsen the mesh, or use stiffer supports",
              ConditionWarning)
-    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, confirmed, rounding)
+    return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, tally, rounding)
 
 
 def normal_modes(model: Substructure, count: int | None = None, band: tuple[float, float] | None = None) -> NormalModes:
@@ -341,7 +346,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
             modes = lowest_modes(handle, count, known=modes)
         highest = float(modes.frequencies.max(initial=0.0))
         if count >= 0 and highest < reach * (1 - EDGE):
-            modes = replace(modes, counted=(reach, below), confirmed=True)
+            modes = replace(modes, counted=(reach, below), tally=Tally(len(modes.eigenvalues), below))
             _remember(K, M, reach**2, modes)
             return modes
         last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the last of those found is at "

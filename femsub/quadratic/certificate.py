@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from femsub.checks import CONFIRMED, NOT_CHECKED, Array
+from femsub.checks import Array, Tally
 from femsub.errors import SingularMatrixError
 from femsub.linalg.factor import QUADRATIC
 from femsub.linalg.shared import shared
@@ -31,6 +31,7 @@ class _Disc:
     def __init__(self, problem: Shifted, wanted: bool) -> None:
         self.problem = problem
         self.counted: Count | None = None
+        self.tally = Tally(0)
         self.parts = damping_split.split(problem.pencil) if wanted else None
 
     def edge(self, radius: float) -> Edge | None:
@@ -49,7 +50,11 @@ class _Disc:
     def missed_in(self, at: Edge | None, values: Array, X: Array) -> int | None:
         """The number of missing eigenvalues in the disc; None if there is no proof."""
         self.counted = None if at is None else self._proved(at, X[:, np.abs(values) <= at.radius])
-        return None if self.counted is None else self.counted.number - _listed(values[np.abs(values) < self.counted.radius])
+        if self.counted is None:
+            self.tally = Tally(_listed(values))
+            return None
+        self.tally = self.counted.tally(_listed(values[np.abs(values) < self.counted.radius]))
+        return self.counted.number - self.tally.listed
 
     def _proved(self, at: Edge, inside: Array) -> Count | None:
         problem, parts = self.problem, self.parts
@@ -75,10 +80,6 @@ class _Disc:
                     "little, or narrow re=(a, b)")
         return (f"{self.counted.number - missed} eigenvalues were found in |λ| < {self.counted.radius:.6g}, but an independent "
                 f"count gives {self.counted.number}. Ask for more or fewer, or for another band")
-
-    @property
-    def evidence(self) -> str:
-        return NOT_CHECKED if self.counted is None else self.counted.evidence
 
 
 class Nearest(_Disc):
@@ -159,15 +160,13 @@ class Enclosed(_Disc):
             self.reference, self.known = undamped_reference(self.problem.pencil, self.radius, True), True
         if self.reference is None:
             return None
-        return missed_around(self.problem.pencil, self.box, values, self.radius, self.reference)
+        missed = missed_around(self.problem.pencil, self.box, values, self.radius, self.reference)
+        self.tally = Tally(_listed(values), _listed(values) + missed, sampled=True)
+        return missed
 
     def is_found_without_proof(self) -> bool:
         """Never: the proof needs no additional eigenvalues."""
         return False
-
-    @property
-    def evidence(self) -> str:
-        return CONFIRMED if self.counted is None and self.known and self.reference is not None else super().evidence
 
     def taken(self, values: Array) -> tuple[Array, Array]:
         """Indices of the values in the rectangle, and which of these have conjugates in it."""

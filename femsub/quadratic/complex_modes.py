@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import NOT_CHECKED, Array, check_band, instance
+from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model.bands import beyond
 from femsub.model.pencil import Pencil
@@ -53,6 +53,8 @@ class ComplexModes:
     searched : (re_lo, re_hi, lo, hi) or None
         The rectangle that was searched for a band. For a reduced model it ends at the cut-off, since modes above are
         artefacts of the reduction. Eigenvalues listed from above it are `above_cutoff`.
+    tally : Tally
+        The eigenvalues found beside their independent number (`femsub.checks`).
     evidence : str
         The evidence that none is missing. 'certified': all eigenvalues were computed, or the inertia gives their number.
         'confirmed': a determinant sampled on a contour agrees with their number (the winding number around the
@@ -81,11 +83,20 @@ class ComplexModes:
     rigid: Array
     above_cutoff: Array
     searched: tuple[float, float, float, float] | None = None
-    certified: bool = False
     counted: tuple[float, int] | None = None
     condition: Array = field(default_factory=lambda: np.zeros(0))
-    evidence: str = NOT_CHECKED
+    tally: Tally = field(default=Tally(0))
     full_growth: Array | None = None
+
+    @property
+    def evidence(self) -> str:
+        """'certified', 'confirmed' or 'not checked'; see `femsub.checks`."""
+        return self.tally.evidence
+
+    @property
+    def certified(self) -> bool:
+        """Whether the evidence is 'certified' or 'confirmed'."""
+        return self.evidence != NOT_CHECKED
 
     @property
     def stable(self) -> tuple[bool | None, ...]:
@@ -219,7 +230,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
              f"{result.eigenvalues[result.backward_error.argmax()]:.5g}). Ask for fewer, or scale the matrices",
              FemsubWarning)
     result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
-                     certified=found.evidence != NOT_CHECKED, evidence=found.evidence,
+                     tally=found.tally,
                      counted=None if found.counted is None else (found.counted.radius, found.counted.number),
                      full_growth=_of_full(model, result.eigenvalues))
     log.info("%r", result)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.checks import CERTIFIED, CONFIRMED, Array, Matrix
+from femsub.checks import Array, Matrix, Tally
 from femsub.errors import SingularMatrixError
 from femsub.linalg.factor import counting, factorise, inertia, shared_factor
 from femsub.linalg.subspace import orthonormal
@@ -92,10 +92,9 @@ class Count:
     size: int
     solves: int
 
-    @property
-    def evidence(self) -> str:
-        """'certified' without contacts (inertia alone); else 'confirmed', since the margin is known at sample points only."""
-        return CONFIRMED if self.size else CERTIFIED
+    def tally(self, listed: int) -> Tally:
+        """`listed` eigenvalues in the disc against the count: a sampled one with contacts, of inertia alone without."""
+        return Tally(listed, self.number, sampled=self.size > 0)
 
     @property
     def proved(self) -> bool:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.checks import CERTIFIED, Array
+from femsub.checks import Array, Tally
 from femsub.errors import InputError, MissedModesError, NotConvergedError
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE
 from femsub.linalg.threads import FEW, one_thread
@@ -34,7 +34,7 @@ class Found(NamedTuple):
     X: Array
     Y: Array
     known: Array
-    evidence: str
+    tally: Tally
     counted: Count | None = None
 
 
@@ -65,7 +65,7 @@ def _by_lapack(pencil: Pencil) -> Found:
     if len(values) > 2 * n or (len(values) < 2 * n and regular and np.linalg.cond(pencil.M / np.outer(size, size)) <= 1e12):
         raise MissedModesError(f"{len(values)} eigenvalues were found, but there are {2 * n}, since M is regular. Check the "
                                "scaling of M, D and K")
-    return Found(values, X, Y, values, CERTIFIED)
+    return Found(values, X, Y, values, Tally(len(values), 2 * n if regular else len(values)))
 
 
 def _by_pep(pencil: Pencil, region: Region, certify: bool | None) -> Found:
@@ -105,4 +105,4 @@ def _by_pep(pencil: Pencil, region: Region, certify: bool | None) -> Found:
     near, X = values[taken], X[:, taken]
     Y = problem.left(near, X, searched.ask, searched.searches)
     near, X, Y = (np.concatenate([part, part[..., mirrored].conj()], axis=-1) for part in (near, X, Y))
-    return Found(near, X, Y, values, certificate.evidence, certificate.counted)
+    return Found(near, X, Y, values, certificate.tally, certificate.counted)

@@ -161,7 +161,7 @@ def chosen(statics: Statics, band: Any, tol: Any, pencil: Pencil | None) -> Kept
         if not best.met:
             search.grow(_further(nested, best, search, statics.part.sub.name))
             continue
-        if counted or search.found.confirmed:
+        if counted or search.found.tally.counted is not None:
             return Kept(search.found, best.modes, best.cutoff, best)
         # the inertia count must cover the modes kept and the one that gives the cut-off
         least = min(best.modes + 1, search.most)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import CERTIFIED, CONFIRMED, NOT_CHECKED, Array, check_band, interval
+from femsub.checks import Array, Tally, check_band, interval
 from femsub.errors import InputError
 from femsub.linalg.factor import WIDE
 from femsub.linalg.threads import FEW, one_thread
@@ -85,6 +85,8 @@ class CriticalValue:
     open : tuple of (float, float)
         Intervals in which a crossing, or one there and back, was not excluded: because eigenvalues pass each other on the axis or
         touch it, because rounding hides which grow, or because the effort ends. A loss in a wide one is found by bisection.
+    tally : Tally
+        The eigenvalues of all losses less those of all regains, beside the change of the number that grow over the range.
     evidence : str
         'certified': each crossing outside these points is excluded by discs around the eigenvalues. 'confirmed': the same, but
         the pencil is not affine in the parameter, and was sampled in each interval, of which there are 32 at least. A factor that
@@ -108,8 +110,12 @@ class CriticalValue:
     band: tuple[float, float]
     growing: int
     open: tuple[tuple[float, float], ...]
-    evidence: str
+    tally: Tally
     solved: int
+
+    @property
+    def evidence(self) -> str:
+        return self.tally.evidence
 
     def __float__(self) -> float:
         return self.value
@@ -207,6 +213,7 @@ def _collected(family: Family, parts: Sequence[Part], parameter: str, searched: 
     losses: list[Crossing] = []
     regains: list[Crossing] = []
     left: list[tuple[float, float]] = []
+    listed = counted = 0
     windows = [i for i, part in enumerate(parts) if part.growing is None]
     for at, i in enumerate(windows):
         part, edge = parts[i], i in (0, len(parts) - 1)
@@ -223,11 +230,13 @@ def _collected(family: Family, parts: Sequence[Part], parameter: str, searched: 
                [part.begin - parts[j].end for j in windows[max(at - 1, 0):at]]
         beside = min([BESIDE * (searched[1] - searched[0]), *(gap / 3 for gap in gaps)])
         found = _crossings(family, part if narrow else family.narrowed(part, before), after - before, beside, searched)
+        counted += after - before
+        listed += (1 if after > before else -1) * sum(2 if one.omega else 1 for one in found)
         (losses if after > before else regains).extend(one for one in found if in_band(np.array([one.omega]), limits)[0])
     growing = int(in_band(np.abs(family.grown(searched[0])[0].imag), limits).sum())
     value = searched[0] if growing else losses[0].value if losses else np.inf
-    evidence = NOT_CHECKED if left else CERTIFIED if family.affine else CONFIRMED
-    return CriticalValue(parameter, value, tuple(losses), tuple(regains), searched, limits, growing, tuple(left), evidence,
+    tally = Tally(listed, None if left else counted, sampled=not family.affine)
+    return CriticalValue(parameter, value, tuple(losses), tuple(regains), searched, limits, growing, tuple(left), tally,
                          family.solved)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import NOT_CHECKED, Array
+from femsub.checks import Array, Tally
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.stability.critical_value import LARGEST, CriticalValue, Crossing, critical_value
 
@@ -47,7 +47,7 @@ def seen_losses(model: Affine, tracked: Tracked) -> CriticalValue:
     losses, regains = (sorted(several, key=lambda one: one.value) for several in (losses, regains))
     value = searched[0] if growing else losses[0].value if losses else np.inf
     return CriticalValue(tracked.parameter, value, tuple(losses), tuple(regains), searched, tracked.band, growing, (searched,),
-                         NOT_CHECKED, solved)
+                         Tally(0), solved)
 
 
 def _located(model: Affine, tracked: Tracked, i: int, j: int) -> Crossing:

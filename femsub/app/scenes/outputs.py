@@ -117,7 +117,7 @@ def _eigenvalues(work: Work) -> Result:
               for name, modes, model in work.models]
     spectra: list[dict[str, Any]] = []
     for name, modes, model, found in models:
-        item = {"model": name, "modes": modes, "size": model.size, "certified": found.certified, "evidence": found.evidence,
+        item = {"model": name, "modes": modes, "size": model.size, "evidence": found.evidence,
                 "cutoff": model.cutoff, **comparable(exact, found, min(band[1], model.cutoff))}
         if isinstance(model, ReducedSubstructure) and at is not None and len(found):
             item["shape_error"] = _shape_error(work.sub, model.expand(_counterpart(found, exact, at)[1]), exact.shapes[:, at])
