@@ -1,0 +1,65 @@
+#!/usr/bin/env python3
+"""Attacks on femsub's numbers by random cases: `scripts/attack.py SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1]`.
+
+SUBJECT is a module of benchmarks/attacks. Each case is compared with a reference that does not use femsub's own way. The counts are
+printed by kind and outcome. Exit status 1 if a case was wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+from itertools import repeat
+from multiprocessing import get_context
+from pathlib import Path
+from pkgutil import iter_modules
+
+SUBJECTS = sorted(item.name for item in iter_modules([str(Path(__file__).parent.parent / "benchmarks" / "attacks")]))
+
+
+def attacked(subject: str, kind: str, seed: int) -> str:
+    """The outcome of one case; an exception is one, too."""
+    try:
+        return import_module(f"benchmarks.attacks.{subject}").attacked(kind, seed)
+    except Exception as error:
+        return f"wrong: seed {seed}: {type(error).__name__}: {error}"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("subject", choices=SUBJECTS)
+    parser.add_argument("--cases", type=int, default=3000, help="number of cases, over all kinds")
+    parser.add_argument("--seed", type=int, default=0, help="the first seed")
+    parser.add_argument("--kind", help="one kind alone")
+    parser.add_argument("--workers", type=int, default=1, help="number of processes")
+    given = parser.parse_args()
+    kinds = import_module(f"benchmarks.attacks.{given.subject}").KINDS
+    if given.kind is not None and given.kind not in kinds:
+        parser.error(f"--kind {given.kind}: {given.subject} has {', '.join(kinds)}")
+    tasks = [(kind, given.seed + i) for i in range(given.cases) for kind in (kinds if given.kind is None else (given.kind,))]
+    tasks = tasks[:given.cases]
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the worker processes, which are started below
+    outcomes: Counter[tuple[str, str]] = Counter()
+    start = time.perf_counter()
+    with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
+        found = pool.map(attacked, repeat(given.subject), *zip(*tasks, strict=True), chunksize=5)
+        for done, ((kind, _), outcome) in enumerate(zip(tasks, found, strict=True), 1):
+            outcomes[kind, outcome.split(":")[0]] += 1
+            if outcome.startswith("wrong"):
+                print(f"{kind}: {outcome}", flush=True)
+            if sys.stderr.isatty():
+                print(f"\r{done} of {len(tasks)}", end="" if done < len(tasks) else "\n", file=sys.stderr)
+    for (kind, outcome), count in sorted(outcomes.items()):
+        print(f"{kind}: {outcome}: {count}")
+    wrong = sum(count for (_, outcome), count in outcomes.items() if outcome == "wrong")
+    print(f"{given.subject}: {len(tasks)} cases, {wrong} wrong, {time.perf_counter() - start:.0f} s")
+    return min(wrong, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
