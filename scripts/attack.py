@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Attacks on femsub's numbers by random cases: `scripts/attack.py SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1]`.
+"""Random attacks on numbers: `scripts/attack.py SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1]`.
 
-SUBJECT is a module of benchmarks/attacks. Each case is compared with a reference that does not use femsub's own way. The counts are
+SUBJECT is a module of benchmarks/attacks. Each case is compared with a reference of its own. The counts are
 printed by kind and outcome. Exit status 1 if a case was wrong.
 """
 
