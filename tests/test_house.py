@@ -130,7 +130,8 @@ def test_all_of_the_package_is_installed_and_no_more() -> None:
 
 def test_no_command_edits_the_path_that_modules_are_found_on() -> None:
     root = PACKAGE.parent
-    for path in [*(root / "scripts").iterdir(), *(root / "benchmarks").rglob("*.py"), *(root / "tests").glob("*.py")]:
+    scripts = [path for path in (root / "scripts").iterdir() if path.is_file()]  # Python writes its bytecode into a folder there
+    for path in [*scripts, *(root / "benchmarks").rglob("*.py"), *(root / "tests").glob("*.py")]:
         assert not re.search(r"sys[.]path(\.\w+\(|\[.*\]\s*=|\s*\+?=)", path.read_text(encoding="utf-8")), path
 
 

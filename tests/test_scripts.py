@@ -123,6 +123,20 @@ def test_others_on_their_smallest_case(name: str, options: list[str], printed: s
     assert done.returncode == 0 and printed.lower() in done.stdout.lower(), done.stdout + done.stderr
 
 
+def test_what_a_change_must_pass_runs_without_the_variables_of_a_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, told = tmp_path / ".ci" / "run", tmp_path / "told"
+    for path in (run, *(tmp_path / name for name in ("scripts/test", "scripts/setup", "scripts/docs", ".venv/bin/python"))):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"#!/usr/bin/env bash\nenv | cut -d= -f1 >>{told}\n")
+        path.chmod(0o755)
+    run.write_bytes((ROOT / ".ci" / "run").read_bytes())
+    for name in ("PYTHONDONTWRITEBYTECODE", "OPENBLAS_CORETYPE", "PIP_FIND_LINKS"):
+        monkeypatch.setenv(name, "1")
+    subprocess.run([str(run)], capture_output=True, check=True)
+    own = {"PWD", "SHLVL", "_"}  # of bash itself
+    assert set(told.read_text().split()) - own == {"PATH", "HOME", "LANG"}
+
+
 @pytest.mark.slow
 def test_workers() -> None:
     command = [sys.executable, str(ROOT / "scripts" / "workers.py"), "--parts", "2", "--cells", "8", "--modes", "4",

@@ -143,12 +143,15 @@ def test_a_worker_has_one_thread_of_blas_and_is_no_child_of_mpiexec(monkeypatch:
 
 
 def test_a_worker_of_another_executor_has_one_thread_while_it_works(threads: ThreadPoolExecutor) -> None:
+    versions()  # loads PETSc, whose BLAS is then among those whose threads are set
     before = [(library, library.get()) for library in libraries()]
     try:
         for library, _ in before:
             library.put(2)
+        given = [library.get() for library, _ in before]  # 1 of a BLAS that is built without threads, as the wheel of PETSc has it
+        assert max(given, default=2) == 2
         assert workers.side_by_side(surroundings, {"a": ()}, executor=threads)["a"][0] == {1}
-        assert all(library.get() == 2 for library, _ in before)
+        assert [library.get() for library, _ in before] == given
     finally:
         for library, count in before:
             library.put(count)
