@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
+from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -164,3 +168,85 @@ def test_read_only_matrices_of_a_model_are_shared() -> None:
     assert all(np.shares_memory(getattr(sub, key).data, getattr(again, key).data) for key in "MKD")
     own = sub.K.copy()
     assert not np.shares_memory(fs.Substructure(sub.M, own).K.data, own.data)
+
+
+N = 6
+
+
+def backed(kind: str, folder: Path) -> tuple[Any, list[np.ndarray]]:
+    """A stiffness matrix that says of itself that it is read-only, and arrays through which it can be written to all the same."""
+    K: Any = sp.csr_array(sp.diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(N, N)))
+    if kind.startswith("dense"):
+        whole = np.memmap(folder / "K", float, "w+", shape=(N + 1, N)) if "memmap" in kind else np.zeros((N + 1, N))
+        whole[1:] = K.toarray()
+        view = whole[1:].T if "transposed" in kind else whole[1:]
+        view.flags.writeable = False
+        return view, [whole]
+    parts: dict[str, np.ndarray] = {name: getattr(K, name) for name in ("data", "indices", "indptr")}
+    writable = []
+    for name, part in parts.items():
+        if kind == "view of a bigger buffer":
+            whole = np.append(part, 0)
+            parts[name] = whole[:-1]
+        elif kind == "slices":
+            whole = np.repeat(part, 2)
+            parts[name] = whole[::2]
+        elif kind == "memmap":
+            whole = np.memmap(folder / name, part.dtype, "w+", shape=part.shape)
+            whole[:] = part
+            parts[name] = np.memmap(folder / name, part.dtype, "r", shape=part.shape)
+        elif kind == "view made before":
+            whole = part[:]
+        elif kind in ("shared by two", "csc"):  # frozen by a model of the same arrays, not by their owner
+            whole = part
+        else:
+            assert kind == "writable indices"
+            whole = part if name != "data" else np.zeros(0)
+        writable.append(whole)
+    made = sp.csr_array((N, N))
+    made.data, made.indices, made.indptr = parts.values()
+    if kind not in ("shared by two", "csc"):
+        for part in [made.data] if kind == "writable indices" else parts.values():
+            part.flags.writeable = False
+    assert made.has_canonical_format
+    return (made.T if kind == "csc" else made), writable
+
+
+@pytest.mark.parametrize("kind", ["view of a bigger buffer", "slices", "memmap", "view made before", "shared by two", "csc",
+                                  "writable indices", "dense", "dense transposed", "dense memmap"])
+def test_a_matrix_that_its_owner_changes_later_leaves_the_model_alone(kind: str, tmp_path: Path) -> None:
+    K, writable = backed(kind, tmp_path)
+    M = sp.eye_array(N, format="csr")
+    models = [fs.Pencil(M, K, K), fs.Substructure(M, K, K), fs.Affine(M, None, [("p", K)]).at(p=1.0),
+              fs.Pencil(M, None, M).damped_by(K), fs.Substructure(M, M).with_damping(K)]
+    places = [(model, "K") for model in models[:3]] + [(model, "D") for model in (*models[:2], *models[3:])]
+    first = fs.complex_modes(models[1].with_damping(None)).eigenvalues
+    before = [sp.csr_array(getattr(*place)).toarray() for place in places]
+    assert all(np.array_equal(one, before[0]) for one in before) and before[0][0, 0] == 2
+    for array in writable:
+        array[:] = array[::-1].copy() * 2 if array.dtype == float else 0
+    for place, one in zip(places, before, strict=True):
+        assert np.array_equal(sp.csr_array(getattr(*place)).toarray(), one)
+    again = fs.complex_modes(models[1].with_damping(None))
+    assert np.array_equal(again.eigenvalues, first) and again.evidence == "certified"
+
+
+@pytest.mark.parametrize("copy", [lambda sub: sub, deepcopy, lambda sub: pickle.loads(pickle.dumps(sub))])
+def test_no_array_of_a_model_can_be_written_to(copy: Callable[[fs.Substructure], fs.Substructure]) -> None:
+    skew = sp.csr_array(([1e-15], ([0], [1])), shape=(4, 4))  # rounding of an assembly, averaged out
+    for sub in (fs.chain(4), fs.Substructure(sp.eye_array(4), fs.chain(4).K + skew)):
+        made = copy(sub)
+        for matrix in (made.M, made.D, made.K, made.pencil.K0):
+            for part in ("data", "indices", "indptr"):
+                with pytest.raises(ValueError, match="read-only"):
+                    getattr(matrix, part)[:1] = 0
+        shared = fs.Pencil(made.M, made.D, made.K)
+        assert all(np.shares_memory(getattr(shared, key).indices, getattr(made, key).indices) for key in "MDK" if made.D.nnz)
+
+
+def test_a_contact_of_a_pencil_keeps_its_columns() -> None:
+    W, C = np.eye(3)[:, :1], np.array([[0.5]])
+    pencil = fs.Pencil(np.eye(3), None, np.eye(3)).with_contact(C, W)
+    W[:], C[:] = 7, 7
+    damping, _, columns = pencil.contacts[0]
+    assert np.array_equal(columns @ damping @ columns.T, pencil.D)

@@ -148,7 +148,7 @@ def test_a_worker_of_another_executor_has_one_thread_while_it_works(threads: Thr
     try:
         for library, _ in before:
             library.put(2)
-        given = [library.get() for library, _ in before]  # 1 of a BLAS that is built without threads, as the wheel of PETSc has it
+        given = [library.get() for library, _ in before]  # 1 of a BLAS built without threads, as in the wheel of PETSc
         assert max(given, default=2) == 2
         assert workers.side_by_side(surroundings, {"a": ()}, executor=threads)["a"][0] == {1}
         assert [library.get() for library, _ in before] == given

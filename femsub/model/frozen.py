@@ -6,9 +6,13 @@ from collections.abc import Mapping
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import scipy.sparse as sp
+
+PARTS = ("data", "indices", "indptr")  # arrays of a CSR
+_sealed: WeakValueDictionary[int, np.ndarray] = WeakValueDictionary()  # arrays of models' sparse matrices, by id
 
 
 class Frozen:
@@ -35,9 +39,24 @@ def frozen(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         value.flags.writeable = False
     elif sp.issparse(value):
-        value.data.flags.writeable = False
+        for array in _arrays(value):
+            array.flags.writeable = False
+            _sealed[id(array)] = array
     elif isinstance(value, tuple):
         return tuple(frozen(item) for item in value)
     elif isinstance(value, (dict, MappingProxyType)):
         return MappingProxyType({key: frozen(item) for key, item in value.items()})
     return value
+
+
+def is_sealed(matrix: Any) -> bool:
+    """Whether a sparse matrix has the arrays of a model, which nobody can write to.
+
+    A read-only array of the caller is not enough: it may be a view of memory that is written to, or have such views.
+    """
+    arrays = _arrays(matrix)
+    return bool(arrays) and all(_sealed.get(id(array)) is array and not array.flags.writeable for array in arrays)
+
+
+def _arrays(matrix: Any) -> list[np.ndarray]:
+    return [getattr(matrix, part) for part in PARTS if hasattr(matrix, part)]

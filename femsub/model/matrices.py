@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, InputTypeError
+from femsub.model.frozen import frozen, is_sealed
 
 ROUNDING = 1e-14  # of sqrt(|a_ii a_jj|): the rounding of two assemblies of the same element matrices in different order
 LARGEST = 1e100  # limit of a matrix' largest entry; its reciprocal is the lower limit
@@ -19,8 +20,8 @@ LARGEST = 1e100  # limit of a matrix' largest entry; its reciprocal is the lower
 def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     """A checked square real matrix: dense as a read-only array, sparse as a canonical, read-only CSR.
 
-    The data are copied, so that later changes by the caller have no effect. A canonical CSR whose data are read-only already, as
-    those of a model, is shared.
+    The arrays are copied, so that later changes by the caller have no effect. Only a canonical CSR with the arrays of a model is
+    shared.
 
     Raises
     ------
@@ -31,7 +32,7 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     """
     try:
         raw: Any = sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
-        shared = isinstance(value, sp.csr_array) and not value.data.flags.writeable and raw.has_canonical_format
+        shared = isinstance(value, sp.csr_array) and is_sealed(value) and raw.has_canonical_format
         matrix = None if np.iscomplexobj(raw) else raw.astype(np.float64, copy=not shared)
     except (TypeError, ValueError):
         raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}") from None
@@ -53,8 +54,7 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     if largest > LARGEST or (name != "D" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
         raise InputError(f"{name}'s largest entry is {largest:.3g}. Products of such numbers leave the range of floating point. "
                          "Choose other units")
-    data.flags.writeable = False
-    return matrix
+    return frozen(matrix)
 
 
 def _first(matrix: Matrix, mask: Array) -> tuple[int, int]:
@@ -111,9 +111,7 @@ def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
     if (np.abs(skew.data) > ROUNDING * scale[skew.row] * scale[skew.col]).any():
         return matrix, False
     mean = (matrix + matrix.T) * 0.5
-    mean = sp.csr_array(mean) if sp.issparse(mean) else mean
-    (mean.data if sp.issparse(mean) else mean).flags.writeable = False
-    return mean, True
+    return frozen(sp.csr_array(mean) if sp.issparse(mean) else mean), True
 
 
 def norm(matrix: Matrix) -> float:

@@ -133,7 +133,8 @@ class Pencil(Frozen):
         if sp.issparse(damping) or sp.issparse(stiffness):
             K0 = found.K if self.K0 is self.K else self._plus(self.K0, contact_matrix(W, stiffness))
             return found._with(contacts=self.contacts, K0=K0 if _any(stiffness) else self.K0)
-        return found._with(contacts=(*self.contacts, frozen((damping, stiffness, W.reshape(len(W), -1)))), K0=self.K0)
+        given = *(C if np.isscalar(C) else np.array(C) for C in (damping, stiffness)), np.array(W).reshape(len(W), -1)
+        return found._with(contacts=(*self.contacts, frozen(given)), K0=self.K0)
 
     def with_damping(self, extra: Matrix) -> Pencil:
         """A copy with D + extra. M and K are shared and not checked again."""
