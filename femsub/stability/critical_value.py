@@ -41,9 +41,13 @@ class CriticalValue:
     ----------
     parameter : str
     value : float
-        The first loss. The begin of the range if a mode grows there already; inf if stability is never lost.
+        The first loss. The begin of the range if a mode grows there already; inf if stability is never lost. If it is first lost
+        in an open interval, at a place that is not known, the begin of what is left of this interval.
     losses, regains : tuple of Crossing
-        Where modes begin and cease to grow, ascending in value.
+        Where modes begin and cease to grow, ascending in value. A loss at either end of the range belongs to it: at the begin the
+        mode grows above it, at the end it would beyond. A regain at the end belongs to it as well. At the begin there is none,
+        since nothing has grown in the range before. So losses less regains, a pair counting twice, are the growing eigenvalues
+        just beyond the end less those at the begin.
     searched : (lo, hi)
         The range of the parameter.
     band : (lo, hi)
@@ -52,7 +56,8 @@ class CriticalValue:
         Number of eigenvalues in the band that grow at the begin of the range (a pair counts twice).
     open : tuple of (float, float)
         Intervals in which a crossing, or one there and back, was not excluded: because eigenvalues pass each other on the axis or
-        touch it, because rounding hides which grow, or because the effort ends. A loss in a wide one is found by bisection.
+        touch it, because rounding hides which grow, or because the effort ends. Or because the modes found to cross do not make up
+        the change of the number of growing eigenvalues. Of crossings in a wide one only those are listed that could be verified.
     tally : Tally
         The eigenvalues of all losses less those of all regains, beside the change of the number that grow over the range.
     evidence : str
@@ -112,7 +117,9 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
 
     The range is divided into intervals. In each, discs around the eigenvalues show that none crosses the imaginary axis
     (`femsub.stability.exclusion`). What is left are windows of 1e-11 of the range around the crossings; the number of growing
-    eigenvalues on both sides is known from the intervals beside them. So no loss is stepped over, however short it is.
+    eigenvalues on both sides is known from the intervals beside them. So no loss is stepped over, however short it is. The modes
+    that cross in a window are told from both of its sides, and must make up the change of that number
+    (`femsub.stability.crossings`).
 
     Parameters
     ----------

@@ -48,8 +48,9 @@ class Crossing:
     shape : ndarray, shape (n,) or (r,)
         Its eigenvector in the model's coordinates, of unit length; complex unless it diverges.
     kind : str
-        'flutter': a circulatory K feeds the motion, or two undamped modes coalesce. 'hopf': negative damping feeds it.
-        'divergence': a real eigenvalue passes 0.
+        'divergence': a real eigenvalue passes 0. Else ω xᴴD_s x + Im xᴴK_a x = 0 with the symmetric part of D and the skew one of
+        K. 'hopf': xᴴD_s x < 0, negative damping feeds the motion. 'flutter': a circulatory K feeds it, or two undamped modes
+        coalesce.
     growth : (float, float)
         Re λ of this mode a little below and above the value.
     """
@@ -163,10 +164,9 @@ def _roots(family: Family, a: float, b: float) -> list[tuple[float, Array]]:
     m = min(max((a + b) / 2, lo), hi)
     step = STEP * (hi - lo)
     ends = max(lo, m - step), min(hi, m + step)
-    pencil = family.pencil_at(m)
     slope = (family.pencil_at(ends[1]).K - family.pencil_at(ends[0]).K) / (ends[1] - ends[0])
-    rows, columns = pencil.units
-    K, change = (part * np.outer(rows, columns) for part in (pencil.K, slope))
+    modes = family.shapes / family.omega
+    K, change = (modes.T @ part @ modes for part in (family.pencil_at(m).K, slope))
     scale = float(np.linalg.norm(change)) / max(float(np.linalg.norm(K)), sys.float_info.min)
     if not scale or not np.isfinite(scale):
         return []
@@ -174,10 +174,10 @@ def _roots(family: Family, a: float, b: float) -> list[tuple[float, Array]]:
         (top, bottom), Y, X = la.eig(K, -change / scale, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
         places = m + top / bottom / scale
         force = np.einsum("ij,ij->j", np.abs(Y), np.abs(K) @ np.abs(X))
-        bars = np.minimum(4 * EPS * len(rows) * force / np.abs(np.einsum("ij,ij->j", Y.conj(), change @ X)), b - a)
+        bars = np.minimum(4 * EPS * len(K) * force / np.abs(np.einsum("ij,ij->j", Y.conj(), change @ X)), b - a)
         inside = np.isfinite(places) & (places.imag == 0) & (a - bars <= places.real) & (places.real <= b + bars)
     numbers = np.flatnonzero(inside)
-    shapes = columns[:, None] * X[:, numbers].real
+    shapes = modes @ X[:, numbers].real
     return [(float(places[i].real), x / np.linalg.norm(x)) for i, x in zip(numbers, shapes.T, strict=True)]
 
 
