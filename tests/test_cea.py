@@ -373,3 +373,20 @@ def test_another_search_takes_the_place_of_one_step(monkeypatch: pytest.MonkeyPa
         assert (np.abs(found.eigenvalues[to] - own.eigenvalues[at]) <= found.error_bar[to] + own.error_bar[at]).all()
         assert own.certified and not found.certified and found.evidence == "not checked"
     assert [region.count for region in asked] == [9, None, None] and asked[2].box == (-1e-3, 1e-3, 0.1, 0.3)
+
+
+@pytest.mark.parametrize("glides", [False, True])
+def test_a_shape_is_as_good_at_a_small_eigenvalue(glides: bool) -> None:
+    """K = [[1, 0], [3, e]] has λ = ±√-e, though its symmetric part has no small eigenvalue; a third DOF may be free."""
+    worst = []
+    for e in 10.0 ** -np.arange(6.0, 16.0):
+        K, M = np.zeros((3, 3)), np.diag([1.0, 1.0, 2.0])
+        K[:2, :2] = [[1, 0], [3, e]]
+        D = np.diag([0.0, 0.0, 0.1]) if glides else np.zeros((3, 3))
+        D[1, 2] = D[2, 1] = 0.02 * glides
+        part = slice(None if glides else 2)
+        modes = fs.complex_modes(fs.Pencil(M[part, part], D[part, part], K[part, part]))
+        worst.append(modes.backward_error.max())
+        if not glides:
+            assert np.count_nonzero(np.abs(np.abs(modes.eigenvalues) / np.sqrt(e) - 1) < 0.5) == 2
+    assert max(worst) < 1e-12

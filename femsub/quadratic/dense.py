@@ -28,6 +28,9 @@ from femsub.quadratic.singular_mass import REGULAR
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
 
+SLOW = 0.1  # ‖λq‖ of a state of length 1 below which q follows from Ωq
+STILL = 1e-12  # ‖λq‖ below which the rigid part of q would be rounding
+
 
 @dataclass(frozen=True, eq=False)
 class ModalForm:
@@ -241,9 +244,13 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
     if plain and (form.sign[r:] > 0).all():
         values = with_energy(values, right[n - r:], form.C)
     X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
-    # b = λq vanishes with λ: for small λ the shape is taken from a = Ωq
-    still = np.linalg.norm(right[n - r:], axis=0) < 1e-8
-    X[:, still] = form.shapes[:, r:] @ (right[:n - r, still] / form.omega[r:, None])
+    # b = λq vanishes with λ, and has a relative rounding of EPS/‖b‖: for small λ the elastic part of the shape is that of a = Ωq
+    moved = np.linalg.norm(right[n - r:], axis=0)
+    slow = moved < SLOW
+    X[:, slow] = form.shapes[:, r:] @ (right[:n - r, slow] / form.omega[r:, None])
+    gliding = slow & (moved >= STILL)
+    pace = values if np.iscomplexobj(right) else values.real
+    X[:, gliding] += form.shapes[:, :r] @ (right[n - r:n, gliding] / pace[gliding])
     values, X, Y = np.append(values, np.zeros(r)), np.hstack([X, form.shapes[:, :r]]), np.hstack([Y, form.shapes[:, :r]])
     if plain:
         Y = X.conj()
