@@ -224,6 +224,9 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
 
     Conjugates are exact conjugates. Columns have unit length.
     """
+    if (freed := pencil.freed) is not None:
+        values, X, Y = solve(freed.pencil)
+        return values, *freed.shapes(values, X, Y)
     bare = singular_mass.bare(pencil)
     if len(bare):
         return singular_mass.condensed(pencil, bare, solve)
