@@ -264,4 +264,4 @@ def with_bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | 
     # C order: a sparse product would copy anything else into that order, each time
     X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
     backward, bar, condition = bars(pencil, values, X, Y, known)
-    return ComplexModes(values, X, backward, bar, values == 0, beyond(np.abs(values.imag), cutoff), condition=condition)
+    return ComplexModes(values, X, backward, bar, (values == 0) & (bar == 0), beyond(np.abs(values.imag), cutoff), condition=condition)

@@ -93,7 +93,7 @@ def parts_of(pencil: Pencil) -> Parts | None:
     doubt = np.full((n - rank, n - rank), np.sqrt(n) * EPS * np.linalg.norm(D, 2))
     if 0 < rank < len(own):
         doubt *= np.abs(mass[0] / mass[rank - 1])
-    doubt[len(own) - rank:, len(own) - rank:] = 0.0
+    doubt[len(own) - rank:, len(own) - rank:] = EPS**2 * np.linalg.norm(D, 2)  # the square of a rounding
     left, drag, right, damped, sure = _split(U[:, rank:], D, V[:, rank:], doubt)
     U[:, rank:], V[:, rank:] = U[:, rank:] @ left, V[:, rank:] @ right
     return Parts(rows[:, None] * U, columns[:, None] * V, mass[:rank], drag[:damped], clear and sure)
