@@ -90,7 +90,7 @@ def attacked(kind: str, seed: int) -> str:
         rows, columns = linear_sum_assignment(np.maximum(excess, 0.0))
         worst = int(excess[rows, columns].argmax())
         if excess[rows, columns].max() > 0:
-            return (f"wrong: seed {seed}: λ = {modes.eigenvalues[rows[worst]]:.6g}, exactly {complex(there[columns[worst]]):.6g}, bar "
-                    f"{modes.error_bar[rows[worst]]:.1e}{', rigid' * bool(modes.rigid[rows[worst]])}, off by a factor "
+            return (f"wrong: seed {seed}: λ = {modes.eigenvalues[rows[worst]]:.6g}, exactly {complex(there[columns[worst]]):.6g} "
+                    f"bar {modes.error_bar[rows[worst]]:.1e}{', rigid' * bool(modes.rigid[rows[worst]])}, off by a factor "
                     f"1e{excess[rows, columns].max():.3f}")
         return modes.evidence

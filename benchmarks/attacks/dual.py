@@ -9,9 +9,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import mpmath as mp
 import numpy as np
+import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.optimize import linear_sum_assignment
 
@@ -20,7 +22,7 @@ from femsub.model.joints import Joint, Link
 
 KINDS = ("two parts", "several parts", "massless", "damped", "belts")
 DIGITS = 60
-Array = np.ndarray
+Array: TypeAlias = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Weighted(Joint):
     name: str
 
     def link(self, parts: Mapping[str, fs.Substructure]) -> Link:
-        found = {}
+        found: dict[str, Array] = {}
         for part, place, weight in self.terms:
             row = found.setdefault(part, np.zeros((1, len(parts[part].interface_numbers))))
             row[0, place] += weight
@@ -73,25 +75,26 @@ def part(kind: str, rng: np.random.Generator, name: str, small: bool) -> fs.Subs
     if kind == "massless":
         D = D * np.outer(mass > 0, mass > 0)
     ports = {"p": rng.choice([0.0, 1.0, -0.5], n) * (mass > 0)}
-    A = [M, K, D]
     if rng.random() < 0.3:
-        A = [sp.csr_array(one) for one in A]
-    return fs.Substructure(*A, interface=rng.permutation(n), ports=ports, name=name)
+        M, K, D = (sp.csr_array(one) for one in (M, K, D))
+    return fs.Substructure(M, K, D, interface=rng.permutation(n), ports=ports, name=name)
 
 
 def joined(kind: str, rng: np.random.Generator) -> tuple[dict[str, fs.Substructure], list[Joint]]:
     count = int(rng.integers(3, 5)) if kind == "several parts" else 2
     parts = {f"p{i}": part(kind, rng, f"p{i}", count > 2) for i in range(count)}
-    names, joints = list(parts), []
+    names: list[str] = list(parts)
+    joints: list[Joint] = []
     for i in range(1, count):
         one, other = names[i], names[int(rng.integers(0, i))]
         most = min(parts[one].size, parts[other].size)
-        at = [[int(dof) for dof in rng.permutation(parts[name].interface)[:int(rng.integers(1, most + 1))]] for name in (one, other)]
+        held = int(rng.integers(1, most + 1))
+        at = [[int(dof) for dof in rng.permutation(parts[name].interface)[:held]] for name in (one, other)]
         pairs = list(zip(*at, strict=False))
         joints += [fs.Rigid((one, [a]), (other, [b]), name=f"r{i}.{j}") for j, (a, b) in enumerate(pairs)]
     if kind == "several parts" and rng.random() < 0.5:  # round a loop, redundant or not
-        one, other = rng.choice(names, 2, replace=False)
-        joints.append(fs.Rigid((str(one), [int(parts[one].interface[0])]), (str(other), [int(parts[other].interface[0])]), name="loop"))
+        ends = [(str(name), [int(parts[name].interface[0])]) for name in rng.choice(names, 2, replace=False)]
+        joints.append(fs.Rigid(*ends, name="loop"))
     if rng.random() < 0.3:
         terms = tuple((name, int(rng.integers(0, parts[name].size)), float(rng.choice([1.0, -1.0, 0.3, -0.7, 2.0])))
                       for name in rng.permutation(names)[:2] for _ in range(int(rng.integers(1, 3))))
@@ -171,7 +174,15 @@ def finite(parts: dict[str, fs.Substructure], T: mp.matrix, belts: list[tuple[st
     return [sigma + 1 / value for value in theta if abs(value) > size * mp.mpf(10) ** -20]
 
 
-def fault(modes: fs.ComplexModes, exact: list[mp.mpc]) -> str:
+def floating(parts: dict[str, fs.Substructure], T: mp.matrix) -> int:
+    """How many motions cost nothing within rounding of K, its DOF in units of energy."""
+    basis = np.array(T.tolist(), dtype=float)
+    K = basis.T @ la.block_diag(*(one.K.toarray() if sp.issparse(one.K) else one.K for one in parts.values())) @ basis
+    unit = np.where(K.diagonal() > 0, K.diagonal(), 1.0) ** -0.5
+    return int(np.count_nonzero(np.linalg.eigvalsh(K * np.outer(unit, unit)) < 1e-12))
+
+
+def fault(modes: fs.ComplexModes, exact: list[mp.mpc], free: int) -> str:
     """What does not fit, or nothing."""
     found = modes.eigenvalues
     if sorted(found.tolist(), key=lambda z: (z.real, z.imag)) != sorted(found.conj().tolist(), key=lambda z: (z.real, z.imag)):
@@ -181,10 +192,10 @@ def fault(modes: fs.ComplexModes, exact: list[mp.mpc]) -> str:
     if not exact:
         return ""
     there = np.array([complex(value) for value in exact])
-    elastic = np.abs(there)[np.abs(there) > 1e-12 * np.abs(there).max()].min(initial=np.inf)
-    slack = np.where(modes.rigid, 1e-6 * elastic, 0.0)
+    if np.count_nonzero(modes.rigid) > 2 * free:
+        return f"{np.count_nonzero(modes.rigid)} of rigid motion, where {free} motions cost nothing"
+    slack = np.where(modes.rigid, 1e300, 0.0)  # where K is singular within rounding, λ is 0
     distance = np.array([[float(abs(mp.mpc(complex(value)) - other)) for other in exact] for value in found])
-    # a model's D = βK is rounded: where motion is rigid, it damps by a rounding
     ratio = distance / (modes.error_bar[:, None] + slack[:, None] + 1e-16 * np.abs(found)[:, None] + 1e-300)
     rows, columns = linear_sum_assignment(np.minimum(ratio, 1e8))
     worst = int(ratio[rows, columns].argmax())
@@ -217,7 +228,7 @@ def attacked(kind: str, seed: int) -> str:
                 if words[-1] == "wrong":
                     return f"wrong: seed {seed}, {assembly}: certified, but the pencil is singular"
                 continue
-            what = fault(modes, exact)
+            what = fault(modes, exact, floating(parts, T))
             if what and modes.evidence != "not checked":
                 return f"wrong: seed {seed}, {assembly}: {modes.evidence}, but {what}"
             words.append(modes.evidence)

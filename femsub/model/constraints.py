@@ -102,9 +102,9 @@ def _motions(B: Matrix, unit: Array, held: Array) -> Matrix:
     """X (n, k), sparse, that spans all x with Bx = 0."""
     found = eliminate(Equations(B, unit, np.zeros(len(unit), dtype=bool), held), lambda *_: None)
     if found.redundant:
-        raise SingularMatrixError(f"{found.redundant} of the {len(held)} constraints (DOF with neither mass, damping nor stiffness "
-                                  "of their own) follow from the others or constrain nothing, so the pencil is singular for every "
-                                  "λ. Leave them out, or join parts by couple, which does so")
+        raise SingularMatrixError(f"{found.redundant} of the {len(held)} constraints (DOF with neither mass, damping nor "
+                                  "stiffness of their own) follow from the others or constrain nothing, so the pencil is "
+                                  "singular for every λ. Leave them out, or join parts by couple, which does so")
     return found.L
 
 
@@ -120,7 +120,7 @@ def _projected(pencil: Pencil, rest: Array, X: Matrix, Y: Matrix) -> Pencil:
         return (found + found.T) / 2 if X is Y and is_symmetric(own) else found
 
     found = type(pencil)(*(between(A) for A in (pencil.M, pencil.D, pencil.K)))
-    if X is not Y or not pencil.contacts and pencil.K0 is pencil.K:
+    if X is not Y or (not pencil.contacts and pencil.K0 is pencil.K):
         return found
     return found._with(contacts=tuple((*C, X.T @ W[rest]) for *C, W in pencil.contacts),
                        K0=found.K if pencil.K0 is pencil.K else between(pencil.K0))

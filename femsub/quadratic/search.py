@@ -72,11 +72,11 @@ def _by_lapack(pencil: Pencil, given: Pencil) -> Found:
         number = finite(given.dense())
     if number is None:
         warn("the number of finite eigenvalues is not known: M or D has a rank that depends on rounding, or a constraint holds "
-             f"velocities. {len(values)} eigenvalues were found, and others may be missing. Set masses and damping that are rounding "
-             "to 0, or scale the matrices", ConditionWarning)
+             f"velocities. {len(values)} eigenvalues were found, and others may be missing. Set masses and damping that are "
+             "rounding to 0, or scale the matrices", ConditionWarning)
     elif len(values) != number:
-        raise MissedModesError(f"{len(values)} eigenvalues were found, but there are {number}, by the ranks of M and D. Check the "
-                               "scaling of M, D and K")
+        raise MissedModesError(f"{len(values)} eigenvalues were found, but there are {number}, by the ranks of M and D. Check "
+                               "the scaling of M, D and K")
     return Found(values, X, Y, values, Tally(len(values), number))
 
 

@@ -116,7 +116,7 @@ def _rank(sizes: Array, whole: float, least: float) -> tuple[int, bool]:
 
 
 def _between(U: Array, A: Array, V: Array, doubt: Array | float = 0.0) -> tuple[Array, Array, bool]:
-    """UᵀAV with 0 for what is rounding of its sum, or as small as `doubt`; what rounding there is; whether no entry is near it."""
+    """UᵀAV with 0 for rounding of its sum, or what is as small as `doubt`; that rounding; and whether no entry is near it."""
     found = U.T @ A @ V
     noise = np.maximum(doubt, EPS * (np.abs(U).T @ np.abs(A) @ np.abs(V)))
     size, limit = np.abs(found), ROUNDED * noise
@@ -185,7 +185,7 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
 
 
 def _constrained(pencil: Pencil, parts: Parts, solve: Solver) -> Eigenpairs | None:
-    """The same for a singular K_bb: by the pencil in coordinates in which its null vectors are multipliers, see `Pencil.freed`."""
+    """The same for a singular K_bb: in coordinates in which its null vectors are multipliers, see `Pencil.freed`."""
     found = as_multipliers(pencil, parts)
     if found is None:
         return None
@@ -256,7 +256,7 @@ def _units_of_mass(pencil: Pencil) -> tuple[Array, Array]:
 
 
 def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
-    """The `number` smallest λ of A - λB, left and right vectors; one less rather than half a pair, whose members are conjugates."""
+    """The `number` smallest λ of A - λB, left and right vectors; one less rather than half of a pair of conjugates."""
     rows, columns = equilibration(abs(A) + abs(B))
     A, B = scaled(A, rows, columns), scaled(B, rows, columns)
     (alpha, beta), left, right = la.eig(A, B, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
