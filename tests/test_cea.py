@@ -390,3 +390,38 @@ def test_a_shape_is_as_good_at_a_small_eigenvalue(glides: bool) -> None:
         if not glides:
             assert np.count_nonzero(np.abs(np.abs(modes.eigenvalues) / np.sqrt(e) - 1) < 0.5) == 2
     assert max(worst) < 1e-12
+
+
+@pytest.mark.parametrize(("M", "D", "K"), [
+    ([[2.0]], [[1.5e9]], [[19.6]]), ([[9e4]], [[-1.1e8]], [[-1.2e-9]]),
+    (np.eye(2), np.diag([4.0, 5.0]) * 1e16, [[2.5, -1.5], [-1.5, 1.7]])])
+def test_a_slow_decay_beside_a_heavy_damping_is_no_rigid_motion(M: list, D: list, K: list) -> None:
+    """λ = -k/d was 0 with a bar of 0, since rounding of d/m hides it; K is regular."""
+    modes = fs.complex_modes(fs.Pencil(M, D, K))
+    slow = np.sort_complex(la.eigvals(-np.asarray(K), np.asarray(D)))
+    at = np.argsort(np.abs(modes.eigenvalues))[:len(slow)]
+    near, bar = np.sort_complex(modes.eigenvalues[at]), modes.error_bar[at]
+    assert not modes.rigid.any() and (np.abs(near - slow) <= bar.max() + 1e-12 * np.abs(slow)).all() and (bar > 0).all()
+
+
+def test_rigid_motion_still_has_exact_zeros() -> None:
+    modes = fs.complex_modes(fs.Pencil(np.eye(3), None, np.diff(np.eye(3), axis=0).T @ np.diff(np.eye(3), axis=0)))
+    assert modes.rigid.tolist().count(True) == 2 and (modes.error_bar[modes.rigid] == 0).all()
+
+
+def test_what_solves_nothing_has_no_bar() -> None:
+    """To first order the error of an eigenpair that is none is no larger than that of a good one."""
+    sub = fs.chain(4)
+    exact = fs.complex_modes(sub)
+    X = exact.shapes.copy()
+    X[:, 0] = [1.0, -2.0, 1.0, 3.0]
+    found = with_bars(sub.pencil.dense(), exact.eigenvalues, X, X.conj())
+    assert np.isinf(found.error_bar[0]) and np.isfinite(found.error_bar[2:]).all()
+
+
+@pytest.mark.parametrize(("kind", "seeds"), [("scales", (45, 68, 511, 570)), ("units", (113, 426)), ("friction", (38, 471, 507)),
+                                             ("nearly singular", (304, 501)), ("clusters", (0,))])
+def test_error_bars_hold_where_matrices_are_many_orders_apart(kind: str, seeds: tuple[int, ...]) -> None:
+    from benchmarks.attacks.bars import attacked
+
+    assert not [found for seed in seeds if (found := attacked(kind, seed)).startswith("wrong")]

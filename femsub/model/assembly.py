@@ -254,7 +254,8 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     name : str
     assembly : {"primal", "dual"}
         "dual" keeps the coordinates of the parts and adds the Lagrange multipliers λ of the joints as coordinates:
-        K = [[K, Aᵀ], [A, 0]], M = diag(M, 0). This K is indefinite. The finite eigenvalues are those of "primal".
+        K = [[K, Aᵀ], [A, 0]], M = diag(M, 0). This K is indefinite. The finite eigenvalues are those of "primal":
+        `complex_modes` projects the multipliers out first.
     interface : sequence of ends, optional
         The interface of the system, for further joints: (part, set) or (part, list of DOF). Joined DOF are allowed. By default
         all interface DOF of the parts that are not joined. A named set that is joined only in part stays whole.

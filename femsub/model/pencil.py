@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
+from femsub.model.constraints import Freed, freed
 from femsub.model.frozen import Frozen, frozen
 from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, without_rounding
 
@@ -92,6 +93,11 @@ class Pencil(Frozen):
             return self.K0
         mean = (self.K0 + self.K0.T) * 0.5
         return sp.csr_array(mean) if self.is_sparse else mean
+
+    @cached_property
+    def freed(self) -> Freed | None:
+        """The pencil without its Lagrange multipliers, or None if it has none (see `constraints`)."""
+        return freed(self)
 
     def dense(self) -> Pencil:
         """The same pencil with dense matrices."""

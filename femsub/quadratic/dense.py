@@ -21,7 +21,7 @@ from femsub.checks import Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.model.matrices import is_symmetric, unit_length
 from femsub.modes.dense import dense_modes
-from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, units
+from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, rounding_ratio, units
 from femsub.quadratic import singular_mass
 from femsub.quadratic.singular_mass import REGULAR
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 SLOW = 0.1  # ‖λq‖ of a state of length 1 below which q follows from Ωq
 STILL = 1e-12  # ‖λq‖ below which the rigid part of q would be rounding
+APART = 1e-3  # relative distance of two eigenvalues that are certainly not one
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,13 +228,54 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
 
     Conjugates are exact conjugates. Columns have unit length.
     """
+    if (freed := pencil.freed) is not None:
+        values, X, Y = solve(freed.pencil)
+        return values, *freed.shapes(values, X, Y)
     bare = singular_mass.bare(pencil)
     if len(bare):
         return singular_mass.condensed(pencil, bare, solve)
     form = modal_form(pencil)
     if form is None:
-        return singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)
-    n, r = pencil.size, form.rigid
+        return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)))
+    return _lifted(pencil, *_by_modes(pencil.size, form))
+
+
+def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array]:
+    """The same eigenpairs, but λ = 0 only where Kx = 0 within rounding: rounding has put others there.
+
+    Beside a damping 1e17 times larger, -k/d is lost. It is the smaller root of λ²yᴴMx + λyᴴDx + yᴴKx, after a step of inverse
+    iteration with P at the first of these roots.
+    """
+    at = np.flatnonzero(values == 0)
+    at = at[rounding_ratio(pencil.K, X[:, at]) > RIGID]
+    values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
+    for i in at:
+        value, x, y = 0.0, X[:, i], Y[:, i] if Y[:, i].any() else X[:, i].conj()
+        for _ in range(3):
+            value = _smaller_root(*(np.vdot(y, A @ x) for A in (pencil.M, pencil.D, pencil.K)))
+            try:
+                near = pencil.at(value)
+                new = np.linalg.solve(near, x), np.linalg.solve(near.T, y)
+            except np.linalg.LinAlgError:  # λ is exact
+                break
+            if not all(np.isfinite(part).all() and part.any() for part in new):
+                break
+            x, y = (part / np.linalg.norm(part) for part in new)
+        if value and (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
+            values[i], X[:, i], Y[:, i] = value, x, y
+    return values, X, Y
+
+
+def _smaller_root(m: complex, d: complex, k: complex) -> float:
+    """That of λ²m + λd + k, a real one or the real part of a pair."""
+    m, d, k = m.real, d.real, k.real
+    far = abs(d) + np.sqrt(max(d * d - 4 * m * k, 0.0))
+    return float(-2 * k / np.copysign(far, d)) if far > 0 else 0.0
+
+
+def _by_modes(n: int, form: ModalForm) -> tuple[Array, Array, Array]:
+    """By LAPACK on the state matrix of the modal form."""
+    r = form.rigid
     plain = form.H is None and is_symmetric(form.C)
     state = form.state()
     if plain:
