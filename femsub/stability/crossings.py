@@ -9,7 +9,6 @@ as there are roots.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -167,12 +166,13 @@ def _roots(family: Family, a: float, b: float) -> list[tuple[float, Array]]:
     slope = (family.pencil_at(ends[1]).K - family.pencil_at(ends[0]).K) / (ends[1] - ends[0])
     modes = family.shapes / family.omega
     K, change = (modes.T @ part @ modes for part in (family.pencil_at(m).K, slope))
-    scale = float(np.linalg.norm(change)) / max(float(np.linalg.norm(K)), sys.float_info.min)
-    if not scale or not np.isfinite(scale):
+    size = float(np.linalg.norm(change))
+    if not size:
         return []
+    scale = max(float(np.linalg.norm(K)) / size, hi - lo)
     with np.errstate(all="ignore"):
-        (top, bottom), Y, X = la.eig(K, -change / scale, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
-        places = m + top / bottom / scale
+        (top, bottom), Y, X = la.eig(K, -scale * change, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
+        places = m + top / bottom * scale
         force = np.einsum("ij,ij->j", np.abs(Y), np.abs(K) @ np.abs(X))
         bars = np.minimum(4 * EPS * len(K) * force / np.abs(np.einsum("ij,ij->j", Y.conj(), change @ X)), b - a)
         inside = np.isfinite(places) & (places.imag == 0) & (a - bars <= places.real) & (places.real <= b + bars)
