@@ -45,6 +45,7 @@ SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the 
 MEMORY = 2e8  # bytes for decompositions that are kept
 COARSE = 32  # intervals at first, if A is not affine: samples a whole range apart would tell little
 SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where the form of A(p) is judged
+ROUNDING = 4 * EPS  # of a value: half the least width of a window, which must not vanish between two neighbouring numbers
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
 
@@ -165,7 +166,7 @@ class Family:
         if self.mirrored or not np.isfinite(radius).all() or not speed.all():
             return None
         rate = discs.z.real[touching]
-        centre, half = -rate / speed, radius / np.abs(speed)
+        centre, half = -rate / speed, np.maximum(radius / np.abs(speed), ROUNDING * max(abs(begin), abs(end)))
         order = np.argsort(centre - half, kind="stable")
         pieces: list[list[float]] = []
         for lo, hi in zip(np.maximum(centre - half, -h)[order], np.minimum(centre + half, h)[order], strict=True):
@@ -258,13 +259,15 @@ def _rigid(pencil: Pencil) -> bool:
 
 
 def _joined(parts: list[Part]) -> list[Part]:
-    """Neighbours that are not excluded, as one."""
+    """Neighbours that are not excluded, as one. Between two that are, with different numbers, is a crossing in a single point."""
     result: list[Part] = []
     for part in parts:
         last = result[-1] if result else None
         if last is not None and last.growing is None and part.growing is None:
             result[-1] = Part(last.begin, part.end, None, (*last.touching, *part.touching))
         else:
+            if last is not None and None not in (last.growing, part.growing) and last.growing != part.growing:
+                result.append(Part(last.end, last.end, None))
             result.append(part)
     return result
 
