@@ -327,7 +327,8 @@ def _closed(kind: str, rng: np.random.Generator) -> tuple[fs.CriticalValue | Non
         d = -dp * np.repeat(_dyadic(rng.uniform(0.1, 1.9, n // 2)), 2)
         kp = np.zeros(n)
     T = _mixed(rng, n)
-    S = T.T if rng.random() < 0.7 else _mixed(rng, n)  # unsymmetric matrices, M as well
+    plain = rng.random() < 0.7
+    S = T.T if plain else _mixed(rng, n)  # unsymmetric matrices, M as well
     far, time = float(rng.choice([0.0, 0.0, 0.0, 2.0**16])), 2.0 ** float(rng.choice([0, 0, -24, 24]))
     d, dp, k, kp = (d - far * dp) * time, dp * time, (k - far * kp) * time**2, kp * time**2
     family = fs.Affine(S @ T, [(1.0, S @ np.diag(d) @ T), ("p", S @ np.diag(dp) @ T)],
@@ -338,7 +339,7 @@ def _closed(kind: str, rng: np.random.Generator) -> tuple[fs.CriticalValue | Non
     try:
         found = fs.critical_value(family, None, "p", between=(lo + far, hi + far), band=band)
     except fs.InputError as error:
-        if S is not T.T and "M is singular" in str(error):  # by chance symmetric, but not definite
+        if not plain and "M is singular" in str(error):  # by chance symmetric, but not definite
             return None, []
         raise
     return found, _by_form(d, dp, k, kp, T, found)
@@ -362,7 +363,7 @@ def _by_form(d: Array, dp: Array, k: Array, kp: Array, T: Array, found: fs.Criti
                 exact.append((bool(dp[i] < 0), p, float(np.sqrt(k[i] + p * kp[i])), inverse[:, i]))
         if kp[i]:
             p = -k[i] / kp[i]
-            if lo <= p <= hi and d[i] + p * dp[i]:  # one of two real eigenvalues passes 0, upwards if the stiffness falls and d > 0
+            if lo <= p <= hi and d[i]:  # one of two real eigenvalues passes 0, upwards if the stiffness falls and d > 0
                 exact.append((bool((kp[i] < 0) == (d[i] > 0)), p, 0.0, inverse[:, i]))
     exact = [item for item in exact if least <= item[2] <= most]
     told = []

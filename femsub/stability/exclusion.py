@@ -102,14 +102,16 @@ class Family:
         M, D, K = (self.shapes.T @ (part @ self.shapes) for part in (pencil.M, pencil.D, pencil.K))
         A, forces = np.zeros((2 * n, 2 * n)), np.hstack([K / self.omega, D])
         A[:n, n:] = np.diag(self.omega)
-        A[n:] = -forces if np.abs(M - np.eye(n)).max() <= 1e-10 else -la.solve(M, forces, check_finite=False)  # M of the middle
+        A[n:] = -forces if _is_eye(M) else -la.solve(M, forces, check_finite=False)
         return A
 
     def _magnitude(self, pencil: Pencil) -> Array:
         """A with the moduli of all that is added up in its entries: EPS times this is their rounding."""
         n, size = len(self.omega), np.abs(self.shapes)
         K, D = (size.T @ (np.abs(part) @ size) for part in (pencil.K, pencil.D))
-        return np.block([[np.zeros((n, n)), np.diag(self.omega)], [K / self.omega, D]])
+        M, forces = self.shapes.T @ pencil.M @ self.shapes, np.hstack([K / self.omega, D])
+        forces = forces if _is_eye(M) else np.abs(np.linalg.inv(M)) @ forces
+        return np.vstack([np.hstack([np.zeros((n, n)), np.diag(self.omega)]), forces])
 
     def at(self, p: float) -> Array:
         """A(p); of an affine family without the pencil."""
@@ -228,6 +230,11 @@ class Family:
                         heapq.heappush(waiting, (begin - end, begin, end))
         done += [Part(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
         return _joined(sorted(done, key=lambda part: part.begin))
+
+
+def _is_eye(M: Array) -> bool:
+    """Whether M is that of the undamped modes, as in the middle of the range."""
+    return bool(np.abs(M - np.eye(len(M))).max() <= 1e-10)
 
 
 def _going_on(pencil_at: Callable[[float], Pencil], hi: float) -> Callable[[float], Pencil]:
