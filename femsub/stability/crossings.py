@@ -216,7 +216,7 @@ def extrapolated(family: Family, window: tuple[float, float], room: tuple[float,
     """The losses or regains near a window beside which rounding leaves undecided what grows; None if they cannot be told.
 
     Re λ of a mode that certainly grows goes straight to 0, or (Re λ)² does where two modes coalesce. Two extrapolations of either
-    must agree.
+    must agree. A real λ that passes 0 tells nothing of what the pair beyond does, unless there is no damping.
     """
     begins = int(family.grown(window[1])[0].sum()) > int(family.grown(window[0])[0].sum())
     for a, b in _sides(family, window, room):
@@ -224,7 +224,8 @@ def extrapolated(family: Family, window: tuple[float, float], room: tuple[float,
         near = b if begins else a
         step = near - window[1 if begins else 0]
         points = [near, near + step, near + 3 * step]
-        if not found or not step or not all(one.begins == begins for one in found) or not room[0] <= points[-1] <= room[1]:
+        if not found or not step or not room[0] <= points[-1] <= room[1] or \
+                not all(one.begins == begins and (one.omega or family.mirrored) for one in found):
             continue
         places = [_to_axis(family, points, one.after if begins else one.before) for one in found]
         if np.isfinite(places).all() and np.abs(np.array(places)[:, 0] - near).max() <= 2 * abs(step):

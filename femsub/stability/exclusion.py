@@ -88,6 +88,7 @@ class Family:
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
         self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
         self.size = np.maximum(*(self._magnitude(pencil) for pencil in (pencils[0], pencils[-1])))
+        self.size += max(abs(lo), abs(hi)) * np.abs(self.slope)  # the rounding of p itself
         self.affine = affine and all((np.abs(A - matrices[0] - (p - lo) * self.slope) <= STRAIGHT * self.size).all()
                                      for p, A in zip(points, matrices, strict=True))
         self.floating = all(_rigid(pencil) for pencil in (pencils[0], pencils[2], pencils[-1]))
