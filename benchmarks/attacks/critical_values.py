@@ -269,6 +269,13 @@ def _by_counts(family: fs.Affine, found: fs.CriticalValue, undamped: bool) -> li
         claimed = found.growing + int(change[np.searchsorted(values, p)])
         if count is not None and ((claimed != count and not found.open) or (count and p < found.value)):
             told.append(f"{count} grow at p = {p:.17g}, but {claimed} are claimed")
+    for one in crossings if found.open else ():  # each of them is there, though others may be missing
+        half = max(one.width, 1e-10 * (hi - lo))
+        alone = sum(abs(one.value - other.value) <= 2 * half for other in crossings) == 1
+        if alone and lo < one.value - half < one.value + half < hi:
+            counts = [exactly_growing(family, one.value + side * half, undamped) for side in (-1, 1)]
+            if None not in counts and (counts[0] < counts[1]) != (one in found.losses):
+                told.append(f"{counts} grow beside {one!r}")
     return [*told[:3], *_figures(family, found)]
 
 
