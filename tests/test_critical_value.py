@@ -265,6 +265,25 @@ def test_what_is_told_of_an_open_interval_holds() -> None:
     assert checked
 
 
+def test_a_crossing_between_two_neighbouring_numbers_is_not_lost() -> None:
+    """The window around p = 65537.25 is narrower than their spacing; one mode is lost there, another one regained."""
+    p = 65537.25
+    for turned in (1.0, -1.0):
+        family = fs.Affine(EYE, [(1.0, np.diag([-p, turned * p])), ("p", np.diag([1.0, -turned]))], np.diag([4.0, 9.0]))
+        found = fs.critical_value(family, None, "p", between=(65536.0, 65538.0))
+        omegas = [[round(one.omega, 6) for one in several] for several in (found.losses, found.regains)]
+        assert omegas == ([[3.0], [2.0]] if turned > 0 else [[], [2.0, 3.0]])
+        assert not found.open and all(abs(one.value - p) < 1e-9 for one in (*found.losses, *found.regains))
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_rounding_of_an_unsymmetric_mass_is_bounded(scale: float) -> None:
+    """`size` is what rounding is told from: no entry of A(p) is larger."""
+    family = fs.Affine([[1.0, 0.2], [0.0, 1.0]], [[0.1, 0.0], [0.0, 0.3]], [(scale, [[2, 1], [1, 2]]), ("mu", [[0, -1], [0, 0]])])
+    one = Family(lambda p: family.at(mu=p), (0.0, scale))
+    assert all((np.abs(one.matrix(p)) <= one.size * (1 + 1e-12)).all() for p in (0.0, 0.3 * scale, scale))
+
+
 def test_divergence_passes_zero() -> None:
     family = fs.Affine(EYE, 0.1 * EYE, [(1.0, [[3.0, 0.5], [0.5, 2.0]]), ("load", -EYE)])
     found = fs.critical_value(family, None, "load", between=(0.0, 5.0))

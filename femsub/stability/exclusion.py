@@ -45,6 +45,7 @@ SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the 
 MEMORY = 2e8  # bytes for decompositions that are kept
 COARSE = 32  # intervals at first, if A is not affine: samples a whole range apart would tell little
 SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where the form of A(p) is judged
+ROUNDING = 4 * EPS  # of a value: half the least width of a window, which must not vanish between two neighbouring numbers
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
 
@@ -87,6 +88,7 @@ class Family:
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
         self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
         self.size = np.maximum(*(self._magnitude(pencil) for pencil in (pencils[0], pencils[-1])))
+        self.size += max(abs(lo), abs(hi)) * np.abs(self.slope)  # the rounding of p itself
         self.affine = affine and all((np.abs(A - matrices[0] - (p - lo) * self.slope) <= STRAIGHT * self.size).all()
                                      for p, A in zip(points, matrices, strict=True))
         self.floating = all(_rigid(pencil) for pencil in (pencils[0], pencils[2], pencils[-1]))
@@ -101,14 +103,16 @@ class Family:
         M, D, K = (self.shapes.T @ (part @ self.shapes) for part in (pencil.M, pencil.D, pencil.K))
         A, forces = np.zeros((2 * n, 2 * n)), np.hstack([K / self.omega, D])
         A[:n, n:] = np.diag(self.omega)
-        A[n:] = -forces if np.abs(M - np.eye(n)).max() <= 1e-10 else -la.solve(M, forces, check_finite=False)  # M of the middle
+        A[n:] = -forces if _is_eye(M) else -la.solve(M, forces, check_finite=False)
         return A
 
     def _magnitude(self, pencil: Pencil) -> Array:
         """A with the moduli of all that is added up in its entries: EPS times this is their rounding."""
         n, size = len(self.omega), np.abs(self.shapes)
         K, D = (size.T @ (np.abs(part) @ size) for part in (pencil.K, pencil.D))
-        return np.block([[np.zeros((n, n)), np.diag(self.omega)], [K / self.omega, D]])
+        M, forces = self.shapes.T @ pencil.M @ self.shapes, np.hstack([K / self.omega, D])
+        forces = forces if _is_eye(M) else np.abs(np.linalg.inv(M)) @ forces
+        return np.vstack([np.hstack([np.zeros((n, n)), np.diag(self.omega)]), forces])
 
     def at(self, p: float) -> Array:
         """A(p); of an affine family without the pencil."""
@@ -165,7 +169,7 @@ class Family:
         if self.mirrored or not np.isfinite(radius).all() or not speed.all():
             return None
         rate = discs.z.real[touching]
-        centre, half = -rate / speed, radius / np.abs(speed)
+        centre, half = -rate / speed, np.maximum(radius / np.abs(speed), ROUNDING * max(abs(begin), abs(end)))
         order = np.argsort(centre - half, kind="stable")
         pieces: list[list[float]] = []
         for lo, hi in zip(np.maximum(centre - half, -h)[order], np.minimum(centre + half, h)[order], strict=True):
@@ -229,6 +233,11 @@ class Family:
         return _joined(sorted(done, key=lambda part: part.begin))
 
 
+def _is_eye(M: Array) -> bool:
+    """Whether M is that of the undamped modes, as in the middle of the range."""
+    return bool(np.abs(M - np.eye(len(M))).max() <= 1e-10)
+
+
 def _going_on(pencil_at: Callable[[float], Pencil], hi: float) -> Callable[[float], Pencil]:
     """The same, but straight on a little above hi, where a contact may refuse the parameter."""
 
@@ -258,13 +267,15 @@ def _rigid(pencil: Pencil) -> bool:
 
 
 def _joined(parts: list[Part]) -> list[Part]:
-    """Neighbours that are not excluded, as one."""
+    """Neighbours that are not excluded, as one. Between two that are, with different numbers, is a crossing in a single point."""
     result: list[Part] = []
     for part in parts:
         last = result[-1] if result else None
         if last is not None and last.growing is None and part.growing is None:
             result[-1] = Part(last.begin, part.end, None, (*last.touching, *part.touching))
         else:
+            if last is not None and None not in (last.growing, part.growing) and last.growing != part.growing:
+                result.append(Part(last.end, last.end, None))
             result.append(part)
     return result
 
