@@ -14,7 +14,6 @@ import numpy as np
 from femsub.checks import Array, choice, instance, positive_number, real_array
 from femsub.errors import CutoffWarning, FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.linalg.factor import QUADRATIC, WIDE, factorise
-from femsub.linalg.threads import FEW, one_thread
 from femsub.linalg.workers import check_workers, side_by_side
 from femsub.model.bands import in_band
 from femsub.model.estimate import SHARE, usable_band
@@ -193,15 +192,14 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     few = model.size <= (QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE)
     fast = np.zeros(len(values), dtype=bool) if few else _fast(model, w, force * values, limits[1])
     whole = np.full(len(values), few) if few or model.pencil.is_sparse else fast.copy()
-    with one_thread(model.size <= FEW):
-        form = modal_form(model.pencil.dense()) if whole.any() else None
-        if form is None:  # massless motions
-            whole[:] = False
-        else:
-            amplitude = form.shapes.T @ w
-            for i in np.flatnonzero(whole):
-                spectrum = eigenvalues(form, form.C + force * values[i] * (amplitude @ amplitude.T))
-                growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
+    form = modal_form(model.pencil.dense()) if whole.any() else None
+    if form is None:  # massless motions
+        whole[:] = False
+    else:
+        amplitude = form.shapes.T @ w
+        for i in np.flatnonzero(whole):
+            spectrum = eigenvalues(form, form.C + force * values[i] * (amplitude @ amplitude.T))
+            growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
     untold = fast & model.pencil.is_sparse
     for i in np.flatnonzero(~whole):
         searched = None if few or (fast[i] and not untold[i]) else limits
