@@ -10,7 +10,6 @@ import numpy as np
 from femsub.checks import Array, Tally
 from femsub.errors import InputError, MissedModesError, NotConvergedError
 from femsub.linalg.factor import QUADRATIC, SMALL, WIDE, negative_eigenvalues
-from femsub.model.matrices import unit_length
 from femsub.quadratic import damping_split, dense
 from femsub.quadratic.certificate import MOST, Enclosed, Nearest
 from femsub.quadratic.cost import Budget
@@ -50,14 +49,14 @@ def search(pencil: Pencil, region: Region, certify: bool | None) -> Found:
     budget = Budget(pencil.size, not pencil.is_sparse)
     if budget.is_limited and not budget.covers(_least(pencil, region)):
         return _by_lapack(pencil)
-    filled = pencil.sparse()
-    alike = filled.alike()
+    sparse = pencil.sparse()
+    alike = sparse.alike()
     found = _by_pep(alike, region, certify, budget)
     if found is None:
         return _by_lapack(pencil)
-    if alike is filled:
+    if alike is sparse:
         return found
-    X, Y = (unit_length(unit[:, None] * vectors) for unit, vectors in zip(pencil.units[::-1], (found.X, found.Y), strict=True))
+    X, Y = sparse.restored(found.X, found.Y)
     return found._replace(X=X, Y=Y)
 
 
