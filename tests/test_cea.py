@@ -301,7 +301,7 @@ def test_one_without_its_conjugate_beside_a_pair_has_its_own_certificate() -> No
     assert with_bars(pencil, np.array(rows[:2]), spoilt, y[:, :2]).backward_error[1] > 1e-6
 
 
-@pytest.mark.parametrize("ask", [{"band": (0.0, 0.2)}, {"count": 16}])
+@pytest.mark.parametrize("ask", [{"band": (0.0, 0.05)}, {"count": 16}])
 def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its contact fills D, but is known to be of rank one: the count in a disc needs no more than a sparse model's does."""
     sub = fs.damped(fs.chain(900, belt=7, interface=range(1, 900, 2)), rayleigh=(1e-3, 1e-2))
@@ -316,7 +316,7 @@ def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch:
 
     monkeypatch.setattr("femsub.quadratic.dense.solve", all_of_them)
     found = fs.complex_modes(rom, belt, **ask)
-    near = every[(every.imag >= 0) & (every.imag <= 0.2) & (np.abs(every.real) <= 0.2)] if "band" in ask else \
+    near = every[(every.imag >= 0) & (every.imag <= 0.05) & (np.abs(every.real) <= 0.05)] if "band" in ask else \
         every[np.argsort(np.abs(every))][:16]
     assert found.certified and found.counted and len(found) == len(near)
     distance = np.abs(found.eigenvalues[:, None] - near).min(axis=1)

@@ -424,7 +424,7 @@ def _settled(parts: Mapping[str, Substructure], links: Sequence[Link], joined: M
         for part, rows in zip(parts.values(), blocks.values(), strict=True):
             at = np.flatnonzero(np.diff(S[rows].indptr))
             own = S[rows][at]
-            bound += own.multiply(abs(getattr(part, key)[at][:, at]) @ own).sum(axis=0)
+            bound += own.multiply(product(abs(getattr(part, key)[at][:, at]), own)).sum(axis=0)
         for link in links if key == "K" else ():
             if link.motions and np.any(link.stiffness):
                 R = _moved(link, blocks, S, abs)

@@ -161,8 +161,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
                   re: tuple[float, float] | None = None, certify: bool | None = None) -> ComplexModes:
     """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
 
-    SLEPc's PEP (TOAR, shift-invert) solves sparse models, and dense models above 300 DOF if a band or a count is given.
-    LAPACK solves all others.
+    SLEPc's PEP (TOAR, shift-invert) solves sparse models. LAPACK finds all eigenvalues of dense models. For a narrow band or a
+    small count PEP solves a dense model above 300 DOF as well, where that is predicted to take a tenth of the time.
 
     Parameters
     ----------

@@ -19,6 +19,7 @@ import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.errors import InputError, SingularMatrixError
+from femsub.linalg.threads import FEW, one_thread
 from femsub.model.matrices import is_symmetric, unit_length
 from femsub.modes.dense import dense_modes
 from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, rounding_ratio, units
@@ -87,6 +88,11 @@ def definite_form(pencil: Pencil) -> ModalForm:
 
 def modal_form(pencil: Pencil) -> ModalForm | None:
     """The modal form of a dense pencil, or None if M is not symmetric positive definite."""
+    with one_thread(pencil.size <= FEW):
+        return _modal_form(pencil)
+
+
+def _modal_form(pencil: Pencil) -> ModalForm | None:
     M, K = pencil.M, pencil.K
     if not is_symmetric(M):
         return None
@@ -210,7 +216,8 @@ def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
 
 def eigenvalues(form: ModalForm, C: Array | None = None) -> Array:
     """All 2n eigenvalues of the modal form, exact zeros of rigid motion included; C = ΦᵀDΦ may be replaced."""
-    return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
+    with one_thread(len(form.omega) <= FEW):
+        return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
 
 
 def with_energy(values: Array, q: Array, C: Array) -> Array:
@@ -228,8 +235,13 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
 
     Conjugates are exact conjugates. Columns have unit length.
     """
+    with one_thread(pencil.size <= FEW):
+        return _solved(pencil)
+
+
+def _solved(pencil: Pencil) -> tuple[Array, Array, Array]:
     if (freed := pencil.freed) is not None:
-        values, X, Y = solve(freed.pencil)
+        values, X, Y = _solved(freed.pencil)
         return values, *freed.shapes(values, X, Y)
     bare = singular_mass.bare(pencil)
     if len(bare):

@@ -13,14 +13,14 @@ import numpy as np
 
 from femsub.checks import Array, choice, instance, positive_number, real_array
 from femsub.errors import CutoffWarning, FemsubWarning, InputError, SingularMatrixError, warn
-from femsub.linalg.factor import QUADRATIC, WIDE, factorise
-from femsub.linalg.threads import FEW, one_thread
+from femsub.linalg.factor import QUADRATIC, WIDE, factorise, negative_eigenvalues
 from femsub.linalg.workers import check_workers, side_by_side
 from femsub.model.bands import in_band
 from femsub.model.estimate import SHARE, usable_band
 from femsub.model.friction import Belt
 from femsub.model.substructure import Substructure
 from femsub.quadratic.complex_modes import complex_modes
+from femsub.quadratic.cost import Budget
 from femsub.quadratic.dense import eigenvalues, modal_form
 from femsub.stability.border import dense_border, sparse_border
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+NEAR = 1.5  # times the end of the band: modes up to there act on its border
 SMALL = 150  # DOF up to which a sparse model is treated as dense
 FAR = 1e8  # times the end of a band: an upper bound of Re λ
 
@@ -128,8 +129,8 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     """The largest growth rate for each of several friction slopes s: max Re λ of λ²M + λ(D + F s w wᵀ) + K.
 
     A small model is transformed to its undamped modes once; then each slope needs one small eigenproblem. A sparse model
-    above 2,000 DOF needs a band, and PEP solves it for each slope. The same holds for a dense model above 300 DOF if a band
-    is given. For a model with massless motions all complex modes are computed for each slope.
+    above 2,000 DOF needs a band, and PEP solves it for each slope. The same holds for a dense model above 300 DOF if a narrow
+    band is given. For a model with massless motions all complex modes are computed for each slope.
 
     Parameters
     ----------
@@ -190,18 +191,17 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
         for first, part in enumerate(found[name] for name in groups):
             growth[first::count], omega[first::count] = part.growth, part.omega
         return StabilitySweep(values, growth, omega, limits)
-    few = model.size <= (QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE)
+    few = model.size <= QUADRATIC if model.pencil.is_sparse else band is None or not _is_narrow(model, limits[1])
     fast = np.zeros(len(values), dtype=bool) if few else _fast(model, w, force * values, limits[1])
     whole = np.full(len(values), few) if few or model.pencil.is_sparse else fast.copy()
-    with one_thread(model.size <= FEW):
-        form = modal_form(model.pencil.dense()) if whole.any() else None
-        if form is None:  # massless motions
-            whole[:] = False
-        else:
-            amplitude = form.shapes.T @ w
-            for i in np.flatnonzero(whole):
-                spectrum = eigenvalues(form, form.C + force * values[i] * (amplitude @ amplitude.T))
-                growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
+    form = modal_form(model.pencil.dense()) if whole.any() else None
+    if form is None:  # massless motions
+        whole[:] = False
+    else:
+        amplitude = form.shapes.T @ w
+        for i in np.flatnonzero(whole):
+            spectrum = eigenvalues(form, form.C + force * values[i] * (amplitude @ amplitude.T))
+            growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
     untold = fast & model.pencil.is_sparse
     for i in np.flatnonzero(~whole):
         searched = None if few or (fast[i] and not untold[i]) else limits
@@ -212,6 +212,16 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
              f"sparse model only eigenvalues with |Re λ| up to the end of the band ({limits[1]:.4g}) are computed",
              FemsubWarning)
     return StabilitySweep(values, growth, omega, limits)
+
+
+def _is_narrow(model: Substructure, top: float) -> bool:
+    """Whether PEP is predicted to find the modes of a dense model up to a frequency far sooner than LAPACK finds all."""
+    if model.size <= WIDE or not np.isfinite(top):
+        return False
+    if not model.M.diagonal().all():
+        return True  # only a basis of modes can do without massless motions
+    below = negative_eigenvalues(model.K - (NEAR * top) ** 2 * model.M)
+    return Budget(model.size, True).covers(2 * below)
 
 
 def _fast(model: Substructure, W: Array, c: Array, hi: float) -> Array:
@@ -310,12 +320,11 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     w = model.port(port).reshape(model.size, -1)
     if method == "scalar" and w.shape[1] > 1:
         raise InputError(f"port {port!r} has {w.shape[1]} columns, but the scalar function takes one. Use method='bracketing'")
-    sparse = model.size > (SMALL if model.pencil.is_sparse else WIDE)
     if model.pencil.is_sparse and band is None and model.size > QUADRATIC:
         raise InputError(f"a sparse model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time, the "
                          "frequencies that may lose their stability")
     limits = usable_band(model, band)
-    if sparse and band is not None:
+    if band is not None and (model.size > SMALL if model.pencil.is_sparse else _is_narrow(model, limits[1])):
         found = sparse_border(model.pencil.sparse(), w, limits, method)
     else:
         found = dense_border(model.pencil, w, limits, method)
