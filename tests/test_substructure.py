@@ -250,3 +250,14 @@ def test_a_contact_of_a_pencil_keeps_its_columns() -> None:
     W[:], C[:] = 7, 7
     damping, _, columns = pencil.contacts[0]
     assert np.array_equal(columns @ damping @ columns.T, pencil.D)
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"V": None}, "V must be real numbers, not None"), ({"V": np.eye(4)}, r"V must have a row per DOF .* \(4, 4\)"),
+    ({"V": np.ones(3)}, r"V must have a row per DOF"), ({"full_interface": [3]}, "interface DOF 3 is out of range"),
+    ({"full_interface": None}, "interface must be a sequence")])
+def test_a_reduced_model_of_ones_own_needs_a_basis_that_fits(changes: dict, words: str) -> None:
+    given = {"V": np.eye(3), "kinds": ["free"] * 3, "full_interface": [0], "cutoff": 1.0, "method": "mine"}
+    assert fs.ReducedSubstructure(M, K, None, {}, "part", **given).interface.tolist() == [0]
+    with pytest.raises((fs.InputError, fs.InputTypeError), match=words):
+        fs.ReducedSubstructure(M, K, None, {}, "part", **(given | changes))

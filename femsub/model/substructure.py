@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, instance, mapping, shown, word
+from femsub.checks import Array, Matrix, instance, mapping, real_array, shown, word
 from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name, warn
 from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
@@ -228,6 +228,11 @@ class ReducedSubstructure(Substructure):
                  port_error: Mapping[str, float] | None = None, factorisations: int = 0, full_dofs: DofMap | None = None,
                  interface_dofs: DofMap | None = None, sets: Mapping[str, Any] | None = None,
                  estimate: Estimate | None = None, estimated: tuple[Matrix, Matrix, Matrix] | None = None) -> None:
+        V = real_array("V", V)
+        if V.ndim != 2 or V.shape[1] != np.shape(M)[0]:
+            raise InputError("V must have a row per DOF of the component and a column per coordinate, but its shape is "
+                             f"{V.shape}, and that of M is {np.shape(M)}")
+        full_interface = _interface(full_interface, len(V))
         # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
         rows = V[full_interface]
         places = [int(np.argmax(row == 1.0)) for row in rows if np.count_nonzero(row) == 1 and 1.0 in row]
@@ -242,7 +247,7 @@ class ReducedSubstructure(Substructure):
         self._set(V=V, interface_dofs=interface_dofs, sets=checked_sets(sets, len(full_interface)),
                   kinds=tuple(kinds), modes=modes, cutoff=float(cutoff), method=method, dropped=dropped,
                   port_error=port_error or {}, factorisations=factorisations, full_dofs=full_dofs,
-                  full_interface=np.array(full_interface, dtype=np.intp), estimate=estimate,
+                  full_interface=full_interface, estimate=estimate,
                   estimated=None if estimate is None else estimated or own)
 
     def __repr__(self) -> str:

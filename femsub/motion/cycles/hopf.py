@@ -94,7 +94,7 @@ def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float]
     if parameter == "slope":
         return c / belt.force
     if parameter == "force":
-        slope = float(belt.law.slope(belt.speed))
+        slope = float(belt.slope_at(belt.speed))
         if slope >= 0:
             raise NoCycleError(f"μ' = {slope:.6g} at the belt's speed is not negative, so no normal force makes steady sliding "
                                "unstable. Change the speed or the law")
@@ -103,14 +103,14 @@ def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float]
 
     lo, hi = limits_of(between, parameter, belt.speed or 1.0, belt)
     speeds = np.linspace(lo, hi, 4001)
-    excess = belt.force * np.asarray(belt.law.slope(speeds)) - c
+    excess = belt.force * np.asarray(belt.slope_at(speeds)) - c
     signs = np.flatnonzero(excess[1:] * excess[:-1] < 0)
     if not len(signs):
         raise NoCycleError(f"no belt speed from {lo:.6g} to {hi:.6g} is a Hopf point: F μ' is never {c:.6g} there. "
                            "Widen between=")
     last = signs[-1] if hi > 0 else signs[0]
-    law = belt.law
-    return float(brentq(lambda v: belt.force * float(law.slope(v)) - c, speeds[last], speeds[last + 1], xtol=1e-15, rtol=1e-15))
+    return float(brentq(lambda v: belt.force * float(belt.slope_at(v)) - c, speeds[last], speeds[last + 1], xtol=1e-15,
+                        rtol=1e-15))
 
 
 def limits_of(between: tuple[float, float] | None, parameter: str, value: float, belt: Belt) -> tuple[float, float]:
