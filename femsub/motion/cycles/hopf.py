@@ -120,7 +120,20 @@ def limits_of(between: tuple[float, float] | None, parameter: str, value: float,
     lo, hi = interval("between", between)
     if parameter == "force" and lo < 0:
         raise InputError(f"a force must not be negative, but the range between=(lo, hi) begins at {lo!r}")
+    if lo < 0 < hi:
+        why = "a belt at rest supplies no energy" if parameter == "speed" else "friction that does not fall supplies no energy"
+        raise InputError(f"between=({lo:g}, {hi:g}) holds the {parameter} 0, where no branch goes on: {why}. Give a range on one "
+                         f"side of 0, such as ({min(0.2 * value, 5 * value):.4g}, {max(0.2 * value, 5 * value):.4g})")
     return lo, hi
+
+
+def within(limits: tuple[float, float], parameter: str, hopf: HopfPoint) -> tuple[float, float]:
+    """The limits, if the branch begins between them."""
+    if not limits[0] <= hopf.value <= limits[1]:
+        raise NoCycleError(f"the Hopf point at {parameter} = {hopf.value:.6g} (ω = {hopf.omega:.5g}), where the branch begins, "
+                           f"is not within between=({limits[0]:g}, {limits[1]:g}). Widen between=, or start from a cycle there "
+                           "(start=cycle)")
+    return limits
 
 
 def begun(path: Path, hopf: HopfPoint, shape: Array) -> tuple[HopfPoint, Place]:
