@@ -10,6 +10,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks import stiff_soft
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues, rigid_motions
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -307,3 +308,26 @@ def test_a_soft_mount_that_the_written_digits_hold_is_elastic(digits: int) -> No
     heave = np.einsum("ij,ij->j", x, (spring * full.K.diagonal())[:, None] * x) / np.einsum("ij,ij->j", x, full.M @ x)
     for value in heave:
         assert np.abs(modes.eigenvalues[:6] / value - 1).min() < 0.05
+
+
+@pytest.mark.parametrize("seed", [12, 36, 65, 73])
+def test_middle_modes_of_a_chain_of_springs_of_nine_decades(seed: int) -> None:
+    """LAPACK's modes from the middle have the rounding of the stiffest DOF in all entries: residuals of 3e-10 and more."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 150))
+    springs, masses = 10.0 ** rng.uniform(0, 9, n), 10.0 ** rng.uniform(-1, 1, n)
+    root = np.sqrt(springs)
+    factor = (np.diag(root) - np.diag(root[1:], -1)) / np.sqrt(masses)
+    sizes, _, _, scale, *_ = la.lapack.dgejsv(factor, joba=2, jobu=3, jobv=3)  # one-sided Jacobi: nearly all digits
+    modes = fs.normal_modes(fs.chain(n, springs=springs.tolist(), masses=masses.tolist()), count=n)
+    exact = np.sort(sizes * scale[0] / scale[1]) ** 2
+    assert modes.evidence == "certified" and modes.residual.max() < 1e-12
+    assert (np.abs(modes.eigenvalues / exact - 1) < 1e-9 + 20 * modes.rounding).all()
+    assert np.abs(modes.shapes.T @ (masses[:, None] * modes.shapes) - np.eye(n)).max() < 1e-11
+
+
+@pytest.mark.parametrize("kind", stiff_soft.KINDS)
+def test_attacks_on_stiff_and_soft_find_nothing(kind: str) -> None:
+    outcomes = [stiff_soft.attacked(kind, seed) for seed in range(10)]
+    assert not [outcome for outcome in outcomes if outcome.startswith("wrong")]
+    assert "certified" in outcomes

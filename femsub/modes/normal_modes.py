@@ -30,13 +30,15 @@ from femsub.linalg.timing import phase
 from femsub.model.bands import EDGE, in_band, widened
 from femsub.model.matrices import Difference
 from femsub.model.substructure import Substructure
-from femsub.modes.dense import dense_modes, orthonormalise
+from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
 from femsub.modes.shift_invert import ShiftInvert
 
 log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-12  # of Krylov-Schur, relative to the eigenvalue of the shift-inverted problem
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
+GOOD = 1e-14  # scaled residual above which a mode is refined, if any mode is poor
+SHARP, BLURRED = 1e-8, 100  # relative error of ω² from which a mode is poor, if it is as many times that of rounding in K
 BLOCK_TOLERANCE = 1e-9  # of block Lanczos, which ends with a step of inverse iteration
 HEAVY = 100  # nonzeros of the factor per row from which block solves are faster
 LOST = 0.1  # relative change of ω² by rounding in K above which there is a warning
@@ -262,6 +264,11 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     shapes = np.hstack([handle.rigid, shapes])
     orthonormalise(shapes, handle.M)
     residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
+    scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
+    poor = (residual > accepted) | ((doubt > SHARP) & (doubt > BLURRED * rounding))
+    if poor[values > 0].any() and len(shapes) <= DENSE:
+        values, shapes = refined(handle.K, handle.M, values, shapes, np.flatnonzero((poor | (scaled > GOOD)) & (values > 0)))
+        residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
     beyond = residual / np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
     if not beyond.max(initial=0.0) <= 1:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "
