@@ -44,7 +44,8 @@ def _random(rng: np.random.Generator) -> str:
     lines = np.zeros((3 * n, n))
     lines[np.arange(3 * n), ends[0]] = 1.0
     lines[np.arange(3 * n), ends[1]] -= 1.0 * (ends[0] != ends[1])
-    springs = 10.0 ** rng.uniform(0, 9, 3 * n) if rng.random() < 0.7 else rng.choice([1.0, 1e9], 3 * n) * rng.uniform(0.5, 2, 3 * n)
+    many = rng.random() < 0.7
+    springs = 10.0 ** rng.uniform(0, 9, 3 * n) if many else rng.choice([1.0, 1e9], 3 * n) * rng.uniform(0.5, 2, 3 * n)
     K = lines.T @ (springs[:, None] * lines) + np.eye(n)
     M = np.diag(10.0 ** rng.uniform(-1, 1, n))
     if rng.random() < 0.5:

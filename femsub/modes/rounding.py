@@ -19,13 +19,12 @@ DUST = 1e-14  # of the largest entry: smaller ones are rounding themselves
 BITS = 24  # of a number in single precision
 
 
-def rounding_of(K: Matrix) -> float:
+def rounding_of(K: Matrix, t: Array) -> float:
     """The relative rounding u of the entries of K that its own figures show: eps, or more.
 
     Two figures show more. Entries that all end after as many digits were written so. In a free body the rows of K sum to 0
-    along each translation; sums of either sign are rounding, while those of a soft mount add up.
+    along each translation t (n, k); sums of either sign are rounding, while those of a soft mount add up.
     """
-    t = translations(K.shape[0])
     sums, size = K @ t, abs(K) @ t
     ratio = np.divide(np.abs(sums), size, out=np.zeros_like(size), where=size > 0).max(axis=0)
     seen = (SLACK * ratio > ROUGH) & (ratio <= SEEN)
@@ -35,12 +34,6 @@ def rounding_of(K: Matrix) -> float:
         # springs to the ground; or a regular mesh, where rounding is the same at many nodes: at most half of the last digit
         return written if most <= HALF * written else EPS
     return max(EPS, written, SLACK * most)
-
-
-def translations(n: int) -> Array:
-    """Uniform motions of every s-th DOF (n, k): translations of a body whose nodes have s DOF each."""
-    at = np.arange(n)
-    return np.stack([at % s == first for s in (1, 2, 3, 4, 6) if n % s == 0 for first in range(s)], axis=1).astype(float)
 
 
 def _written(entries: Array) -> float:

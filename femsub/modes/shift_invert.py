@@ -19,8 +19,8 @@ from femsub.linalg.ordering import smooth_shape
 from femsub.linalg.shared import shared
 from femsub.linalg.subspace import orthonormal
 from femsub.linalg.timing import phase
-from femsub.model.matrices import Difference, unit_length
-from femsub.modes.rounding import rounding_of, translations
+from femsub.model.matrices import Difference, translations, unit_length
+from femsub.modes.rounding import rounding_of
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
 ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
@@ -61,7 +61,8 @@ class ShiftInvert:
             self._factorise(self.sigma)
 
     def _found(self) -> tuple[float, Array, float, float, str]:
-        self.rigid, self.lowest, self.unit, self.note = np.zeros((self.K.shape[0], 0)), np.inf, rounding_of(self.K), ""
+        n = self.K.shape[0]
+        self.rigid, self.lowest, self.unit, self.note = np.zeros((n, 0)), np.inf, rounding_of(self.K, translations(n)), ""
         if not annihilates_a_translation(self.K, self.unit):
             try:
                 self._factorise(0.0)
