@@ -16,6 +16,7 @@ KINDS = ("stiff-soft chains", "random stiff-soft", "written with few digits")
 SURE = 1e-7  # relative error of ω² that is allowed beside that of rounding in K
 ROUNDINGS = 20  # changes of each entry by one rounding, see `NormalModes.rounding`
 DIGITS = 40  # of mpmath
+LEAST = 1e-14  # of K: a mount of less than a hundred times that is within the rounding of an assembly
 
 
 def attacked(kind: str, seed: int) -> str:
@@ -89,7 +90,7 @@ def _written(rng: np.random.Generator) -> str:
     unit = 10.0 ** (1 - digits) if way == "digits" else 1.2e-7 if way == "single" else 10.0 ** -rng.uniform(8, 16)
     low = np.zeros(0)
     if rng.random() < 0.4:
-        springs = 10.0 ** rng.uniform(2, 6) * unit * K.diagonal() * (rng.random(full.size) < rng.choice([0.3, 1.0]))
+        springs = 10.0 ** rng.uniform(2, 6) * max(unit, LEAST) * K.diagonal() * (rng.random(full.size) < rng.choice([0.3, 1.0]))
         if springs.max() > 1e-4 * K.diagonal().max():
             springs[:] = 0.0
         elif springs.any():

@@ -25,7 +25,7 @@ from femsub.modes.rounding import rounding_of
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
 ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
 GAP = 1e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that of the first elastic mode
-WIDE = 64 * EPS, 1e-6  # energy ratio up to which so wide a gap (ratio of ω²) shows rigid motion in a K of full precision
+WIDE = 64 * EPS, 1e-6  # energy ratio up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
 WRITTEN = 1e-4  # the gap (ratio of ω²) where the energy is within the rounding of a K with fewer digits
 LARGE = 10_000  # DOF from which the graph of K is used for the first shift
 COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
@@ -184,11 +184,14 @@ class ShiftInvert:
     def _chosen(self, values: Array, x: Array) -> int:
         """How many of the modes x (n, k) are rigid: ω² in `values`, smallest first."""
         size, found = np.abs(values), 0
+        free = costs_nothing(self.K, x)
         for limit, gap in ((0.0, GAP), WIDE, (self.unit, WRITTEN)):
             elastic = ~costs_nothing(self.K, x, limit)
             count = int(np.argmax(elastic)) if elastic.any() else len(size)
             if limit and count == len(size):
                 continue  # nothing shows a gap
+            if limit == WIDE[0] and not free[:count].any():
+                continue  # all on one mount that is soft, but not rounding
             while 0 < count < len(size) and size[count - 1] > gap * size[count]:
                 count -= 1
             found = max(found, count)
@@ -196,7 +199,7 @@ class ShiftInvert:
 
     def _told(self, values: Array, x: Array, count: int) -> str:
         cost = np.abs(energy_ratio(self.K, x[:, :count])).max(initial=0.0)
-        if cost <= WIDE[0]:
+        if cost <= ENERGY:
             return ""
         omega = np.sqrt(np.abs(values[:count + 1]))
         return (f"{count} modes are taken as rigid-body motion, although K gives them ω up to {omega[:count].max():.3g} rad/time "
