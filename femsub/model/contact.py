@@ -136,6 +136,9 @@ def contacts_of(contacts: Any) -> tuple[Contact, ...]:
     given = [contacts] if isinstance(contacts, Contact) and not isinstance(contacts, type) else \
         items("contacts", contacts, "Belts or other contacts, or one of them")
     for contact in given:
+        if isinstance(contact, Frozen) and hasattr(contact, "pencil"):  # it has ports and linearised(), too
+            raise InputTypeError("contacts must be a Belt, a LinearContact or other contacts, but a model was given: "
+                                 f"{shown(contact)}. Join models with couple")
         if isinstance(contact, type) or not isinstance(contact, Contact):
             raise InputTypeError("a contact must be a Belt, a LinearContact or another object with `ports` and "
                                  f"linearised(model), not {shown(contact)}")

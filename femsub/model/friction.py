@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 import numpy as np
 
 from femsub.checks import EPS, Array, Matrix, finite_number, shown, word
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import FemsubError, InputError, InputTypeError
 from femsub.model.pencil import contact_matrix
 
 if TYPE_CHECKING:
@@ -180,8 +180,33 @@ LAWS: dict[str, Callable[..., FrictionLaw]] = {"stribeck-arctan": StribeckArctan
 def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
     """μ and μ' of a law as functions of one float: its `scalar()` if it has one."""
     if callable(own := getattr(law, "scalar", None)):
-        return own()
-    return lambda v: float(law.value(v)), lambda v: float(law.slope(v))
+        value, slope = own()
+        return (value, slope) if type(law).__module__ == __name__ else (_told(law, "value", value), _told(law, "slope", slope))
+    return lambda v: _number(law, "value", v), lambda v: _number(law, "slope", v)
+
+
+def asked(law: FrictionLaw | None, name: str, v: Any, function: Callable[[Any], Any] | None = None) -> Any:
+    """`law.value(v)` or `law.slope(v)`, by its name; what your own law raises is told with the law and the speed."""
+    try:
+        return (getattr(law, name) if function is None else function)(v)
+    except FemsubError:
+        raise
+    except Exception as error:
+        raise InputError(f"{type(law).__name__}.{name}(v), of the friction law, fails at v = {shown(v)} with "
+                         f"{type(error).__name__}: {error}. It must give μ, or μ', at every sliding speed") from error
+
+
+def _told(law: FrictionLaw, name: str, function: Scalar) -> Scalar:
+    return lambda v: asked(law, name, v, function)
+
+
+def _number(law: FrictionLaw, name: str, v: float) -> float:
+    found = asked(law, name, v)
+    try:
+        return float(found)
+    except (TypeError, ValueError):
+        raise InputTypeError(f"{type(law).__name__}.{name}(v), of the friction law, must be a number at v = {v:g}, but is "
+                             f"{shown(found)}") from None
 
 
 def width_of(law: Any) -> float:
@@ -279,11 +304,15 @@ class Belt:
 
     def exerted(self, u: Any, v: Any) -> Any:
         """f = F μ(v0 - v), in the shape of v."""
-        return self.force * self.law.value(self.speed - v)  # type: ignore[union-attr]
+        return self.force * asked(self.law, "value", self.speed - v)
 
     def tangents(self, u: Any, v: Any) -> tuple[Array, Array]:
         """(∂f/∂u, ∂f/∂v) = (0, -F μ'(v0 - v)), (p, p) each, for v (p,)."""
-        return np.zeros((len(v), len(v))), np.diag(-self.force * self.law.slope(self.speed - v))  # type: ignore[union-attr]
+        return np.zeros((len(v), len(v))), np.diag(-self.force * self.slope_at(self.speed - v))
+
+    def slope_at(self, v: Any) -> Any:
+        """μ'(v) of the law, in the shape of v."""
+        return asked(self.law, "slope", v)
 
     def sticks(self, v: Any, multiple: float = STICKING, below: float | None = None) -> Any:
         """Where |v0 - v| ≤ multiple · ε of the law, or ≤ `below`, with v the speed under the belt; bool, in the shape of v.
@@ -301,11 +330,13 @@ class Belt:
 
 def _consistent_slope(law: FrictionLaw, speed: float) -> float:
     """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h."""
-    slope = float(law.slope(speed))
+    slope = _number(law, "slope", speed)
     if speed == 0 or not np.isfinite(slope):
         return finite_number("the slope of the law at the belt's speed", slope)
     steps = abs(speed) * 10.0 ** -np.arange(2.0, 8.0)
-    ahead, behind = (np.array([float(law.value(speed + sign * h)) for h in steps]) for sign in (1.0, -1.0))
+    ahead, behind = (np.array([_number(law, "value", speed + sign * h) for h in steps]) for sign in (1.0, -1.0))
+    if not (np.isfinite(ahead) & np.isfinite(behind)).all():
+        raise InputError(f"{type(law).__name__}.value(v), of the friction law, is not a finite number near v = {speed:g}")
     found = (ahead - behind) / (2 * steps)
     rounding = 8 * EPS * (np.abs(ahead) + np.abs(behind)) / steps
     if (np.abs(found - slope) > SLOPE_AGREES * np.maximum(np.abs(found), abs(slope)) + rounding).all():
