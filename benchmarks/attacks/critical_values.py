@@ -273,9 +273,9 @@ def _by_counts(family: fs.Affine, found: fs.CriticalValue, undamped: bool) -> li
         half = max(one.width, 1e-10 * (hi - lo))
         alone = sum(abs(one.value - other.value) <= 2 * half for other in crossings) == 1
         if alone and lo < one.value - half < one.value + half < hi:
-            counts = [exactly_growing(family, one.value + side * half, undamped) for side in (-1, 1)]
-            if None not in counts and (counts[0] < counts[1]) != (one in found.losses):
-                told.append(f"{counts} grow beside {one!r}")
+            below, above = (exactly_growing(family, one.value + side * half, undamped) for side in (-1, 1))
+            if below is not None and above is not None and (below < above) != (one in found.losses):
+                told.append(f"{below} and {above} grow beside {one!r}")
     return [*told[:3], *_figures(family, found)]
 
 
