@@ -340,11 +340,12 @@ def test_multipliers_need_not_be_single_dof(scale: float) -> None:
 
 
 def test_a_number_that_depends_on_rounding_is_not_certified() -> None:
-    """μ holds a velocity, v = 0; or a mass is 1e-15 of the others in no DOF of its own."""
+    """μ holds a velocity, v = 0; D takes the place of M, det P(λ) = 1; or a mass is 1e-15 of the others in no DOF of its own."""
     velocity = fs.Pencil(np.diag([1.0, 0.0]), [[0.0, 1.0], [1.0, 0.0]], np.diag([1.0, 0.0]))
+    none = fs.Pencil(np.diag([1.0, 0.0]), [[0.0, 1.0], [1.0, 0.0]], np.eye(2))
     T = np.array([[0.6, 0.8], [-0.8, 0.6]])
     light = fs.Pencil(T.T @ np.diag([1.0, 4e-15]) @ T, None, T.T @ np.diag([1.0, 2.0]) @ T)
-    for pencil in (velocity, light):
+    for pencil in (velocity, none, light):
         with pytest.warns(fs.ConditionWarning, match="the number of finite eigenvalues is not known"):
             assert fs.complex_modes(pencil).evidence == "not checked"
 

@@ -72,8 +72,8 @@ class Parts:
         return slice(rank), slice(rank, damped), slice(damped, len(self.U))
 
 
-def parts_of(pencil: Pencil) -> Parts | None:
-    """The coordinates with mass, with damping alone, and with neither; None if M is regular.
+def parts_of(pencil: Pencil) -> Parts:
+    """The coordinates with mass, with damping alone, and with neither.
 
     DOF without mass stay as they are: among their own damping, small beside that of others, no rounding of others comes in.
     """
@@ -85,7 +85,7 @@ def parts_of(pencil: Pencil) -> Parts | None:
     left, mass, right = _decomposed(M[np.ix_(own, own)])
     rank, clear = _rank(mass, np.abs(mass).max(initial=0.0), SINGULAR)
     if rank == n:
-        return None
+        return Parts(rows[:, None] * left, columns[:, None] * right, mass, mass[:0], clear)
     U, V = (np.zeros((n, n)) for _ in range(2))
     U[np.ix_(own, np.arange(len(own)))], V[np.ix_(own, np.arange(len(own)))] = left, right
     U[np.flatnonzero(bare), np.arange(len(own), n)] = V[np.flatnonzero(bare), np.arange(len(own), n)] = 1.0
@@ -145,11 +145,11 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
     Returns None if M is regular, or if a constraint holds velocities.
     """
     parts = parts_of(pencil)
-    if parts is None:
-        return None
     U, V, mass = parts.U, parts.V, parts.mass
     one, a, b = parts.groups
     rank, damped = len(parts.mass), len(parts.drag)
+    if rank == pencil.size:
+        return None
     D, K = _between(U, pencil.D, V)[0], U.T @ pencil.K @ V
     D[a, a], D[a, b], D[b, a], D[b, b] = np.diag(parts.drag), 0.0, 0.0, 0.0
     if not _regular(K[b, b]):
@@ -215,8 +215,9 @@ def as_multipliers(pencil: Pencil, parts: Parts) -> tuple[Pencil, Array, Array, 
 def finite(pencil: Pencil) -> int | None:
     """The number of finite eigenvalues of a dense pencil; None if it depends on rounding, or on a constraint of velocities.
 
-    It is 2n for a regular M, else 2 rank M + rank of D on the null space of M, if K is regular where both are 0. Multipliers
-    are projected out, and the rank of M on what they leave, r, is confirmed by rank [[M, C], [B, 0]] = r + 2 (multipliers).
+    It is 2n for a regular M, else 2 rank M + rank of D on the null space of M, if K_bb is regular where both are 0, and so is
+    M₁₁ - D_1b K_bb⁻¹ D_b1 on the rest. Multipliers are projected out, and the rank r of M on the motions that they leave is
+    confirmed by rank [[M, C], [B, 0]] = r + 2 (multipliers).
     """
     if (freed := pencil.freed) is not None:
         M = pencil.M + 0.0
@@ -224,24 +225,21 @@ def finite(pencil: Pencil) -> int | None:
         rows, columns = equilibration(M)
         sizes = la.svdvals(scaled(M, rows, columns))
         rank, clear = _rank(sizes, 1.0, SINGULAR)
-        number = finite(freed.pencil) if clear else None
-        return number if rank - 2 * len(freed.held) == _with_mass(freed.pencil) else None
+        left = freed.pencil
+        moving = left.size if _regular(left.M) else len(parts_of(left).mass)
+        return finite(left) if clear and rank - 2 * len(freed.held) == moving else None
     if _regular(pencil.M):
         return 2 * pencil.size
     parts = parts_of(pencil)
-    if parts is None or not parts.clear:
+    if not parts.clear:
         return None
-    *_, b = parts.groups
-    if _regular(parts.U[:, b].T @ pencil.K @ parts.V[:, b]):
-        return 2 * len(parts.mass) + len(parts.drag)
+    one, _, b = parts.groups
+    stiffness, D = parts.U[:, b].T @ pencil.K @ parts.V[:, b], _between(parts.U, pencil.D, parts.V)[0]
+    if _regular(stiffness):
+        added = D[one, b] @ np.linalg.solve(stiffness, D[b, one])
+        return 2 * len(parts.mass) + len(parts.drag) if not added.any() or _regular(np.diag(parts.mass) - added) else None
     found = as_multipliers(pencil, parts)
     return finite(found[0]) if found is not None and found[3] else None
-
-
-def _with_mass(pencil: Pencil) -> int:
-    """The rank of M."""
-    parts = None if _regular(pencil.M) else parts_of(pencil)
-    return pencil.size if parts is None else len(parts.mass)
 
 
 def _units_of_mass(pencil: Pencil) -> tuple[Array, Array]:
