@@ -274,3 +274,16 @@ def test_smooth_tractions_on_a_patch_have_their_resultants() -> None:
     np.testing.assert_allclose(work[:, :3] * sign, exact, atol=1e-12 * AREA)  # of 1, P₁(u), P₂(u)
     assert np.abs(work[:, [3, 4]]).max() < 1e-12 * AREA  # of v, uv
     assert along[6] == pytest.approx(AREA) and np.abs(work[:, 6:]).max() + np.abs(along[:6]).max() < 1e-12 * AREA
+
+
+def test_an_axis_oblique_to_the_surface_is_told() -> None:
+    system, meshes = pair()
+    small_matrices(system, rubbing(meshes, **ABOUT))  # a warning would be an error
+    tilted = {**ABOUT, "axis": (0, np.sin(0.1), np.cos(0.1))}
+    with pytest.warns(fs.PortWarning, match=r"axis \(0, 0.09983, 0.995\) is oblique to pad.bottom: 5.73 degrees from"):
+        small_matrices(system, rubbing(meshes, **tilted))
+    ring = fs.annulus(0.05, 0.1, 0.02, (2, 24, 1))  # its faces at the bore are flat, and the bore is round
+    part = fs.solid(ring, STEEL, interface=["inner"])
+    small_matrices(part, fs.FrictionContact("inner", "ground", ring, K, MU, axis=(0, 0, 1)))
+    with pytest.warns(fs.PortWarning, match=r"oblique to inner: 1\d% of the velocity"):
+        small_matrices(part, fs.FrictionContact("inner", "ground", ring, K, MU, axis=(0, 0, 1), centre=(0.01, 0, 0)))

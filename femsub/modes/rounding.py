@@ -13,7 +13,7 @@ ALONG = 0.5  # share of the absolute sum from which forces add up, as those of a
 SLACK = 4.0  # rounding of K along rotations may be larger than along translations
 SAMPLE, FEW = 2000, 10  # entries that are looked at; different ones that are needed
 TYPICAL, HALF = 0.125, 4.0  # of the last digit, since many roundings of either sign add up in a mode; half of it, relative
-DIGITS = range(6, 15)  # decimal digits of a written K; numbers with fewer may be round by themselves
+DIGITS = range(5, 15)  # decimal digits of a written K; numbers with fewer may be round by themselves
 MOST = 0.95  # of the entries; springs added later may have more digits
 DUST = 1e-14  # of the largest entry: smaller ones are rounding themselves
 BITS = 24  # of a number in single precision
@@ -37,7 +37,7 @@ def rounding_of(K: Matrix, t: Array) -> float:
 
 
 def _written(entries: Array) -> float:
-    """u of entries written in single precision, or with 6 to 14 decimal digits; 0 if they hold more."""
+    """u of entries written in single precision, or with 5 to 14 decimal digits; 0 if they hold more."""
     size = np.abs(entries)
     size = size[size > DUST * size.max(initial=0.0)]
     values = np.unique(size[::max(1, len(size) // SAMPLE)])
