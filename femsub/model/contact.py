@@ -39,15 +39,15 @@ class Contact(Protocol):
     exerted(u, v)          the force f (p,) in motion: M q̈ + D q̇ + K q = W f(u, v), for `transient` and limit cycles
     tangents(u, v)         (∂f/∂u, ∂f/∂v), (p, p) each. At the operating point they are -C_K and -C_D.
     in_motion(model)       instead of the last two: an object that has them, for contacts whose force needs to know the model
-    affine                 names of the fields in which C_D and C_K are affine, a + b p, while all other fields stay: a tuple of str,
-                           an attribute of the class or a property. Without it `critical_value` is at most 'confirmed'. Samples
-                           check it. It is not inherited, since a subclass may change the matrices.
+    affine                 names of the fields in which C_D and C_K are affine, a + b p with all other fields as they are: a tuple
+                           of str, an attribute of the class or a property. Without it `critical_value` is at most 'confirmed'.
+                           Samples check it. A subclass declares anew, since it may change the matrices.
     kinks(parameter)       values of a field at which C_D or C_K has a kink or a jump, a sequence of numbers. `critical_value` and
                            `track` look there.
     =====================  ================================================================================================
 
-    `ports` and `linearised` are required. `affine` and `kinks` are for analyses over a field. Without what it exerts and its tangents the contact has no place in nonlinear motion,
-    and is refused there by name.
+    `ports` and `linearised` are required. `affine` and `kinks` are for analyses over a field. Without what it exerts and its
+    tangents the contact has no place in nonlinear motion, and is refused there by name.
     """
 
     @property

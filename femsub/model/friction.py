@@ -277,7 +277,7 @@ class Belt:
 
     @property
     def affine(self) -> tuple[str, ...]:
-        """F μ' is affine in each of its factors; a law is no straight line over the speed, without one the speed has no effect."""
+        """F μ' is affine in each factor. Over the speed a law is no straight line; without a law the speed has no effect."""
         return ("force", "slope", *(("speed",) if self.law is None else ()))
 
     def kinks(self, parameter: str) -> tuple[float, ...]:

@@ -76,7 +76,8 @@ class Family:
     whether A is affine, and tells at which p the pencil must be looked at if it is not.
     """
 
-    def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float], form: PencilOver | None = None) -> None:
+    def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float],
+                 form: PencilOver | None = None) -> None:
         self.pencil_at, self.between = pencil_at, between
         lo, hi = between
         self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))

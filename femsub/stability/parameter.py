@@ -1,8 +1,8 @@
-"""A model as a function of one parameter, a field of its contacts or a parameter of an `Affine`; and the form of that function.
+"""A model as a function of one parameter, a field of its contacts or a parameter of an `Affine`, and the form of that function.
 
-Whether the matrices are affine in the parameter is declared: by a contact in `affine`, by an `Affine` in its factors. Samples only
-check a declaration. What is not declared is sampled, densely where few numbers depend on the parameter: its C_D and C_K, or the
-factors. That costs no eigenproblem. Kinks that a contact names divide the range.
+A contact declares in `affine` that its matrices are affine in the parameter, an `Affine` by its factors. Samples only check a
+declaration. If there is none, C_D and C_K or the factors are sampled densely, which costs no eigenproblem. Kinks that a contact
+names divide the range.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ MORE = 4  # places at most that are added to the usual ones of an interval
 class Share:
     """What depends on the parameter: a contact, or the factors of an `Affine`.
 
-    `coefficients` gives the numbers, in blocks of one unit each, that the pencil depends on. `affine` is what was declared, `kinks`
-    are values at which they are not smooth, `few` tells whether each of the numbers is looked at.
+    `coefficients` gives the numbers that the pencil depends on, in blocks of one unit each. `affine` is what was declared.
+    `kinks` are the values at which they are not smooth. `few` tells whether the contact has few columns.
     """
 
     owner: str
@@ -54,14 +54,14 @@ class Share:
         share = np.array(SAMPLES)
         found = [self.coefficients(lo + at * (hi - lo)) for at in SAMPLES]
         for block in zip(*found, strict=True):
-            c = np.array(block)
+            c = np.array([np.ravel(numbers) for numbers in block])
             off = np.abs(c - c[0] - share[:, None] * (c[-1] - c[0]))
             excess = off - AGREES * np.abs(c).max(axis=0) - ROUNDING * np.abs(c).max(initial=0.0)
             if excess.size and excess.max() > 0:
                 row, column = np.unravel_index(int(excess.argmax()), excess.shape)
-                raise InputError(f"{self.owner} says that it is affine in {parameter!r}, but at {lo + share[row] * (hi - lo):.6g} its "
-                                 f"matrices are off a straight line by {off[row, column] / np.abs(c[:, column]).max():.1e} of an "
-                                 f"entry. Take {parameter!r} out of its `affine`")
+                where, part = lo + share[row] * (hi - lo), off[row, column] / np.abs(c[:, column]).max()
+                raise InputError(f"{self.owner} declares that it is affine in {parameter!r}, but at {where:.6g} an entry of its "
+                                 f"matrices is off a straight line by {part:.1e} of its size. Take {parameter!r} out of `affine`")
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class PencilOver:
 
 
 class Sampled:
-    """The coefficients at many values of the parameter: they tell where else than at the usual places an interval is looked at."""
+    """The coefficients at many values of the parameter. They tell where an interval is looked at beside the usual places."""
 
     def __init__(self, shares: Sequence[Share], between: tuple[float, float], kinks: Sequence[float]) -> None:
         self.shares = shares
