@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Matrix, finite_number, shown, word
+from femsub.checks import EPS, Array, Matrix, finite_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError
 from femsub.model.pencil import contact_matrix
 
@@ -193,6 +193,11 @@ def width_of(law: Any) -> float:
     return float(eps) if usable else np.nan  # type: ignore[arg-type]
 
 
+def knots_of(law: Any) -> Array:
+    """The speeds at which a law says that μ' has a kink or a jump."""
+    return np.ravel(real_array(f"the knots of {type(law).__name__}", getattr(law, "knots", ())))
+
+
 def with_slope(law: Any, slope: float, speed: float) -> Any:
     """The law with another μ'(speed); an InputError for one that has no `with_slope`."""
     if not callable(getattr(law, "with_slope", None)):
@@ -284,7 +289,7 @@ class Belt:
         """The knots of the law, for the speed; a law with a width ε that names none changes most at 0."""
         if parameter != "speed" or self.law is None:
             return ()
-        return tuple(getattr(self.law, "knots", () if np.isnan(width_of(self.law)) else (0.0,)))
+        return tuple(knots_of(self.law).tolist()) or (() if np.isnan(width_of(self.law)) else (0.0,))
 
     def linearised(self, model: Substructure) -> tuple[float, None]:
         """(F μ'(v0), None): each column of the port is a contact by itself, see `femsub.model.contact.Contact`."""
@@ -315,12 +320,15 @@ class Belt:
 def _consistent_slope(law: FrictionLaw, speed: float) -> float:
     """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h.
 
-    Beside a jump of μ' the quotient of one side may agree alone.
+    No step reaches beyond a knot of the law. Beside a jump that is no knot the quotient of one side may agree alone.
     """
     slope = float(law.slope(speed))
     if speed == 0 or not np.isfinite(slope):
         return finite_number("the slope of the law at the belt's speed", slope)
     steps = abs(speed) * 10.0 ** -np.arange(2.0, 8.0)
+    steps = steps[steps <= np.abs(knots_of(law) - speed).min(initial=np.inf)]
+    if not len(steps):
+        return slope
     ahead, behind = (np.array([float(law.value(speed + sign * h)) for h in steps]) for sign in (1.0, -1.0))
     here = float(law.value(speed))
     found = np.concatenate([(ahead - behind) / (2 * steps), (ahead - here) / steps, (here - behind) / steps])

@@ -171,11 +171,10 @@ def _coefficients(model: Substructure, contact: Any, parameter: str, p: float) -
     """The entries of C_D and of C_K at one value; of large ones COMBINED random combinations xᵀCy."""
     W, *terms = small_matrices(model, replace(contact, **{parameter: p}))
     columns = W.shape[1]
-    full = [C * sp.eye_array(columns, format="csr") if isinstance(C, float) else C for C in terms]
     if columns <= FEW:
-        return tuple(C.toarray() if sp.issparse(C) else C for C in full)
+        return tuple(C * np.eye(columns) if isinstance(C, float) else C.toarray() if sp.issparse(C) else C for C in terms)
     x, y = np.random.default_rng(columns).standard_normal((2, columns, COMBINED))
-    return tuple(np.einsum("ij,ij->j", x, C @ y) for C in full)
+    return tuple(np.einsum("ij,ij->j", x, C * y if isinstance(C, float) else C @ y) for C in terms)
 
 
 def _fields(contact: Any) -> set[str]:
