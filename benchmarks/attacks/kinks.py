@@ -1,8 +1,8 @@
 """Contacts and laws with kinks and jumps over their parameter, declared affine or not, with knots or without.
 
-The number of growing eigenvalues that follows from losses and regains is compared with the number that LAPACK counts in the state
-matrix: at values all over the range, and on both sides of each kink. The state matrix is made from the model's M, D, K and the law
-itself. Dips without knots are wider than the distance of the samples of C_D and C_K, which is told as a limit.
+The number of growing eigenvalues that follows from losses and regains is compared with LAPACK's count in the state
+matrix: at values all over the range, and on both sides of each kink. The state matrix is made from the model's M, D, K and the
+law itself. Dips without knots are wider than the distance of the samples of C_D and C_K, which is told as a limit.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def _difference(model: fs.Substructure, contacts: list[Any], name: str, found: f
     edges = np.array([value for value, _ in events] + [edge for part in found.open for edge in part])
     inverse, n = np.linalg.inv(model.M), model.size
     for value in np.sort(p):
-        if len(edges) and np.abs(edges - value).min() <= BESIDE * width or any(a <= value <= b for a, b in found.open):
+        if (len(edges) and np.abs(edges - value).min() <= BESIDE * width) or any(a <= value <= b for a, b in found.open):
             continue
         D, K = np.array(model.D), np.array(model.K)
         for contact in contacts:
