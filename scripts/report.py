@@ -98,7 +98,7 @@ STEPS = (
     script("brake_convergence", "A brake over three meshes", "Frequency, growth and critical friction over element length.",
            step="brake-convergence", figures=("brake-convergence.png",)),
     module("brake", "A large brake", "Seconds and memory for 100 values of the friction.", step="brake-size"),
-    script("critical_values", "Critical values", "Against a dense scan with bisection, on 300 random models.", "0", "300",
+    script("attack", "Critical values", "Against exact counts, closed forms and dense scans, on 3,000 random models.", "critical_values",
            writes=False, step="critical-values"),
     script("random_brakes", "Friction to a tolerance", "Random small brakes against dense solutions of their full models.",
            "--brakes", "200", step="random-brakes"),

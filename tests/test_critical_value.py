@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import runpy
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,34 +11,36 @@ import numpy as np
 import pytest
 
 import femsub as fs
+from benchmarks.attacks import critical_values as attack
+from femsub.checks import Tally
+from femsub.stability.crossings import Crossing, fed_by
 from femsub.stability.exclusion import Family, _Discs
 from femsub.stability.parameter import DENSE, pencil_over
 
-SCRIPT = runpy.run_path(str(Path(__file__).parent.parent / "scripts" / "critical_values.py"))
 EYE = np.eye(2)
 TWO_MODE = fs.Affine(EYE, None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_random_models_agree_with_a_dense_scan(seed: int) -> None:
-    """A shortened scripts/critical_values.py: flutter, negative damping, divergence, several losses and regains."""
-    task = SCRIPT["problem"](seed)
+    """Flutter, negative damping, divergence, several losses and regains."""
+    task = attack.problem(seed)
     found = fs.critical_value(task.family, None, "p", between=task.between)
-    assert not SCRIPT["differences"](task, found)
+    assert not attack.differences(task, found)
     assert found.evidence == ("confirmed" if task.kind == "not affine" else "certified") and not found.open
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_an_excluded_interval_holds_no_crossing(seed: int) -> None:
     """The number of growing eigenvalues is the same at its ends and inside as the test says, and neighbours agree."""
-    task = SCRIPT["problem"](seed)
+    task = attack.problem(seed)
     family = Family(lambda p: task.family.at(p=p), task.between, pencil_over(task.family, None, "p"))
     assert family.affine
     parts = family.parts(2000)
     assert parts[0].begin == task.between[0] and parts[-1].end == task.between[1]
     assert all(one.end == two.begin for one, two in pairwise(parts))
     known = [part for part in parts if part.growing is not None]
-    grown = SCRIPT["counter"](task)
+    grown = attack.counter(task)
     for share in (1e-3, 0.3, 0.999):
         counts, _ = grown(np.array([part.begin + share * (part.end - part.begin) for part in known]))
         wide = np.array([part.end - part.begin for part in known]) > 1e-5
@@ -277,6 +277,118 @@ def test_an_unsymmetric_mass_is_no_obstacle() -> None:
     massless = fs.Affine([[1.0, 0.0], [1.0, 0.0]], None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -1], [0, 0]])])
     with pytest.raises(fs.InputError, match="M is singular"):
         fs.critical_value(massless, None, "mu", between=(0.0, 2.0))
+
+
+@pytest.mark.parametrize(("kind", "seed"), [
+    ("heavy damping", 2), ("heavy damping", 17), ("undamped", 3), ("belt", 3), ("real pairs", 3),
+    ("close crossings", 4), ("close crossings", 17), ("ends", 4), ("doubles", 1), ("units", 3), ("units", 14)])
+def test_random_models_agree_with_exact_counts_and_closed_forms(kind: str, seed: int) -> None:
+    """A few of `scripts/attack.py critical_values`; most of these were wrong in commit 2d6a286."""
+    told = attack.attacked(kind, seed)
+    assert told in ("certified", "not checked"), told
+
+
+@pytest.mark.parametrize("size", [1.0, 1e2, 1e3, 1e4])
+def test_no_loss_is_missed_under_heavy_damping(size: float) -> None:
+    """K loses rank at p = 1.65; the eigenvalue that passes 0 is a 1e-4th of the others and slower by as much."""
+    D = size * np.array([[1.0, 0.2], [0.2, 2.0]])
+    family = fs.Affine(EYE, D, [(1.0, [[1.65, 1.0], [0.0, 2.65]]), ("p", [[-1.0, 0.0], [0.0, 0.0]])])
+    found = fs.critical_value(family, None, "p", between=(0.0, 4.6))
+    one, = found.losses
+    assert (one.kind, one.omega, found.regains, found.open, found.evidence) == ("divergence", 0.0, (), (), "certified")
+    assert one.value == pytest.approx(1.65, abs=1e-10) == found.value and found.tally == Tally(1, 1)
+    assert one.growth[0] < 0 < one.growth[1]
+    np.testing.assert_allclose(np.abs(one.shape), [1.0, 0.0], atol=1e-8)
+
+
+@pytest.mark.parametrize("d", [1e-2, 1e-6, -1e-6])
+def test_a_pair_that_becomes_real_before_one_of_it_passes_zero(d: float) -> None:
+    """λ² + dλ + 1 - p: with d < 0 two eigenvalues grow before p = 1 and one after, which is a regain; backwards it is a loss."""
+    def over(rise: float, between: tuple[float, float]) -> fs.CriticalValue:
+        return fs.critical_value(fs.Affine([[1.0]], [[d]], [(1.0, [[1.0]]), ("p", [[rise]])]), None, "p", between=between)
+
+    there, back = over(-1.0, (0.0, 2.0)), over(1.0, (-2.0, 0.0))
+    ends = (2 if d < 0 else 0), 1
+    assert (there.growing, back.growing) == ends and there.evidence == back.evidence == "certified"
+    assert (len(there.losses), len(there.regains)) == ((0, 1) if d < 0 else (1, 0))
+    assert (len(back.losses), len(back.regains)) == ((1, 0) if d < 0 else (0, 1))
+    for found, place in ((there, 1.0), (back, -1.0)):
+        one, = (*found.losses, *found.regains)
+        assert one.kind == "divergence" and one.value == pytest.approx(place, abs=1e-10)
+    wide = fs.critical_value(fs.Affine([[1.0]], [[4.0]], [(1.0, [[1.0]]), ("p", [[1.0]])]), None, "p", between=(0.0, 8.0))
+    assert wide.value == np.inf and wide.evidence == "certified"  # becomes a pair at p = 3, and none passes 0
+
+
+@pytest.mark.parametrize("apart", [1e-3, 1e-7, 1e-10, 3e-13, 0.0])
+def test_crossings_close_together_keep_their_figures(apart: float) -> None:
+    """A pair at ω = 2 is lost at p = 1, one at ω = 3 regained just beyond: also where both are in one window."""
+    T = np.array([[1.0, 0.5], [-0.25, 1.0]])
+    damping = [T.T @ np.diag(part) @ T for part in ([1.0, -1.0 - apart], [-1.0, 1.0])]
+    family = fs.Affine(T.T @ T, [(1.0, damping[0]), ("p", damping[1])], T.T @ np.diag([4.0, 9.0]) @ T)
+    found = fs.critical_value(family, None, "p", between=(0.0, 2.0))
+    (loss,), (regain,) = found.losses, found.regains
+    assert found.evidence == "certified" and found.growing == 2 and found.tally.listed == 0
+    shapes = np.linalg.inv(T)
+    for one, place, omega, shape in ((loss, 1.0, 2.0, shapes[:, 0]), (regain, 1.0 + apart, 3.0, shapes[:, 1])):
+        assert one.value == pytest.approx(place, abs=1e-10) and one.omega == pytest.approx(omega, rel=1e-7)
+        assert abs(shape @ one.shape) == pytest.approx(np.linalg.norm(shape), rel=1e-7) and one.kind == "hopf"
+    assert loss.growth[0] < loss.growth[1] and regain.growth[0] > regain.growth[1]
+
+
+def test_a_loss_at_either_end_belongs_to_the_range() -> None:
+    """λ² + (1 - p)λ + 1 is lost at p = 1; what the contact refuses beyond the range is not asked for."""
+    for between in ((0.0, 1.0), (1.0, 2.0)):
+        found = fs.critical_value(fs.Affine([[1.0]], [(1.0, [[1.0]]), ("p", [[-1.0]])], [[1.0]]), None, "p", between=between)
+        assert found.value == pytest.approx(1.0, abs=1e-10) and not found.growing and found.evidence == "certified"
+        assert [one.kind for one in found.losses] == ["hopf"] and found.losses[0].growth[1] > 0
+    sub = fs.Substructure([[1.0]], [[1.0]], ports={"p": [1.0]})
+    closing = fs.critical_value(sub, [fs.Belt("p", slope=-1.0, force=0.5), fs.LinearContact("p", damping=[[0.5]])], "force",
+                                between=(0.0, 0.5))
+    assert closing.value == pytest.approx(0.5, abs=1e-10) and closing.losses[0].growth[0] <= 0
+    rising = fs.Affine([[1.0]], [(1.0, [[-1.0]]), ("p", [[1.0]])], [[1.0]])
+    before, after = (fs.critical_value(rising, None, "p", between=between) for between in ((0.0, 1.0), (1.0, 2.0)))
+    assert (before.growing, len(before.regains), before.tally.listed) == (2, 1, -2)  # it grows up to the end
+    assert (after.growing, after.regains, after.value) == (0, (), np.inf)  # it grows nowhere in the range
+
+
+def test_the_kind_follows_from_the_power_of_damping_in_any_units() -> None:
+    """At the crossing ω Re xᴴDx = -Im xᴴKx. D is indefinite, and takes or feeds depending on the mode."""
+    M, D, K, skew = np.eye(2), np.diag([0.3, 0.02]), np.diag([1.0, 1.3]), np.array([[0.0, 1.0], [-1.0, 0.0]])
+    for unit in (np.ones(2), np.array([1.0, 4096.0]), np.array([1024.0, 1.0])):
+        scale, kinds = np.outer(unit, unit), set()
+        for fed, turned in ((0.0, 0.3), (0.1, 0.0), (0.1, 0.01), (0.01, 0.2)):
+            family = fs.Affine(M * scale, [(1.0, D * scale), ("p", -fed * np.array([[0.2, 0.6], [0.6, 1.0]]) * scale)],
+                               [(1.0, K * scale), ("p", turned * skew * scale)])
+            found = fs.critical_value(family, None, "p", between=(0.0, 3.0))
+            for one in (*found.losses, *found.regains):
+                pencil = family.at(p=one.value)
+                at = 1j * one.omega
+                x = np.linalg.svd(pencil.at(at) / scale)[2][-1].conj()
+                power = float((x.conj() @ (pencil.D / scale) @ x).real)
+                assert one.kind == ("flutter" if power > 0 else "hopf") == fed_by(pencil, x / unit, one.omega)
+                kinds.add(one.kind)
+        assert kinds == {"flutter", "hopf"}
+
+
+def test_no_more_digits_are_shown_than_the_window_has() -> None:
+    shape = np.ones(1)
+    assert "0.1235 (hopf" in repr(Crossing(0.123456789, 3e-4, 1.0, shape, "hopf", (-1.0, 1.0)))
+    assert "0.123456789 (hopf" in repr(Crossing(0.123456789, 1e-11, 1.0, shape, "hopf", (-1.0, 1.0)))
+    assert "Crossing: 0 (hopf" in repr(Crossing(-4e-12, 1e-11, 1.0, shape, "hopf", (-1.0, 1.0)))
+
+
+def test_what_is_told_of_an_open_interval_holds() -> None:
+    """Tiny damping: rounding hides which of two close modes grow. A crossing is told as wide as it is known, or not at all."""
+    checked = 0
+    for seed in (1, 4):
+        family, between = attack._general("tiny damping", np.random.default_rng([seed, attack.KINDS.index("tiny damping")]))
+        found = fs.critical_value(family, None, "p", between=between)
+        for one in (*found.losses, *found.regains):
+            checked += 1
+            counts = [attack.exactly_growing(family, one.value + side * max(one.width, 1e-10), False) for side in (-1, 1)]
+            assert counts[0] != counts[1]
+        assert all(not one.omega or not attack._figures(family, found) for one in found.losses)
+    assert checked
 
 
 def test_divergence_passes_zero() -> None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from scipy.integrate import trapezoid
+from scipy.linalg import expm
 
 import femsub as fs
 from femsub.motion.nonlinear_model import project, sliding
@@ -186,14 +190,86 @@ def test_the_motion_after_a_tiny_blow_is_proportional_to_it(method: str, within:
 
 @pytest.mark.parametrize("method", ["alpha", "lsoda"])
 def test_a_model_at_rest_stays_there_and_costs_nothing(method: str) -> None:
-    for blow in (0.0, 1e-15):
-        run = fs.transient(fs.chain(12, belt=3), BELT, (0, 60), impulse=blow, samples=300, method=method)
-        assert np.abs(run.velocity("belt")).max() < 1e-13 and run.effort.steps <= 600
+    run = fs.transient(fs.chain(12, belt=3), BELT, (0, 60), impulse=0.0, samples=300, method=method)
+    assert not run.velocity("belt").any() and run.effort.steps <= 600 and run.energy.residual == 0
+
+
+@dataclass(frozen=True)
+class Line:
+    """μ = level + fall v, and from the speed `kink` on with twice the fall; `wrong` is the relative error of the slope."""
+
+    level: float = 0.5
+    fall: float = -0.1
+    kink: float = np.inf
+    wrong: float = 0.0
+
+    def value(self, v: Any) -> Any:
+        return self.level + self.fall * (v + np.maximum(v - self.kink, 0.0))
+
+    def slope(self, v: Any) -> Any:
+        return self.fall * (1 + np.heaviside(v - self.kink, 0.5)) * (1 + self.wrong)
+
+
+def linear_motion(model: fs.Substructure, contacts: list[Any], t: float, start: np.ndarray) -> np.ndarray:
+    """exp(At) of the linearised model."""
+    pencil = model.linearised(contacts).dense()
+    n = pencil.size
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(pencil.M, pencil.K), -np.linalg.solve(pencil.M, pencil.D)]])
+    return expm(A * t) @ start
+
+
+@pytest.mark.parametrize(("method", "within"), [("lsoda", 1e-6), ("dop853", 1e-6), ("alpha", 5e-2)])
+def test_linear_motion_is_right_at_every_size(method: str, within: float) -> None:
+    """The belt's constant force is 1e20 times that of the smallest motion."""
+    model, tol = fs.chain(6, belt=2, damping=0.1), 1e-4 if method == "alpha" else None
+    spring = fs.LinearContact("belt", stiffness=[[0.3]], damping=[[0.05]])
+    for contacts in ([fs.Belt(speed=10.0, law=Line())], [fs.Belt(speed=10.0, law=Line()), spring]):
+        shape = np.append(np.zeros(6), model.port("belt"))
+        exact = linear_motion(model, contacts, 20.0, shape)
+        for blow in 10.0 ** -np.arange(0, 21, 4 if method == "lsoda" else 10):
+            run = fs.transient(model, contacts, (0, 20), impulse=blow, samples=4, method=method, tol=tol)
+            wrong = np.abs(run.final.velocity / blow - exact[6:]).max() / np.abs(exact[6:]).max()
+            assert wrong < within and run.energy.residual < (1e-6 if method != "alpha" else 1e-2), blow
+        assert run.rounding == 0
+
+
+@pytest.mark.parametrize("method", ["lsoda", "alpha"])
+def test_a_start_that_is_rounding_beside_the_static_deflection_is_told(method: str) -> None:
+    model = fs.chain(6, belt=2, damping=0.1)
+    shape = np.array([0.2, 1.0, -0.5, 0.3, 0.8, -0.4])
+    exact = linear_motion(model, [BELT], 5.0, np.append(shape, np.zeros(6)))
+    for size, told in ((1e-3, 1e-12), (1e-9, 1e-6), (1e-13, 1e-2), (1e-19, np.inf)):
+        start = sliding(model, BELT).perturbed(shape * size)
+        run = fs.transient(model, BELT, (0, 5), start=start, samples=4, method=method)
+        wrong = np.abs(run.final.velocity / size - exact[6:]).max() / np.abs(exact[6:]).max()
+        assert told / 30 <= run.rounding <= told * 30 or run.rounding == told
+        assert wrong < (5e-3 if method == "alpha" else 1e-2 * size**0.5) + 30 * run.rounding
+        assert ("is rounding" in repr(run)) == (run.effort.tol < run.rounding < 1)
+        assert ("by rounding only" in repr(run)) == (run.rounding >= 1)
+
+
+def test_the_change_of_friction_has_every_digit_however_small_the_motion_is() -> None:
+    model, v0 = fs.chain(2, belt=2), 0.19113
+    change = sliding(model, BELT).change(np.zeros(2))
+    for v in (-1.0) ** np.arange(21) * 10.0 ** -np.arange(21):
+        tail = np.arctan(-v / 1e-3 / (1 + v0 * (v0 - v) / 1e-6)) + (np.pi if v0 < v else 0) * -1
+        further = -v if v < v0 else v - 2 * v0
+        exact = 0.3 * 2 / np.pi * tail + 0.2 * np.exp(-2 * v0) * np.expm1(-2 * further)
+        assert change(np.zeros(1), np.array([v]))[0] == pytest.approx(exact, rel=1e-9)
+
+
+@pytest.mark.parametrize("law", [Line(kink=0.19113), Line(kink=0.19113 - 1e-6), Line(kink=0.19113 + 1e-5), Line(wrong=1e-3)])
+def test_the_change_of_friction_is_its_value_s_wherever_that_can_be_told(law: Line) -> None:
+    belt = fs.Belt(speed=0.19113, law=law)
+    change = sliding(fs.chain(2, belt=2), belt).change(np.zeros(2))
+    for v in np.outer([1, -1], 10.0 ** -np.arange(0.3, 21)).ravel():
+        exact = law.value(belt.speed - v) - law.value(belt.speed)
+        assert change(np.zeros(1), np.array([v]))[0] == pytest.approx(exact, rel=1e-9, abs=32 * np.finfo(float).eps)
+    run = fs.transient(fs.chain(2, belt=2, damping=0.1), belt, (0, 50), impulse=1e-9, samples=5)
+    assert run.effort.steps < 3000
 
 
 def test_alpha_is_of_second_order_from_its_first_step_on() -> None:
-    from scipy.linalg import expm
-
     model, belt = fs.chain(5, belt=2, damping=0.1), fs.Belt(force=0.0, speed=0.1, law=LAW)
     start = fs.State(np.array([1.0, -0.5, 0.2, 0.0, 0.4]), np.array([0.0, 0.3, 0.0, -0.2, 0.1]))
     A = np.block([[np.zeros((5, 5)), np.eye(5)], [-model.K.toarray(), -model.D.toarray()]])

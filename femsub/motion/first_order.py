@@ -1,12 +1,13 @@
 """A model under belts as a first-order system, and its integration by SciPy.
 
-    ẋ = u,   u̇ = -K̂ x - D̂ u + G (f(Gᵀu) - f(0)),   q = T (x + x₀),   TᵀMT = I
+    ẋ = u,   u̇ = -K̂ x - D̂ u + G Δf,   Δf = f(Gᵀu) - f(0),   q = T (x + x₀),   TᵀMT = I
 
 x₀ is steady sliding, K̂ x₀ = G f(0). Without this shift, tolerance and rounding of a static deflection would hide a small
-motion about it. (If x₀ does not exist, or its rounding would matter, x₀ and f(0) are 0 here.) T is chosen such that the
+motion about it. Nor is Δf a difference where the motion is small, see `Change`. (If x₀ does not exist, or its rounding would
+matter, x₀ and f(0) are 0 here.) T is chosen such that the
 contact acts on the first p velocities only: G = TᵀW (n, p) is zero below row p. With one column a right-hand side is one
-matrix-vector product and a few operations on floats, about 1.3 µs at n = 10. Two more unknowns are the belts' work
-∫ fᵀWᵀq̇ dt and the dissipation ∫ q̇ᵀDq̇ dt, with the same error control.
+matrix-vector product and a few operations on floats, about 1.3 µs at n = 10. Two more unknowns are the work ∫ ΔfᵀWᵀq̇ dt and
+the dissipation ∫ q̇ᵀDq̇ dt, with the same error control. The work of the constant f(0) is f(0)ᵀWᵀ(q - q(0)).
 
 Why LSODA (C code, one call for a stretch of the grid) is the default: `scripts/integrators.py`, 50 time units of stick-slip,
 seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; interpolated):
@@ -22,9 +23,9 @@ It switches to BDF automatically where the friction law is stiff (ε → 1e-6); 
 masses have no sparse first-order form: see `generalised_alpha`.
 
 Error control: |local error of y_i| ≤ tol (|y_i| + s_i) in the largest norm. s = v/‖w‖_M⁻¹ for velocities, v the largest
-of the belts' speeds and of the speeds under them at the start, but no more than the motion itself, (‖u‖² + ‖u̇‖²/ω²)^½ where a
-stretch of the integration begins; s/ω for displacements, ω² = wᵀM⁻¹KM⁻¹w / wᵀM⁻¹w; s² + s ‖G f(0)‖/ω for work and dissipation.
-The tolerance is never below the rounding of ‖G f‖.
+of the belts' speeds and of the speeds under them at the start, but no more than the motion itself, m = (‖u‖² + ‖u̇‖²/ω²)^½ where
+a stretch of the integration begins; s/ω for displacements, ω² = wᵀM⁻¹KM⁻¹w / wᵀM⁻¹w; s² + s min(m, ‖G f(0)‖/ω) for work and
+dissipation. The tolerance is never below the rounding of ‖G Δf‖.
 """
 
 from __future__ import annotations
@@ -40,14 +41,17 @@ import scipy.linalg as la
 from femsub.checks import EPS, Array
 from femsub.errors import InputError, NotConvergedError
 from femsub.model.friction import scalar_law
-from femsub.motion.nonlinear_model import Sliding, State
+from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State
 
 PERIODS = 200  # periods of the highest mode integrated in one call; progress is reported in between
 SHARP = 1e-12  # largest rounding of K x₀, relative to the friction, if the motion is far from x₀
 NOISE = 4 * EPS  # relative to the friction's impulse over a period: smaller motion is rounding
+FAINTEST = 1e-100  # of the belts' speed: a motion whose squares are still numbers
 MOST = 5_000_000  # largest number of steps between two points of the grid
 
 Right = Callable[[float, Array], Array]
+#: Work of Δf, dissipation, change of the energy about x₀, what work and energy have in common beside, the largest energy about x₀
+Balance = tuple[float, float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,6 +70,8 @@ class Equations:
         ω and ‖G f(0)‖ of the error control.
     highest : float
         The largest ω of the model.
+    shifted : bool
+        Whether x₀ is known; else it is 0 here.
     """
 
     T: Array
@@ -78,6 +84,7 @@ class Equations:
     omega: float
     thrust: float
     highest: float
+    shifted: bool
 
     @property
     def size(self) -> int:
@@ -93,17 +100,26 @@ class Equations:
         return State(self.T @ (y[:n] + self.rest), self.T @ y[n:2 * n])
 
     def energy(self, y: Array) -> float:
-        """½ q̇ᵀMq̇ + ½ qᵀKq."""
-        n = self.size
-        x, u = y[:n] + self.rest, y[n:2 * n]
+        """½ uᵀu + ½ xᵀK̂x: of the motion about x₀."""
+        x, u = y[:self.size], y[self.size:2 * self.size]
         return float(u @ u + x @ (self.K @ x)) / 2
+
+    def common(self, x: Array) -> float:
+        """x₀ᵀK̂x = f(0)ᵀGᵀx, which is work of the friction at rest as well as energy."""
+        return float(self.rest @ (self.K @ x))
+
+    def motion(self, y: Array) -> float:
+        """m of the error control."""
+        n = self.size
+        return float(np.hypot(np.linalg.norm(y[n:2 * n]), np.linalg.norm(self.rhs(0.0, y)[n:2 * n]) / self.omega))
 
     def tolerances(self, y: Array, tol: float) -> Array:
         """tol · s of the error control from y on, at least the rounding, shape (2n + 2,)."""
-        n = self.size
-        s = min(self.scale, float(np.hypot(np.linalg.norm(y[n:2 * n]), np.linalg.norm(self.rhs(0.0, y)[n:2 * n]) / self.omega)))
-        at = max(tol * s, NOISE * self.thrust / self.omega, EPS * tol * self.scale)
-        return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, at * (s + self.thrust / self.omega))])
+        n, pushed = self.size, self.thrust / self.omega
+        m = max(self.motion(y), FAINTEST * self.scale)
+        at = max(tol * min(self.scale, m), NOISE * (min(pushed, m / SMALL) if self.shifted else pushed))
+        power = at * (min(self.scale, m) + (min(pushed, m) if self.shifted else pushed))
+        return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
 
 
 def equations(contact: Sliding, start: State) -> Equations:
@@ -132,12 +148,14 @@ def equations(contact: Sliding, start: State) -> Equations:
     highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
     Tinv = T.T @ M
     rest = _rest(contact, start, Tinv, K, G)
-    steady = contact.resting(start.displacement if rest is None else T @ rest)
-    thrust = float(np.linalg.norm(G @ steady))
+    change = contact.change(start.displacement if rest is None else T @ rest)
+    thrust = float(np.linalg.norm(G @ change.rest))
     if rest is None:
-        rest, steady = np.zeros(len(K)), np.zeros_like(steady)
-    rhs, jacobian = _functions(contact, K, D, G[:min(contact.columns, len(M))], steady, rest)
-    return Equations(T, Tinv, K, rest, rhs, jacobian, *_scale(contact, start, K, G, highest), thrust, highest)
+        none = np.zeros(contact.columns)
+        change = Change(contact, none, none, none)
+    rhs, jacobian = _functions(change, K, D, G[:min(contact.columns, len(M))])
+    return Equations(T, Tinv, K, np.zeros(len(K)) if rest is None else rest, rhs, jacobian,
+                     *_scale(contact, start, K, G, highest), thrust, highest, rest is not None)
 
 
 def _rest(contact: Sliding, start: State, Tinv: Array, K: Array, G: Array) -> Array | None:
@@ -168,9 +186,9 @@ def _scale(contact: Sliding, start: State, K: Array, G: Array, highest: float) -
     return (speed or 1.0) / thickest, float(omega)
 
 
-def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array, rest: Array) -> tuple[Right, Right]:
-    """rhs and the transposed Jacobian; G holds the rows of TᵀW that are not zero, (p, p); `steady` is the friction at x₀."""
-    n, p = len(K), len(G)
+def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Right]:
+    """rhs and the transposed Jacobian; G holds the rows of TᵀW that are not zero, (p, p); `change` is Δf from x₀ on."""
+    contact, n, p = change.contact, len(K), len(G)
     work, loss, size = 2 * n, 2 * n + 1, 2 * n + 2
     symmetric = (D + D.T) / 2
     values, shapes = np.linalg.eigh(symmetric)
@@ -203,36 +221,43 @@ def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array, re
         gradient[n:work, loss] = 2 * (symmetric @ y[n:work])
 
     if contact.columns > 1 or contact.others:
-        still = rest[:p] @ G
-
         def rhs(t: float, y: Array) -> Array:
             dot(y, whole)
             v = y[n:n + p] @ G
-            f = contact.exerted(still + y[:p] @ G, v)
-            out[n:n + p] += G @ (f - steady)
+            f = change(y[:p] @ G, v)
+            out[n:n + p] += G @ f
             dissipated()
             out[work] = f @ v
             return out
 
         def jacobian(t: float, y: Array) -> Array:
             start_gradient(y)
-            u, v = still + y[:p] @ G, y[n:n + p] @ G
-            of_u, of_v = contact.tangents(u, v)
+            u, v = y[:p] @ G, y[n:n + p] @ G
+            of_u, of_v = contact.tangents(change.place + u, v)
             gradient[:p, n:n + p] += (G @ of_u @ G.T).T
             gradient[n:n + p, n:n + p] += (G @ of_v @ G.T).T
             gradient[:p, work] = G @ (of_u.T @ v)
-            gradient[n:n + p, work] = G @ (contact.exerted(u, v) + of_v.T @ v)
+            gradient[n:n + p, work] = G @ (change(u, v) + of_v.T @ v)
             return gradient
     else:
         belt, g = contact.belts[0], float(G[0, 0])
-        force, speed, first = belt.force, float(belt.speed or 0.0), float(steady[0])
+        force, speed, first, rounding = belt.force, float(belt.speed or 0.0), float(change.rest[0]), float(change.rounding[0])
         mu, mu_slope = scalar_law(belt.law)  # type: ignore[arg-type]
+        small = SMALL * abs(first)
+
+        def changed(v: float) -> float:  # `change` in floats
+            f = force * mu(speed - v) - first
+            if abs(f) < small:
+                smooth = -force * v * mu_slope(speed - v / 2)
+                if abs(smooth - f) <= rounding:
+                    return smooth
+            return f
 
         def rhs(t: float, y: Array) -> Array:
             dot(y, whole)
             v = g * y.item(n)
-            f = force * mu(speed - v)
-            out[n] += g * (f - first)
+            f = changed(v)
+            out[n] += g * f
             dissipated()
             out[work] = f * v
             return out
@@ -242,7 +267,7 @@ def _functions(contact: Sliding, K: Array, D: Array, G: Array, steady: Array, re
             v = g * y.item(n)
             tangent = -force * mu_slope(speed - v)
             gradient[n, n] += g * g * tangent
-            gradient[n, work] = g * (force * mu(speed - v) + v * tangent)
+            gradient[n, work] = g * (changed(v) + v * tangent)
             return gradient
 
     return rhs, jacobian
@@ -258,6 +283,8 @@ class Flow:
         Current time and state.
     columns, whole
         What is recorded: columnsᵀq; also all of q if `whole`.
+    begins : float
+        The motion at the start, as a speed.
     stretch : float
         The time to integrate in one call.
     steps, rhs, jacobians : int
@@ -275,6 +302,9 @@ class Flow:
     rhs: int = 0
     jacobians: int = 0
     error: float | None = None  # SciPy's integrators do not report their local errors
+
+    def __post_init__(self) -> None:
+        self.first, self.begins = self.y, self.system.motion(self.y)
 
     @property
     def stretch(self) -> float:
@@ -312,9 +342,12 @@ class Flow:
         return self.system.state(self.y)
 
     @property
-    def balance(self) -> tuple[float, float, float]:
-        """Work of the belts and dissipation since the start, and the energy now."""
-        return float(self.y[-2]), float(self.y[-1]), self.system.energy(self.y)
+    def balance(self) -> Balance:
+        """The terms of the energy balance since the start."""
+        before, now = self.system.energy(self.first), self.system.energy(self.y)
+        n = self.system.size
+        return (float(self.y[-2]), float(self.y[-1]), now - before, self.system.common(self.y[:n] - self.first[:n]),
+                max(before, now))
 
 
 def _lsoda(flow: Flow, times: Array) -> Array:

@@ -3,7 +3,7 @@
 The method (Chung and Hulbert, J. Appl. Mech. 60 (1993) 371) is of second order, and damps frequencies that the step cannot
 resolve (spectral radius RADIUS at infinity). Each step solves an equation in which the contact has rank p:
 
-    S d = -r + W (f(u₁, v₁) - f(u₀, v₀)),   u₁ = u₀ + Wᵀd,   v₁ = v₀ + s Wᵀd,   S = σM + sD + K,
+    S d = -r + W (Δf(u₁, v₁) - Δf(u₀, v₀)),   u₁ = u₀ + Wᵀd,   v₁ = v₀ + s Wᵀd,   S = σM + sD + K,
 
 with r the residual at the predictor, s and σ the shifts of the step. S depends on the step size only and is factorised once
 per size. The remaining p equations for v₁ are solved to rounding by Newton's method. (PETSc's own TSALPHA2 starts with twice
@@ -15,8 +15,8 @@ always below a sixteenth the step is doubled. v_s is the belts' speed on the mot
 speed. V is the largest ‖v‖ so far, which decays by half over a block; it bridges the turning points of a small motion. At the
 start it is at least aᵀMa/sqrt(aᵀKa), the speed that follows from a displacement from equilibrium. Rounding in e is ignored.
 
-The unknown is the distance from the start, and K x₀ is treated separately. Otherwise the rounding of a static deflection would
-hide a motion of 1e-9 of it.
+The unknown is the distance from the start. K x₀ is treated separately, and Δf is the force less that at x₀, see `Change`.
+Otherwise the rounding of a static deflection and of its forces would hide a small motion.
 
 The sum of the local errors of all steps, relative to V, estimates the error of the velocities at the end (`error`). This
 assumes that disturbances grow or decay like the motion itself. On a limit cycle the error is mostly a shift in time.
@@ -24,7 +24,7 @@ assumes that disturbances grow or decay like the motion itself. On a limit cycle
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,7 +32,10 @@ import scipy.sparse as sp
 from femsub.checks import EPS, Array
 from femsub.errors import InputError, NotConvergedError, SingularMatrixError
 from femsub.linalg.factor import Handle, factorise
-from femsub.motion.nonlinear_model import Sliding, State, mass_solve
+from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State, mass_solve
+
+if TYPE_CHECKING:
+    from femsub.motion.first_order import Balance
 
 RADIUS = 0.9  # amplification at infinite frequency
 STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: where in a step the equation holds
@@ -67,10 +70,11 @@ class AlphaFlow:
         self.work = self.loss = 0.0
         self.dt = self.largest = step
         self.speed = _speed(contact, start)
-        self.rest, self.steady = start.displacement, contact.resting(start.displacement)
+        self.rest, self.change = start.displacement, contact.change(start.displacement)
         self.pull = contact.pull(self.rest)
-        self.shaken = float(np.sqrt(np.square(contact.W @ self.steady) @ (1 / self.weight)))
-        self.moving, self.error = self._moving(start), 0.0
+        self.shaken = self._shaken(self.change.rest)
+        self.begins, self.error = self._moving(start), 0.0
+        self.moving, self.before = self.begins, start.velocity @ (self.M @ start.velocity) / 2
         self.done, self.worst = 0, 0.0  # steps since the last decision on their length, and the largest local error of these
         self.kept = KEPT[0]
         self.factors: dict[tuple[float, float], tuple[Handle, Array, Array]] = {}
@@ -89,11 +93,11 @@ class AlphaFlow:
         return State(self.rest + x, v)
 
     @property
-    def balance(self) -> tuple[float, float, float]:
-        """Work of the belts and dissipation since the start, and the energy now."""
-        moved, v, _, work, loss, *_ = self.reached
-        x = self.rest + moved
-        return work, loss, float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
+    def balance(self) -> Balance:
+        """The terms of the energy balance since the start."""
+        x, v, _, work, loss, *_ = self.reached
+        now = float(v @ (self.M @ v) + x @ (self.K @ x)) / 2
+        return (work + float(self.pull @ x), loss, now - self.before, float(self.rest @ (self.K @ x)), max(self.before, now))
 
     def close(self) -> None:
         """Free the factors."""
@@ -165,9 +169,9 @@ class AlphaFlow:
         return v
 
     def residual(self, x: Array, v: Array, a: Array, force: Array) -> Array:
-        """M a + D v + K (x₀ + x) - W f (n,), x the distance from the start."""
+        """M a + D v + K (x₀ + x) - W f (n,), x the distance from the start, `force` Δf."""
         self.rhs += 1
-        found = self.M @ a + self.K @ x - self.contact.W @ (force - self.steady) - self.pull
+        found = self.M @ a + self.K @ x - self.contact.W @ force - self.pull
         return found + self.D @ v if self.D.nnz else found
 
     def _norm(self, v: Array) -> float:
@@ -176,17 +180,22 @@ class AlphaFlow:
     def _moving(self, start: State) -> float:
         """V at the start: the larger of ‖v‖ and aᵀMa/sqrt(aᵀKa), the largest speed of a single mode released from rest."""
         W = self.contact.W
-        force = self.pull + W @ (self.contact.exerted(W.T @ self.rest, W.T @ start.velocity) - self.steady)
+        force = self.pull + W @ self.change(np.zeros(W.shape[1]), W.T @ start.velocity)
         a = force / self.weight
         stiffness = float(a @ (self.K @ a))
         return float(np.hypot(self._norm(start.velocity), force @ a / np.sqrt(stiffness) if stiffness > 0 else 0.0))
 
+    def _shaken(self, force: Array) -> float:
+        """The acceleration by forces on the contact's columns, as a norm."""
+        return float(np.sqrt(np.square(self.contact.W @ force) @ (1 / self.weight)))
+
     def _error(self, v: list[Array], step: float) -> float:
         """Local error of the velocity over its scale: a twelfth of the third difference, as for the trapezoidal rule."""
         wrong, size = self._norm(v[3] - v[0] - 3 * (v[2] - v[1])) / 12, self._norm(v[3])
-        noise = NOISE * (2 / step * self._norm(self.stepper.x) + step / 2 * self.shaken)
+        shaken = min(self.shaken, self._shaken(self.stepper.force) / SMALL)  # forces whose rounding is in Δf
+        noise = NOISE * (2 / step * self._norm(self.stepper.x) + step / 2 * shaken)
         self.moving = max(size, FADE * self.moving)
-        self.error += wrong / (self.moving + noise)
+        self.error += wrong / (self.moving + noise) if wrong else 0.0
         return 0.0 if wrong <= noise else wrong / (size + min(self.speed, self.moving))
 
     def factor(self, sigma: float, s: float) -> tuple[Handle, Array, Array]:
@@ -227,8 +236,7 @@ class Stepper:
 
     def __init__(self, flow: AlphaFlow, start: State) -> None:
         self.flow, self.x, self.v = flow, np.zeros(len(start.velocity)), start.velocity.copy()
-        contact = flow.contact
-        self.force = contact.exerted(contact.W.T @ flow.rest, contact.W.T @ self.v)
+        self.force = flow.change(np.zeros(flow.contact.columns), flow.contact.W.T @ self.v)
         self.a = mass_solve(flow.M, -flow.residual(self.x, self.v, np.zeros_like(self.v), self.force))
 
     def step(self, h: float) -> None:
@@ -237,36 +245,37 @@ class Stepper:
         part, s, sigma = STAGE * BETA * h * h, GAMMA / (BETA * h), INERTIA / (STAGE * BETA * h * h)
         # the predictor keeps a
         place, speed = self.x + STAGE * (h * self.v + h * h / 2 * self.a), self.v + STAGE * h * self.a
-        guess = contact.W.T @ (flow.rest + place) if contact.others else np.zeros(contact.columns), contact.W.T @ speed
-        before = contact.exerted(*guess)
+        guess = contact.W.T @ place if contact.others else np.zeros(contact.columns), contact.W.T @ speed
+        before = flow.change(*guess)
         residual = flow.residual(place, speed, self.a, before)
         handle, Z, C = flow.factor(sigma, s)
         d = handle.solve(-residual)
-        self.force = _contact_force(contact, guess, s * (contact.W.T @ d), before, C, s)
+        self.force = _contact_force(flow.change, guess, s * (contact.W.T @ d), before, C, s)
         change = (d + Z @ (self.force - before)) / part  # of a
         self.x = self.x + h * self.v + h * h * (self.a / 2 + BETA * change)
         self.v = self.v + h * (self.a + GAMMA * change)
         self.a = self.a + change
 
 
-def _contact_force(contact: Sliding, guess: tuple[Array, Array], change: Array, before: Array, C: Array, s: float) -> Array:
-    """f(u, v) with v = v₀ + change + C (f(u, v) - before) and u = u₀ + (v - v₀)/s, by Newton's method with step halving; (p,)."""
-    place, begin = guess
+def _contact_force(force: Change, guess: tuple[Array, Array], change: Array, before: Array, C: Array, s: float) -> Array:
+    """Δf(u, v), v = v₀ + change + C (Δf(u, v) - before), u = u₀ + (v - v₀)/s, by Newton's method with step halving; (p,)."""
+    contact, (place, begin) = force.contact, guess
     linear = begin + change
 
     def gap(v: Array) -> tuple[Array, Array]:
-        f = contact.exerted(place + (v - begin) / s, v)
+        f = force(place + (v - begin) / s, v)
         return v - linear - C @ (f - before), f
 
     v = begin
     rest, f = gap(v)
-    floor = 8 * np.finfo(float).eps * (np.abs(linear).max() + np.abs(C).max() * np.abs(before).max() + np.abs(v).max())
+    felt = min(float(np.abs(force.rest).max(initial=0.0)), float(np.abs(f).max()) / SMALL) + np.abs(f).max()
+    floor = 8 * EPS * (np.abs(linear).max() + np.abs(C).max() * felt + np.abs(v).max())
     if contact.others:  # forces depend on displacements as well, whose rounding they multiply
-        floor += 8 * np.finfo(float).eps * float((np.abs(C @ contact.tangents(place, v)[0]) @ np.abs(place)).max())
+        floor += 8 * EPS * float((np.abs(C @ contact.tangents(force.place + place, v)[0]) @ np.abs(place)).max())
     for _ in range(200):
         if np.abs(rest).max() <= floor:
             return f
-        of_u, of_v = contact.tangents(place + (v - begin) / s, v)
+        of_u, of_v = contact.tangents(force.place + place + (v - begin) / s, v)
         step = np.linalg.solve(np.eye(len(v)) - C @ (of_v + of_u / s), rest)
         part = 1.0
         while part > 1e-12:

@@ -28,6 +28,7 @@ from femsub.modes.shift_invert import ShiftInvert
 
 NEWTON = 50  # largest number of steps to an equilibrium
 RESIDUE = 16 * EPS  # relative to the forces that cancel in an equilibrium: the rounding that remains
+SMALL = 1e-5  # of the force at rest: a smaller change of it is taken from the tangent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,6 +122,14 @@ class Sliding:
     def resting(self, displacement: Array) -> Array:
         """f at rest at a displacement q (n,), shape (p,)."""
         return self.exerted(self.W.T @ displacement, np.zeros(self.columns))
+
+    def change(self, displacement: Array) -> Change:
+        """f(u₀ + u, v) - f(u₀, 0) as a function of u and v, from a place q (n,) on with u₀ = Wᵀq."""
+        u, still = self.W.T @ displacement, np.zeros(self.columns)
+        rest = self.exerted(u, still)
+        of_u, of_v = self.tangents(u, still)
+        speeds = np.array([abs(self.belts[at].speed or 0.0) if at < len(self.belts) else 0.0 for at in self.owner])
+        return Change(self, u, rest, RESIDUE * (np.abs(rest) + np.abs(of_u) @ np.abs(u) + np.abs(of_v) @ speeds))
 
     def tangent(self, v: Array) -> Array:
         """The diagonal of df/dv = -F μ'(v0 - v), shape (p,) or (p, m). It is diagonal since each column is a separate contact."""
@@ -226,6 +235,30 @@ class Sliding:
         parts = [_vector(name, value, self.model.size) for name, value in
                  (("displacement", displacement), ("velocity", velocity))]
         return State(self.equilibrium + parts[0], parts[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Δf = f(u₀ + u, v) - f(u₀, 0), shape (p,), to full relative accuracy however small the motion is.
+
+    The difference of the two forces has the rounding of the forces. In a small motion nothing else may be left of it. There Δf is
+    the tangent half-way times the way, if it agrees with the difference within `rounding`. If it does not, the difference stands:
+    the law is curved there, or has a kink or a jump on the way. Either is right to about 1e-10 of Δf.
+    """
+
+    contact: Sliding
+    place: Array  #: u₀
+    rest: Array  #: f(u₀, 0)
+    rounding: Array  #: of a difference of two forces
+
+    def __call__(self, u: Array, v: Array) -> Array:
+        change = self.contact.exerted(self.place + u, v) - self.rest
+        small = np.abs(change) < SMALL * np.abs(self.rest)
+        if not small.any():
+            return change
+        of_u, of_v = self.contact.tangents(self.place + u / 2, v / 2)
+        smooth = of_u @ u + of_v @ v
+        return np.where(small & (np.abs(smooth - change) <= self.rounding), smooth, change)
 
 
 def sliding(model: Substructure, belts: Any, what: str = "the nonlinear model", others: bool = False) -> Sliding:

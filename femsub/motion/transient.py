@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, choice, finite_number, interval, items, listener, positive_number, whole_number, word
+from femsub.checks import EPS, Array, choice, finite_number, interval, items, listener, positive_number, whole_number, word
 from femsub.errors import InputError, unknown_name
 from femsub.linalg.timing import Interruptible
 from femsub.motion.first_order import METHODS, Flow, equations
@@ -43,7 +43,9 @@ TELL = 0.3  # seconds between two progress messages
 class EnergyBalance:
     """The energy balance work = dissipation + change: ∫ fᵀWᵀq̇ dt = ∫ q̇ᵀDq̇ dt + Δ(½q̇ᵀMq̇ + ½qᵀKq), and its `residual`.
 
-    `residual` is relative to the largest of the three terms, and to at least a millionth of the energy.
+    `residual` is that of the motion about steady sliding. Work and change have in common what the friction of steady sliding does
+    on the way; this part is left out. The rest is relative to the largest of the three terms, and to at least a millionth of the
+    energy of the motion.
     """
 
     work: float
@@ -89,6 +91,9 @@ class Transient:
         The sum of the local errors of the velocities, relative to the size of the motion: an estimate of the error at the end.
         It assumes that disturbances grow or decay like the motion. On a limit cycle the error is mostly a shift in time. The
         energy balance does not show it. None for SciPy's integrators, which do not report local errors.
+    rounding : float
+        The share of the motion at the start that rounding in the displacement of a given `start` may be. A motion that is small
+        beside the static deflection is known to that share only. 0 after an impulse, however small it is.
 
     Examples
     --------
@@ -110,11 +115,15 @@ class Transient:
     energy: EnergyBalance
     effort: Effort
     error: float | None = None
+    rounding: float = 0.0
 
     def __repr__(self) -> str:
         shown = f"t = {self.t[0]:g} to {self.t[-1]:g} in {len(self.t)} points" if len(self.t) else "nothing recorded"
         state = "" if self.complete else f", interrupted at t = {self.end:g}"
         wrong = "" if self.error is None else f"local errors add up to {self.error:.1e} of the motion, "
+        if self.rounding > self.effort.tol:
+            wrong += "the start differs from steady sliding by rounding only, " if self.rounding >= 1 else \
+                     f"{self.rounding:.1e} of the motion at the start is rounding, "
         return (f"Transient: {self.contact.model.name!r} with {self.contact.model.size} DOF, {shown}{state}; "
                 f"{self.effort.method} at tol = {self.effort.tol:g}, {self.effort.steps} steps, {self.effort.seconds:.2g} s; "
                 f"{wrong}energy balance to {self.energy.residual:.0e}")
@@ -226,7 +235,6 @@ def transient(model: Substructure, belts: Belt | Contact | Sequence[Belt | Conta
         raise InputError("give either start or impulse, not both: an impulse starts from the sliding equilibrium")
     first = contact.impulse(1e-3 if impulse is None else impulse) if start is None else contact.checked(start)
     flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns, record == "states")
-    before = flow.balance[2]
     parts: list[tuple[Array, ...]] = []
     told = clock.perf_counter()
     with closing(flow), Interruptible() as course:
@@ -237,17 +245,23 @@ def transient(model: Substructure, belts: Belt | Contact | Sequence[Belt | Conta
                 tell(f"t = {flow.t:.6g} of {t1:g}")
     q, v, *states = (np.concatenate(pieces) for pieces in zip(*parts, strict=True)) if parts else \
         (np.zeros((0, columns.shape[1])),) * 2
-    work, loss, now = flow.balance
-    change = now - before
-    largest = max(abs(work), abs(loss), abs(change), FAINT * max(before, now))
-    balance = EnergyBalance(work, loss, change, abs(work - loss - change) / largest if largest else 0.0)
+    work, loss, change, common, energy = flow.balance
+    largest = max(abs(work), abs(loss), abs(change), FAINT * energy)
+    balance = EnergyBalance(work + common, loss, change + common, abs(work - loss - change) / largest if largest else 0.0)
     run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in slices.items()},
                     {name: v[:, at] for name, at in slices.items()}, (states[0], states[1]) if states else None, first,
                     flow.state, flow.t, course.complete, balance,
                     Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began),
-                    flow.error)
+                    flow.error, 0.0 if start is None else _rounding(model, first, flow.begins))
     log.info("%r", run)
     return run
+
+
+def _rounding(model: Substructure, start: State, motion: float) -> float:
+    """EPS (qᵀKq)^½ over the motion at the start, a speed, both in energy."""
+    q = start.displacement
+    rounding = EPS * float(np.sqrt(max(q @ (model.K @ q), 0.0)))
+    return rounding / motion if motion else np.inf if rounding else 0.0
 
 
 def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple[Any, Any, Any],

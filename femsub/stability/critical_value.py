@@ -9,60 +9,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import Array, Tally, check_band, interval
+from femsub.checks import Tally, check_band, interval
 from femsub.errors import InputError
 from femsub.linalg.factor import WIDE
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
 from femsub.model.estimate import usable_band
 from femsub.model.substructure import Substructure
-from femsub.stability.exclusion import Family, Part, Spectrum
+from femsub.stability.crossings import BESIDE, Crossing, Found, extrapolated, settled, shown_value, weight
+from femsub.stability.exclusion import Family, Part
 from femsub.stability.parameter import PencilOver, pencil_over
 
 if TYPE_CHECKING:
     from femsub.model.affine import Affine
     from femsub.model.contact import Contacts
-    from femsub.model.pencil import Pencil
 
 log = logging.getLogger(__name__)
 
 LARGEST = WIDE  # DOF of a model
 MOST = 6000  # intervals that are tested at most
 NARROW = 1e3  # times the resolution: an interval in which a crossing is counted, and nothing else looked for
-BESIDE = 1e-3  # of the range: how far beside a crossing the growth is told, if there is no other crossing nearer
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Crossing:
-    """A point at which a mode begins to grow, or ceases to.
-
-    Attributes
-    ----------
-    value : float
-        The parameter.
-    width : float
-        The crossing lies within value ∓ width / 2.
-    omega : float
-        Its frequency, in radians per unit of time; 0 for divergence.
-    shape : ndarray, shape (n,) or (r,)
-        Its eigenvector in the model's coordinates, of unit length; complex unless it diverges.
-    kind : str
-        'flutter': a circulatory K feeds the motion, or two undamped modes coalesce. 'hopf': negative damping feeds it.
-        'divergence': a real eigenvalue passes 0.
-    growth : (float, float)
-        Re λ of this mode a little below and above the value.
-    """
-
-    value: float
-    width: float
-    omega: float
-    shape: Array
-    kind: str
-    growth: tuple[float, float]
-
-    def __repr__(self) -> str:
-        where = "" if self.kind == "divergence" else f" at ω = {self.omega:.6g} rad/time"
-        return f"Crossing: {self.value:.9g} ({self.kind}{where}), Re λ from {self.growth[0]:.3g} to {self.growth[1]:.3g}"
+SEEN = 1e-5  # of the range: how far beside a place in an open interval rounding may hide which modes grow
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,9 +40,13 @@ class CriticalValue:
     ----------
     parameter : str
     value : float
-        The first loss. The begin of the range if a mode grows there already; inf if stability is never lost.
+        The first loss. The begin of the range if a mode grows there already; inf if stability is never lost. If it is first lost
+        in an open interval, at a place that is not known, the begin of what is left of this interval.
     losses, regains : tuple of Crossing
-        Where modes begin and cease to grow, ascending in value.
+        Where modes begin and cease to grow, ascending in value. A loss at either end of the range belongs to it: at the begin the
+        mode grows above it, at the end it would beyond. A regain at the end belongs to it as well. At the begin there is none,
+        since nothing has grown in the range before. So losses less regains, a pair counting twice, are the growing eigenvalues
+        just beyond the end less those at the begin.
     searched : (lo, hi)
         The range of the parameter.
     band : (lo, hi)
@@ -84,7 +55,8 @@ class CriticalValue:
         Number of eigenvalues in the band that grow at the begin of the range (a pair counts twice).
     open : tuple of (float, float)
         Intervals in which a crossing, or one there and back, was not excluded: because eigenvalues pass each other on the axis or
-        touch it, because rounding hides which grow, or because the effort ends. A loss in a wide one is found by bisection.
+        touch it, because rounding hides which grow, or because the effort ends. Or the modes found to cross do not make up
+        the change of the number of growing eigenvalues. Of crossings in a wide one only those are listed that could be verified.
     tally : Tally
         The eigenvalues of all losses less those of all regains, beside the change of the number that grow over the range.
     evidence : str
@@ -124,9 +96,12 @@ class CriticalValue:
     def __repr__(self) -> str:
         if self.growing:
             first = f"{self.growing} eigenvalues grow from the begin on"
-        elif self.losses:
+        elif self.losses and self.losses[0].value == self.value:
             one = self.losses[0]
-            first = f"{one.value:.9g} ({one.kind}{'' if one.kind == 'divergence' else f' at ω = {one.omega:.6g} rad/time'})"
+            where = "" if one.kind == "divergence" else f" at ω = {one.omega:.6g} rad/time"
+            first = f"{shown_value(one.value, one.width)} ({one.kind}{where})"
+        elif np.isfinite(self.value):
+            first = f"above {self.value:.9g}, at a place not known,"
         else:
             first = "none"
         losses = f"{len(self.losses)} loss{'' if len(self.losses) == 1 else 'es'}"
@@ -142,7 +117,9 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
 
     The range is divided into intervals. In each, discs around the eigenvalues show that none crosses the imaginary axis
     (`femsub.stability.exclusion`). What is left are windows of 1e-11 of the range around the crossings; the number of growing
-    eigenvalues on both sides is known from the intervals beside them. So no loss is stepped over, however short it is.
+    eigenvalues on both sides is known from the intervals beside them. So no loss is stepped over, however short it is. The modes
+    that cross in a window are told from both of its sides, and must make up the change of that number
+    (`femsub.stability.crossings`).
 
     Parameters
     ----------
@@ -208,77 +185,64 @@ def _collected(family: Family, parts: Sequence[Part], parameter: str, searched: 
                limits: tuple[float, float]) -> CriticalValue:
     """The crossings in the intervals that are not excluded, in the band.
 
-    Narrow ones without a crossing are open, unless they are at the edge of the range. So are wide ones; of a crossing there only
-    one place is told, found by bisection.
+    Wide ones are open, and so are narrow ones in which the modes that cross do not make up the change of the number that grow, or
+    none crosses. A mode that only touches the axis at an end of the range has nothing to cross.
     """
-    losses: list[Crossing] = []
-    regains: list[Crossing] = []
+    (lo, hi), reach = searched, BESIDE * (searched[1] - searched[0])
+    found: Found = ([], [])
     left: list[tuple[float, float]] = []
-    listed = counted = 0
+    lost: list[float] = []  # where an interval begins in which stability is lost at an unknown place
+    begin = last = int(family.grown(lo)[0].sum())
+    listed = 0
     windows = [i for i, part in enumerate(parts) if part.growing is None]
     for at, i in enumerate(windows):
         part, edge = parts[i], i in (0, len(parts) - 1)
-        before, after = (known if known is not None else len(family.grown(p)[0]) for known, p in
-                         ((parts[i - 1].growing if i else None, part.begin),
-                          (parts[i + 1].growing if i + 1 < len(parts) else None, part.end)))
+        below = part.begin - (parts[windows[at - 1]].end if at else -np.inf)
+        above = (parts[windows[at + 1]].begin if at + 1 < len(windows) else np.inf) - part.end
+        room = (max(lo, part.begin - min(below / 3, reach)),
+                min(hi, part.end + min(above / 3, reach)) if part.end < hi else hi + NARROW * family.least)
+        before = known if i and (known := parts[i - 1].growing) is not None else begin
+        after = parts[i + 1].growing if i + 1 < len(parts) else None
         narrow = part.end - part.begin <= NARROW * family.least
-        heights = np.abs(np.imag(part.touching))
-        if not (narrow and (edge or before != after)) and (not len(heights) or in_band(heights, limits).any()):
+        told = settled(family, (part.begin, part.end), room, (before, after)) if narrow else None
+        if told is None or not (edge or any(told)):
+            heights = np.abs(np.imag(part.touching))
+            if len(heights) and not in_band(heights, limits).any():  # not listed, whatever it is
+                listed, last = listed + (0 if after is None else after - before), before
+                continue
             left.append((part.begin, part.end))
-        if before == after:
-            continue
-        gaps = [parts[j].begin - part.end for j in windows[at + 1:at + 2]] + \
-               [part.begin - parts[j].end for j in windows[max(at - 1, 0):at]]
-        beside = min([BESIDE * (searched[1] - searched[0]), *(gap / 3 for gap in gaps)])
-        found = _crossings(family, part if narrow else family.narrowed(part, before), after - before, beside, searched)
-        counted += after - before
-        listed += (1 if after > before else -1) * sum(2 if one.omega else 1 for one in found)
-        (losses if after > before else regains).extend(one for one in found if in_band(np.array([one.omega]), limits)[0])
-    growing = int(in_band(np.abs(family.grown(searched[0])[0].imag), limits).sum())
-    value = searched[0] if growing else losses[0].value if losses else np.inf
-    tally = Tally(listed, None if left else counted, sampled=not family.affine)
-    return CriticalValue(parameter, value, tuple(losses), tuple(regains), searched, limits, growing, tuple(left), tally,
+            told, unknown = _seen(family, part, room, before, after)
+            lost += [] if unknown is None else [unknown]
+        else:
+            change = sum(map(weight, told[0])) - sum(map(weight, told[1]))
+            listed, last = listed + change, before + change
+        for several, new in zip(found, told, strict=True):
+            several.extend(one for one in sorted(new, key=lambda one: one.omega) if in_band(np.array([one.omega]), limits)[0])
+    last = known if (known := parts[-1].growing) is not None else last
+    growing = int(in_band(np.abs(family.spectrum(lo).z[family.grown(lo)[0]].imag), limits).sum())
+    value = lo if growing else min([np.inf, *(one.value for one in found[0]), *lost])
+    tally = Tally(listed, None if left else last - begin, sampled=not family.affine)
+    return CriticalValue(parameter, value, tuple(found[0]), tuple(found[1]), searched, limits, growing, tuple(left), tally,
                          family.solved)
 
 
-def _crossings(family: Family, window: Part, change: int, beside: float, searched: tuple[float, float]) -> list[Crossing]:
-    """The modes that begin (change > 0) or cease to grow in a window: of those that grow on its one side, the nearest."""
-    inside = window.end if change > 0 else window.begin
-    found = family.spectrum(inside)
-    near = np.array(window.touching)
-    growing = np.flatnonzero((found.z.real > 0) & (found.z.imag >= 0))
-    growing = growing[np.argsort(np.abs(found.z[growing, None] - near).min(axis=1), kind="stable")]
-    taken, count = [], 0
-    for at in growing:
-        weight = 2 if found.z[at].imag > 0 else 1
-        if count + weight <= abs(change):
-            taken.append(int(at))
-            count += weight
-    value = (window.begin + window.end) / 2
-    sides = max(searched[0], window.begin - beside), min(searched[1], window.end + beside)
-    result = []
-    for at in taken:
-        z = found.z[at]
-        shape = family.shape(found, at)
-        kind = "divergence" if z.imag == 0 else "flutter" if family.mirrored else _fed(family.pencil_at(value), shape, z.imag)
-        rates = [_rate(family.spectrum(p), z, grows) for p, grows in zip(sides, (change < 0, change > 0), strict=True)]
-        result.append(Crossing(value, window.end - window.begin, float(z.imag), shape.real if z.imag == 0 else shape, kind,
-                               (rates[0], rates[1])))
-    return sorted(result, key=lambda one: one.omega)
+def _seen(family: Family, part: Part, room: tuple[float, float], before: int, after: int | None) -> tuple[Found, float | None]:
+    """What is certain of the crossings in an open interval, and from where on one is lost at an unknown place, if so.
 
-
-def _rate(found: Spectrum, z: complex, grows: bool) -> float:
-    """Re of the eigenvalue next to z, among those that grow or among the others."""
-    bar = 4 * np.abs(found.noise.sum(axis=1))
-    among = np.flatnonzero(found.z.real > bar if grows else found.z.real <= bar)
-    if not len(among):
-        return np.nan
-    return float(found.z[among[np.argmin(np.abs(found.z[among] - z))]].real)
-
-
-def _fed(pencil: Pencil, x: Array, omega: float) -> str:
-    """What feeds a motion on the axis: xᴴP(iω)x = 0 has the imaginary part ω xᴴD_s x + Im xᴴK_a x = 0."""
-    circulatory = -float((x.conj() @ ((pencil.K - pencil.K.T) / 2 @ x)).imag)
-    power, turn = np.linalg.eigh((pencil.D + pencil.D.T) / 2)
-    negative = omega * float(np.maximum(-power, 0.0) @ np.abs(turn.T @ x) ** 2)
-    return "flutter" if circulatory > negative else "hopf"
+    The places at which the number of those that certainly grow changes are found by bisection, one after the other. A crossing is
+    told only if it is settled there.
+    """
+    after = int(family.grown(part.end)[0].sum()) if after is None else after
+    found: Found = ([], [])
+    begin, reach = part.begin, SEEN * (family.between[1] - family.between[0])
+    while before != after:
+        a, b = family.narrowed(begin, part.end, before)
+        near = max(room[0], a - reach), min(room[1], b + reach)
+        told = settled(family, (a, b), near, (None, None)) or extrapolated(family, (a, b), near)
+        change = sum(map(weight, told[0])) - sum(map(weight, told[1])) if told else 0
+        if not told or not change or b <= begin or a < begin:
+            return found, begin if after > before else None
+        for several, new in zip(found, told, strict=True):
+            several.extend(new)
+        begin, before = b, before + change
+    return found, None

@@ -78,7 +78,7 @@ class Family:
 
     def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float],
                  form: PencilOver | None = None) -> None:
-        self.pencil_at, self.between = pencil_at, between
+        self.pencil_at, self.between = _going_on(pencil_at, between[1]), between
         lo, hi = between
         self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
         self.shapes, omega = _coordinates(pencil_at(self.middle))
@@ -194,25 +194,24 @@ class Family:
         return result
 
     def grown(self, p: float) -> tuple[Array, bool]:
-        """The eigenvalues that certainly grow at one value p, and whether rounding leaves any other undecided."""
+        """Which eigenvalues certainly grow at one value p, bool (m,), and whether rounding leaves any other undecided."""
         found = self.spectrum(p)
         with np.errstate(all="ignore"):
             discs = _discs(found.z, 0.0, np.zeros_like(found.V), found.noise, found.noise.diagonal())
         if discs is None:
-            return found.z[:0], True
+            return np.zeros(len(found.z), dtype=bool), True
         touching, on_axis = _touching(discs, self.mirrored)
-        return found.z[(found.z.real > 0) & ~on_axis & ~touching], bool(touching.any())
+        return (found.z.real > 0) & ~on_axis & ~touching, bool(touching.any())
 
     def _undecided(self, begin: float, end: float) -> bool:
         """Whether rounding alone leaves open, at several places, which eigenvalues grow: then dividing does not help."""
         return all(self.grown(p)[1] for p in ((begin + end) / 2, (3 * begin + end) / 4, (begin + 3 * end) / 4))
 
-    def narrowed(self, part: Part, before: int) -> Part:
-        """An open interval in which the number of growing eigenvalues changes, by bisection on those that certainly grow."""
-        a, b = part.begin, part.end
-        while b - a > self.least and a < (m := (a + b) / 2) < b:
-            a, b = (m, b) if len(self.grown(m)[0]) == before else (a, m)
-        return Part(a, b, None, part.touching)
+    def narrowed(self, begin: float, end: float, before: int) -> tuple[float, float]:
+        """A place in an interval where the number of those that certainly grow is no longer `before`, by bisection."""
+        while end - begin > self.least and begin < (m := (begin + end) / 2) < end:
+            begin, end = (m, end) if int(self.grown(m)[0].sum()) == before else (begin, m)
+        return begin, end
 
     def parts(self, most: int) -> list[Part]:
         """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
@@ -236,6 +235,18 @@ class Family:
                         heapq.heappush(waiting, (begin - end, begin, end))
         done += [Part(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
         return _joined(sorted(done, key=lambda part: part.begin))
+
+
+def _going_on(pencil_at: Callable[[float], Pencil], hi: float) -> Callable[[float], Pencil]:
+    """The same, but straight on a little above hi, where a contact may refuse the parameter."""
+
+    def pencil(p: float) -> Pencil:
+        if p <= hi:
+            return pencil_at(p)
+        last, before = pencil_at(hi), pencil_at(2 * hi - p)
+        return type(last)(*(2 * getattr(last, name) - getattr(before, name) for name in "MDK"))
+
+    return pencil
 
 
 def _coordinates(pencil: Pencil) -> tuple[Array, Array]:

@@ -101,7 +101,7 @@ class Sampled:
     """The coefficients at many values of the parameter. They tell where an interval is looked at beside the usual places."""
 
     def __init__(self, shares: Sequence[Share], between: tuple[float, float], kinks: Sequence[float]) -> None:
-        self.shares = shares
+        self.shares, self.end = shares, between[1]
         count = DENSE if all(share.few for share in shares) else SPARSE
         steps = np.arange(count)
         inside = between[0] + (steps + steps * IRREGULAR % 1.0) / count * (between[1] - between[0])
@@ -110,8 +110,12 @@ class Sampled:
         self.size = np.maximum(np.abs(self.c).max(axis=0), 1e-300)
 
     def _at(self, values: Array) -> Array:
-        return np.array([np.concatenate([np.ravel(block) for share in self.shares for block in share.coefficients(float(p))])
-                         for p in values])
+        """The coefficients; straight on above the range, where a contact may refuse the parameter."""
+        return np.array([self._one(p) if p <= self.end else 2 * self._one(self.end) - self._one(2 * self.end - p)
+                         for p in values.tolist()])
+
+    def _one(self, p: float) -> Array:
+        return np.concatenate([np.ravel(block) for share in self.shares for block in share.coefficients(p)])
 
     def places(self, begin: float, end: float, usual: Sequence[float] = ()) -> list[float]:
         """The values in (begin, end) at which a coefficient is farther off its chord than at the `usual` ones; MORE at most."""

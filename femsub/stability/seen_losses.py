@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import Array, Tally
+from femsub.checks import Tally
 from femsub.quadratic.complex_modes import ComplexModes, complex_modes
-from femsub.stability.critical_value import LARGEST, CriticalValue, Crossing, critical_value
+from femsub.stability.critical_value import LARGEST, CriticalValue, critical_value
+from femsub.stability.crossings import Crossing, fed_by
 
 if TYPE_CHECKING:
     from femsub.model.affine import Affine
@@ -75,10 +76,7 @@ def _located(model: Affine, tracked: Tracked, i: int, j: int) -> Crossing:
     at = int(np.argmax(found.eigenvalues.real))
     value, shape = found.eigenvalues[at], found.shapes[:, at]
     rates = tracked.eigenvalues[i:i + 2, j].real
-    kind = "divergence" if value.imag == 0 else _fed(model.at(**{tracked.parameter: hi}).D, shape, value.imag)
+    pencil = model.at(**{tracked.parameter: hi if tracked.growing[i + 1, j] else lo})
+    kind = "divergence" if value.imag == 0 else fed_by(pencil, shape, value.imag)
     return Crossing(float(lo + hi) / 2, float(hi - lo), float(value.imag), shape, kind, (float(rates[0]), float(rates[1])))
 
-
-def _fed(D: Array, x: Array, omega: float) -> str:
-    """What feeds a motion on the axis, where ω xᴴD_s x + Im xᴴK_a x = 0: K unless D supplies power."""
-    return "hopf" if omega * (x.conj() @ (D @ x)).real < 0 else "flutter"

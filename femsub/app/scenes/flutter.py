@@ -74,25 +74,32 @@ def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, e
 def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], label: str, hertz: Sequence[str]) -> Result:
     rows: list[dict[str, Any]] = []
     for name, item in found.items():
-        if item.growing or not (item.losses or item.regains):
-            rows.append({"model": name, "stability": "lost at the begin" if item.growing else "never lost", "value": None,
-                         "kind": "", "omega": None, "exact": exact.get(name), "error": None, "width": None,
-                         "evidence": item.evidence})
+        known = any(one.value == item.value for one in item.losses)
+        if item.growing or not (known or (item.regains and np.isinf(item.value))):
+            first = "lost at the begin" if item.growing else "never lost" if np.isinf(item.value) else "lost at a place not known"
+            rows.append({"model": name, "stability": first, "value": None, "kind": "", "omega": None, "exact": exact.get(name),
+                         "error": None, "width": None, "evidence": item.evidence})
         for what, crossings in (("lost", item.losses), ("regained", item.regains)):
             for one in crossings:
-                first = what == "lost" and one is item.losses[0] and name in exact
+                first = what == "lost" and one is item.losses[0] and name in exact and known
                 rows.append({"model": name, "stability": what, "value": one.value, "kind": one.kind, "omega": one.omega,
                              "exact": exact[name] if first else None, "error": abs(one.value - exact[name]) if first else None,
                              "width": one.width, "evidence": item.evidence})
     columns = {"model": "s", "stability": "s", "value": ".10f", "kind": "s", "omega": ".6g",
                **({"exact": ".10f", "error": ".0e"} if exact else {}), "evidence": "s"}
     heads = {"value": label, "omega": "ω", "exact": "closed form"}
-    said = table([heads.get(column, column) for column in columns], [[row[column] for column in columns] for row in rows],
+    cells = [{**row, "value": _digits(row["value"], row["width"])} for row in rows]
+    said = table([heads.get(column, column) for column in columns], [[row[column] for column in columns] for row in cells],
                  list(columns.values()), hertz)
     left = [line for name, item in found.items() for line in _left_open(name, item)]
     places = {name: [list(one) for one in item.open] for name, item in found.items()}
     return Result({"critical-value": rows, "not_excluded": places}, {"critical-value": rows},
                   "\n".join([f"Where stability is lost, over {label}:", said, *left]), {})
+
+
+def _digits(value: float | None, width: float | None) -> str | None:
+    """Up to 10 places behind the point, none of them below the width."""
+    return None if value is None else f"{value:.{min(max(-int(np.floor(np.log10(width or 1e-10))), 0), 10)}f}"
 
 
 def _left_open(name: str, item: CriticalValue) -> list[str]:

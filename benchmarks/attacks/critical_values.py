@@ -1,0 +1,417 @@
+"""`critical_value` against exact counts: the growing roots of det P(λ; p) by Routh's scheme and Sturm's chain in whole numbers.
+
+The matrices have few binary digits, so that the polynomial is exact. At many values of the parameter, and just beside each
+crossing told, the number that grows must be what the losses and regains add up to. Kinds with a closed form are sums of scalar
+oscillators λ² + d(p)λ + k(p), mixed by a congruence: there frequency, shape and place of each crossing are known. The first five
+kinds have a dense scan with bisection as their reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from itertools import pairwise
+from math import lcm
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import femsub as fs
+from femsub.checks import Array
+
+SCANNED = ("circulatory", "damped", "gyroscopic", "negative damping", "not affine")  # by a dense scan, in floating point
+EXACT = ("heavy damping", "tiny damping", "undamped", "belt")
+CLOSED = ("real pairs", "close crossings", "ends", "doubles")
+KINDS = (*SCANNED, *EXACT, *CLOSED, "units")
+
+GRID = 2001
+ON_AXIS = 1e-7  # of the largest |λ|: what rounding may do to an undamped eigenvalue near a coalescence
+NEAR = 1e-7  # of the range: a crossing found by bisection is the same as one of `critical_value`
+
+
+class Problem(NamedTuple):
+    kind: str
+    family: fs.Affine
+    between: tuple[float, float]
+    undamped: bool
+
+
+def attacked(kind: str, seed: int) -> str:
+    """One random case: the evidence, or a text that begins with 'wrong'."""
+    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    if kind in SCANNED:
+        task = problem(len(SCANNED) * seed + SCANNED.index(kind))
+        found = fs.critical_value(task.family, None, "p", between=task.between)
+        told = differences(task, found) if not found.open else []
+    elif kind in EXACT:
+        family, between = _general(kind, rng)
+        found = fs.critical_value(family, None, "p", between=between)
+        told = _by_counts(family, found, kind == "undamped")
+    elif kind == "units":
+        found, told = _units(rng)
+    else:
+        found, told = _closed(kind, rng)
+    return f"wrong: seed {seed}: {'; '.join(told)}: {found!r}" if told else found.evidence
+
+
+# -- a dense scan in floating point
+
+
+def problem(seed: int) -> Problem:
+    """A random model with one parameter p."""
+    rng = np.random.default_rng(seed)
+    kind, n = SCANNED[seed % len(SCANNED)], int(rng.integers(2, 7))
+
+    def spd(least: float) -> Array:
+        A = rng.standard_normal((n, n))
+        return A @ A.T / n + least * np.eye(n)
+
+    M, K, any_K, skew = spd(0.5), 4 * spd(0.3), rng.standard_normal((n, n)), rng.standard_normal((n, n))
+    skew, damping = skew - skew.T, 10.0 ** rng.uniform(-4, 0) * spd(0.01)
+    between = (-float(rng.uniform(0.1, 3)), float(rng.uniform(0.5, 6)))
+    eye = np.eye(n)
+    terms: dict[str, tuple[Any, Any]] = {
+        "circulatory": (None, [(1.0, K), ("p", any_K)]),
+        "damped": (damping, [(1.0, K), ("p", any_K)]),
+        "gyroscopic": ([(1.0, 2 * skew)], [(1.0, K - 3 * eye), ("p", spd(0.0) - eye)]),
+        "negative damping": ([(1.0, damping), ("p", 0.1 * (any_K + any_K.T))], [(1.0, K), ("p", 0.2 * skew)]),
+        "not affine": (damping, [(1.0, K), (lambda p: np.sin(3 * p), any_K), (lambda p: p**2, 0.1 * skew)])}
+    return Problem(kind, fs.Affine(M, *terms[kind]), between, kind in ("circulatory", "gyroscopic"))
+
+
+def counter(task: Problem) -> Callable[[Array], tuple[Array, Array]]:
+    """p (k,) ↦ the number of growing eigenvalues, and how clear it is: the smallest |Re λ| that counted, relative."""
+    n, inverse = task.family.size, np.linalg.inv(task.family.M[0][1])
+
+    def summed(terms: Any, p: Array) -> Array:
+        found = np.zeros((len(p), n, n))
+        for theta, A in terms:
+            found += np.broadcast_to(p if theta == "p" else theta(p) if callable(theta) else theta, p.shape)[:, None, None] * A
+        return found
+
+    def grown(p: Array) -> tuple[Array, Array]:
+        state = np.zeros((len(p), 2 * n, 2 * n))
+        state[:, :n, n:] = np.eye(n)
+        state[:, n:, :n], state[:, n:, n:] = -inverse @ summed(task.family.K, p), -inverse @ summed(task.family.D, p)
+        z = np.linalg.eigvals(state)
+        rate = z.real / np.abs(z).max(axis=1)[:, None]
+        if task.undamped:
+            return (rate > ON_AXIS).sum(axis=1), np.ones(len(p))
+        return (rate > 0).sum(axis=1), np.abs(rate).min(axis=1)
+
+    return grown
+
+
+def differences(task: Problem, found: fs.CriticalValue) -> list[str]:
+    """Where the result and the scan disagree, up to three places; nothing if they agree."""
+    lo, hi = task.between
+    grown, told = counter(task), []
+    values, change = _events(found)
+    inner = (values[1:] + values[:-1]) / 2
+    grid = np.sort(np.concatenate([np.linspace(lo, hi, GRID), inner]))
+    counts, clear = grown(grid)
+    claimed = found.growing + change[np.searchsorted(values, grid)]
+    near = np.abs(grid[:, None] - values).min(axis=1, initial=np.inf) <= NEAR * (hi - lo)
+    wrong = (claimed != counts) & (clear > 1e-11) & ~near
+    told += [f"{counts[i]} grow at p = {grid[i]:.9g}, but {claimed[i]} are claimed" for i in np.flatnonzero(wrong)][:3]
+    for i in np.flatnonzero(np.diff(counts)):
+        a, b = float(grid[i]), float(grid[i + 1])
+        while b - a > 1e-10 * (hi - lo):
+            points = np.linspace(a, b, 9)
+            first = int(np.flatnonzero(np.diff(grown(points)[0]))[0])
+            a, b = float(points[first]), float(points[first + 1])
+        if np.abs(values - b).min(initial=np.inf) > NEAR * (hi - lo):
+            told.append(f"the crossing at p = {b:.9g} is missing")
+    return told
+
+
+def _events(found: fs.CriticalValue) -> tuple[Array, Array]:
+    """The places told, ascending, and by how many more grow after each, beginning with 0."""
+    events = sorted([(one.value, 2 if one.omega else 1) for one in found.losses]
+                    + [(one.value, -2 if one.omega else -1) for one in found.regains])
+    return np.array([value for value, _ in events]), np.cumsum([0, *(step for _, step in events)])
+
+
+# -- exact counts
+
+
+def _rounded(A: Any, bits: int = 12) -> Array:
+    """The same to `bits` binary digits behind the point of its largest entry."""
+    unit = 2.0 ** (np.ceil(np.log2(np.abs(A).max())) - bits)
+    return np.asarray(np.round(np.asarray(A) / unit) * unit)
+
+
+def _general(kind: str, rng: np.random.Generator) -> tuple[fs.Affine, tuple[float, float]]:
+    """A random model of 2 to 4 DOF without structure."""
+    n = int(rng.integers(2, 5))
+    spread = np.exp(rng.uniform(-1, 1, n))
+    A, B = rng.standard_normal((2, n, n))
+    spd = A @ A.T / n + 0.2 * np.eye(n)
+    K = _rounded(np.diag(rng.uniform(0.5, 6, n)) + (0.6 * B if rng.random() < 0.5 else 0.3 * (B + B.T)))
+    any_K, between = _rounded(rng.standard_normal((n, n))), (0.0, float(rng.uniform(1, 6)))
+    M = _rounded(np.diag(spread) if rng.random() < 0.5 else spd)
+    if kind == "undamped":
+        return fs.Affine(M, None, [(1.0, K), ("p", any_K)]), between
+    if kind == "belt":
+        w = _rounded(rng.standard_normal(n))
+        D = _rounded(10.0 ** rng.uniform(-6, 1) * spd)
+        return fs.Affine(M, [(1.0, D), ("p", -_rounded(np.outer(w, w) * np.abs(D).max()))], K), between
+    D = _rounded(10.0 ** (rng.uniform(1, 4) if kind == "heavy damping" else rng.uniform(-9, -2)) * spd)
+    if rng.random() < 0.3:  # divergence alone
+        any_K = _rounded(-(any_K @ any_K.T) / n)
+    return fs.Affine(M, D, [(1.0, K), ("p", any_K)]), between
+
+
+def _determinant(A: list[list[int]]) -> int:
+    """By Bareiss' elimination, without fractions."""
+    A, sign, last = [row[:] for row in A], 1, 1
+    n = len(A)
+    for k in range(n - 1):
+        pivot = next((i for i in range(k, n) if A[i][k]), None)
+        if pivot is None:
+            return 0
+        if pivot != k:
+            A[k], A[pivot], sign = A[pivot], A[k], -sign
+        for i in range(k + 1, n):
+            for j in range(k + 1, n):
+                A[i][j] = (A[i][j] * A[k][k] - A[i][k] * A[k][j]) // last
+        last = A[k][k]
+    return sign * A[-1][-1]
+
+
+def _polynomial(parts: Sequence[list[list[int]]]) -> list[Fraction]:
+    """The coefficients of det Σ s^i A_i, the lowest first, by Newton's interpolation."""
+    n = len(parts[0])
+    points = list(range(n * (len(parts) - 1) + 1))
+    values = [Fraction(_determinant([[sum(s**i * part[a][b] for i, part in enumerate(parts)) for b in range(n)]
+                                     for a in range(n)])) for s in points]
+    for level in range(1, len(points)):
+        for i in range(len(points) - 1, level - 1, -1):
+            values[i] = (values[i] - values[i - 1]) / (points[i] - points[i - level])
+    found = [Fraction(0)]
+    for i in range(len(points) - 1, -1, -1):
+        found = [a - points[i] * b for a, b in zip([Fraction(0), *found], [*found, Fraction(0)], strict=True)]
+        found[0] += values[i]
+    while len(found) > 1 and not found[-1]:
+        found.pop()
+    return found
+
+
+def _routh(polynomial: list[Fraction]) -> int | None:
+    """The number of roots with Re > 0; None if the scheme ends early, as with roots on the axis."""
+    high = polynomial[::-1]
+    one, two = high[::2], high[1::2]
+    column = [one[0]]
+    while two:
+        if not two[0]:
+            return None
+        column.append(two[0])
+        two = two + [Fraction(0)] * (len(one) - len(two))
+        one, two = two, [one[i + 1] - one[0] / two[0] * two[i + 1] for i in range(len(one) - 1)]
+        while len(one) > 1 and not one[-1] and len(one) > len(two) + 1:
+            one.pop()
+        if not any(two):
+            break
+    if len(column) != len(polynomial):
+        return None
+    return sum((a < 0) != (b < 0) for a, b in pairwise(column))
+
+
+def _negative(polynomial: list[Fraction]) -> int | None:
+    """The number of negative real roots by Sturm's chain; None if one is multiple."""
+    chain = [polynomial, [i * c for i, c in enumerate(polynomial)][1:]]
+    while len(chain[-1]) > 1:
+        rest = chain[-2][:]
+        while len(rest) >= len(chain[-1]):
+            factor, shift = rest[-1] / chain[-1][-1], len(rest) - len(chain[-1])
+            rest = [c - factor * chain[-1][i - shift] if i >= shift else c for i, c in enumerate(rest)][:-1]
+        while rest and not rest[-1]:
+            rest.pop()
+        if not rest:
+            return None
+        chain.append([-c for c in rest])
+    ends = [[part[-1] * (-1) ** (len(part) - 1) for part in chain], [part[0] for part in chain]]
+    changes = [sum(a * b < 0 for a, b in pairwise([sign for sign in end if sign])) for end in ends]
+    return changes[0] - changes[1]
+
+
+def exactly_growing(family: fs.Affine, p: float, undamped: bool) -> int | None:
+    """The number of eigenvalues with Re λ > 0 at p, exact; None if some may lie on the axis."""
+    n = family.size
+
+    def summed(terms: Any) -> list[list[Fraction]]:
+        shares = [(Fraction(p) if theta == "p" else Fraction(theta), A) for theta, A in terms]
+        return [[sum((share * Fraction(float(A[i, j])) for share, A in shares), Fraction(0)) for j in range(n)] for i in range(n)]
+
+    exact = [summed(part) for part in (family.M, family.D, family.K)]
+    unit = lcm(*(x.denominator for part in exact for row in part for x in row))
+    M, D, K = ([[int(x * unit) for x in row] for row in part] for part in exact)
+    if not undamped:
+        return _routh(_polynomial([K, D, M]))
+    negative = _negative(_polynomial([K, M]))
+    return None if negative is None else family.size - negative
+
+
+def _by_counts(family: fs.Affine, found: fs.CriticalValue, undamped: bool) -> list[str]:
+    """Where the result differs from exact counts, up to three places."""
+    lo, hi = found.searched
+    values, change = _events(found)
+    crossings = (*found.losses, *found.regains)
+    points = [*np.linspace(lo, hi, 21), *((values[1:] + values[:-1]) / 2)]
+    points += [one.value + side * max(one.width, 1e-12 * (hi - lo)) for one in crossings for side in (-1, 1)]
+    told = []
+    for p in sorted(points):
+        if not lo < p < hi or any(a <= p <= b for a, b in found.open) or any(abs(p - one.value) < 0.9 * one.width
+                                                                             for one in crossings):
+            continue
+        count = exactly_growing(family, float(p), undamped)
+        claimed = found.growing + int(change[np.searchsorted(values, p)])
+        if count is not None and ((claimed != count and not found.open) or (count and p < found.value)):
+            told.append(f"{count} grow at p = {p:.17g}, but {claimed} are claimed")
+    return [*told[:3], *_figures(family, found)]
+
+
+def _figures(family: fs.Affine, found: fs.CriticalValue) -> list[str]:
+    """Frequencies that are none at the crossing, growth of the wrong sign, shapes that leave a residual."""
+    told = []
+    for one in (*found.losses, *found.regains):
+        pencil = family.at(p=one.value)
+        M, D, K = pencil.M, pencil.D, pencil.K
+        at = 1j * one.omega
+        P = at * at * M + at * D + K
+        size = max(np.abs(at * at * M).max(), np.abs(at * D).max(), np.abs(K).max())
+        residual = np.linalg.norm(P @ one.shape) / size
+        if residual > 1e-3:
+            told.append(f"residual {residual:.1e} at {one.value:.9g}")
+        below, above = one.growth if one in found.losses else one.growth[::-1]
+        if not (above > below and above > 0 and below <= 1e-6):
+            told.append(f"growth {one.growth} at {one.value:.9g}")
+    return told
+
+
+# -- closed forms
+
+
+def _mixed(rng: np.random.Generator, n: int) -> Array:
+    """A regular matrix T of small whole numbers, for congruences TᵀAT that are exact."""
+    while True:
+        T = np.eye(n) + rng.integers(-1, 2, (n, n)) * (rng.random((n, n)) < 0.5)
+        if abs(np.linalg.det(T)) > 0.5 and np.linalg.cond(T) < 30:
+            return np.asarray(T)
+
+
+def _closed(kind: str, rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
+    """Oscillators λ² + (d + p d')λ + k + p k', mixed by a congruence; all figures of few binary digits."""
+    n = int(rng.integers(1, 5))
+    lo, hi = 0.0, 2.0
+    d, dp, k, kp = np.zeros((4, n))
+    k = np.sort(rng.choice(np.arange(8, 200), n, replace=False)) / 8.0
+    d = _dyadic(rng.uniform(0.01, 1, n))
+    if kind == "real pairs":
+        where = _dyadic(rng.uniform(0.1, 1.9, n))
+        kp = rng.choice([-1.0, 1.0], n) * _dyadic(rng.uniform(0.2, 4, n), 6)
+        k = -kp * where
+        d = rng.choice([-1.0, 1.0, 1.0], n) * 2.0 ** rng.integers(-28, 12, n)
+    elif kind == "close crossings":
+        dp = rng.choice([-1.0, 1.0], n) * _dyadic(rng.uniform(0.1, 2, n), 6)
+        places = 1.0 + np.cumsum([0.0, *(2.0 ** rng.integers(-46, -6, n - 1))]) if n > 1 else np.ones(1)
+        d = -dp * rng.permutation(places)  # rounded by less than 1e-15 of the range
+    elif kind == "ends":
+        dp = rng.choice([-1.0, 1.0], n) * _dyadic(rng.uniform(0.1, 2, n), 6)
+        d = -dp * rng.choice([lo, hi, 0.75, 1.25], n)
+    else:  # doubles
+        n = 2 * max(1, n // 2)
+        k = np.repeat(rng.choice(np.arange(8, 100), n // 2, replace=False) / 8.0, 2)
+        dp = np.repeat(rng.choice([-1.0, 1.0], n // 2) * _dyadic(rng.uniform(0.1, 2, n // 2), 6), 2)
+        d = -dp * np.repeat(_dyadic(rng.uniform(0.1, 1.9, n // 2)), 2)
+        kp = np.zeros(n)
+    T = _mixed(rng, n)
+    family = fs.Affine(T.T @ T, [(1.0, T.T @ np.diag(d) @ T), ("p", T.T @ np.diag(dp) @ T)],
+                       [(1.0, T.T @ np.diag(k) @ T), ("p", T.T @ np.diag(kp) @ T)])
+    found = fs.critical_value(family, None, "p", between=(lo, hi))
+    return found, _by_form(d, dp, k, kp, T, found)
+
+
+def _dyadic(x: Array, bits: int = 10) -> Array:
+    return np.asarray(np.round(np.asarray(x) * 2**bits) / 2**bits)
+
+
+def _by_form(d: Array, dp: Array, k: Array, kp: Array, T: Array, found: fs.CriticalValue) -> list[str]:
+    """Where the result differs from the crossings of each oscillator."""
+    lo, hi = found.searched
+    exact: list[tuple[bool, float, float, Array]] = []  # loss, place, ω, shape
+    inverse = np.linalg.inv(T)
+    for i in range(len(d)):
+        if dp[i]:
+            p = -d[i] / dp[i]
+            if lo <= p <= hi and k[i] + p * kp[i] > 0 and (dp[i] < 0 or p > lo):
+                exact.append((bool(dp[i] < 0), p, float(np.sqrt(k[i] + p * kp[i])), inverse[:, i]))
+        if kp[i]:
+            p = -k[i] / kp[i]
+            if lo <= p <= hi:  # one of two real eigenvalues passes 0, upwards if the stiffness falls and d > 0
+                exact.append((bool((kp[i] < 0) == (d[i] > 0)), p, 0.0, inverse[:, i]))
+    told = []
+    crossings = [(True, one) for one in found.losses] + [(False, one) for one in found.regains]
+    if not found.open and len(crossings) != len(exact):
+        told.append(f"{len(crossings)} crossings told, {len(exact)} exist")
+    left = list(exact)
+    for loss, one in crossings:
+        slack = one.width + 4e-11 * (hi - lo)
+        fit = [item for item in left if item[0] == loss and abs(item[1] - one.value) <= slack
+               and abs(item[2] - one.omega) <= 1e-6 * max(one.omega, 1e-3)]
+        if not fit:
+            told.append(f"{one!r} is none of {[item[:3] for item in left]}")
+            continue
+        cosine = [abs(item[3] @ one.shape) / np.linalg.norm(item[3]) for item in fit]
+        same = [item for item in exact if abs(item[2] - one.omega) <= 1e-6 * max(one.omega, 1e-3)]
+        if len(same) == 1 and max(cosine) < 0.999:
+            told.append(f"{one!r} has another shape, cosine {max(cosine):.3f}")
+        at = next(i for i, item in enumerate(left) if item is fit[int(np.argmax(cosine))])
+        left.pop(at)
+        below, above = one.growth if loss else one.growth[::-1]
+        if not (above > -1e-12 and above >= below and below <= 1e-9):
+            told.append(f"growth {one.growth} of {one!r}")
+    losses = [item[1] for item in exact if item[0]]
+    growing = sum((2 if k[i] + lo * kp[i] > 0 else 0) if d[i] + lo * dp[i] < 0 else 0 for i in range(len(d)))
+    growing += sum(1 for i in range(len(d)) if k[i] + lo * kp[i] < 0)
+    if found.growing != growing:
+        told.append(f"{growing} grow at the begin, but {found.growing} are told")
+    if not growing and min(losses, default=np.inf) < found.value - 1e-9:
+        told.append(f"the first loss is at {min(losses):.9g}")
+    return told
+
+
+def _units(rng: np.random.Generator) -> tuple[fs.CriticalValue, list[str]]:
+    """The same model in other units of its DOF, and in other coordinates: places and kinds stay, kinds follow from the powers."""
+    n = int(rng.integers(2, 5))
+    A, B, C = rng.standard_normal((3, n, n))
+    M, K = _rounded(A @ A.T / n + 0.5 * np.eye(n)), _rounded(np.diag(rng.uniform(1, 6, n)))
+    D = _rounded(10.0 ** rng.uniform(-3, 0) * (B @ B.T / n - 0.05 * np.eye(n)))
+    skew, extra = _rounded(C - C.T), _rounded(0.05 * (B + B.T))
+    between = (0.0, 3.0)
+
+    def model(T: Array) -> fs.Affine:
+        terms = [T.T @ part @ T for part in (M, D, extra, K, skew)]
+        return fs.Affine(terms[0], [(1.0, terms[1]), ("p", terms[2])], [(1.0, terms[3]), ("p", terms[4])])
+
+    plain = fs.critical_value(model(np.eye(n)), None, "p", between=between)
+    told = _by_counts(model(np.eye(n)), plain, False)
+    for one in (*plain.losses, *plain.regains):
+        if one.kind == "divergence":
+            continue
+        pencil = model(np.eye(n)).at(p=one.value)
+        x = np.linalg.svd(-one.omega**2 * pencil.M + 1j * one.omega * pencil.D + pencil.K)[2][-1].conj()
+        power = float((x.conj() @ pencil.D @ x).real)
+        clear = abs(power) > 1e-6 * float(np.abs(x) @ np.abs(pencil.D) @ np.abs(x))
+        if clear and one.kind != ("hopf" if power < 0 else "flutter"):
+            told.append(f"{one!r}, but Re xᴴDx = {power:.3g}")
+    for T in (np.diag(2.0 ** rng.integers(-12, 13, n)), _mixed(rng, n)):
+        other = fs.critical_value(model(T), None, "p", between=between)
+        if plain.open or other.open:
+            continue
+        for ours, theirs in ((plain.losses, other.losses), (plain.regains, other.regains)):
+            if [one.kind for one in ours] != [one.kind for one in theirs]:
+                told.append(f"kinds {[one.kind for one in ours]} become {[one.kind for one in theirs]}")
+            elif any(abs(a.value - b.value) > a.width + b.width + 1e-10 for a, b in zip(ours, theirs, strict=True)):
+                told.append("places differ with the units")
+    return plain, told

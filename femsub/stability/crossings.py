@@ -1,0 +1,307 @@
+"""Which modes cross the imaginary axis in a narrow window: told from both of its sides, and only if they add up.
+
+The eigenvalues at two values beside the window are matched by distance. Eigenvalues that move further than they lie apart form a
+group, within which none is told from another. A mode crosses if its group has growing eigenvalues on one side of the window only.
+Those that pass 0 are counted apart, as the roots t of det(K + tK') = 0, which do not depend on the damping. A window is settled
+if the modes found make up the change of the number of growing eigenvalues (2 per pair, 1 per real λ), and as many of them pass 0
+as there are roots.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+import scipy.linalg as la
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import connected_components
+
+from femsub.checks import EPS, Array
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+    from femsub.stability.exclusion import Family, Spectrum
+
+WIDER = 8.0  # times: how the sides move away from a window until rounding hides nothing
+BESIDE = 1e-3  # of the range: how far beside a crossing the growth is told, if there is no other crossing nearer
+STEP = 1e-6  # of the range: half the step of the difference for K'
+TOGETHER = 2.0  # times its movement: distance up to which another eigenvalue may be the successor
+STRAIGHT = 0.05  # of the distance: how well two extrapolations to the axis must agree
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Crossing:
+    """A point at which a mode begins to grow, or ceases to.
+
+    Attributes
+    ----------
+    value : float
+        The parameter.
+    width : float
+        The crossing lies within value ∓ width / 2.
+    omega : float
+        Its frequency, in radians per unit of time; 0 for divergence.
+    shape : ndarray, shape (n,) or (r,)
+        Its eigenvector in the model's coordinates, of unit length; complex unless it diverges.
+    kind : str
+        'divergence': a real eigenvalue passes 0. Else ω xᴴD_s x + Im xᴴK_a x = 0 with the symmetric part of D and the skew one of
+        K. 'hopf': xᴴD_s x < 0, negative damping feeds the motion. 'flutter': a circulatory K feeds it, or two undamped modes
+        coalesce.
+    growth : (float, float)
+        Re λ of this mode a little below and above the value.
+    """
+
+    value: float
+    width: float
+    omega: float
+    shape: Array
+    kind: str
+    growth: tuple[float, float]
+
+    def __repr__(self) -> str:
+        where = "" if self.kind == "divergence" else f" at ω = {self.omega:.6g} rad/time"
+        return (f"Crossing: {shown_value(self.value, self.width)} ({self.kind}{where}), Re λ from {self.growth[0]:.3g} to "
+                f"{self.growth[1]:.3g}")
+
+
+Found: TypeAlias = tuple[list[Crossing], list[Crossing]]  # losses and regains
+
+
+def shown_value(value: float, width: float) -> str:
+    """A value in 9 digits at most, and without those below its width."""
+    last = 10.0 ** np.floor(np.log10(width)) if width > 0 else 0.0
+    return f"{round(value / last) * last + 0.0 if last > EPS * abs(value) else value:.9g}"
+
+
+def fed_by(pencil: Pencil, x: Array, omega: float) -> str:
+    """What feeds a motion x at the axis, or just beyond it: 'flutter' or 'hopf'.
+
+    There xᴴP(iω)x = 0 has the imaginary part ω xᴴD_s x + Im xᴴK_a x = 0 with the symmetric part of D and the skew one of K. The
+    first term is the work that D takes from the motion, the second what K takes. If D takes work, K feeds the motion. Neither
+    changes with the units of the DOF.
+    """
+    damping = omega * float((x.conj() @ ((pencil.D + pencil.D.T) / 2 @ x)).real)
+    circulatory = float((x.conj() @ ((pencil.K - pencil.K.T) / 2 @ x)).imag)
+    return "hopf" if damping < circulatory else "flutter"
+
+
+class _Match(NamedTuple):
+    """The successor of each eigenvalue, (m,), and the groups of those that are not told apart, by numbers on the left side."""
+
+    to: Array
+    group: Array
+
+    def of(self, at: int) -> Array:
+        return np.flatnonzero(self.group == self.group[at])
+
+
+def _matched(left: Spectrum, right: Spectrum) -> _Match:
+    """Two neighbouring spectra by distance."""
+    cost = np.abs(left.z[:, None] - right.z)
+    to = linear_sum_assignment(cost)[1]
+    moved = np.maximum(cost[np.arange(len(to)), to], np.maximum(_bars(left), _bars(right)[to]))
+    after = right.z[to]
+    apart = np.minimum(np.abs(left.z[:, None] - left.z), np.abs(after[:, None] - after))
+    return _Match(to, connected_components(apart <= TOGETHER * np.maximum.outer(moved, moved), directed=False)[1])
+
+
+def _bars(found: Spectrum) -> Array:
+    return np.minimum(np.abs(found.noise.diagonal()), np.abs(found.z))
+
+
+class _Change(NamedTuple):
+    """A mode that crosses: its numbers on both sides, which way, and its frequency (0 if it passes 0)."""
+
+    before: int
+    after: int
+    begins: bool
+    omega: float
+
+
+def _changes(family: Family, a: float, b: float) -> list[_Change] | None:
+    """The modes that cross between two values near each other; None if they are not told from others."""
+    left, right = family.spectrum(a), family.spectrum(b)
+    match = _matched(left, right)
+    grows, grown = family.grown(a)[0], family.grown(b)[0][match.to]
+    after = right.z[match.to]
+    found: list[_Change] = []
+    unclear: list[_Change] = []  # pairs near 0, which may as well become real before they cross
+    real: list[_Change] = []
+    for number in np.unique(match.group[grows | grown]):
+        group = np.flatnonzero(match.group == number)
+        change = int(grown[group].sum()) - int(grows[group].sum())
+        heights = np.concatenate([left.z[group].imag, after[group].imag])
+        own = bool((heights == 0).any() or (heights.min() < 0 < heights.max()))  # its own conjugate
+        if change == 0 or (not own and heights[0] < 0):
+            continue
+        here, there = (grown, grows) if change > 0 else (grows, grown)
+        z = after if change > 0 else left.z
+        members = group[here[group]]
+        told = [_Change(int(i), int(match.to[i]), change > 0, float(z[i].imag)) for i in members if z[i].imag > 0]
+        if not there[group].any() and len(told) * (2 if own else 1) == abs(change):
+            (unclear if own else found).extend(told)
+        elif not own:
+            return None
+        else:
+            first = members[np.lexsort((np.abs(z[members]), there[members]))][:abs(change)]
+            real += [_Change(int(i), int(match.to[i]), change > 0, 0.0) for i in first]
+    roots, at_edge = len(_roots(family, a, b)), a <= family.between[0] or b >= family.between[1]
+    passing = [one._replace(omega=0.0) for one in unclear for _ in range(2)]
+    for several in (unclear, passing):
+        expected = len(real) + sum(one.omega == 0 for one in several)
+        if roots == expected or (at_edge and roots > expected):
+            return [*found, *real, *several]
+    return None
+
+
+def _roots(family: Family, a: float, b: float) -> list[tuple[float, Array]]:
+    """Where K is singular between two values near each other: p and the motion without stiffness."""
+    lo, hi = family.between
+    m = min(max((a + b) / 2, lo), hi)
+    step = STEP * (hi - lo)
+    ends = max(lo, m - step), min(hi, m + step)
+    slope = (family.pencil_at(ends[1]).K - family.pencil_at(ends[0]).K) / (ends[1] - ends[0])
+    modes = family.shapes / family.omega
+    K, change = (modes.T @ part @ modes for part in (family.pencil_at(m).K, slope))
+    scale = float(np.linalg.norm(change)) / max(float(np.linalg.norm(K)), sys.float_info.min)
+    if not scale or not np.isfinite(scale):
+        return []
+    with np.errstate(all="ignore"):
+        (top, bottom), Y, X = la.eig(K, -change / scale, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
+        places = m + top / bottom / scale
+        force = np.einsum("ij,ij->j", np.abs(Y), np.abs(K) @ np.abs(X))
+        bars = np.minimum(4 * EPS * len(K) * force / np.abs(np.einsum("ij,ij->j", Y.conj(), change @ X)), b - a)
+        inside = np.isfinite(places) & (places.imag == 0) & (a - bars <= places.real) & (places.real <= b + bars)
+    numbers = np.flatnonzero(inside)
+    shapes = modes @ X[:, numbers].real
+    return [(float(places[i].real), x / np.linalg.norm(x)) for i, x in zip(numbers, shapes.T, strict=True)]
+
+
+def weight(one: Crossing) -> int:
+    """The number of eigenvalues that cross: a pair counts twice."""
+    return 2 if one.omega else 1
+
+
+def settled(family: Family, window: tuple[float, float], room: tuple[float, float],
+            known: tuple[int | None, int | None]) -> Found | None:
+    """The losses and regains in a window, if the modes that cross make up the change of the number that grow; None if not.
+
+    Parameters
+    ----------
+    room : (float, float)
+        Values below and above the window, up to which there is no other crossing.
+    known : (int or None, int or None)
+        The numbers of growing eigenvalues there. Where it is None, rounding must leave none undecided, and the crossings are told
+        as wide as that needs.
+    """
+    for a, b in _sides(family, window, room):
+        counts = []
+        for p, number in zip((a, b), known, strict=True):
+            grown, undecided = family.grown(p)
+            counts.append(int(grown.sum()) if number is not None or not undecided else -1)
+        if all(count >= 0 and number in (None, count) for count, number in zip(counts, known, strict=True)):
+            found = _changes(family, a, b)
+            if found is not None and sum((2 if one.omega else 1) * (1 if one.begins else -1) for one in found) == \
+                    counts[1] - counts[0]:
+                told = tuple(side if number is None else edge for side, edge, number in zip((a, b), window, known, strict=True))
+                return _told(family, found, (a, b), (told[0], min(told[1], family.between[1])), room)
+    return None
+
+
+def extrapolated(family: Family, window: tuple[float, float], room: tuple[float, float]) -> Found | None:
+    """The losses or regains near a window beside which rounding leaves undecided what grows; None if they cannot be told.
+
+    Re λ of a mode that certainly grows goes straight to 0, or (Re λ)² does where two modes coalesce. Two extrapolations of either
+    must agree.
+    """
+    begins = int(family.grown(window[1])[0].sum()) > int(family.grown(window[0])[0].sum())
+    for a, b in _sides(family, window, room):
+        found = _changes(family, window[0], b) if begins else _changes(family, a, window[1])
+        near = b if begins else a
+        step = near - window[1 if begins else 0]
+        points = [near, near + step, near + 3 * step]
+        if not found or not step or not all(one.begins == begins for one in found) or not room[0] <= points[-1] <= room[1]:
+            continue
+        places = [_to_axis(family, points, one.after if begins else one.before) for one in found]
+        if np.isfinite(places).all() and np.abs(np.array(places)[:, 0] - near).max() <= 2 * abs(step):
+            losses: list[Crossing] = []
+            regains: list[Crossing] = []
+            for one, (place, spread, omega) in zip(found, places, strict=True):
+                half = spread + family.least
+                told = _told(family, [one], (window[0], b) if begins else (a, window[1]), (place - half, place + half), room)
+                for several, new in zip((losses, regains), told, strict=True):
+                    several.extend(replace(item, omega=omega if item.omega else 0.0) for item in new)
+            return losses, regains
+    return None
+
+
+def _to_axis(family: Family, points: list[float], at: int) -> tuple[float, float, float]:
+    """Where a growing mode meets the axis, how uncertain that is, and its ω there; NaN if it cannot be told."""
+    numbers, spectra = [at], [family.spectrum(p) for p in points]
+    for one, two in pairwise(spectra):
+        numbers.append(int(_matched(one, two).to[numbers[-1]]))
+    z = np.array([found.z[number] for found, number in zip(spectra, numbers, strict=True)])
+    if not all(family.grown(p)[0][number] for p, number in zip(points, numbers, strict=True)):
+        return np.nan, np.nan, np.nan
+    p = np.array(points)
+    with np.errstate(all="ignore"):
+        steps = [np.diff(p) / np.diff(z.real**power) * z.real[:-1] ** power for power in (1, 2)]
+    places = p[:-1] - np.array(steps)
+    spread = np.nan_to_num(np.abs(np.diff(places)[:, 0]), nan=np.inf)
+    first, second = places[int(np.argmin(spread))]
+    if not abs(first - second) <= STRAIGHT * abs(p[1] - p[0]):
+        return np.nan, np.nan, np.nan
+    slope = (z[1].imag - z[0].imag) / (p[1] - p[0])
+    return float(first), float(abs(first - second)), float(z[0].imag + slope * (first - p[0]))
+
+
+def _sides(family: Family, window: tuple[float, float], room: tuple[float, float]) -> Iterator[tuple[float, float]]:
+    """Values below and above a window, further and further away, up to the room's ends."""
+    most = max(window[0] - room[0], room[1] - window[1])
+    step = min(max(window[1] - window[0], family.least), most)
+    while True:
+        yield max(window[0] - step, room[0]), min(window[1] + step, room[1])
+        if step >= most:
+            return
+        step = min(WIDER * step, most)
+
+
+def _told(family: Family, found: list[_Change], sides: tuple[float, float], window: tuple[float, float],
+          room: tuple[float, float]) -> Found:
+    """Losses and regains with their figures."""
+    (lo, hi), (a, b) = family.between, sides
+    roots = _roots(family, a, b) if any(one.omega == 0 for one in found) else []
+    far = max(room[0], window[0] - BESIDE * (hi - lo)), min(room[1], window[1] + BESIDE * (hi - lo))
+    losses: list[Crossing] = []
+    regains: list[Crossing] = []
+    for one in found:
+        p, at = (b, one.after) if one.begins else (a, one.before)
+        value, shape = (window[0] + window[1]) / 2, family.shape(family.spectrum(p), at)
+        if one.omega:
+            kind = fed_by(family.pencil_at(p), shape, one.omega)
+        else:
+            kind = "divergence"
+            place, shape = roots.pop(int(np.argmax([abs(np.vdot(shape, x)) for _, x in roots])))
+            value = min(max(place, window[0]), window[1])
+        rates = _rate(family, a, far[0], one.before), _rate(family, b, far[1], one.after)
+        (losses if one.begins else regains).append(Crossing(value, window[1] - window[0], one.omega, shape, kind, rates))
+    return losses, regains
+
+
+def _rate(family: Family, near: float, far: float, at: int) -> float:
+    """Re λ of a mode further from the window, or nearer if it is not told from others there."""
+    found = family.spectrum(near)
+    for share in (1.0, 1 / WIDER, 1 / WIDER**2):
+        p = near + share * (far - near)
+        if p == near:
+            break
+        there = family.spectrum(p)
+        match = _matched(found, there)
+        group = match.of(at)
+        if family.grown(near)[0][group].sum() == family.grown(p)[0][match.to[group]].sum():
+            return float(there.z[match.to[at]].real)
+    return float(found.z[at].real)
