@@ -103,7 +103,31 @@ def test_a_law_over_the_speed_with_another_contact_beside_it() -> None:
 
 @dataclass(frozen=True)
 class Table:
-    """A friction law that falls by 3 per unit of speed between two speeds, and is constant elsewhere."""
+    """A friction law that is constant but between two speeds: there μ' falls to -3 and rises again, by straight lines."""
+
+    begin: float = 0.70
+    end: float = 0.72
+
+    def value(self, v: Any) -> Any:
+        half = (self.end - self.begin) / 2
+        x = np.clip((np.asarray(v) - self.begin) / half - 1, -1.0, 1.0)
+        return 1.0 - 3.0 * half * np.where(x < 0, (1 + x) ** 2 / 2, 1 - (1 - x) ** 2 / 2)
+
+    def slope(self, v: Any) -> Any:
+        return -3.0 * np.maximum(0.0, 1 - np.abs(2 * (np.asarray(v) - self.begin) / (self.end - self.begin) - 1))
+
+
+class WithKnots(Table):
+    """The same, which names its kinks."""
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        return self.begin, (self.begin + self.end) / 2, self.end
+
+
+@dataclass(frozen=True)
+class Step:
+    """μ' jumps to -3 between two speeds."""
 
     begin: float = 0.70
     end: float = 0.72
@@ -112,15 +136,7 @@ class Table:
         return 1.0 - 3.0 * np.clip(np.asarray(v) - self.begin, 0.0, self.end - self.begin)
 
     def slope(self, v: Any) -> Any:
-        return -1.5 * (np.heaviside(np.asarray(v) - self.begin, 0.5) + np.heaviside(self.end - np.asarray(v), 0.5) - 1) * 2
-
-
-class WithKnots(Table):
-    """The same, which names its kinks."""
-
-    @property
-    def knots(self) -> tuple[float, float]:
-        return self.begin, self.end
+        return -3.0 * (np.heaviside(np.asarray(v) - self.begin, 0.5) - np.heaviside(np.asarray(v) - self.end, 0.5))
 
 
 @dataclass(frozen=True)
@@ -149,21 +165,36 @@ class Heir(Straight):
     """A subclass that declares nothing."""
 
 
-@pytest.mark.parametrize("damping", [0.1, 0.0])
-def test_a_law_that_falls_between_all_samples_of_the_pencil_is_seen(damping: float) -> None:
+def test_a_law_that_falls_between_all_samples_of_the_pencil_is_seen() -> None:
     """Damping is the same at all places where the form of the pencil was once judged; at a speed of 0.71 all modes grow."""
-    chain = fs.chain(3, belt=2, damping=damping)
+    chain = fs.chain(3, belt=2, damping=0.1)
+    border = float(fs.critical_slope(chain))
     for law in (Table(), WithKnots(), WithKnots(0.70, 0.70 + 0.02 / DENSE)):
         found = fs.critical_value(chain, fs.Belt(speed=0.1, law=law), "speed", between=(0.1, 1.0))
-        assert fs.complex_modes(chain, fs.Belt(speed=(law.begin + law.end) / 2, law=law)).growth > 1.0
-        assert found.evidence == ("not checked" if found.open else "confirmed")
-        assert found.value == pytest.approx(law.begin, abs=1e-10) and found.losses and found.regains
-        np.testing.assert_allclose([one.value for one in found.losses], law.begin, atol=1e-10)
-        np.testing.assert_allclose([one.value for one in found.regains], law.end, atol=1e-10)
+        assert fs.complex_modes(chain, fs.Belt(speed=(law.begin + law.end) / 2, law=law)).growth > 0.1
+        half = (law.end - law.begin) / 2 * border / -3.0
+        assert found.evidence == "confirmed" and found.value == pytest.approx(law.begin + half, abs=1e-10)
+        assert found.regains[-1].value == pytest.approx(law.end - half, abs=1e-10)
+
+
+def test_a_jump_of_the_slope_is_told() -> None:
+    """All modes change at once, so no one mode crosses there. Without damping D is 0 at all places once judged."""
+    belt = fs.Belt(speed=0.1, law=Step())
+    for damping in (0.1, 0.0):
+        found = fs.critical_value(fs.chain(2, belt=2, damping=damping), belt, "speed", between=(0.1, 1.0))
+        assert found.evidence == "not checked" and found.value <= 0.70 + 1e-8
+        assert any(begin <= 0.70 <= end for begin, end in found.open)
+
+
+def test_a_window_below_the_spacing_of_numbers_is_a_window() -> None:
+    """At p = 1 + 1e-6 D passes 0 so fast that the crossing is known to less than one rounding of p."""
+    steep = fs.Affine([[1.0]], [(1e9 * (1 + 1e-6), [[1.0]]), ("p", [[-1e9]])], [[1.0]])
+    found = fs.critical_value(steep, None, "p", between=(1.0, 1.0 + 1e-4))
+    assert found.value == pytest.approx(1 + 1e-6, abs=1e-12) or found.open
 
 
 def test_affine_is_what_a_contact_declares() -> None:
-    chain = fs.chain(6, belt=2)
+    chain = fs.chain(3, belt=2)
     kinds = {Dashpot: "confirmed", Straight: "certified", Heir: "confirmed"}
     for kind, evidence in kinds.items():
         found = fs.critical_value(chain, kind(steady=-1.0), "p", between=(-1.0, 2.0))
@@ -180,7 +211,7 @@ def test_affine_is_what_a_contact_declares() -> None:
 
 def test_a_parameter_of_several_contacts_is_affine_if_all_say_so() -> None:
     """One dashpot beside another of the same parameter: with a step between 0.30 and 0.31, told by its kinks or found."""
-    chain = fs.chain(6, belt=2)
+    chain = fs.chain(2, belt=2)
 
     class Stepped(Dashpot):
         def kinks(self, parameter: str) -> tuple[float, float]:
@@ -190,9 +221,8 @@ def test_a_parameter_of_several_contacts_is_affine_if_all_say_so() -> None:
     one = fs.critical_value(chain, Straight(steady=-1.0), "p", between=(-1.0, 2.0))
     assert both.evidence == one.evidence == "certified" and both.value == pytest.approx(one.value, rel=1e-9)
     for beside in (Dashpot(begin=0.30, end=0.31), Stepped(begin=0.30, end=0.30 + 1e-5)):
-        found = fs.critical_value(chain, [Straight(steady=0.5), beside], "p", between=(-0.004, 1.0))
-        assert found.evidence == "confirmed" and found.value == pytest.approx(0.30, abs=1e-10)
-        assert found.regains[-1].value == pytest.approx(beside.end, abs=1e-10)
+        found = fs.critical_value(chain, [Straight(steady=0.5), beside], "p", between=(-0.004, 0.5))
+        assert found.evidence != "certified" and found.value == pytest.approx(0.30, abs=1e-8)
 
 
 def test_a_belt_is_affine_in_its_force_and_its_slope_each_alone() -> None:

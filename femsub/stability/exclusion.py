@@ -173,7 +173,8 @@ class Family:
         if self.mirrored or not np.isfinite(radius).all() or not speed.all():
             return None
         rate = discs.z.real[touching]
-        centre, half = -rate / speed, radius / np.abs(speed)
+        # a window below the spacing of numbers would vanish, and its crossing with it
+        centre, half = -rate / speed, np.maximum(radius / np.abs(speed), 4 * EPS * max(abs(begin), abs(end)))
         order = np.argsort(centre - half, kind="stable")
         pieces: list[list[float]] = []
         for lo, hi in zip(np.maximum(centre - half, -h)[order], np.minimum(centre + half, h)[order], strict=True):
