@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from benchmarks.attacks import critical_values as attack
+from benchmarks.attacks import critical_values as attack, kinks
 from femsub.checks import Tally
 from femsub.stability.crossings import Crossing, fed_by
 from femsub.stability.exclusion import Family, _Discs
@@ -449,3 +449,15 @@ def test_what_has_no_answer_is_refused() -> None:
     for call, told in refused:
         with pytest.raises((fs.InputError, fs.InputTypeError), match=told):
             call()
+
+
+def test_kinked_laws_at_random_against_counts() -> None:
+    """Three seeds of benchmarks/attacks/kinks.py; `scripts/attack.py kinks` runs thousands."""
+    found = [kinks.attacked(kind, 0) for kind in ("declared", "declared falsely", "stiffness")]
+    assert found == ["certified", "refused", "confirmed"]
+
+
+def test_tracking_looks_at_the_knots_of_a_law() -> None:
+    law = WithKnots(0.70, 0.70 + 1e-4)
+    tracked = fs.track(fs.chain(2, belt=2), fs.Belt(speed=0.1, law=law), "speed", [0.1, 1.0])
+    assert {*law.knots, 0.1, 1.0} <= set(tracked.values) and tracked.asked.sum() == 2 and tracked.growing.any()

@@ -274,3 +274,19 @@ def test_smooth_tractions_on_a_patch_have_their_resultants() -> None:
     np.testing.assert_allclose(work[:, :3] * sign, exact, atol=1e-12 * AREA)  # of 1, P₁(u), P₂(u)
     assert np.abs(work[:, [3, 4]]).max() < 1e-12 * AREA  # of v, uv
     assert along[6] == pytest.approx(AREA) and np.abs(work[:, 6:]).max() + np.abs(along[:6]).max() < 1e-12 * AREA
+
+
+@pytest.mark.parametrize("way", [{"direction": (1.0, 0, 0)}, {"axis": (0, 0, 1.0), "centre": (0.1, -0.3, 0)}])
+def test_it_is_affine_in_what_it_declares_and_in_nothing_else(way: dict[str, Any]) -> None:
+    """C at three values of each number: on a straight line where it says so, off it by more than rounding where not."""
+    system, meshes = pair()
+    for speed, mu in ((None, MU), (V, MU), (V, 0.0)):
+        contact = rubbing(meshes, pressure=P / 100, speed=speed, slope=-0.1, **way | {"mu": mu})
+        for name in ("mu", "stiffness", "pressure", "slope", "speed"):
+            ends = np.array([1.0, 2.0, 4.0]) * (getattr(contact, name) or 1.0)
+            at = [small_matrices(system, replace(contact, **{name: value}))[1:] for value in ends]
+            straight = True
+            for C in zip(*at, strict=True):
+                first, middle, last = (one.toarray() if hasattr(one, "toarray") else np.array(one) for one in C)
+                straight &= bool(np.abs(middle - (2 * first + last) / 3).max() <= 1e-10 * np.abs(last).max(initial=1e-300))
+            assert straight == (name in contact.affine) or (name == "speed" and speed is None), name
