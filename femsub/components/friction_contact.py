@@ -170,6 +170,12 @@ class FrictionContact(Joint):
         """The interface sets of both surfaces."""
         return (self.first,) if self.second == GROUND else (self.first, self.second)
 
+    @property
+    def affine(self) -> tuple[str, ...]:
+        """μ, k, p and μ' are factors, each alone; V divides a term, which is there with μ and p only."""
+        free = self.speed is None or not self.pressure or not self.mu
+        return ("mu", "stiffness", "pressure", "slope", *(("speed",) if free else ()))
+
     def link(self, parts: Mapping[str, Substructure]) -> Link:
         """No equation and no spring: among the joints of `couple` it says that these parts meet, and checks that they do."""
         owners = [name.partition(".")[0] for name in self.sets]

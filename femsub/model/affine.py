@@ -84,10 +84,14 @@ class Affine(Frozen):
     def parameters(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for theta, _ in self._all for name in _names(theta)))
 
-    @property
-    def has_functions(self) -> bool:
-        """Whether any θ is a function: samples cannot prove that it is linear."""
-        return any(callable(theta) for theta, _ in self._all)
+    def affine_in(self, parameter: str) -> bool:
+        """Whether D and K are affine in a parameter and M does not depend on it. A function of it counts as not affine."""
+        return not any(parameter in _names(theta) for theta, _ in self.M) and \
+            not any(callable(theta) and parameter in _names(theta) for theta, _ in self._all)
+
+    def factors(self, **values: float) -> Array:
+        """All θ at given values of all parameters, in the order M, D, K."""
+        return np.array([_fixed(theta, values) for theta, _ in self._all], dtype=float)
 
     def at(self, **values: float) -> Pencil:
         """The pencil at given values of all parameters.

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Matrix, finite_number, shown, word
+from femsub.checks import EPS, Array, Matrix, finite_number, real_array, shown, word
 from femsub.errors import FemsubError, InputError, InputTypeError
 from femsub.model.pencil import contact_matrix
 
@@ -41,6 +41,7 @@ class FrictionLaw(Protocol):
                                  eps is used as it is, and sticking cannot be detected.
     scalar()                     (μ, μ') as fast functions of one float, for the integrators
     with_slope(slope, speed)     the law with another μ'(speed), for branches over the slope; without it they are refused
+    knots, numbers               speeds at which μ' has a kink or a jump, as those of a table; looked at by `critical_value`
     label                        the name in figures; by default the key
     ===========================  ==========================================================================================
 
@@ -85,6 +86,7 @@ class StribeckArctan:
     decay: float = 2.0
 
     label: ClassVar[str] = "as printed, eq. (7)"
+    knots: ClassVar[tuple[float, ...]] = (0.0,)
 
     def __post_init__(self) -> None:
         for name in ("eps", "coulomb", "drop", "decay"):
@@ -216,6 +218,11 @@ def width_of(law: Any) -> float:
     return float(eps) if usable else np.nan  # type: ignore[arg-type]
 
 
+def knots_of(law: Any) -> Array:
+    """The speeds at which a law says that μ' has a kink or a jump."""
+    return np.ravel(real_array(f"the knots of {type(law).__name__}", getattr(law, "knots", ())))
+
+
 def with_slope(law: Any, slope: float, speed: float) -> Any:
     """The law with another μ'(speed); an InputError for one that has no `with_slope`."""
     if not callable(getattr(law, "with_slope", None)):
@@ -298,6 +305,17 @@ class Belt:
         """The port, for the protocol of contacts."""
         return (self.port,)
 
+    @property
+    def affine(self) -> tuple[str, ...]:
+        """F μ' is affine in each factor. Over the speed a law is no straight line; without a law the speed has no effect."""
+        return ("force", "slope", *(("speed",) if self.law is None else ()))
+
+    def kinks(self, parameter: str) -> tuple[float, ...]:
+        """The knots of the law, for the speed; a law with a width ε that names none changes most at 0."""
+        if parameter != "speed" or self.law is None:
+            return ()
+        return tuple(knots_of(self.law).tolist()) or (() if np.isnan(width_of(self.law)) else (0.0,))
+
     def linearised(self, model: Substructure) -> tuple[float, None]:
         """(F μ'(v0), None): each column of the port is a contact by itself, see `femsub.model.contact.Contact`."""
         return self.force * float(self.slope or 0.0), None
@@ -329,17 +347,24 @@ class Belt:
 
 
 def _consistent_slope(law: FrictionLaw, speed: float) -> float:
-    """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h."""
+    """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h.
+
+    No step reaches beyond a knot of the law. Beside a jump that is no knot the quotient of one side may agree alone.
+    """
     slope = _number(law, "slope", speed)
     if speed == 0 or not np.isfinite(slope):
         return finite_number("the slope of the law at the belt's speed", slope)
     steps = abs(speed) * 10.0 ** -np.arange(2.0, 8.0)
+    steps = steps[steps <= np.abs(knots_of(law) - speed).min(initial=np.inf)]
+    if not len(steps):
+        return slope
     ahead, behind = (np.array([_number(law, "value", speed + sign * h) for h in steps]) for sign in (1.0, -1.0))
-    if not (np.isfinite(ahead) & np.isfinite(behind)).all():
+    here = _number(law, "value", speed)
+    if not (np.isfinite(ahead) & np.isfinite(behind)).all() or not np.isfinite(here):
         raise InputError(f"{type(law).__name__}.value(v), of the friction law, is not a finite number near v = {speed:g}")
-    found = (ahead - behind) / (2 * steps)
-    rounding = 8 * EPS * (np.abs(ahead) + np.abs(behind)) / steps
+    found = np.concatenate([(ahead - behind) / (2 * steps), (ahead - here) / steps, (here - behind) / steps])
+    rounding = np.tile(8 * EPS * (np.abs(ahead) + np.abs(behind)) / steps, 3)
     if (np.abs(found - slope) > SLOPE_AGREES * np.maximum(np.abs(found), abs(slope)) + rounding).all():
         raise InputError(f"the friction law contradicts itself at the speed {speed:g}: slope() returns {slope:.6g}, but the "
-                         f"difference quotient of value() is {found[len(found) // 2]:.6g}")
+                         f"difference quotient of value() is {found[len(steps) // 2]:.6g}")
     return slope

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -228,6 +228,9 @@ class ReducedSubstructure(Substructure):
     interface_dofs: DofMap | None = None
     estimate: Estimate | None = None
     estimated: tuple[Matrix, Matrix, Matrix] | None = None
+
+    #: makes a model with more shapes, while the full component exists; not pickled
+    wider: ClassVar[Callable[[ReducedSubstructure, Array, Array, str | None], ReducedSubstructure | None] | None] = None
 
     def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
                  kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, modes: int = 0, dropped: int = 0,

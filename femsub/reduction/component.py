@@ -22,6 +22,7 @@ from femsub.reduction.basis import Basis, Kept, projected
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
 from femsub.reduction.statics import Partition, Statics, square
+from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
@@ -44,6 +45,7 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
             raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
                              "name interface DOF")
         rom = method.finished(sub, model_of(task, basis if part.turn is None else replace(basis, V=part.turn @ basis.V)))
+    rom._set(wider=Wider.of(sub, method.held))
     log.info("%r", rom)
     return rom
 
@@ -144,11 +146,13 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
                 f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning)
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
-    return ReducedSubstructure(
+    rom = ReducedSubstructure(
         basis.M, basis.K, projected(sub.D, V, V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
         interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate)
+    rom._set(wider=Wider.of(sub, task.method.held))
+    return rom
 
 
 def work(task: Task) -> float:
