@@ -148,7 +148,7 @@ def test_what_is_rounding_of_the_stiffness_beside_it_is_none() -> None:
 @pytest.mark.filterwarnings("ignore:6 modes are taken as rigid-body motion")
 @pytest.mark.parametrize("digits", [9, 12])
 def test_all_six_of_a_reduced_block_whose_k_has_few_digits(digits: int) -> None:
-    full = block(*FACES[1])
+    full = fs.solid(fs.block((1.0, 0.1, 0.1), (8, 3, 2), "hexahedron"), STEEL["SI"][0], interface=["left"])
     K = full.K.copy()
     K.data = np.array([float(f"{value:.{digits - 1}e}") for value in K.data])
     sub = fs.Substructure(full.M, K, interface=full.interface)
