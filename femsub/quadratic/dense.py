@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import EPS, Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.matrices import is_symmetric, unit_length
 from femsub.modes.dense import dense_modes
-from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, rounding_ratio, units
+from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, energy_ratio, rounding, rounding_ratio, units
 from femsub.quadratic import singular_mass
 from femsub.quadratic.singular_mass import REGULAR
 
@@ -174,6 +174,13 @@ def _annihilated(K: Array, M: Array, x: Array) -> Array:
         if costs_nothing(K, x[:, :count] @ mix).all():
             return x[:, :count]
     return x[:, :0]
+
+
+def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
+    """Which shapes (n, k) have an elastic energy within the rounding of K's entries, where these show more than eps; and that."""
+    K = pencil.symmetric_stiffness
+    unit = rounding(K)
+    return (np.abs(energy_ratio(K, X)) <= unit) & (unit > EPS), unit
 
 
 def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array) -> tuple[Array, Array]:
