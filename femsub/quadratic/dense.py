@@ -266,6 +266,10 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, A
     iteration with P at the first of these roots.
     """
     at = np.flatnonzero(values == 0)
+    lost = ~(np.isfinite(X[:, at]).all(axis=0) & np.isfinite(Y[:, at]).all(axis=0))  # LAPACK's vectors of such a λ may overflow
+    if lost.any():
+        X, Y = X.copy(), Y.copy()
+        X[:, at[lost]] = Y[:, at[lost]] = np.eye(len(X))[:, [int(np.abs(pencil.K).max(axis=0).argmax())]]
     at = at[rounding_ratio(pencil.K, X[:, at]) > RIGID]
     values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
     for i in at:
@@ -279,8 +283,10 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, A
                 break
             if not all(np.isfinite(part).all() and part.any() for part in new):
                 break
-            x, y = (part / np.linalg.norm(part) for part in new)
-        if value and (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
+            x, y = (unit_length((part / np.abs(part).max())[:, None])[:, 0] for part in new)  # lengths may overflow
+        if not value or not np.isfinite([x, y]).all() or rounding_ratio(pencil.K, x[:, None])[0] <= RIGID:
+            continue
+        if (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
             values[i], X[:, i], Y[:, i] = value, x, y
     return values, X, Y
 
