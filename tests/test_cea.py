@@ -13,11 +13,12 @@ import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.checks import Tally
 from femsub.linalg.petsc import has_cholmod
-from femsub.quadratic import dense
+from femsub.quadratic import cost, dense
 from femsub.quadratic.complex_modes import with_bars
 from femsub.quadratic.matching import match
 from femsub.quadratic.region import Region
 from femsub.quadratic.search import Found
+from femsub.stability import critical_slope
 from femsub.stability.border import dense_border
 
 BELT = fs.Belt(slope=-0.2677)
@@ -440,3 +441,130 @@ def test_rigid_motion_of_a_k_with_few_digits_is_not_called_unstable(digits: int)
     assert modes.is_stable is None and not len(modes.unstable)
     elastic = np.abs(modes.eigenvalues) > 1000
     assert elastic.sum() == 2 and all(vote is True for vote in np.array(modes.stable, dtype=object)[elastic])
+
+
+# heavy dashpots: Newton steps on single eigenpairs -----------------------------------------------------------------------
+
+def braked_chain(n: int, at: tuple[int, ...], size: float = 5.7e5) -> fs.Pencil:
+    """A chain of unit masses and springs, fixed at the left, with dashpots that nearly hold some masses."""
+    sub = fs.chain(n, belt=2, damping=0.1)
+    D = sp.lil_array(sub.D)
+    for mass in at:
+        D[mass, mass] += size
+    return fs.Pencil(sub.M, sp.csr_array(D), sub.K)
+
+
+def root_near(pencil: fs.Pencil, value: complex) -> complex:
+    """The root of det P next to a value, by Newton on the ratios of a tridiagonal matrix' leading minors: good entry by entry."""
+    M, D, K = (part.toarray().diagonal() for part in (pencil.M, pencil.D, pencil.K))
+    beside = np.append(0.0, np.diag(pencil.K.toarray(), 1))
+    s = complex(value)
+    for _ in range(40):
+        ratio, slope, whole = 1.0 + 0j, 0j, 0j
+        for m, d, k, c in zip(M, D, K, beside, strict=True):
+            ratio, slope = s * s * m + s * d + k - c * c / ratio, 2 * s * m + d + c * c * slope / ratio**2
+            if ratio == 0:
+                return s
+            whole += slope / ratio  # (log det P)'
+        s -= 1 / whole
+    return s
+
+
+@pytest.mark.parametrize("ask", [{"count": 14}, {"band": (0.0, 0.1)}])
+def test_heavy_dashpots_leave_small_bars_that_hold(ask: dict) -> None:
+    """The search is accurate beside ‖D‖ only. λ was off by 4e-4 of itself, and its bar was a fifth of it."""
+    pencil = braked_chain(120, (60,))
+    found = fs.complex_modes(pencil, **ask)
+    exact = np.array([root_near(pencil, value) for value in found.eigenvalues])
+    assert (np.abs(found.eigenvalues - exact) <= found.error_bar + 1e-10 * np.abs(exact)).all()
+    assert (found.error_bar <= 1e-8 * np.abs(exact)).all() and found.backward_error.max() < 1e-12
+    assert len(np.unique(np.round(exact * 1e9))) == len(exact)
+    assert found.evidence == "confirmed"
+
+
+def test_heavy_dashpots_and_an_unsymmetric_stiffness() -> None:
+    plain = braked_chain(120, (60,))
+    K = sp.lil_array(plain.K)
+    K[30, 31] *= 1.2
+    K[31, 30] *= 0.8
+    pencil = fs.Pencil(plain.M, plain.D, sp.csr_array(K))
+    found = fs.complex_modes(pencil, band=(0.0, 0.1))
+    assert (found.error_bar <= 1e-8 * np.abs(found.eigenvalues)).all()
+    again = dense_by_elimination(pencil, 60)
+    assert (np.abs(found.eigenvalues[:, None] - again).min(axis=1) <= found.error_bar + 1e-5 * np.abs(found.eigenvalues)).all()
+
+
+def dense_by_elimination(pencil: fs.Pencil, held: int) -> np.ndarray:
+    """Eigenvalues of the chain with one mass held, which a heavy dashpot nearly does, and the slow λ = -k/d of that mass."""
+    rest = np.setdiff1d(np.arange(pencil.size), [held])
+    M, D, K = (part.toarray() for part in (pencil.M, pencil.D, pencil.K))
+    values = dense.solve(fs.Pencil(*(part[np.ix_(rest, rest)] for part in (M, D, K))))[0]
+    stiffness = K[held, held] - K[held, rest] @ np.linalg.solve(K[np.ix_(rest, rest)], K[rest, held])
+    return np.append(values, -stiffness / D[held, held])
+
+
+def test_newton_steps_merge_no_two_eigenvalues() -> None:
+    """Two chains with a millionth between them: pairs of λ that are nearly equal, mended one by one, stay two."""
+    one, other = braked_chain(70, (35,)), braked_chain(70, (35,))
+    M, D = (sp.csr_array(sp.block_diag((getattr(one, key), getattr(other, key)))) for key in "MD")
+    pencil = fs.Pencil(M, D, sp.csr_array(sp.block_diag((one.K, other.K * (1 + 1e-6)))))
+    found = fs.complex_modes(pencil, band=(0.0, 0.2))
+    assert found.certified and (found.error_bar <= 1e-8 * np.abs(found.eigenvalues)).all()
+    alone = fs.Pencil(other.M, other.D, other.K * (1 + 1e-6))
+    for part in (one, alone):  # each λ of one chain is listed once
+        mine = [value for value in found.eigenvalues if abs(root_near(part, value) - value) <= 1e-8 * abs(value)]
+        assert len(mine) == len(fs.complex_modes(part, band=(0.0, 0.2))) == len(found) / 2
+
+
+# dense models in a band: LAPACK, where PEP would not be much faster ------------------------------------------------------
+
+def damped_everywhere(n: int) -> fs.Pencil:
+    """A dense model with a full M and K, and dashpots on half of its DOF: no count in a disc."""
+    rng = np.random.default_rng(3)
+    turn = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    D = np.diag(np.where(np.arange(n) % 2, 1e-3 * rng.uniform(0.5, 2.0, n), 0.0))
+    K = (turn * np.linspace(0.1, 5.0, n) ** 2) @ turn.T
+    return fs.Pencil(np.eye(n), D, (K + K.T) / 2)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
+def test_a_dense_model_in_a_band_takes_one_decomposition(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    pencil, asked = damped_everywhere(320), []
+
+    def solved(pencil: fs.Pencil) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        asked.append(pencil.size)
+        return every(pencil)
+
+    def by_pep(*_: object, **__: object) -> None:
+        raise AssertionError("PEP was asked")
+
+    every = dense.solve
+    monkeypatch.setattr("femsub.quadratic.dense.solve", solved)
+    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", by_pep)
+    monkeypatch.setattr("femsub.quadratic.winding_count._phase", by_pep)
+    found = fs.complex_modes(pencil, band=(0.0, 5.0 * share))
+    assert asked == [320] and found.evidence == "certified"
+    assert abs(len(found) - 320 * (5 * share - 0.1) / 4.9) <= 1
+
+
+def test_the_predicted_cost_is_that_of_the_cheaper_way() -> None:
+    """PEP is for few eigenvalues of many; columns to be counted make it dearer; repeated searches add up."""
+    assert cost.by_pep(1500, 40) < cost.SHARE < cost.by_pep(1500, 400)
+    assert cost.by_pep(1000, 100) < cost.by_pep(1000, 100, 14) < cost.by_pep(1000, 100, 40)
+    budget = cost.Budget(1000, True)
+    assert budget.covers(100) and [budget.spend(100) for _ in range(4)] == [True, True, False, False]
+    assert cost.Budget(1000, False).spend(1000, 40)
+
+
+@pytest.mark.parametrize(("share", "narrow"), [(0.02, True), (0.5, False)])
+def test_the_border_of_a_dense_model_takes_its_modes_once_unless_the_band_is_narrow(
+        share: float, narrow: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    pencil = damped_everywhere(320)
+    w = np.random.default_rng(5).standard_normal(320)
+    sub = fs.Substructure(pencil.M, pencil.K, pencil.D + 1e-3 * np.eye(320), ports={"belt": w / np.linalg.norm(w)})
+    took = []
+    for name in ("sparse_border", "dense_border"):
+        whole = getattr(critical_slope, name)
+        monkeypatch.setattr(critical_slope, name, lambda *args, whole=whole, name=name: (took.append(name), whole(*args))[1])
+    found = fs.critical_slope(sub, band=(0.0, 5.0 * share))
+    assert took == ["sparse_border" if narrow else "dense_border"] and found.slope < 0

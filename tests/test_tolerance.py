@@ -345,3 +345,23 @@ def test_a_mode_on_the_edge_of_the_band_is_in_the_estimate(interface: list[int],
     edges = fs.normal_modes(sub, count=5).frequencies[[1, 4]] * (1 + place)
     rom = fs.reduce(sub, fs.CraigBampton(band=tuple(edges), tol=1e-3))
     assert len(rom.estimate.frequencies) == 4
+
+
+def test_a_wide_interface_is_estimated_from_the_band_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The estimate's coordinates are twice the interface DOF and more; all of their eigenvalues would take minutes."""
+    mesh = fs.block((1.0, 0.3, 0.2), (4, 8, 5), "hexahedron")
+    sub = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), supports=["left"], interface=["right"], rayleigh=(10.0, 1e-6))
+    band = (0.0, 1.05 * float(fs.normal_modes(sub, count=4).frequencies[-1]))
+
+    def everything(pencil: fs.Pencil) -> None:
+        raise AssertionError(f"all eigenvalues of {pencil.size} coordinates were asked for")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("femsub.reduction.error_bounds.solve", everything)
+        rom = fs.reduce(sub, fs.CraigBampton(band=band, tol=1e-3))
+    assert len(sub.interface) == 162 and rom.estimate.met
+    full = fs.complex_modes(sub, band=band).eigenvalues
+    found = fs.complex_modes(rom, band=band).eigenvalues
+    assert len(rom.estimate.eigenvalues) == len(full) == len(found)
+    true = np.abs(np.sort_complex(found) - np.sort_complex(full)) / np.abs(np.sort_complex(full))
+    assert true.max() <= rom.estimate.eigenvalue_error.max() <= 1e-3

@@ -56,6 +56,13 @@ class _Disc:
         self.tally = self.counted.tally(_listed(values[np.abs(values) < self.counted.radius]))
         return self.counted.number - self.tally.listed
 
+    def told_again(self, values: Array, vague: int) -> None:
+        """The tally of values that are known better now, without those that may be no eigenvalues."""
+        if self.counted is not None:
+            self.tally = self.counted.tally(_listed(values[np.abs(values) < self.counted.radius]) - vague)
+        elif vague:
+            self.tally = Tally(self.tally.listed - vague, self.tally.counted, self.tally.sampled)
+
     def _proved(self, at: Edge, inside: Array) -> Count | None:
         problem, parts = self.problem, self.parts
         assert parts is not None
@@ -121,6 +128,11 @@ class Nearest(_Disc):
         self.parts, self.ask = None, self.ask - 2
         return True
 
+    def about(self, values: Array) -> Array:
+        """Indices of the requested eigenvalues, and of those that may belong to them once they are known better."""
+        sure = self._sure(values)
+        return sure[:len(self.taken(values)[0]) + 2]
+
     def taken(self, values: Array) -> tuple[Array, Array]:
         """Indices of the requested eigenvalues, and which of these stand for a pair."""
         sure = self._sure(values)
@@ -167,6 +179,12 @@ class Enclosed(_Disc):
     def is_found_without_proof(self) -> bool:
         """Never: the proof needs no additional eigenvalues."""
         return False
+
+    def about(self, values: Array) -> Array:
+        """As for `Nearest`: those in the rectangle and within a hundredth of its size beside it."""
+        a, b, lo, hi = self.box
+        beside = 0.01 * max(abs(a), abs(b), hi)
+        return np.flatnonzero(in_band(values, (max(lo - beside, 0.0), hi + beside), (a - beside, b + beside)))
 
     def taken(self, values: Array) -> tuple[Array, Array]:
         """Indices of the values in the rectangle, and which of these have conjugates in it."""

@@ -9,14 +9,15 @@ import numpy as np
 
 from femsub.checks import Array, Tally
 from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, warn
-from femsub.linalg.factor import QUADRATIC, SMALL, WIDE, negative_eigenvalues
+from femsub.linalg.factor import QUADRATIC, SMALL, WIDE, ComplexFactor, negative_eigenvalues
 from femsub.linalg.threads import FEW, one_thread
 from femsub.quadratic import damping_split, dense
 from femsub.quadratic.certificate import MOST, Enclosed, Nearest
 from femsub.quadratic.cost import Budget
 from femsub.quadratic.multiplicity import Search
+from femsub.quadratic.newton import mended
 from femsub.quadratic.singular_mass import finite
-from femsub.quadratic.sparse import Shifted
+from femsub.quadratic.sparse import KEPT, Shifted
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
@@ -55,20 +56,41 @@ def _searched(pencil: Pencil, region: Region, certify: bool | None, given: Penci
     """The same without multipliers; `given` is the pencil with them."""
     small = pencil.size <= (SMALL if pencil.is_sparse else WIDE)
     many = (region.count or 0) > pencil.size / 2 and pencil.size <= QUADRATIC
-    if small or many or region.is_all:
+    if region.is_all or (not pencil.is_sparse and (small or many)):
         return _by_lapack(pencil, given)
-    budget = Budget(pencil.size, not pencil.is_sparse)
-    if budget.is_limited and not budget.covers(_least(pencil, region)):
+    if pencil.is_sparse:
+        found = None if small or many else _in_units(pencil, region, certify, Budget(pencil.size, False))
+        return found or _mended_by_lapack(pencil, given, region)
+    budget = Budget(pencil.size, True)
+    if not budget.covers(_least(pencil, region)):
         return _by_lapack(pencil, given)
-    sparse = pencil.sparse()
-    alike = sparse.alike()
+    return _in_units(pencil.sparse(), region, certify, budget) or _by_lapack(pencil, given)
+
+
+def _in_units(pencil: Pencil, region: Region, certify: bool | None, budget: Budget) -> Found | None:
+    """By PEP on a sparse pencil, whose DOF it scales to similar size."""
+    alike = pencil.alike()
     found = _by_pep(alike, region, certify, budget)
-    if found is None:
-        return _by_lapack(pencil, given)
-    if alike is sparse:
+    if found is None or alike is pencil:
         return found
-    X, Y = sparse.restored(found.X, found.Y)
+    X, Y = pencil.restored(found.X, found.Y)
     return found._replace(X=X, Y=Y)
+
+
+def _mended_by_lapack(pencil: Pencil, given: Pencil, region: Region) -> Found:
+    """By LAPACK, and the eigenvalues of a sparse pencil that are asked for mended."""
+    found = _by_lapack(pencil, given)
+    at = region.listed(found.values)
+    at = at[found.values[at].imag >= 0]
+    values, X, Y, done, vague = mended(pencil, found.values[at], found.X[:, at], found.Y[:, at], ComplexFactor)
+    if vague.any():
+        found = found._replace(tally=Tally(found.tally.listed - int(vague.sum()), found.tally.counted))
+    every, right, left = found.values.copy(), found.X.astype(complex), found.Y.astype(complex)
+    for k, value, x, y in zip(at[done], values[done], X.T[done], Y.T[done], strict=True):
+        other = np.flatnonzero(found.values == found.values[k].conj())[:1 if found.values[k].imag else 0]
+        every[k], right[:, k], left[:, k] = value, x, y
+        every[other], right[:, other], left[:, other] = value.conj(), x.conj()[:, None], y.conj()[:, None]
+    return found._replace(values=every, X=right, Y=left, known=every)
 
 
 def _least(pencil: Pencil, region: Region) -> int:
@@ -145,8 +167,30 @@ def _by_pep(pencil: Pencil, region: Region, certify: bool | None, budget: Budget
                 return None
             raise MissedModesError(certificate.lacking(missed))
         certificate.ask = searched.more(certificate.ask, missed)
+    values, X, left, done = _mended(pencil, certificate, values, X)
+    if certificate.tally.counted not in (None, certificate.tally.listed) and pencil.size <= QUADRATIC:
+        return None  # some of those that were counted are none
     taken, mirrored = certificate.taken(values)
     near, X = values[taken], X[:, taken]
-    Y = problem.left(near, X, searched.ask, searched.searches)
+    Y = np.where(done[taken], left[:, taken], problem.left(near, X, searched.ask, searched.searches))
     near, X, Y = (np.concatenate([part, part[..., mirrored].conj()], axis=-1) for part in (near, X, Y))
     return Found(near, X, Y, values, certificate.tally, certificate.counted)
+
+
+def _mended(pencil: Pencil, certificate: Nearest | Enclosed, values: Array, X: Array) -> tuple[Array, Array, Array, Array]:
+    """All λ (k,) and X (n, k) of a search, left vectors where they were mended, and where, bool (k,).
+
+    What is then listed is compared with the count once more: a λ far off may have been counted in place of another one.
+    """
+    at, done, Y = certificate.about(values), np.zeros(len(values), dtype=bool), np.zeros(X.shape, dtype=complex)
+    if pencil.size > KEPT:
+        return values, X, Y, done
+    if all(pencil.symmetric):
+        Y[:, at] = X[:, at].conj()
+    found = mended(pencil, values[at], X[:, at], Y[:, at], ComplexFactor)
+    if not found.done.any() and not found.vague.any():
+        return values, X, Y, done
+    values, X = values.copy(), X.astype(complex)
+    values[at], X[:, at], Y[:, at], done[at] = found.values, found.X, found.Y, found.done
+    certificate.told_again(values, int(found.vague.sum()))
+    return values, X, Y, done
