@@ -30,6 +30,7 @@ from femsub.model.joined import (
 from femsub.model.joints import End, Joint, Link, spatial
 from femsub.model.matrices import block_diagonal, is_identity, is_symmetric
 from femsub.model.open_interface import distinct, listed, open_rows, unjoined, whole_sets
+from femsub.model.rigid_motion import Joined, size_of_products
 from femsub.model.substructure import ReducedSubstructure, Substructure, checked_sets
 
 if TYPE_CHECKING:
@@ -336,8 +337,24 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     unit = units(M.diagonal(), K.diagonal())[0]
     ports = {f"{part}.{port}": _port(L[rows], w, unit, equations.unit[rows])
              for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True) for port, w in sub.ports.items()}
-    return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),
-                  redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly)
+    system = System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),
+                    redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly)
+    if any(part.rigid_motion is not None for part in parts.values()):
+        blocks = dict(zip(parts, rows_of_parts(parts), strict=True))
+        whole = sp.eye_array(len(equations.unit), format="csr")
+        springs = [(sp.csr_array(_moved(link, blocks, whole)), link) for link in links if link.motions]
+        system._carry(Joined(tuple(parts.values()), joined.S, equations.unit, equations.A,
+                             *(tuple(sp.csr_array(C) @ R for R, link in springs if np.any(C := getattr(link, key)))
+                               for key in ("stiffness", "damping"))), _noise(parts, joined.S))
+    return system
+
+
+def _noise(parts: Mapping[str, Substructure], L: Matrix) -> Array:
+    """The rounding of all projections in D: that of the parts, and that of LᵀDL."""
+    found = [np.zeros((L.shape[1], 0))]
+    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
+        found += [abs(L[rows]).T @ part.noise, size_of_products(part.D, L[rows])]
+    return np.hstack(found)
 
 
 def _port(L: Matrix, w: Array, unit: Array, before: Array) -> Array:

@@ -29,6 +29,7 @@ from femsub.linalg.shared import shared
 from femsub.linalg.timing import phase
 from femsub.model.bands import EDGE, in_band, widened
 from femsub.model.matrices import Difference
+from femsub.model.rigid_motion import Carried
 from femsub.model.substructure import Substructure
 from femsub.modes.dense import dense_modes, orthonormalise
 from femsub.modes.shift_invert import ShiftInvert
@@ -59,7 +60,7 @@ class NormalModes:
     rigid : int
         The number of rigid-body modes.
     residual : ndarray, shape (k,)
-        ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, dimensionless.
+        ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, dimensionless; 0 for rigid motion that the model carries from its full parts.
     counted : tuple (limit, count)
         The inertia count: `count` modes lie below the frequency `limit`, rigid-body modes included, and all were found. The
         limit lies above the modes listed. If the list ends inside a cluster, it lies just below that.
@@ -126,9 +127,9 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
     return _sparse(handle, count, finite, defer, known, certify)
 
 
-def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED) -> NormalModes:
+def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED, carried: Carried = None) -> NormalModes:
     """All modes, by LAPACK. A DOF without mass has none. `accepted` is the largest relative residual of a mode."""
-    return _dense(ShiftInvert(K, M), None, accepted)
+    return _dense(ShiftInvert(K, M, carried=carried), None, accepted)
 
 
 def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -> NormalModes:
@@ -262,6 +263,8 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     shapes = np.hstack([handle.rigid, shapes])
     orthonormalise(shapes, handle.M)
     residual, rounding = _certificates(handle.K, handle.M, values, shapes)
+    if handle.carries:  # K may hold nothing of these coordinates but rounding
+        residual[:handle.rigid.shape[1]] = 0.0
     if not residual.max(initial=0.0) <= accepted:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "
                                 f"at most {accepted:g} is accepted. Check the scaling of K and M")
@@ -310,11 +313,11 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     if (count is None) == (band is None):
         raise InputError("give either count, the number of elastic modes, or band=(lo, hi) in rad per unit of time")
     if count is not None:
-        modes = lowest_modes(ShiftInvert(model.K, model.M), whole_number("count", count))
+        modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion), whole_number("count", count))
         log.info("%r", modes)
         return modes
     lo, hi = check_band(band)
-    modes = modes_below(model.K, model.M, widened(hi))
+    modes = modes_below(model.K, model.M, widened(hi), ShiftInvert(model.K, model.M, carried=model.rigid_motion))
     inside = in_band(modes.frequencies, (lo, hi))
     modes = replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
                     rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],

@@ -49,6 +49,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     residual = rest * values + pencil.K @ X
     slope = inertia + rest  # P'(λ)x = 2λMx + Dx
     doubt = np.abs(residual) + 4 * EPS * pencil.magnitude(values, X)
+    doubt += EPS * (pencil.noise @ (pencil.noise.T @ np.abs(X))) * np.abs(values)  # the projection's rounding in D
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
     size = np.abs(Y)
     spread, length = np.einsum("ij,ij->j", size, doubt), np.sqrt(np.einsum("ij,ij->j", size, size))

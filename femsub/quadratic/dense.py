@@ -21,8 +21,9 @@ from femsub.checks import Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.model.matrices import is_symmetric, unit_length
 from femsub.modes.dense import dense_modes
-from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, units
-from femsub.quadratic import singular_mass
+from femsub.model.rigid_motion import RigidMotion, found, unresisted
+from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, of_full, units
+from femsub.quadratic import rigid_apart, singular_mass
 from femsub.quadratic.singular_mass import REGULAR
 
 if TYPE_CHECKING:
@@ -92,7 +93,8 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
             scale = M.diagonal() ** -0.5
             if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
                 return None
-            values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K)
+            motion = found(pencil.rigid_motion, of_full)
+            values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K, motion)
         except la.LinAlgError:
             return None
     omega = np.sqrt(np.abs(values))
@@ -100,23 +102,27 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
     H = None
     if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
         H = shapes.T @ (K @ shapes)
-    shapes, C = _unbraked(pencil.D, shapes, rigid, units(M))
+    shapes, C = _unbraked(pencil.D, shapes, rigid, units(M), motion)
     return ModalForm(shapes, omega, np.sign(values), H, C, rigid)
 
 
-def _undamped(still: Array, M: Array, K: Array) -> tuple[Array, Array, int]:
+def _undamped(still: Array, M: Array, K: Array, motion: RigidMotion | None) -> tuple[Array, Array, int]:
     """ω² (n,) and Φ (n, n) of the symmetric part of K, and the number of rigid-body modes, which come first with ω² = 0.
 
     While LAPACK computes the others, rigid-body modes are shifted to a quarter of the lowest elastic ω², as in `normal_modes`.
+    A `motion` that the pencil carries is taken as it is.
     """
     values, shapes = _by_lapack(still, M)
     low = np.abs(values) <= 1e-8 * np.abs(values).max()
-    if not low.any():
+    if motion is not None:
+        Z, lowest = _given(still, M, values, shapes, motion)
+    elif not low.any():
         return values, shapes, 0
-    Z, lowest = _rigid(still, M, values, shapes, low)
-    if still is not K:
-        Z, free = unresisted(K - still, Z, units(M))
-        Z = Z[:, free]
+    else:
+        Z, lowest = _rigid(still, M, values, shapes, low)
+        if still is not K:
+            Z, free = unresisted(K - still, Z, units(M))
+            Z = Z[:, free]
     r = Z.shape[1]
     if 0 < r < len(values):
         held = M @ Z
@@ -135,6 +141,20 @@ def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
     except SingularMatrixError:  # floating, or made indefinite by friction
         values, shapes = la.eigh(K, M, check_finite=False)
         return values, shapes
+
+
+def _given(K: Array, M: Array, values: Array, shapes: Array, motion: RigidMotion) -> tuple[Array, float]:
+    """The M-orthonormal rigid-body modes (n, r) of a given motion, in the same order, and the lowest elastic ω²."""
+    if not motion.count:
+        return motion.shapes, np.inf
+    Z = motion.shapes @ np.linalg.inv(np.linalg.qr(np.sqrt(M.diagonal())[:, None] * motion.shapes, mode="r"))
+    Z = Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T  # triangular factors: the first motions stay the first
+    try:
+        lowest = ShiftInvert(K, M, carried=motion).lowest
+    except SingularMatrixError:  # a negative stiffness
+        order = np.argsort(-np.linalg.norm(Z.T @ M @ shapes, axis=0), kind="stable")
+        lowest = float(np.abs(values[order[motion.count:]]).min(initial=np.inf))
+    return Z, lowest if np.isfinite(lowest) and lowest > 0 else float(np.abs(values).max()) or 1.0
 
 
 def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tuple[Array, float]:
@@ -166,7 +186,7 @@ def _annihilated(K: Array, M: Array, x: Array) -> Array:
     return x[:, :0]
 
 
-def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array) -> tuple[Array, Array]:
+def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array, motion: RigidMotion | None) -> tuple[Array, Array]:
     """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not damp.
 
     Each of these has a double eigenvalue at 0, which rounding in C would split.
@@ -174,20 +194,13 @@ def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array) -> tuple[Array, 
     C = shapes.T @ (D @ shapes)
     if not rigid:
         return shapes, C
-    z, free = unresisted(D, shapes[:, :rigid], unit)
+    z, free = (shapes[:, :rigid], np.arange(motion.free)) if motion is not None else unresisted(D, shapes[:, :rigid], unit)
     shapes = np.hstack([z, shapes[:, rigid:]])
     C = shapes.T @ (D @ shapes)
     C[:, free] = 0.0
     if is_symmetric(D):
         C[free] = 0.0
     return shapes, C
-
-
-def unresisted(A: Array, Z: Array, unit: Array) -> tuple[Array, Array]:
-    """The motions Z (n, r) rotated such that as many as possible have Az = 0, and the indices of those; `unit` scales the DOF."""
-    Z = Z @ np.linalg.svd(unit[:, None] * (A @ Z), full_matrices=False)[2].T
-    scale = np.linalg.norm(unit * (abs(A) @ abs(Z).sum(axis=1)))  # of all: one at rest at the dashpot has no scale
-    return Z, np.flatnonzero(np.linalg.norm(unit[:, None] * (A @ Z), axis=0) <= RIGID * scale)
 
 
 def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
@@ -225,9 +238,11 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
     Conjugates are exact conjugates. Columns have unit length.
     """
     bare = singular_mass.bare(pencil)
+    form = modal_form(pencil) if not len(bare) else None
+    if form is None and (motion := found(pencil.rigid_motion, of_full)) is not None and motion.count and all(pencil.symmetric):
+        return rigid_apart.solve(pencil, motion, solve)
     if len(bare):
         return singular_mass.condensed(pencil, bare, solve)
-    form = modal_form(pencil)
     if form is None:
         return singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)
     n, r = pencil.size, form.rigid

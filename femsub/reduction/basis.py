@@ -65,6 +65,7 @@ class Basis:
     """V (n, r) with its labels, and M = VᵀMV, K = VᵀKV (r, r) from the orthogonality of the modes.
 
     K is not computed as a product VᵀKV: for the low modes of a large model, cancellation leaves no correct digit in it.
+    `rigid` (r, k) are the coordinates of the rigid motion, KV rigid = 0; None where the method does not know them.
     """
 
     V: Array
@@ -77,6 +78,7 @@ class Basis:
     port_error: Mapping[str, float]
     factorisations: int
     estimate: Estimate | None = None
+    rigid: Array | None = None
 
 
 def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array], mode_kind: str) -> Basis:
@@ -89,7 +91,12 @@ def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping
     M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
     kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (mode_kind,) * kept.elastic + (statics.kind,) * len(stiffness)
     errors = _port_errors(ports, V, statics.condensed, K.diagonal()[n_c:], responses)
-    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate)
+    rigid = None
+    if statics.rigid is not None:
+        free = statics.rigid.shape[1]
+        rigid = np.zeros((len(M), free + kept.rigid))
+        rigid[:n_c, :free], rigid[n_c + np.arange(kept.rigid), free + np.arange(kept.rigid)] = statics.rigid, 1.0
+    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate, rigid)
 
 
 def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array, coupling: Array) -> tuple[Array, Array]:

@@ -218,6 +218,6 @@ def _uncoupled(sub: Substructure) -> tuple[Array, Matrix]:
     shapes[i] = -Partition.of(sub, True).factored().elastic_solve(loads)
     K = np.zeros((n, n))
     K[np.ix_(i, i)] = square(sub.K, i)
-    K[np.ix_(b, b)] = condensed_stiffness(sub, square(sub.K, b) + loads.T @ shapes[i], shapes)
+    K[np.ix_(b, b)] = condensed_stiffness(sub, square(sub.K, b) + loads.T @ shapes[i], shapes)[0]
     return K, sp.csr_array(sp.eye_array(n)) + sp.csr_array(
         (shapes[i].ravel(), (np.repeat(i, len(b)), np.tile(b, len(i)))), shape=(n, n))

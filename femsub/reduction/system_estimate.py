@@ -247,7 +247,7 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     instance("rom", rom, System, "made of the reduced parts")
     statics = {name: held_statics(part) for name, part in _same_parts(full, rom).items() if len(part.interior)}
     search = JoinedSearch(full, statics, contacts, hi, {})
-    found = all_modes(_dense(rom.K), _dense(rom.M), ACCEPTED)
+    found = all_modes(_dense(rom.K), _dense(rom.M), ACCEPTED, rom.rigid_motion)
     omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
     pencil, values = rom.linearised(contacts), None
     if search.damped:
