@@ -339,7 +339,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
              for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True) for port, w in sub.ports.items()}
     system = System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),
                     redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly)
-    if any(part.rigid_motion is not None for part in parts.values()):
+    if system.size:
         blocks = dict(zip(parts, rows_of_parts(parts), strict=True))
         whole = sp.eye_array(len(equations.unit), format="csr")
         springs = [(sp.csr_array(_moved(link, blocks, whole)), link) for link in links if link.motions]

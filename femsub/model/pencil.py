@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
+from femsub.model.elimination import units as energy_units
 from femsub.model.frozen import Frozen, frozen
 from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, without_rounding
 from femsub.model.rigid_motion import Carried, Damped, Scaled, Touched, changed
@@ -145,12 +146,17 @@ class Pencil(Frozen):
             found = found.with_damping(contact_matrix(W, damping))
         if found is self:
             return self
-        found = found.carrying(changed(self.rigid_motion, Touched(damping, W, stiffness)), self.noise)
+        found = found.carrying(changed(self.rigid_motion, Touched(damping, W, stiffness, self._moved)), self.noise)
         if sp.issparse(damping) or sp.issparse(stiffness):
             K0 = found.K if self.K0 is self.K else self._plus(self.K0, contact_matrix(W, stiffness))
             return found._with(contacts=self.contacts, K0=K0 if _any(stiffness) else self.K0)
         given = *(C if np.isscalar(C) else np.array(C) for C in (damping, stiffness)), np.array(W).reshape(len(W), -1)
         return found._with(contacts=(*self.contacts, frozen(given)), K0=self.K0)
+
+    @property
+    def _moved(self) -> Array:
+        """How far each DOF moves at unit energy."""
+        return energy_units(np.abs(self.M.diagonal()), np.abs(self.K0.diagonal()))[0]
 
     def with_damping(self, extra: Matrix) -> Pencil:
         """A copy with D + extra. M and K are shared and not checked again."""

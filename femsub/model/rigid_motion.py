@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from femsub.checks import Array, Matrix
+from femsub.model.elimination import largest
 from femsub.model.matrices import is_symmetric, same
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 ROUNDING = 1e-13  # share of the forces that cancel in A z below which A z is rounding
 FREE = 1e-9  # a motion meets conditions that it violates by less than this, relative to the terms that cancel
 CLEAR = 1e-6  # and violates them from here on: between the two nothing can be said
+LEAST = 1e-4  # of the motion of all DOF at unit energy: a DOF that moves less may do so by rounding
 SAME = 1e-9  # relative distance up to which coordinates describe a given motion
 
 
@@ -136,12 +138,13 @@ class Touched:
     damping: Any
     W: Array
     stiffness: Any
+    unit: Array
 
     def __call__(self, motion: RigidMotion) -> RigidMotion | None:
         if not motion.count:
             return motion
         at = self.W.T @ motion.shapes  # the motion at the contact
-        size = abs(self.W).T @ np.abs(motion.shapes)
+        size = abs(self.W).T @ sizes(motion.shapes, self.unit)
         at, size = (np.asarray(A).reshape(-1, motion.count) for A in (at, size))
         stiff, brake = (_both_sides(C, at, size) for C in (self.stiffness, self.damping))
         loose = null_space(*stiff)
@@ -149,7 +152,8 @@ class Touched:
             return None
         damped = np.arange(motion.count) >= motion.free
         more = np.eye(motion.count)[damped] @ loose, brake[0] @ loose
-        return motion.mixed(loose, null_space(np.vstack(more), np.vstack([np.abs(more[0]), brake[1] @ np.abs(loose)])))
+        own = sizes(loose, 1 / np.abs(motion.shapes / self.unit[:, None]).max(axis=0))
+        return motion.mixed(loose, null_space(np.vstack(more), np.vstack([own[damped], brake[1] @ own])))
 
 
 def _both_sides(C: Any, at: Array, size: Array) -> tuple[Array, Array]:
@@ -201,7 +205,8 @@ class Joined(Source):
         Z = sp.block_diag([sp.csr_array(motion.shapes) for motion in own], format="csr")
         if not Z.shape[1]:
             return RigidMotion(np.zeros((self.L.shape[1], 0)), 0)
-        size = abs(Z)
+        unit = np.split(self.unit, np.cumsum([len(motion.shapes) for motion in own])[:-1])
+        size = sp.block_diag([sizes(motion.shapes, one) for motion, one in zip(own, unit, strict=True)], format="csr")
         conditions = [A for A in (self.equations, *self.springs) if A.shape[0]]
         turn = null_space(*_stacked([(A @ Z, abs(A) @ size) for A in conditions], Z.shape[1]))
         if turn is None:
@@ -212,7 +217,8 @@ class Joined(Source):
         damped = np.concatenate([np.arange(motion.count) >= motion.free for motion in own])
         brakes = [(sp.csr_array(np.eye(len(damped))[damped]),) * 2, *((A @ Z, abs(A) @ size) for A in self.dampers)]
         B, whole = _stacked(brakes, Z.shape[1])
-        return RigidMotion(x, 0).mixed(np.eye(turn.shape[1]), null_space(B @ turn, whole @ np.abs(turn)))
+        far = largest(sp.csr_array(size.T) @ sp.diags_array(1 / self.unit))
+        return RigidMotion(x, 0).mixed(np.eye(turn.shape[1]), null_space(B @ turn, whole @ sizes(turn, 1 / far)))
 
     def _coordinates(self, q: Array) -> Array | None:
         """x with L x = q, or None where there is none: by least squares in units of energy, corrected twice."""
@@ -231,6 +237,12 @@ class Joined(Source):
         whole = np.zeros((self.L.shape[1], q.shape[1]))
         whole[used] = x
         return whole
+
+
+def sizes(Z: Array, unit: Array) -> Array:
+    """|Z| (n, r), but at least a share of what each column moves the DOF in all, in units (n,)."""
+    size = np.abs(Z)
+    return size + LEAST * unit[:, None] * (size / unit[:, None]).max(axis=0, initial=0.0)
 
 
 def _stacked(blocks: list[tuple[Any, Any]], columns: int) -> tuple[Array, Array]:

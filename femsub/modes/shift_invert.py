@@ -33,7 +33,7 @@ GAP = 1e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that
 LARGE = 10_000  # DOF from which the graph of K is used for the first shift
 COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
 CONVERGED = 1e-13  # an elastic solution has converged if the next correction changes it by less
-COUNTED = 3000  # DOF up to which the rank of M is computed
+COUNTED = 3000  # DOF up to which the rank of M is computed, and the rigid motion of each full part of a system
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -58,8 +58,8 @@ class ShiftInvert:
 
     def _found(self) -> tuple[float, Array, float]:
         self.rigid, self.lowest = np.zeros((self.K.shape[0], 0)), np.inf
-        if self._given is not None:
-            return self._carried(self._given)
+        if self._given is not None and (found := self._carried(self._given)) is not None:
+            return found
         if not annihilates_a_translation(self.K):
             try:
                 self._factorise(0.0)
@@ -79,11 +79,17 @@ class ShiftInvert:
                     f"or make each piece a separate part ({error})") from None
         return self.sigma, self.rigid, self.lowest
 
-    def _carried(self, Z: Array) -> tuple[float, Array, float]:
-        """With given rigid motions: only the shift and the lowest elastic ω² are looked for."""
+    def _carried(self, Z: Array) -> tuple[float, Array, float] | None:
+        """With given rigid motions: only the shift and the lowest elastic ω² are looked for.
+
+        None if there are none, but a mount so soft that it is rounding of K.
+        """
         if not Z.shape[1]:
-            self._factorise(0.0)
-            return self.sigma, self.rigid, self.lowest
+            try:
+                self._factorise(0.0)
+            except SingularMatrixError:
+                return None
+            return None if self._nearly_singular() else (self.sigma, self.rigid, self.lowest)
         R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z, mode="r")
         if R.diagonal().all():
             self.rigid = orthonormal(np.linalg.solve(R.T, Z.T).T, self.M.__matmul__)[0]
@@ -311,7 +317,7 @@ class ShiftInvert:
 
 def of_full(part: Substructure) -> RigidMotion | None:
     """The rigid motion of a part that carries none, by its own K; None of a large one, or where it is not clear."""
-    if part.size > LARGE:
+    if part.size > COUNTED:
         return None
     try:
         Z = ShiftInvert(part.K, part.M).rigid

@@ -65,7 +65,8 @@ class Basis:
     """V (n, r) with its labels, and M = VᵀMV, K = VᵀKV (r, r) from the orthogonality of the modes.
 
     K is not computed as a product VᵀKV: for the low modes of a large model, cancellation leaves no correct digit in it.
-    `rigid` (r, k) are the coordinates of the rigid motion, KV rigid = 0; None where the method does not know them.
+    `motion` (n, k) is the rigid motion, and `rigid` (r, k) its coordinates, V rigid = motion; None where the method does not know
+    them.
     """
 
     V: Array
@@ -79,6 +80,7 @@ class Basis:
     factorisations: int
     estimate: Estimate | None = None
     rigid: Array | None = None
+    motion: Array | None = None
 
 
 def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array], mode_kind: str) -> Basis:
@@ -96,7 +98,8 @@ def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping
         free = statics.rigid.shape[1]
         rigid = np.zeros((len(M), free + kept.rigid))
         rigid[:n_c, :free], rigid[n_c + np.arange(kept.rigid), free + np.arange(kept.rigid)] = statics.rigid, 1.0
-    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate, rigid)
+    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate, rigid,
+                 None if rigid is None else V @ rigid)
 
 
 def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array, coupling: Array) -> tuple[Array, Array]:

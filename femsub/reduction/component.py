@@ -47,7 +47,9 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
         if not basis.V.shape[1]:
             raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
                              "name interface DOF")
-        rom = method.finished(sub, model_of(task, basis if part.turn is None else replace(basis, V=part.turn @ basis.V)))
+        if part.turn is not None:
+            basis = replace(basis, V=part.turn @ basis.V, motion=None if basis.motion is None else part.turn @ basis.motion)
+        rom = method.finished(sub, model_of(task, basis))
     log.info("%r", rom)
     return rom
 
@@ -149,6 +151,8 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     D, K, motion = projected(sub.D, V, V), basis.K, carried_by(sub, basis)
+    if sub.pencil.symmetric[1]:
+        D = (D + D.T) / 2
     if motion is not None:
         D, K, motion = _without_rounding(D, K, motion, sub, basis)
     return ReducedSubstructure(
@@ -165,7 +169,7 @@ def carried_by(sub: Substructure, basis: Basis) -> RigidMotion | None:
     Where the method does not know it, the motion that the component carries is looked for in the span of V.
     """
     if basis.rigid is not None:
-        known = sub.rigid_motion is not None or (rounding_ratio(sub.K, basis.V @ basis.rigid) <= STILL).all()
+        known = sub.rigid_motion is not None or (rounding_ratio(sub.K, basis.motion) <= STILL).all()
         return RigidMotion(basis.rigid, 0) if known else None
     motion = found(sub.rigid_motion, of_full)
     if motion is None:
@@ -187,7 +191,7 @@ def _without_rounding(D: Array, K: Array, motion: RigidMotion, sub: Substructure
         return D, K, motion
     turn, free = np.eye(q.shape[1]), q.shape[1]
     if sub.pencil.norms[1] > 0:
-        turn, loose = undamped(sub.D, basis.V @ q, units(sub.M))
+        turn, loose = undamped(sub.D, basis.V @ q if basis.motion is None else basis.motion, units(sub.M))
         turn, free = turn[:, np.append(loose, np.setdiff1d(np.arange(len(turn)), loose))], len(loose)
     q = q @ turn
     return without(D, q[:, :free], unit), without(K, q, unit), RigidMotion(q, free)
