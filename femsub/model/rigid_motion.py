@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 ROUNDING = 1e-13  # share of the forces that cancel in A z below which A z is rounding
 FREE = 1e-9  # a motion meets conditions that it violates by less than this, relative to the terms that cancel
 CLEAR = 1e-6  # and violates them from here on: between the two nothing can be said
-LEAST = 1e-4  # of the motion of all DOF at unit energy: a DOF that moves less may do so by rounding
+LEAST = 1e-3  # of the motion of all DOF at unit energy: a DOF that moves less may do so by rounding
 SAME = 1e-9  # relative distance up to which coordinates describe a given motion
 
 
@@ -239,10 +239,10 @@ class Joined(Source):
         return whole
 
 
-def sizes(Z: Array, unit: Array) -> Array:
+def sizes(Z: Array, unit: Array, least: float = LEAST) -> Array:
     """|Z| (n, r), but at least a share of what each column moves the DOF in all, in units (n,)."""
     size = np.abs(Z)
-    return size + LEAST * unit[:, None] * (size / unit[:, None]).max(axis=0, initial=0.0)
+    return size + least * unit[:, None] * (size / unit[:, None]).max(axis=0, initial=0.0)
 
 
 def _stacked(blocks: list[tuple[Any, Any]], columns: int) -> tuple[Array, Array]:
@@ -289,7 +289,7 @@ def unresisted(A: Matrix, Z: Array, unit: Array) -> tuple[Array, Array]:
 def undamped(A: Matrix, Z: Array, unit: Array) -> tuple[Array, Array]:
     """The rotation (r, r) of `unresisted`, and the indices of the motions with Az = 0."""
     turn = np.linalg.svd(unit[:, None] * (A @ Z), full_matrices=False)[2].T
-    scale = np.linalg.norm(unit * (abs(A) @ abs(Z).sum(axis=1)))  # of all: one at rest at the dashpot has no scale
+    scale = np.linalg.norm(unit * (abs(A) @ sizes(Z, unit, 1.0).sum(axis=1)))  # of all: one at rest at the dashpot has no scale
     return turn, np.flatnonzero(np.linalg.norm(unit[:, None] * (A @ (Z @ turn)), axis=0) <= ROUNDING * scale)
 
 

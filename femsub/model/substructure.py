@@ -162,7 +162,8 @@ class Substructure(Frozen):
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
         """What a model made of others knows from them."""
         self._set(rigid_motion=rigid_motion, noise=noise)
-        self.__dict__.pop("pencil", None)
+        if "pencil" in self.__dict__:
+            self.__dict__["pencil"] = self.pencil.carrying(rigid_motion, noise)
 
     def port(self, name: str) -> Array:
         """The column(s) w of a port, shape (n,) or (n, p); an unknown name is an InputError."""

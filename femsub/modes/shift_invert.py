@@ -58,8 +58,8 @@ class ShiftInvert:
 
     def _found(self) -> tuple[float, Array, float]:
         self.rigid, self.lowest = np.zeros((self.K.shape[0], 0)), np.inf
-        if self._given is not None and (found := self._carried(self._given)) is not None:
-            return found
+        if self._given is not None:
+            return self._carried(self._given)
         if not annihilates_a_translation(self.K):
             try:
                 self._factorise(0.0)
@@ -79,17 +79,11 @@ class ShiftInvert:
                     f"or make each piece a separate part ({error})") from None
         return self.sigma, self.rigid, self.lowest
 
-    def _carried(self, Z: Array) -> tuple[float, Array, float] | None:
-        """With given rigid motions: only the shift and the lowest elastic ω² are looked for.
-
-        None if there are none, but a mount so soft that it is rounding of K.
-        """
+    def _carried(self, Z: Array) -> tuple[float, Array, float]:
+        """With given rigid motions: only the shift and the lowest elastic ω² are looked for."""
         if not Z.shape[1]:
-            try:
-                self._factorise(0.0)
-            except SingularMatrixError:
-                return None
-            return None if self._nearly_singular() else (self.sigma, self.rigid, self.lowest)
+            self._factorise(0.0)
+            return self.sigma, self.rigid, self.lowest
         R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z, mode="r")
         if R.diagonal().all():
             self.rigid = orthonormal(np.linalg.solve(R.T, Z.T).T, self.M.__matmul__)[0]

@@ -150,13 +150,13 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
                 f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning)
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
-    D, K, motion = projected(sub.D, V, V), basis.K, carried_by(sub, basis)
+    D, motion = projected(sub.D, V, V), carried_by(sub, basis)
     if sub.pencil.symmetric[1]:
         D = (D + D.T) / 2
     if motion is not None:
-        D, K, motion = _without_rounding(D, K, motion, sub, basis)
+        D, motion = _without_rounding(D, motion, sub, basis)
     return ReducedSubstructure(
-        basis.M, K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
+        basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
         interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion,
@@ -182,19 +182,17 @@ def carried_by(sub: Substructure, basis: Basis) -> RigidMotion | None:
     return RigidMotion(q / size[:, None], 0) if (left <= SAME * np.linalg.norm(motion.shapes / unit, axis=0)).all() else None
 
 
-def _without_rounding(D: Array, K: Array, motion: RigidMotion, sub: Substructure, basis: Basis) -> tuple[Array, Array, RigidMotion]:
-    """D and K without the rounding of rigid motion. It is the component's D that says which motions are not damped."""
-    mass, stiffness = basis.M.diagonal(), np.abs(K.diagonal())
-    unit = energy_units(mass, stiffness)[0]
-    q = motion.shapes
+def _without_rounding(D: Array, motion: RigidMotion, sub: Substructure, basis: Basis) -> tuple[Array, RigidMotion]:
+    """D without the rounding of rigid motion. It is the component's D that says which motions are not damped."""
+    unit, q = energy_units(basis.M.diagonal(), np.abs(basis.K.diagonal()))[0], motion.shapes
     if not q.shape[1]:
-        return D, K, motion
+        return D, motion
     turn, free = np.eye(q.shape[1]), q.shape[1]
     if sub.pencil.norms[1] > 0:
         turn, loose = undamped(sub.D, basis.V @ q if basis.motion is None else basis.motion, units(sub.M))
         turn, free = turn[:, np.append(loose, np.setdiff1d(np.arange(len(turn)), loose))], len(loose)
     q = q @ turn
-    return without(D, q[:, :free], unit), without(K, q, unit), RigidMotion(q, free)
+    return without(D, q[:, :free], unit), RigidMotion(q, free)
 
 
 def work(task: Task) -> float:

@@ -62,7 +62,8 @@ class Hurty(CraigBampton):
         T[:n_b, :n_b] = 0.0
         T[holding, np.arange(n_r)], T[redundant, n_r + np.arange(len(redundant))] = 1.0, 1.0
         T[redundant, :n_r] = motions[redundant]
-        found = turned(found, T, ("rigid",) * n_r + found.kinds[n_r:], np.eye(len(T), n_r))
+        rigid = np.pad(statics.rigid[holding], ((0, len(T) - n_r), (0, 0)))
+        found = turned(found, T, ("rigid",) * n_r + found.kinds[n_r:], rigid)
         found.K[:n_r], found.K[:, :n_r] = 0.0, 0.0
         return found
 
