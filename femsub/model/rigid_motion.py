@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from femsub.checks import Array, Matrix
-from femsub.model.elimination import largest
+from femsub.model.elimination import largest, units
 from femsub.model.matrices import is_symmetric, same
 
 if TYPE_CHECKING:
@@ -53,6 +53,10 @@ class RigidMotion:
         rest = np.setdiff1d(np.arange(Z.shape[1]), free)
         return cls(Z[:, np.append(free, rest)], len(free))
 
+    def record(self) -> dict[str, Any]:
+        """The entries of a file."""
+        return {"shapes": self.shapes.tolist(), "free": self.free}
+
     @property
     def count(self) -> int:
         return int(self.shapes.shape[1])
@@ -61,6 +65,11 @@ class RigidMotion:
     def undamped(self) -> Array:
         """The motions with D Z = 0, shape (n, free)."""
         return self.shapes[:, :self.free]
+
+    @staticmethod
+    def none(size: int) -> RigidMotion:
+        """That of a model of `size` DOF that has none."""
+        return RigidMotion(np.zeros((size, 0)), 0)
 
     @property
     def zeros(self) -> int:
@@ -130,6 +139,11 @@ class Damped:
     def __call__(self, motion: RigidMotion) -> RigidMotion:
         return RigidMotion.of(motion.shapes, self.D, np.where(self.mass > 0, self.mass, 1.0) ** -0.5)
 
+    @staticmethod
+    def unit(mass: Array, stiffness: Array) -> Array:
+        """How far DOF move at unit energy."""
+        return units(np.abs(mass), np.abs(stiffness))[0]
+
 
 @dataclass(frozen=True, eq=False)
 class Touched:
@@ -185,6 +199,12 @@ class Joined(Source):
     equations: Matrix
     springs: tuple[Matrix, ...]
     dampers: tuple[Matrix, ...]
+    belong: tuple[Matrix, Matrix] | None = None  # D and K of the system
+
+    def belonging(self, D: Matrix, K: Matrix) -> Joined | None:
+        """The same for these matrices of the system; None if it was made for others."""
+        before = self.belong or (D, K)
+        return replace(self, belong=(D, K)) if same(before[0], D) and same(before[1], K) else None
 
     def found(self, decide: Decide) -> RigidMotion | None:
         if "motion" not in self.__dict__:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -29,10 +30,12 @@ from femsub.linalg.shared import shared
 from femsub.linalg.timing import phase
 from femsub.model.bands import EDGE, in_band, widened
 from femsub.model.matrices import Difference
-from femsub.model.rigid_motion import Carried
 from femsub.model.substructure import Substructure
 from femsub.modes.dense import dense_modes, orthonormalise
 from femsub.modes.shift_invert import ShiftInvert
+
+if TYPE_CHECKING:
+    from femsub.model.rigid_motion import Carried
 
 log = logging.getLogger(__name__)
 

@@ -34,6 +34,9 @@ LARGE = 10_000  # DOF from which the graph of K is used for the first shift
 COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
 CONVERGED = 1e-13  # an elastic solution has converged if the next correction changes it by less
 COUNTED = 3000  # DOF up to which the rank of M is computed, and the rigid motion of each full part of a system
+BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
+NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no rigid motion. Likely causes: a mount so soft that it "
+                f"is rounding beside the parts' stiffness, or {BY_MULTIPLIERS}")
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -46,7 +49,7 @@ class ShiftInvert:
 
     def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None) -> None:
         self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
-        motion = found(carried, of_full) if isinstance(rows, slice) else None
+        motion = motion_of(carried) if isinstance(rows, slice) else None
         self._given = None if motion is None else motion.shapes
         key = (self.K, self.M), ("shift and rigid-body modes", motion is None)
         self.sigma: float
@@ -82,7 +85,10 @@ class ShiftInvert:
     def _carried(self, Z: Array) -> tuple[float, Array, float]:
         """With given rigid motions: only the shift and the lowest elastic ω² are looked for."""
         if not Z.shape[1]:
-            self._factorise(0.0)
+            try:
+                self._factorise(0.0)
+            except SingularMatrixError as error:
+                raise SingularMatrixError(f"{NOT_DEFINITE} ({error})") from None
             return self.sigma, self.rigid, self.lowest
         R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z, mode="r")
         if R.diagonal().all():
@@ -155,8 +161,7 @@ class ShiftInvert:
                 last = error
         raise SingularMatrixError(
             f"K - σM is not positive definite for σ = {sigma:.3g}. Likely causes: K has a negative eigenvalue, M is not "
-            "positive semidefinite, a DOF has neither mass nor stiffness, or joints are assembled by multipliers "
-            f"(assembly='primal' has the same modes) ({last})")
+            f"positive semidefinite, a DOF has neither mass nor stiffness, or {BY_MULTIPLIERS} ({last})")
 
     def _find_rigid(self) -> float:
         """Subspace iteration, which contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value.
@@ -309,7 +314,12 @@ class ShiftInvert:
         return self.deflate(x, basis)
 
 
-def of_full(part: Substructure) -> RigidMotion | None:
+def motion_of(carried: Carried) -> RigidMotion | None:
+    """The rigid motion that a model carries; None if it carries none, or if rounding leaves it open."""
+    return found(carried, _of_full)
+
+
+def _of_full(part: Substructure) -> RigidMotion | None:
     """The rigid motion of a part that carries none, by its own K; None of a large one, or where it is not clear."""
     if part.size > COUNTED:
         return None

@@ -20,9 +20,9 @@ import scipy.linalg as la
 from femsub.checks import Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.model.matrices import is_symmetric, unit_length
+from femsub.model.rigid_motion import RigidMotion, unresisted
 from femsub.modes.dense import dense_modes
-from femsub.model.rigid_motion import RigidMotion, found, unresisted
-from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, of_full, units
+from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, motion_of, units
 from femsub.quadratic import rigid_apart, singular_mass
 from femsub.quadratic.singular_mass import REGULAR
 
@@ -93,7 +93,7 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
             scale = M.diagonal() ** -0.5
             if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
                 return None
-            motion = found(pencil.rigid_motion, of_full)
+            motion = motion_of(pencil.rigid_motion)
             values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K, motion)
         except la.LinAlgError:
             return None
@@ -112,19 +112,19 @@ def _undamped(still: Array, M: Array, K: Array, motion: RigidMotion | None) -> t
     While LAPACK computes the others, rigid-body modes are shifted to a quarter of the lowest elastic ω², as in `normal_modes`.
     A `motion` that the pencil carries is taken as it is.
     """
-    values, shapes = _by_lapack(still, M)
-    low = np.abs(values) <= 1e-8 * np.abs(values).max()
-    if motion is not None:
-        Z, lowest = _given(still, M, values, shapes, motion)
-    elif not low.any():
-        return values, shapes, 0
+    if motion is not None and motion.count:
+        Z, lowest = _given(still, M, motion)
     else:
+        values, shapes = _by_lapack(still, M)
+        low = np.abs(values) <= 1e-8 * np.abs(values).max()
+        if motion is not None or not low.any():
+            return values, shapes, 0
         Z, lowest = _rigid(still, M, values, shapes, low)
         if still is not K:
             Z, free = unresisted(K - still, Z, units(M))
             Z = Z[:, free]
     r = Z.shape[1]
-    if 0 < r < len(values):
+    if 0 < r < len(M):
         held = M @ Z
         values, shapes = _by_lapack(still + 0.25 * lowest * (held @ held.T), M)
         order = np.argsort(-np.linalg.norm(held.T @ shapes, axis=0), kind="stable")
@@ -143,18 +143,17 @@ def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
         return values, shapes
 
 
-def _given(K: Array, M: Array, values: Array, shapes: Array, motion: RigidMotion) -> tuple[Array, float]:
+def _given(K: Array, M: Array, motion: RigidMotion) -> tuple[Array, float]:
     """The M-orthonormal rigid-body modes (n, r) of a given motion, in the same order, and the lowest elastic ω²."""
-    if not motion.count:
-        return motion.shapes, np.inf
     Z = motion.shapes @ np.linalg.inv(np.linalg.qr(np.sqrt(M.diagonal())[:, None] * motion.shapes, mode="r"))
     Z = Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T  # triangular factors: the first motions stay the first
     try:
         lowest = ShiftInvert(K, M, carried=motion).lowest
     except SingularMatrixError:  # a negative stiffness
+        values, shapes = la.eigh(K, M, check_finite=False)
         order = np.argsort(-np.linalg.norm(Z.T @ M @ shapes, axis=0), kind="stable")
         lowest = float(np.abs(values[order[motion.count:]]).min(initial=np.inf))
-    return Z, lowest if np.isfinite(lowest) and lowest > 0 else float(np.abs(values).max()) or 1.0
+    return Z, lowest if np.isfinite(lowest) and lowest > 0 else float((np.abs(K.diagonal()) / M.diagonal()).max()) or 1.0
 
 
 def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tuple[Array, float]:
@@ -239,7 +238,7 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
     """
     bare = singular_mass.bare(pencil)
     form = modal_form(pencil) if not len(bare) else None
-    if form is None and (motion := found(pencil.rigid_motion, of_full)) is not None and motion.count and all(pencil.symmetric):
+    if form is None and (motion := motion_of(pencil.rigid_motion)) is not None and motion.count and all(pencil.symmetric):
         return rigid_apart.solve(pencil, motion, solve)
     if len(bare):
         return singular_mass.condensed(pencil, bare, solve)

@@ -7,14 +7,17 @@ there, the states are (y, ḋ, ẏ), since d itself has no energy.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
 from femsub.model.matrices import unit_length
 from femsub.model.pencil import Pencil
-from femsub.model.rigid_motion import RigidMotion
 from femsub.quadratic.singular_mass import Eigenpairs, Solver, qz_of
+
+if TYPE_CHECKING:
+    from femsub.model.rigid_motion import RigidMotion
 
 
 def solve(pencil: Pencil, motion: RigidMotion, rest_of: Solver) -> Eigenpairs:
@@ -34,7 +37,7 @@ def solve(pencil: Pencil, motion: RigidMotion, rest_of: Solver) -> Eigenpairs:
         T = T + Z[:, :free] @ drift
     small = Pencil((M + M.T) / 2, (D + D.T) / 2, K)
     if free == motion.count:
-        values, x, y = rest_of(small.carrying(RigidMotion(np.zeros((len(M), 0)), 0), small.noise))
+        values, x, y = rest_of(small.carrying(motion.none(len(M)), small.noise))
     else:
         values, x, y = qz_of(small, motion.count - free)
     still = np.hstack([Z, Z[:, :free]])

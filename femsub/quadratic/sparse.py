@@ -13,8 +13,7 @@ from femsub.errors import BreakdownError, MissedModesError, NotConvergedError, S
 from femsub.linalg.factor import Handle, shared_factor
 from femsub.linalg.petsc import Factor, Transposed, quadratic_modes
 from femsub.modes.normal_modes import lowest_modes
-from femsub.model.rigid_motion import found
-from femsub.modes.shift_invert import ShiftInvert, of_full
+from femsub.modes.shift_invert import ShiftInvert, motion_of
 from femsub.quadratic.matching import match
 from femsub.quadratic.multiplicity import distinct, joined
 
@@ -38,7 +37,7 @@ class Shifted:
         self.rigid: Array = np.zeros((pencil.size, 0))
         self.handle: ShiftInvert | None = None  # for a floating model: K - σM, positive definite
         symmetric = pencil.symmetric[0] and pencil.symmetric[2]
-        self.carried = found(pencil.rigid_motion, of_full)
+        self.carried = motion_of(pencil.rigid_motion)
         try:
             if symmetric and self.carried is not None and self.carried.count:
                 raise SingularMatrixError("K has rigid motion")

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix
 from femsub.linalg.timing import phase
 from femsub.modes.static_shapes import independent
+from femsub.reduction.rigid import coordinates
 from femsub.reduction.statics import COLUMNS, Statics, widened
 
 if TYPE_CHECKING:
@@ -93,11 +94,7 @@ def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping
     M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
     kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (mode_kind,) * kept.elastic + (statics.kind,) * len(stiffness)
     errors = _port_errors(ports, V, statics.condensed, K.diagonal()[n_c:], responses)
-    rigid = None
-    if statics.rigid is not None:
-        free = statics.rigid.shape[1]
-        rigid = np.zeros((len(M), free + kept.rigid))
-        rigid[:n_c, :free], rigid[n_c + np.arange(kept.rigid), free + np.arange(kept.rigid)] = statics.rigid, 1.0
+    rigid = coordinates(statics, kept.rigid, len(M))
     return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate, rigid,
                  None if rigid is None else V @ rigid)
 

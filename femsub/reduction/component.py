@@ -16,14 +16,12 @@ from femsub.linalg.factor import SMALL
 from femsub.linalg.memory import check_memory
 from femsub.linalg.threads import WORK, one_thread
 from femsub.model.estimate import SHARE
-from femsub.model.elimination import units as energy_units
-from femsub.model.rigid_motion import SAME, RigidMotion, found, size_of_products, undamped, without
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import confirm
-from femsub.modes.shift_invert import of_full, rounding_ratio, units
 from femsub.reduction.basis import Basis, Kept, projected
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
+from femsub.reduction.rigid import damping
 from femsub.reduction.statics import Partition, Statics, square
 
 if TYPE_CHECKING:
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
-STILL = 1e-9  # ‖KZ‖ relative to its terms above which a method's rigid motion is none
 PORT_LIMIT = 0.01  # relative error of a port's static response (energy norm) above which `reduce` warns
 
 
@@ -134,7 +131,8 @@ def whole_basis(task: Task, part: Partition, judged: bool = True) -> Basis:
     if method.modes and sub is task.sub:
         raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface, so there are "
                          "none. Use modes=0, or a smaller interface")
-    estimate = unreduced(sub.K, sub.M, method.band, method.tol, task.pencil) if judged and method.band is not None else None
+    estimate = unreduced(sub.K, sub.M, method.band, method.tol, task.pencil,
+                         sub.rigid_motion) if judged and method.band is not None else None
     return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
                  task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
 
@@ -150,49 +148,13 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
                 f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning)
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
-    D, motion = projected(sub.D, V, V), carried_by(sub, basis)
-    if sub.pencil.symmetric[1]:
-        D = (D + D.T) / 2
-    if motion is not None:
-        D, motion = _without_rounding(D, motion, sub, basis)
+    D, motion, noise = damping(sub, basis, projected(sub.D, V, V))
     return ReducedSubstructure(
         basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
         interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion,
-        noise=np.hstack([np.abs(V).T @ sub.noise, size_of_products(sub.D, V)]))
-
-
-def carried_by(sub: Substructure, basis: Basis) -> RigidMotion | None:
-    """The component's rigid motion in the coordinates of a basis, K V q = 0; None where it is not known.
-
-    Where the method does not know it, the motion that the component carries is looked for in the span of V.
-    """
-    if basis.rigid is not None:
-        known = sub.rigid_motion is not None or (rounding_ratio(sub.K, basis.motion) <= STILL).all()
-        return RigidMotion(basis.rigid, 0) if known else None
-    motion = found(sub.rigid_motion, of_full)
-    if motion is None:
-        return None
-    unit = units(sub.M)[:, None]
-    scaled = basis.V / unit
-    size = np.linalg.norm(scaled, axis=0)
-    q = np.linalg.lstsq(scaled / size, motion.shapes / unit, rcond=None)[0]
-    left = np.linalg.norm(motion.shapes / unit - scaled / size @ q, axis=0)
-    return RigidMotion(q / size[:, None], 0) if (left <= SAME * np.linalg.norm(motion.shapes / unit, axis=0)).all() else None
-
-
-def _without_rounding(D: Array, motion: RigidMotion, sub: Substructure, basis: Basis) -> tuple[Array, RigidMotion]:
-    """D without the rounding of rigid motion. It is the component's D that says which motions are not damped."""
-    unit, q = energy_units(basis.M.diagonal(), np.abs(basis.K.diagonal()))[0], motion.shapes
-    if not q.shape[1]:
-        return D, motion
-    turn, free = np.eye(q.shape[1]), q.shape[1]
-    if sub.pencil.norms[1] > 0:
-        turn, loose = undamped(sub.D, basis.V @ q if basis.motion is None else basis.motion, units(sub.M))
-        turn, free = turn[:, np.append(loose, np.setdiff1d(np.arange(len(turn)), loose))], len(loose)
-    q = q @ turn
-    return without(D, q[:, :free], unit), RigidMotion(q, free)
+        noise=noise)
 
 
 def work(task: Task) -> float:

@@ -10,9 +10,9 @@ import scipy.sparse as sp
 
 from femsub.checks import Array
 from femsub.errors import ConditionWarning, InputError, warn
-from femsub.model.rigid_motion import found, without
-from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, of_full, rounding_ratio, units
+from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio, units
 from femsub.reduction.method import Method
+from femsub.reduction.rigid import motion_of, without
 from femsub.reduction.statics import COLUMNS, Partition, Statics, square, zeros
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     none = np.zeros((len(condensed), 0))
     if not condensed.size:
         return condensed, none
-    if (motion := found(sub.rigid_motion, of_full)) is not None:
+    if (motion := motion_of(sub.rigid_motion)) is not None:
         rigid_motions = motion.shapes[sub.interface]
         return without(condensed, rigid_motions, unit), rigid_motions
     values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)

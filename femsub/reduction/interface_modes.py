@@ -168,7 +168,7 @@ def _with_rounding(sub: Substructure, model: ReducedSubstructure) -> ReducedSubs
     """In the coordinates that the modes are computed in, the interface shares no stiffness, and rounding of K does not show."""
     if model.estimate is None:
         return model
-    told = with_rounding(model.estimate, model.M, model.K, model.V, sub.K)
+    told = with_rounding(model.estimate, model, sub.K)
     if told.worst > told.tol:
         raise NotConvergedError(f"the interface of {sub.name!r} cannot be reduced to a relative error of {told.tol:g}, by "
                                 f"rounding alone: {told!r}. Reduce the stiffness contrast of its parts, raise tol, or give a "
