@@ -1,4 +1,4 @@
-"""Floating, damped parts by nine methods: as many eigenvalues at 0 and rigid-body modes as the geometry says, and none that grows.
+"""Floating, damped parts by nine methods: as many eigenvalues at 0 and rigid modes as the geometry says, and none that grows.
 
 The reference is exact rigid motion from the coordinates of the nodes, in units of the part's length, and the rank of what joints,
 springs and dashpots make of it. All damping takes energy away, so that no mode may be called unstable.
@@ -7,6 +7,7 @@ springs and dashpots make of it. All damping takes energy away, so that no mode 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,6 @@ class Part:
     sub: fs.Substructure
     Z: np.ndarray
     braked: np.ndarray
-    unit: np.ndarray  # how far each DOF moves where the part turns by one radian: its length, or 1 for an angle
     groups: tuple[tuple[int, ...], ...]  # DOF of a node at one end and at the other, in the same order
 
 
@@ -44,22 +44,22 @@ def attacked(kind: str, seed: int) -> str:
         parts = [_part(random, shape, units) for _ in range(count)]
         method = METHODS[int(random.integers(len(METHODS)))]
         try:
-            roms = [fs.reduce(part.sub, method(int(random.integers(0, max(1, min(6, part.sub.size // 3)) + 1)))) for part in parts]
+            counts = [int(random.integers(0, max(1, min(6, part.sub.size // 3)) + 1)) for part in parts]
+            roms = [fs.reduce(part.sub, method(count)) for part, count in zip(parts, counts, strict=True)]
         except fs.FemsubError as error:
             return f"refused: seed {seed}: {error}"
         if kind == "part":
-            return _judged(f"seed {seed}, {shape}, {method.__name__}", [parts[0].sub, roms[0]], parts, [], [])
-        joints, equations, dampers = _joints(random, parts, kind)
-        keep = [random.random() < 0.2 for _ in parts]
+            return _judged(f"seed {seed}, {shape}, {method.__name__}", [parts[0].sub, roms[0]], parts, [])
+        joints, equations = _joints(random, parts, kind)
+        mixed = [part.sub if random.random() < 0.2 and i else rom for i, (part, rom) in enumerate(zip(parts, roms, strict=True))]
         try:
-            models = [fs.couple({f"p{i}": one for i, one in enumerate(chosen)}, joints) for chosen in
-                      ([part.sub for part in parts],
-                       [part.sub if full and i else rom for i, (part, rom, full) in enumerate(zip(parts, roms, keep, strict=True))])]
+            models = [fs.couple({f"p{i}": one for i, one in enumerate(chosen)}, joints)
+                      for chosen in ([part.sub for part in parts], mixed)]
             if len(parts) > 2 and random.random() < 0.3:
                 models.append(_nested(models[1]))
         except fs.FemsubError as error:
             return f"refused: seed {seed}: {error}"
-        return _judged(f"seed {seed}, {shape}, {method.__name__}", models, parts, equations, dampers)
+        return _judged(f"seed {seed}, {shape}, {method.__name__}", models, parts, equations)
 
 
 def _nested(system: fs.System) -> fs.System:
@@ -67,12 +67,11 @@ def _nested(system: fs.System) -> fs.System:
     return fs.couple({"whole": system}, [])
 
 
-def _judged(what: str, models: list[fs.Substructure], parts: list[Part], equations: list[np.ndarray],
-            dampers: list[np.ndarray]) -> str:
+def _judged(what: str, models: Sequence[fs.Substructure], parts: list[Part], equations: list[np.ndarray]) -> str:
     Z = la.block_diag(*(part.Z for part in parts))
     free = _null(np.array(equations).reshape(-1, len(Z)) @ Z, np.eye(Z.shape[1]))
     rigid = free.shape[1]
-    braked = np.vstack([la.block_diag(*(part.braked for part in parts)), np.array(dampers).reshape(-1, len(Z)) @ Z])
+    braked = la.block_diag(*(part.braked for part in parts))  # the dampers of joints see no more than their springs do
     zeros = 2 * rigid - (rigid - _null(braked, free).shape[1])
     words = []
     for name, model in zip(("full", "reduced", "nested"), models, strict=False):
@@ -109,6 +108,7 @@ def _null(B: np.ndarray, basis: np.ndarray) -> np.ndarray:
 def _part(random: Random, shape: str, units: tuple[float, float, float]) -> Part:
     """A free part with rounding in all of its numbers, stiffer or softer than others by up to four orders of magnitude."""
     E, L, rho = units[0] * 10.0 ** random.uniform(-2, 2), units[1] * random.uniform(0.5, 2.0), units[2] * random.uniform(0.5, 2)
+    groups: tuple[tuple[int, ...], ...]
     if shape == "chain":
         n = int(random.integers(3, 15))
         sub = fs.chain(n, fixed=False, damping=0.0)
@@ -117,21 +117,21 @@ def _part(random: Random, shape: str, units: tuple[float, float, float]) -> Part
     elif shape == "beam":
         n = int(random.integers(2, 12))
         sub = fs.beam(L, n, E=E, I=(0.03 * L) ** 4 * random.uniform(0.5, 2.0), rho=rho, A=(0.1 * L) ** 2)
-        x, angle = sub.dofs.points[:, 0] / L, sub.dofs.components == 1
+        x, angle = _points(sub)[:, 0] / L, _directions(sub) == 1
         Z, unit = np.stack([~angle, np.where(angle, 1.0, x - 0.5)], axis=1).astype(float), np.where(angle, 1.0, L)
         groups = ((0, 1), (2 * n, 2 * n + 1))
     elif shape == "plate":
         mesh = fs.rectangle((L, 0.6 * L), (int(random.integers(1, 4)), 2), "quad")
         sub = fs.plate(mesh, E=E, nu=0.3, rho=rho, thickness=0.02 * L)
-        (x, y), kind = sub.dofs.points.T / L, sub.dofs.components
-        Z = np.stack([kind == 0, np.select([kind == 0, kind == 1], [x - 0.5, 1.0]), np.select([kind == 0, kind == 2], [y - 0.3, 1.0])],
-                     axis=1).astype(float)
+        (x, y), kind = _points(sub).T / L, _directions(sub)
+        Z = np.stack([kind == 0, np.select([kind == 0, kind == 1], [x - 0.5, 1.0]),
+                      np.select([kind == 0, kind == 2], [y - 0.3, 1.0])], axis=1).astype(float)
         unit = np.select([kind == 0, kind == 3], [L, 1 / L], 1.0)
         groups = tuple(tuple(int(i) for i in np.flatnonzero(np.abs(x - at) < 1e-9)) for at in (0.0, 1.0))
     else:
         mesh = fs.block((L, 0.4 * L, 0.3 * L), (int(random.integers(1, 4)), 1, 1), "hexahedron")
         sub = fs.solid(mesh, fs.Material(E, 0.3, rho))
-        p, kind = sub.dofs.points / L - [0.5, 0.2, 0.15], sub.dofs.components
+        p, kind = _points(sub) / L - [0.5, 0.2, 0.15], _directions(sub)
         turn = np.stack([np.cross(axis, p)[np.arange(len(p)), kind] for axis in np.eye(3)], axis=1)
         Z, unit = np.hstack([np.eye(3)[kind], turn]), np.full(len(p), L)
         groups = tuple(tuple(int(i) for i in np.flatnonzero(np.abs(p[:, 0] - at) < 1e-9)) for at in (-0.5, 0.5))
@@ -142,7 +142,17 @@ def _part(random: Random, shape: str, units: tuple[float, float, float]) -> Part
     if random.random() < 0.3:
         chosen += [int(i) for i in random.choice(sub.size, 2, replace=False) if i not in chosen]
     own = fs.Substructure(sub.M, sub.K, damping, chosen, name=shape)
-    return Part(own, Z, braked, unit, groups)
+    return Part(own, Z, braked, groups)
+
+
+def _points(sub: fs.Substructure) -> np.ndarray:
+    assert sub.dofs is not None and sub.dofs.points is not None
+    return sub.dofs.points
+
+
+def _directions(sub: fs.Substructure) -> np.ndarray:
+    assert sub.dofs is not None
+    return sub.dofs.components
 
 
 def _damping(random: Random, sub: fs.Substructure, Z: np.ndarray, unit: np.ndarray) -> tuple[object, np.ndarray]:
@@ -167,10 +177,10 @@ def _damping(random: Random, sub: fs.Substructure, Z: np.ndarray, unit: np.ndarr
     return D + 1e-2 / omega * K, none
 
 
-def _joints(random: Random, parts: list[Part], kind: str) -> tuple[list[fs.Rigid | fs.Spring], list[np.ndarray], list[np.ndarray]]:
+def _joints(random: Random, parts: list[Part], kind: str) -> tuple[list[fs.Rigid | fs.Spring], list[np.ndarray]]:
     """Ends joined in a row, rigidly or by springs, all DOF or some; of a guided system one end is partly held, too."""
     joints: list[fs.Rigid | fs.Spring] = []
-    equations, dampers = [], []
+    equations = []
     start = np.cumsum([0, *(part.sub.size for part in parts)])
     rows = np.eye(start[-1])
 
@@ -200,4 +210,4 @@ def _joints(random: Random, parts: list[Part], kind: str) -> tuple[list[fs.Rigid
         joints.append(fs.Rigid((f"p{at}", held), "ground") if random.random() < 0.6 else
                       fs.Spring((f"p{at}", held), stiffness=size * 10.0 ** random.uniform(-3, 1)))
         equations += [row(at, dof) for dof in held]
-    return joints, equations, dampers
+    return joints, equations

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 ROUNDING = 1e-13  # share of the forces that cancel in A z below which A z is rounding
 FREE = 1e-9  # a motion meets conditions that it violates by less than this, relative to the terms that cancel
 CLEAR = 1e-6  # and violates them from here on: between the two nothing can be said
-LEAST = 1e-3  # of the motion of all DOF at unit energy: a DOF that moves less may do so by rounding
+LEAST = 1e-3  # of the largest motion at unit energy: a DOF that moves less may do so by rounding
 SAME = 1e-9  # relative distance up to which coordinates describe a given motion
 
 
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
-    """The motions Z (n, r) with K Z = 0, ZᵀK = 0. The first `free` of them have D Z = 0, too; no combination of the others has."""
+    """The motions Z (n, r) with K Z = 0, ZᵀK = 0. The first `free` of them have D Z = 0, too; no combination of the others."""
 
     shapes: Array
     free: int

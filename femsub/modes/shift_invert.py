@@ -35,8 +35,8 @@ COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four tempor
 CONVERGED = 1e-13  # an elastic solution has converged if the next correction changes it by less
 COUNTED = 3000  # DOF up to which the rank of M is computed, and the rigid motion of each full part of a system
 BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
-NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no rigid motion. Likely causes: a mount so soft that it "
-                f"is rounding beside the parts' stiffness, or {BY_MULTIPLIERS}")
+NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no rigid motion. Likely causes: a mount so soft "
+                f"that it is rounding beside the parts' stiffness, or {BY_MULTIPLIERS}")
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -90,7 +90,7 @@ class ShiftInvert:
             except SingularMatrixError as error:
                 raise SingularMatrixError(f"{NOT_DEFINITE} ({error})") from None
             return self.sigma, self.rigid, self.lowest
-        R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z, mode="r")
+        R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z)[1]
         if R.diagonal().all():
             self.rigid = orthonormal(np.linalg.solve(R.T, Z.T).T, self.M.__matmul__)[0]
         if self.rigid.shape[1] < Z.shape[1]:

@@ -121,8 +121,8 @@ def _undamped(still: Array, M: Array, K: Array, motion: RigidMotion | None) -> t
             return values, shapes, 0
         Z, lowest = _rigid(still, M, values, shapes, low)
         if still is not K:
-            Z, free = unresisted(K - still, Z, units(M))
-            Z = Z[:, free]
+            Z, loose = unresisted(K - still, Z, units(M))
+            Z = Z[:, loose]
     r = Z.shape[1]
     if 0 < r < len(M):
         held = M @ Z
@@ -145,7 +145,7 @@ def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
 
 def _given(K: Array, M: Array, motion: RigidMotion) -> tuple[Array, float]:
     """The M-orthonormal rigid-body modes (n, r) of a given motion, in the same order, and the lowest elastic ω²."""
-    Z = motion.shapes @ np.linalg.inv(np.linalg.qr(np.sqrt(M.diagonal())[:, None] * motion.shapes, mode="r"))
+    Z = motion.shapes @ np.linalg.inv(np.linalg.qr(np.sqrt(M.diagonal())[:, None] * motion.shapes)[1])
     Z = Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T  # triangular factors: the first motions stay the first
     try:
         lowest = ShiftInvert(K, M, carried=motion).lowest

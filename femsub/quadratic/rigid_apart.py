@@ -1,8 +1,8 @@
 """Eigenpairs of a pencil whose M is singular, without its rigid motion: QZ would return λ = 0 as numbers of any sign.
 
-With K Z = 0, and D Z_f = 0 for the free motions Z_f of Z = [Z_f Z_d], let x = Z_f c + Z_d d + E y, where y are the DOF that just do
-not hold the model. The rows of c give c = -(Z_fᵀMZ_f)⁻¹Z_fᵀM (Z_d d + E y) for every λ ≠ 0. What is left has K in y alone. Where d is
-there, the states are (y, ḋ, ẏ), since d itself has no energy.
+With K Z = 0, and D Z_f = 0 for the free motions Z_f of Z = [Z_f Z_d], let x = Z_f c + Z_d d + E y. y are the DOF but for a few that
+hold the model. The rows of c give c = -(Z_fᵀMZ_f)⁻¹Z_fᵀM (Z_d d + E y) for every λ ≠ 0. What is left has K in y alone. Where
+there is a d, the states are (y, ḋ, ẏ), since d itself has no energy.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class Hurty(CraigBampton):
         found = super().basis(statics, kept, responses, ports)
         sub, n_b = statics.part.sub, len(statics.condensed)
         holding, motions = _rigid(statics.rigid, units(sub.K)[sub.interface])
-        if not len(holding):
+        if not len(holding) or statics.rigid is None:
             return found
         redundant = np.setdiff1d(np.arange(n_b), holding)
         n_r = len(holding)
