@@ -18,6 +18,7 @@ import femsub as fs
 KINDS = ("part", "system", "guided")
 METHODS = (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.CraigChangPhysical, fs.Rubin, fs.MacNeal, fs.Herting,
            fs.DualCraigBampton, fs.Guyan)
+LOUD = 1e-8  # backward error of an eigenpair that is none
 RANK = 1e-7  # singular values of conditions in units of length below which they are 0
 
 Random = np.random.Generator
@@ -88,6 +89,8 @@ def _judged(what: str, models: Sequence[fs.Substructure], parts: list[Part], equ
             return f"wrong{' in full' * (name == 'full')}: {told}: normal_modes has {undamped.rigid} rigid"
         if modes.rigid.sum() != zeros and modes.evidence == "certified":
             return f"wrong{' in full' * (name == 'full')}: {told}: {modes.rigid.sum()} at 0, {modes!r}"
+        if modes.backward_error.max() > LOUD and modes.evidence == "certified":
+            return f"wrong{' in full' * (name == 'full')}: {told}: {modes!r}"
         if modes.is_stable is False:
             return f"wrong{' in full' * (name == 'full')}: {told}: {modes!r}"
         if name != "full":

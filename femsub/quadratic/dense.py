@@ -150,9 +150,9 @@ def _given(K: Array, M: Array, motion: RigidMotion) -> tuple[Array, float]:
     try:
         lowest = ShiftInvert(K, M, carried=motion).lowest
     except SingularMatrixError:  # a negative stiffness
-        values, shapes = la.eigh(K, M, check_finite=False)
+        own, shapes = la.eigh(K, M, check_finite=False)
         order = np.argsort(-np.linalg.norm(Z.T @ M @ shapes, axis=0), kind="stable")
-        lowest = float(np.abs(values[order[motion.count:]]).min(initial=np.inf))
+        lowest = float(np.abs(own[order[motion.count:]]).min(initial=np.inf))
     return Z, lowest if np.isfinite(lowest) and lowest > 0 else float((np.abs(K.diagonal()) / M.diagonal()).max()) or 1.0
 
 
