@@ -145,7 +145,7 @@ def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
 
 def _given(K: Array, M: Array, motion: RigidMotion) -> tuple[Array, float]:
     """The M-orthonormal rigid-body modes (n, r) of a given motion, in the same order, and the lowest elastic ω²."""
-    Z = motion.shapes @ np.linalg.inv(np.linalg.qr(np.sqrt(M.diagonal())[:, None] * motion.shapes)[1])
+    Z: Array = motion.shapes @ np.linalg.inv(np.linalg.qr(np.sqrt(M.diagonal())[:, None] * motion.shapes)[1])
     Z = Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T  # triangular factors: the first motions stay the first
     try:
         lowest = ShiftInvert(K, M, carried=motion).lowest
