@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -62,3 +65,27 @@ def test_what_does_not_fit_is_told() -> None:
                        (lambda: family.reduced(np.eye(2)), "V must have 3 rows")):
         with pytest.raises((fs.InputError, fs.InputTypeError), match=told):
             call()
+
+
+def reciprocal_logarithm(p: float, scale: float = 1.0) -> float:
+    return scale / math.log(p)
+
+
+@pytest.mark.parametrize(("theta", "value", "words"), [
+    (lambda p: math.log(p), -1.0, r"factor <lambda>\(p\) cannot be computed at p = -1: ValueError"),
+    (reciprocal_logarithm, 1.0, r"factor reciprocal_logarithm\(p\) cannot be computed at p = 1: ZeroDivisionError"),
+    (lambda p: {0.0: 1.0}[p], 2.0, r"cannot be computed at p = 2: KeyError: 2"),
+    (lambda p: None, 2.0, r"factor <lambda>\(p\) at p = 2 must be a number, not None")])
+def test_what_a_factor_raises_is_told_with_factor_and_value(theta: Callable[[float], float], value: float, words: str) -> None:
+    family = fs.Affine(np.eye(2), None, [(1.0, np.eye(2)), (theta, np.eye(2))])
+    with pytest.raises((fs.InputError, fs.InputTypeError), match=words) as told:
+        family.at(p=value)
+    assert "number" in words or type(told.value.__cause__).__name__ in words
+    with pytest.raises((fs.InputError, fs.InputTypeError), match="the factor"):
+        fs.critical_value(family, None, "p", between=(value - 1, value + 1))
+
+
+def test_a_factor_with_one_parameter_fixed_is_told_with_both() -> None:
+    family = fs.Affine(np.eye(1), None, [(lambda a, b: math.sqrt(a - b), np.eye(1))]).fixed(a=1.0)
+    with pytest.raises(fs.InputError, match=r"factor <lambda>\(a, b\) cannot be computed at a = 1, b = 2: ValueError"):
+        family.at(b=2.0)

@@ -128,6 +128,10 @@ def test_where_no_simple_branch_begins_it_is_told() -> None:
 
 @pytest.mark.parametrize(("belt", "arguments", "words"), [
     (BELT, ("sloep",), "did you mean 'slope'"), (BELT, ("slope", (-0.1, -0.2)), "lo < hi"),
+    (BELT, ("slope", (-1.0, 1.0)), r"holds the slope 0, where no branch goes on.* such as \(-0.12.*, -0.0051"),
+    (BELT, ("speed", (-1.0, 1.0)), "holds the speed 0, where no branch goes on: a belt at rest"),
+    (BELT, ("slope", (-0.5, -0.1)), "Hopf point at slope = -0.0255.* is not within"),
+    (BELT, ("force", (5.0, 7.0)), "is not within"),
     (BELT, ("force", (-1.0, 2.0)), "must not be negative"), (fs.Belt(speed=0.0, law=LAW), ("slope",), "at rest"),
     (fs.Belt(speed=0.19113, law=LAW, force=0.0), ("slope",), "normal force is zero"),
     (fs.Belt(slope=-0.1), ("slope",), "slope only")])

@@ -69,3 +69,10 @@ def test_what_has_no_answer_is_refused() -> None:
     massless = fs.Substructure(np.diag([1.0, 0.0]), [[2.0, -1.0], [-1.0, 1.0]], ports={"belt": [1.0, 0.0]})
     with pytest.raises(fs.InputError, match="M is singular"):
         sliding(massless, BELT).impulse()
+
+
+def test_a_model_is_no_contact() -> None:
+    chain = fs.chain(4, belt=2)
+    for given in (chain, [BELT, chain], fs.reduce(chain, fs.CraigChang(2), ports=True)):
+        with pytest.raises(fs.InputTypeError, match=r"contacts must be a Belt.*but a model was given.*couple"):
+            fs.complex_modes(chain, given)

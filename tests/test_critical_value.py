@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -10,10 +11,11 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from benchmarks.attacks import critical_values as attack
+from benchmarks.attacks import critical_values as attack, kinks
 from femsub.checks import Tally
 from femsub.stability.crossings import Crossing, fed_by
 from femsub.stability.exclusion import Family, _Discs
+from femsub.stability.parameter import DENSE, pencil_over
 
 EYE = np.eye(2)
 TWO_MODE = fs.Affine(EYE, None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
@@ -32,7 +34,8 @@ def test_random_models_agree_with_a_dense_scan(seed: int) -> None:
 def test_an_excluded_interval_holds_no_crossing(seed: int) -> None:
     """The number of growing eigenvalues is the same at its ends and inside as the test says, and neighbours agree."""
     task = attack.problem(seed)
-    family = Family(lambda p: task.family.at(p=p), task.between)
+    family = Family(lambda p: task.family.at(p=p), task.between, pencil_over(task.family, None, "p"))
+    assert family.affine
     parts = family.parts(2000)
     assert parts[0].begin == task.between[0] and parts[-1].end == task.between[1]
     assert all(one.end == two.begin for one, two in pairwise(parts))
@@ -96,6 +99,159 @@ def test_a_law_over_the_speed_with_another_contact_beside_it() -> None:
     assert found.evidence == "confirmed" and len(found.losses) >= 1 and len(found.regains) >= 1
     assert float(law.slope(found.losses[0].value)) == pytest.approx(border, rel=1e-8)
     assert float(law.slope(found.regains[-1].value)) == pytest.approx(border, rel=1e-8)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A friction law that is constant but between two speeds: there μ' falls to -3 and rises again, by straight lines."""
+
+    begin: float = 0.70
+    end: float = 0.72
+
+    def value(self, v: Any) -> Any:
+        half = (self.end - self.begin) / 2
+        x = np.clip((np.asarray(v) - self.begin) / half - 1, -1.0, 1.0)
+        return 1.0 - 3.0 * half * np.where(x < 0, (1 + x) ** 2 / 2, 1 - (1 - x) ** 2 / 2)
+
+    def slope(self, v: Any) -> Any:
+        return -3.0 * np.maximum(0.0, 1 - np.abs(2 * (np.asarray(v) - self.begin) / (self.end - self.begin) - 1))
+
+
+class WithKnots(Table):
+    """The same, which names its kinks."""
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        return self.begin, (self.begin + self.end) / 2, self.end
+
+
+@dataclass(frozen=True)
+class Step:
+    """μ' jumps to -3 between two speeds."""
+
+    begin: float = 0.70
+    end: float = 0.72
+
+    def value(self, v: Any) -> Any:
+        return 1.0 - 3.0 * np.clip(np.asarray(v) - self.begin, 0.0, self.end - self.begin)
+
+    def slope(self, v: Any) -> Any:
+        return -3.0 * (np.heaviside(np.asarray(v) - self.begin, 0.5) - np.heaviside(np.asarray(v) - self.end, 0.5))
+
+
+@dataclass(frozen=True)
+class Dashpot:
+    """C_D = c - fall where p lies between two values, else c: nothing is declared."""
+
+    p: float = 0.0
+    begin: float = 0.0
+    end: float = 0.0
+    steady: float = 0.0
+    fall: float = 3.0
+    c: float = 0.0
+    ports = ("belt",)
+
+    def linearised(self, model: fs.Substructure) -> tuple[float, None]:
+        return self.c + self.steady * self.p - self.fall * (self.begin < self.p < self.end), None
+
+
+class Straight(Dashpot):
+    """The same, declared affine in p."""
+
+    affine = ("p",)
+
+
+class Heir(Straight):
+    """A subclass that declares nothing."""
+
+
+def test_a_law_that_falls_between_all_samples_of_the_pencil_is_seen() -> None:
+    """Damping is the same at all places where the form of the pencil was once judged; at a speed of 0.71 all modes grow."""
+    chain = fs.chain(3, belt=2, damping=0.1)
+    border = float(fs.critical_slope(chain))
+    for law in (Table(), WithKnots(), WithKnots(0.70, 0.70 + 0.02 / DENSE)):
+        found = fs.critical_value(chain, fs.Belt(speed=0.1, law=law), "speed", between=(0.1, 1.0))
+        assert fs.complex_modes(chain, fs.Belt(speed=(law.begin + law.end) / 2, law=law)).growth > 0.1
+        half = (law.end - law.begin) / 2 * border / -3.0
+        assert found.evidence == "confirmed" and found.value == pytest.approx(law.begin + half, abs=1e-10)
+        assert found.regains[-1].value == pytest.approx(law.end - half, abs=1e-10)
+
+
+def test_a_jump_of_the_slope_is_told() -> None:
+    """All modes change at once, so no one mode crosses there. Without damping D is 0 at all places once judged."""
+    belt = fs.Belt(speed=0.1, law=Step())
+    for damping in (0.1, 0.0):
+        found = fs.critical_value(fs.chain(2, belt=2, damping=damping), belt, "speed", between=(0.1, 1.0))
+        assert found.evidence == "not checked" and found.value <= 0.70 + 1e-8
+        assert any(begin <= 0.70 <= end for begin, end in found.open)
+
+
+def test_a_window_below_the_spacing_of_numbers_is_a_window() -> None:
+    """At p = 1 + 1e-6 D passes 0 so fast that the crossing is known to less than one rounding of p."""
+    steep = fs.Affine([[1.0]], [(1e9 * (1 + 1e-6), [[1.0]]), ("p", [[-1e9]])], [[1.0]])
+    found = fs.critical_value(steep, None, "p", between=(1.0, 1.0 + 1e-4))
+    assert found.value == pytest.approx(1 + 1e-6, abs=1e-12) or found.open
+
+
+def test_affine_is_what_a_contact_declares() -> None:
+    chain = fs.chain(3, belt=2)
+    kinds = {Dashpot: "confirmed", Straight: "certified", Heir: "confirmed"}
+    for kind, evidence in kinds.items():
+        found = fs.critical_value(chain, kind(steady=-1.0), "p", between=(-1.0, 2.0))
+        assert found.evidence == evidence and found.value == pytest.approx(-float(fs.critical_slope(chain)), rel=1e-8)
+    with pytest.raises(fs.InputError, match=r"Straight declares that it is affine in 'p', but at 0.5 .* a straight line by 1"):
+        fs.critical_value(chain, Straight(begin=0.4, end=0.6), "p", between=(0.0, 1.0))
+
+    class Unknown(Dashpot):
+        affine = ("q",)
+
+    with pytest.raises(fs.InputError, match=r"Unknown.* names 'q'"):
+        fs.critical_value(chain, Unknown(steady=-1.0), "p", between=(-1.0, 2.0))
+
+
+def test_a_parameter_of_several_contacts_is_affine_if_all_say_so() -> None:
+    """One dashpot beside another of the same parameter: with a step between 0.30 and 0.31, told by its kinks or found."""
+    chain = fs.chain(2, belt=2)
+
+    class Stepped(Dashpot):
+        def kinks(self, parameter: str) -> tuple[float, float]:
+            return self.begin, self.end
+
+    both = fs.critical_value(chain, [Straight(steady=0.5), Straight(steady=-1.5)], "p", between=(-1.0, 2.0))
+    one = fs.critical_value(chain, Straight(steady=-1.0), "p", between=(-1.0, 2.0))
+    assert both.evidence == one.evidence == "certified" and both.value == pytest.approx(one.value, rel=1e-9)
+    for beside in (Dashpot(begin=0.30, end=0.31), Stepped(begin=0.30, end=0.30 + 1e-5)):
+        found = fs.critical_value(chain, [Straight(steady=0.5), beside], "p", between=(-0.004, 0.5))
+        assert found.evidence != "certified" and found.value == pytest.approx(0.30, abs=1e-8)
+
+
+def test_a_belt_is_affine_in_its_force_and_its_slope_each_alone() -> None:
+    chain, law = fs.chain(6, belt=2), fs.StribeckArctan()
+    border = float(fs.critical_slope(chain))
+    by_force = fs.critical_value(chain, fs.Belt(force=0.1, slope=-0.5), "force", between=(0.0, 1.0))
+    by_law = fs.critical_value(chain, fs.Belt(force=0.1, speed=0.2, law=law), "force", between=(0.0, 1.0))
+    by_slope = fs.critical_value(chain, fs.Belt(force=2.0, slope=0.0), "slope", between=(-0.5, 0.1))
+    assert {found.evidence for found in (by_force, by_law, by_slope)} == {"certified"}
+    assert -0.5 * by_force.value == pytest.approx(border, rel=1e-8)
+    assert float(law.slope(0.2)) * by_law.value == pytest.approx(border, rel=1e-8)
+    assert 2.0 * by_slope.regains[-1].value == pytest.approx(border, rel=1e-8)
+    assert "speed" in fs.Belt(slope=-0.1).affine and "speed" not in fs.Belt(speed=0.2, law=law).affine
+
+    class Product(fs.Belt):
+        """Force and slope change together: a square."""
+
+        def linearised(self, model: fs.Substructure) -> tuple[float, None]:
+            return -self.force * self.force, None
+
+    square = fs.critical_value(chain, Product(slope=0.0), "force", between=(0.0, 1.0))
+    assert square.evidence == "confirmed" and -square.value**2 == pytest.approx(border, rel=1e-8)
+
+
+def test_a_parameter_of_the_mass_is_not_affine_in_the_state() -> None:
+    """M + pM₁ makes M⁻¹K no straight line, although each matrix is one."""
+    rising = fs.Affine([(1.0, [[1.0]]), ("p", [[1.0]])], [[0.1]], [(1.0, [[4.0]]), ("p", [[-1.0]])])
+    found = fs.critical_value(rising, None, "p", between=(0.0, 8.0))
+    assert found.evidence == "confirmed" and found.losses[0].kind == "divergence" and found.value == pytest.approx(4.0, rel=1e-9)
 
 
 def test_only_crossings_in_the_band_count() -> None:
@@ -265,6 +421,25 @@ def test_what_is_told_of_an_open_interval_holds() -> None:
     assert checked
 
 
+def test_a_crossing_between_two_neighbouring_numbers_is_not_lost() -> None:
+    """The window around p = 65537.25 is narrower than their spacing; one mode is lost there, another one regained."""
+    p = 65537.25
+    for turned in (1.0, -1.0):
+        family = fs.Affine(EYE, [(1.0, np.diag([-p, turned * p])), ("p", np.diag([1.0, -turned]))], np.diag([4.0, 9.0]))
+        found = fs.critical_value(family, None, "p", between=(65536.0, 65538.0))
+        omegas = [[round(one.omega, 6) for one in several] for several in (found.losses, found.regains)]
+        assert omegas == ([[3.0], [2.0]] if turned > 0 else [[], [2.0, 3.0]])
+        assert not found.open and all(abs(one.value - p) < 1e-9 for one in (*found.losses, *found.regains))
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_rounding_of_an_unsymmetric_mass_is_bounded(scale: float) -> None:
+    """`size` is what rounding is told from: no entry of A(p) is larger."""
+    family = fs.Affine([[1.0, 0.2], [0.0, 1.0]], [[0.1, 0.0], [0.0, 0.3]], [(scale, [[2, 1], [1, 2]]), ("mu", [[0, -1], [0, 0]])])
+    one = Family(lambda p: family.at(mu=p), (0.0, scale))
+    assert all((np.abs(one.matrix(p)) <= one.size * (1 + 1e-12)).all() for p in (0.0, 0.3 * scale, scale))
+
+
 def test_divergence_passes_zero() -> None:
     family = fs.Affine(EYE, 0.1 * EYE, [(1.0, [[3.0, 0.5], [0.5, 2.0]]), ("load", -EYE)])
     found = fs.critical_value(family, None, "load", between=(0.0, 5.0))
@@ -293,3 +468,15 @@ def test_what_has_no_answer_is_refused() -> None:
     for call, told in refused:
         with pytest.raises((fs.InputError, fs.InputTypeError), match=told):
             call()
+
+
+def test_kinked_laws_at_random_against_counts() -> None:
+    """Three seeds of benchmarks/attacks/kinks.py; `scripts/attack.py kinks` runs thousands."""
+    found = [kinks.attacked(kind, 0) for kind in ("declared", "declared falsely", "stiffness")]
+    assert found == ["certified", "refused", "confirmed"]
+
+
+def test_tracking_looks_at_the_knots_of_a_law() -> None:
+    law = WithKnots(0.70, 0.70 + 1e-4)
+    tracked = fs.track(fs.chain(2, belt=2), fs.Belt(speed=0.1, law=law), "speed", [0.1, 1.0])
+    assert {*law.knots, 0.1, 1.0} <= set(tracked.values) and tracked.asked.sum() == 2 and tracked.growing.any()

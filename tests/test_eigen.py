@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks import stiff_soft
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues, rigid_motions
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -221,3 +224,122 @@ def test_a_piece_held_by_rounding_is_refused() -> None:
     K[6, 6] = 1e-16
     with pytest.raises(fs.SingularMatrixError, match="held by a stiffness far below"):
         fs.normal_modes(fs.Substructure(np.eye(7), K), count=3)
+
+
+def written(A: sp.sparray, digits: int) -> sp.csr_array:
+    """The matrix as a file of so many significant digits holds it."""
+    A = sp.csr_array(A, copy=True)
+    A.data = np.array([float(f"{value:.{digits - 1}e}") for value in A.data])
+    return A
+
+
+def free_block(cells: tuple[int, int, int] = (8, 3, 2)) -> fs.Substructure:
+    return fs.solid(fs.block((1.0, 0.1, 0.1), cells, "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0))
+
+
+def assembled_elsewhere(K: sp.sparray, rounding: float) -> sp.csr_array:
+    upper = sp.csr_array(sp.triu(K))
+    upper.data *= 1 + rounding * np.random.default_rng(1).uniform(-1, 1, len(upper.data))
+    return sp.csr_array(upper + sp.triu(upper, 1).T)
+
+
+@pytest.mark.parametrize("digits", [8, 9, 10, 12])
+def test_rigid_modes_of_a_file_with_few_digits_are_taken_and_told(digits: int) -> None:
+    full = free_block()
+    exact = fs.normal_modes(full, count=3).frequencies[6:]
+    sub = fs.Substructure(written(full.M, digits), written(full.K, digits))
+    for count in (3, 320 - 6):  # by Krylov-Schur, and by LAPACK
+        with pytest.warns(fs.ConditionWarning, match=r"6 modes are taken as rigid-body motion, although K gives them ω up to .*"
+                                                     r"rounding of K's entries \(about .*digits \(17\)"):
+            modes = fs.normal_modes(sub, count=count)
+        assert modes.rigid == 6 and modes.evidence == "certified"
+        assert np.allclose(modes.frequencies[6:9], exact, rtol=1e4 * 10.0**-digits + 1e-9)
+
+
+def test_single_precision_is_told_too() -> None:
+    full = free_block((4, 2, 2))
+    sub = fs.Substructure(full.M, full.K.astype(np.float32).astype(float))
+    with pytest.warns(fs.ConditionWarning, match="6 modes are taken as rigid-body motion"):
+        assert fs.normal_modes(sub, count=3).rigid == 6
+
+
+@pytest.mark.parametrize("rounding", [1e-13, 1e-12, 1e-10])
+def test_rigid_modes_of_another_programs_assembly_are_chosen_by_the_gap(rounding: float) -> None:
+    full = free_block()
+    sub = fs.Substructure(full.M, assembled_elsewhere(full.K, rounding))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        modes = fs.normal_modes(sub, count=3)
+    assert modes.rigid == 6 and np.allclose(modes.frequencies[6:], fs.normal_modes(full, count=3).frequencies[6:], rtol=1e-7)
+    assert rounding < 1e-12 or any("taken as rigid" in str(one.message) for one in told)
+
+
+def test_two_rigid_modes_just_above_the_rounding_of_the_others() -> None:
+    """As from Ansys: energies of 4.66e-15 and 4.88e-15 of the forces that cancel, the next mode 1e11 higher."""
+    full = free_block((4, 2, 2))
+    K, M = full.K.toarray(), full.M.toarray()
+    shapes = fs.normal_modes(full, count=1).shapes[:, :6]
+    for at, share in ((2, 4.66e-15), (4, 4.88e-15)):
+        push = M @ shapes[:, at]
+        K += share * float(abs(shapes[:, at]) @ (abs(K) @ abs(shapes[:, at]))) * np.outer(push, push)
+    K = (K + K.T) / 2
+    with pytest.warns(fs.ConditionWarning, match="6 modes are taken as rigid-body motion.*at most 5e-15"):
+        modes = fs.normal_modes(fs.Substructure(M, K), count=3)
+    assert modes.rigid == 6
+    assert np.allclose(modes.frequencies[6:], fs.normal_modes(full, count=3).frequencies[6:], rtol=1e-9)
+
+
+def test_modes_that_the_written_digits_do_not_resolve_are_told() -> None:
+    full = free_block()
+    with pytest.warns(fs.ConditionWarning, match="may change ω² of mode .* entries are known to about"):
+        assert fs.normal_modes(fs.Substructure(full.M, written(full.K, 7)), count=8).rigid == 0
+    with pytest.raises(fs.SingularMatrixError, match=r"negative eigenvalue, ω² = -.*: .*e-07 of .* K's entries \(about"):
+        fs.normal_modes(fs.Substructure(full.M, written(full.K, 6)), count=8)
+
+
+@pytest.mark.parametrize("share", [2e-14, 5e-14, 1e-12])
+def test_a_soft_mount_just_above_rounding_is_elastic(share: float) -> None:
+    """All six energies are 5e-15 of the forces that cancel, and more: no rigid motion beside them."""
+    full = free_block((4, 2, 2))
+    K = full.K + sp.diags_array(share * full.K.diagonal())
+    modes = fs.normal_modes(fs.Substructure(full.M, K), count=8)
+    Z = fs.normal_modes(full, count=1).shapes[:, :6]
+    exact = la.eigvalsh(Z.T @ (share * full.K.diagonal()[:, None] * Z))
+    assert modes.rigid == 0 and np.allclose(modes.eigenvalues[:6], exact, rtol=0.3)
+
+
+@pytest.mark.parametrize("digits", [9, 12, 17])
+def test_a_soft_mount_that_the_written_digits_hold_is_elastic(digits: int) -> None:
+    full = free_block()
+    spring = 1e3 * 10.0**-digits if digits < 17 else 1e-13  # relative: three digits of it are left, or all
+    K = full.K + sp.diags_array(spring * full.K.diagonal())
+    modes = fs.normal_modes(fs.Substructure(full.M, written(K, digits)), count=8)
+    assert modes.rigid == 0
+    x = np.zeros((full.size, 3))
+    x[np.arange(full.size), np.arange(full.size) % 3] = 1.0
+    heave = np.einsum("ij,ij->j", x, (spring * full.K.diagonal())[:, None] * x) / np.einsum("ij,ij->j", x, full.M @ x)
+    for value in heave:
+        assert np.abs(modes.eigenvalues[:6] / value - 1).min() < 0.05
+
+
+@pytest.mark.parametrize("seed", [12, 36, 65, 73])
+def test_middle_modes_of_a_chain_of_springs_of_nine_decades(seed: int) -> None:
+    """LAPACK's modes from the middle have the rounding of the stiffest DOF in all entries: residuals of 3e-10 and more."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 150))
+    springs, masses = 10.0 ** rng.uniform(0, 9, n), 10.0 ** rng.uniform(-1, 1, n)
+    root = np.sqrt(springs)
+    factor = (np.diag(root) - np.diag(root[1:], -1)) / np.sqrt(masses)
+    sizes, _, _, scale, *_ = la.lapack.dgejsv(factor, joba=2, jobu=3, jobv=3)  # one-sided Jacobi: nearly all digits
+    modes = fs.normal_modes(fs.chain(n, springs=springs.tolist(), masses=masses.tolist()), count=n)
+    exact = np.sort(sizes * scale[0] / scale[1]) ** 2
+    assert modes.evidence == "certified" and modes.residual.max() < 1e-12
+    assert (np.abs(modes.eigenvalues / exact - 1) < 1e-9 + 20 * modes.rounding).all()
+    assert np.abs(modes.shapes.T @ (masses[:, None] * modes.shapes) - np.eye(n)).max() < 1e-11
+
+
+@pytest.mark.parametrize("kind", stiff_soft.KINDS)
+def test_attacks_on_stiff_and_soft_find_nothing(kind: str) -> None:
+    outcomes = [stiff_soft.attacked(kind, seed) for seed in range(10)]
+    assert not [outcome for outcome in outcomes if outcome.startswith("wrong")]
+    assert "certified" in outcomes

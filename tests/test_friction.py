@@ -53,3 +53,50 @@ def test_belt_refuses(arguments: dict, words: str) -> None:
         fs.StribeckArctan(eps=0.0)
     with pytest.raises(TypeError, match="law must be a friction law"):
         fs.Belt(speed=0.2, law=0.3)  # type: ignore[arg-type]
+
+
+class Table:
+    """μ in a table that ends at v = 0.3."""
+
+    def value(self, v: float) -> float:
+        return {True: 0.4 - 0.1 * v}[bool(np.max(v) < 0.3)]
+
+    def slope(self, v: float) -> float:
+        return {True: -0.1}[bool(np.max(v) < 0.3)] + 0.0 * np.asarray(v)
+
+
+class FastTable(Table):
+    def scalar(self) -> tuple:
+        return self.value, self.slope
+
+
+@pytest.mark.parametrize("law", [Table(), FastTable()])
+def test_what_a_law_raises_is_told_with_the_law_and_the_speed(law: Table) -> None:
+    with pytest.raises(fs.InputError, match=r"Table.slope\(v\), of the friction law, fails at v = 0.5 with KeyError") as told:
+        fs.Belt(speed=0.5, law=law)
+    assert isinstance(told.value.__cause__, KeyError)
+    belt, chain = fs.Belt(speed=0.1, law=law), fs.chain(4, belt=2)
+    calls = (lambda: belt.exerted(None, np.array([-0.3])), lambda: belt.tangents(None, np.array([-0.3])),
+             lambda: fs.transient(chain, belt, (0, 5), start=fs.State(np.zeros(4), np.full(4, -1.0))),
+             lambda: fs.transient(chain, [belt], (0, 5), start=fs.State(np.zeros(4), np.full(4, -1.0)), method="alpha"),
+             lambda: fs.critical_value(chain, belt, "speed", between=(0.1, 1.0)))
+    for call in calls:
+        with pytest.raises(fs.InputError, match=r"Table\.\w+\(v\), of the friction law, fails at v = .* with KeyError"):
+            call()
+
+
+def test_a_law_must_give_numbers() -> None:
+    class Ends(Table):
+        def value(self, v: float) -> float:
+            return 0.4 - 0.1 * v if v < 0.2 else np.nan
+
+    with pytest.raises(fs.InputError, match=r"Ends.value\(v\), of the friction law, is not a finite number near v = 0.2"):
+        fs.Belt(speed=0.2, law=Ends())
+
+    class Empty:
+        def value(self, v: float) -> None: ...
+
+        def slope(self, v: float) -> None: ...
+
+    with pytest.raises(fs.InputTypeError, match=r"Empty.slope\(v\), of .* must be a number at v = 0.5, but is None"):
+        fs.Belt(speed=0.5, law=Empty())

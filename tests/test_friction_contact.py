@@ -274,3 +274,32 @@ def test_smooth_tractions_on_a_patch_have_their_resultants() -> None:
     np.testing.assert_allclose(work[:, :3] * sign, exact, atol=1e-12 * AREA)  # of 1, P₁(u), P₂(u)
     assert np.abs(work[:, [3, 4]]).max() < 1e-12 * AREA  # of v, uv
     assert along[6] == pytest.approx(AREA) and np.abs(work[:, 6:]).max() + np.abs(along[:6]).max() < 1e-12 * AREA
+
+
+def test_an_axis_oblique_to_the_surface_is_told() -> None:
+    system, meshes = pair()
+    small_matrices(system, rubbing(meshes, **ABOUT))  # a warning would be an error
+    tilted = {**ABOUT, "axis": (0, np.sin(0.1), np.cos(0.1))}
+    with pytest.warns(fs.PortWarning, match=r"axis \(0, 0.09983, 0.995\) is oblique to pad.bottom: 5.73 degrees from"):
+        small_matrices(system, rubbing(meshes, **tilted))
+    ring = fs.annulus(0.05, 0.1, 0.02, (2, 24, 1))  # its faces at the bore are flat, and the bore is round
+    part = fs.solid(ring, STEEL, interface=["inner"])
+    small_matrices(part, fs.FrictionContact("inner", "ground", ring, K, MU, axis=(0, 0, 1)))
+    with pytest.warns(fs.PortWarning, match=r"oblique to inner: 1\d% of the velocity"):
+        small_matrices(part, fs.FrictionContact("inner", "ground", ring, K, MU, axis=(0, 0, 1), centre=(0.01, 0, 0)))
+
+
+@pytest.mark.parametrize("way", [{"direction": (1.0, 0, 0)}, {"axis": (0, 0, 1.0), "centre": (0.1, -0.3, 0)}])
+def test_it_is_affine_in_what_it_declares_and_in_nothing_else(way: dict[str, Any]) -> None:
+    """C at three values of each number: on a straight line where it says so, off it by more than rounding where not."""
+    system, meshes = pair()
+    for speed, mu in ((None, MU), (V, MU), (V, 0.0)):
+        contact = rubbing(meshes, pressure=P / 100, speed=speed, slope=-0.1, **way | {"mu": mu})
+        for name in ("mu", "stiffness", "pressure", "slope", "speed"):
+            ends = np.array([1.0, 2.0, 4.0]) * (getattr(contact, name) or 1.0)
+            at = [small_matrices(system, replace(contact, **{name: value}))[1:] for value in ends]
+            straight = True
+            for C in zip(*at, strict=True):
+                first, middle, last = (one.toarray() if hasattr(one, "toarray") else np.array(one) for one in C)
+                straight &= bool(np.abs(middle - (2 * first + last) / 3).max() <= 1e-10 * np.abs(last).max(initial=1e-300))
+            assert straight == (name in contact.affine) or (name == "speed" and speed is None), name

@@ -317,6 +317,53 @@ def test_a_chain_with_two_massless_dof(modes: int, ports: bool) -> None:
             assert max(np.abs(exact - value).min() / abs(value) for value in found) < 1e-9
 
 
+def saddle(scale: float) -> fs.Pencil:
+    """Three masses, the last two held together by a multiplier; one DOF with a dashpot alone, one with neither."""
+    M, D, K = (np.zeros((6, 6)) for _ in range(3))
+    M[:3, :3], D[3, 3] = np.diag([1.0, 2.0, 3.0]), 0.5
+    K[:5, :5] = scale * (3 * np.eye(5) - np.eye(5, k=1) - np.eye(5, k=-1))
+    K[5, 1:3] = K[1:3, 5] = [1.0, -1.0]
+    return fs.Pencil(M, D, K)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
+def test_multipliers_need_not_be_single_dof(scale: float) -> None:
+    """4 + 1 finite λ in any coordinates: with M, D and K full, the ranks tell it all the same."""
+    plain = saddle(scale)
+    T = np.tril(np.random.default_rng(3).integers(-1, 2, (6, 6)), -1) + np.eye(6)
+    turned = fs.Pencil(*(T.T @ A @ T for A in (plain.M, plain.D, plain.K)))
+    clean, found = (fs.complex_modes(pencil) for pencil in (plain, turned))
+    assert len(clean) == len(found) == 5 and clean.evidence == found.evidence == "certified"
+    distance = np.abs(found.eigenvalues[:, None] - clean.eigenvalues)
+    assert (distance.min(axis=0) < 1e-9 * np.abs(clean.eigenvalues)).all()
+    assert (found.eigenvalues[found.eigenvalues.imag != 0].reshape(-1, 2).sum(axis=1).imag == 0).all()
+
+
+def test_a_number_that_depends_on_rounding_is_not_certified() -> None:
+    """μ holds a velocity, v = 0; D takes the place of M, det P(λ) = 1; or a mass is 1e-15 of the others in no DOF of its own."""
+    velocity = fs.Pencil(np.diag([1.0, 0.0]), [[0.0, 1.0], [1.0, 0.0]], np.diag([1.0, 0.0]))
+    none = fs.Pencil(np.diag([1.0, 0.0]), [[0.0, 1.0], [1.0, 0.0]], np.eye(2))
+    T = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    light = fs.Pencil(T.T @ np.diag([1.0, 4e-15]) @ T, None, T.T @ np.diag([1.0, 2.0]) @ T)
+    for pencil in (velocity, none, light):
+        with pytest.warns(fs.ConditionWarning, match="the number of finite eigenvalues is not known"):
+            assert fs.complex_modes(pencil).evidence == "not checked"
+
+
+def test_a_truncation_splits_no_pair() -> None:
+    """λ = -1 ± 2i and 0.1 ± 3i, listed by LAPACK in any order: 3 of them are one pair, and its members are conjugates."""
+    from femsub.quadratic.singular_mass import _by_qz
+
+    A = la.block_diag([[0.1, 3.0], [-3.0, 0.1]], [[-1.0, 2.0], [-2.0, -1.0]], [[5.0]])
+    Q = np.linalg.qr(np.random.default_rng(1).standard_normal((5, 5)))[0]
+    for number, exact in ((1, []), (2, [-1 - 2j, -1 + 2j]), (3, [-1 - 2j, -1 + 2j]), (4, [-1 - 2j, -1 + 2j, 0.1 - 3j, 0.1 + 3j])):
+        values, left, right = _by_qz(Q @ A, Q @ np.eye(5), number)
+        assert len(values) == left.shape[1] == right.shape[1] == len(exact)
+        np.testing.assert_allclose(np.sort_complex(values), exact, atol=1e-12)
+        assert sorted(values.tolist(), key=str) == sorted(values.conj().tolist(), key=str)
+        assert np.abs(Q @ A @ right - Q @ right * values).max(initial=0.0) < 1e-12
+
+
 @pytest.mark.slow
 def test_random_massless_models() -> None:
     counts, wrong = sweep(range(MODELS), every=3)

@@ -163,3 +163,28 @@ def test_no_release_of_scipy_warns(tmp_path: Path, sub: fs.Substructure, monkeyp
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         same(fs.read_matrix(tmp_path / "K.mtx"), sub.K)
+
+
+@pytest.mark.parametrize(("first", "second"), [("beam.sti", "beam.mas"), ("K.mtx", "M.mtx"),
+                                               ("part_stiffness.mtx", "part-mass.mtx")])
+def test_files_in_each_others_place_are_told_by_their_names(tmp_path: Path, first: str, second: str) -> None:
+    full = fs.chain(10)
+    for name, matrix in ((first, full.K), (second, full.M)):
+        file = sp.coo_array(sp.tril(matrix))
+        if name.endswith("mtx"):
+            scipy.io.mmwrite(tmp_path / name, sp.coo_matrix(matrix), precision=17)
+        else:
+            (tmp_path / name).write_text("".join(f"{i + 1} {j + 1} {value!r}\n" for i, j, value in
+                                                 zip(file.row.tolist(), file.col.tolist(), file.data.tolist(), strict=True)))
+    with pytest.raises(fs.InputError, match=r"which by its name holds a stiffness matrix.*The mass comes first"):
+        fs.read_component(tmp_path / first, tmp_path / second)
+    assert np.array_equal(fs.read_component(tmp_path / second, tmp_path / first).K.toarray(), full.K.toarray())
+
+
+def test_files_in_each_others_place_are_told_by_what_is_in_them(tmp_path: Path) -> None:
+    full = fs.chain(10)
+    for name, matrix in (("one.mtx", full.K), ("two.mtx", full.M)):
+        scipy.io.mmwrite(tmp_path / name, sp.coo_matrix(matrix), precision=17)
+    with pytest.warns(fs.FemsubWarning, match="M and K of 'two' seem to be in each other's place"):
+        fs.read_component(tmp_path / "one.mtx", tmp_path / "two.mtx")
+    fs.read_component(tmp_path / "two.mtx", tmp_path / "one.mtx")  # a warning would be an error

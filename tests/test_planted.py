@@ -89,6 +89,8 @@ def test_one_vector_of_a_repeated_pair_listed_twice_is_not_orthogonal(path: str,
 def test_a_perturbed_frequency_has_a_residual(path: str, by: float, monkeypatch: pytest.MonkeyPatch) -> None:
     module, name, size = SOLVERS[path]
     after(monkeypatch, module, name, moved(3, by))
+    assert np.allclose(fs.normal_modes(membrane(size), count=8).eigenvalues, membrane_eigenvalues(size)[:8], rtol=1e-11)  # mended
+    monkeypatch.setattr("femsub.modes.normal_modes.refined", lambda K, M, values, shapes, which: (values, shapes))
     with pytest.raises(fs.NotConvergedError, match="mode 4 has a relative residual"):
         fs.normal_modes(membrane(size), count=8)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 
 import numpy as np
@@ -11,6 +12,7 @@ import scipy.sparse as sp
 from scipy.linalg import null_space
 
 import femsub as fs
+from benchmarks.attacks import twins
 from benchmarks.lattices import lattice
 from femsub.quadratic.dense import modal_form
 from femsub.quadratic.port_function import port_responses
@@ -414,3 +416,40 @@ def test_what_harmonic_forces_move_is_the_same_dense_sparse_and_in_modes(unsymme
     held = fs.Pencil(np.eye(2), np.zeros((2, 2)), np.diag([1.0, 4.0]))
     with pytest.raises(fs.SingularMatrixError, match="singular at s = 0\\+1j"):
         port_responses(held, 1j, np.ones((2, 1)))
+
+
+@pytest.mark.parametrize(("kind", "seeds"), [("twin beams", 8), ("joined", 2), ("tolerance", 2), ("free interface", 2)])
+def test_a_border_that_twin_frequencies_move_is_told(kind: str, seeds: int) -> None:
+    """Two beams of nearly one frequency on a foot: no slope is off by more than 3.5 % of the full model's without a warning."""
+    outcomes = [twins.attacked(kind, seed) for seed in range(seeds)]
+    assert not [one for one in outcomes if one.startswith("wrong") or one == "needless"]
+    assert "told" in outcomes or kind != "twin beams"
+
+
+def test_a_wider_model_has_the_border_of_the_full_one() -> None:
+    """Twins whose ω differ by 3.5e-4: the slope is 11 % off, and 1 % at most with the responses to the residuals of the modes."""
+    size = 38
+    M, K = np.zeros((size, size)), np.zeros((size, size))
+    for at, E in ((np.arange(20), 1.0), (np.r_[0:2, 20:38], 1.0007)):
+        part = fs.beam(1.0, 9, E=E, I=1.0, rho=1.0, A=1.0)
+        M[np.ix_(at, at)] += part.M.toarray()
+        K[np.ix_(at, at)] += part.K.toarray()
+    M[[0, 1], [0, 1]] += 0.2, 0.01
+    K[[0, 1], [0, 1]] += 50.0, 500.0
+    D = 1e-4 * M
+    D[36, 36] += 0.02
+    full = fs.Substructure(M, K, D, interface=[0, 1], ports={"belt": np.eye(size)[18]}, name="twins")
+    rom = fs.reduce(full, fs.CraigBampton(6), ports=True)
+    band = (0.0, 0.69 * rom.cutoff)
+    exact = fs.critical_slope(full, band=band).slope
+    with pytest.warns(fs.CutoffWarning, match=r"the border of 'twins' moves by 1\d\.\d% .* residuals of its modes"):
+        found = fs.critical_slope(rom, band=band).slope
+    assert abs(found / exact - 1) > 0.1
+    modes = fs.normal_modes(rom, count=8)
+    assert rom.wider is not None
+    wide = rom.wider(rom, modes.frequencies, modes.shapes, "belt")
+    assert wide is not None and np.array_equal(wide.K[:rom.size, :rom.size], rom.K)
+    assert fs.critical_slope(wide, band=band).slope == pytest.approx(exact, rel=1e-2)
+    assert pickle.loads(pickle.dumps(rom)).wider is None
+    with pytest.warns(fs.CutoffWarning, match="moves by"):  # contacts beside the belt act on the wider model, too
+        fs.critical_slope(rom, band=band, contacts=fs.LinearContact("belt", damping=[[1e-4]]))

@@ -63,7 +63,9 @@ def test_each_row_tells_where_its_seconds_went_and_what_it_holds() -> None:
     found = fs.study(fs.chain(400, belt=2), [fs.CraigBampton(6), fs.CraigChang(6)], band=(0.0, 0.02), repeats=3, assembly=0.25)
     for row in found.rows:
         assert list(row.phases) == ["factorisation", "basis", "certificate", "projection"]
-        assert sum(one.median for one in row.phases.values()) == pytest.approx(row.reduction.median, rel=0.5)
+        # each run's phases are within its seconds, and about all of them; medians of a busy machine are of different runs
+        assert sum(one.least for one in row.phases.values()) <= row.reduction.most
+        assert sum(one.most for one in row.phases.values()) >= 0.5 * row.reduction.least
         assert all(one.median > 0 for one in row.phases.values())
         assert row.memory == pytest.approx((3 * row.size**2 + 400 * row.size) * 8e-6)
         assert {"factorisation_s", "basis_s", "projection_s", "memory", "mac", "pareto"} <= row.flat().keys()

@@ -250,3 +250,38 @@ def test_a_contact_of_a_pencil_keeps_its_columns() -> None:
     W[:], C[:] = 7, 7
     damping, _, columns = pencil.contacts[0]
     assert np.array_equal(columns @ damping @ columns.T, pencil.D)
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"V": None}, "V must be real numbers, not None"), ({"V": np.eye(4)}, r"V must have a row per DOF .* \(4, 4\)"),
+    ({"V": np.ones(3)}, r"V must have a row per DOF"), ({"full_interface": [3]}, "interface DOF 3 is out of range"),
+    ({"full_interface": None}, "interface must be a sequence")])
+def test_a_reduced_model_of_ones_own_needs_a_basis_that_fits(changes: dict, words: str) -> None:
+    given = {"V": np.eye(3), "kinds": ["free"] * 3, "full_interface": [0], "cutoff": 1.0, "method": "mine"}
+    assert fs.ReducedSubstructure(M, K, None, {}, "part", **given).interface.tolist() == [0]
+    with pytest.raises((fs.InputError, fs.InputTypeError), match=words):
+        fs.ReducedSubstructure(M, K, None, {}, "part", **(given | changes))
+
+
+@pytest.mark.parametrize("kind", ["chain", "free chain", "beam", "free beam", "solid", "free solid", "quadratic solid",
+                                  "9 digits"])
+def test_m_and_k_in_each_others_place_are_told(kind: str) -> None:
+    steel = fs.Material(2.1e11, 0.3, 7850.0)
+    if kind.endswith("chain"):
+        full = fs.chain(8, fixed=kind == "chain")
+    elif kind.endswith("beam"):
+        full = fs.beam(1.0, 10, E=2.1e11, I=1e-9, rho=7850.0, A=1e-4, supports={"left": "clamped"} if kind == "beam" else {})
+    else:
+        mesh = fs.block((1.0, 0.2, 0.1), (5, 2, 2), "hexahedron20" if "quadratic" in kind else "hexahedron")
+        full = fs.solid(mesh, steel, supports=["left"] if kind == "solid" else [])
+    K = full.K.copy()
+    if "digits" in kind:
+        K.data = np.array([float(f"{value:.8e}") for value in K.data])
+    with pytest.warns(fs.FemsubWarning, match="M and K of 'part' seem to be in each other's place"):
+        fs.Substructure(K, full.M)
+    fs.Substructure(full.M, K)  # a warning would be an error
+
+
+def test_two_masses_that_move_against_each_other_are_a_mass_matrix() -> None:
+    M = np.kron(np.eye(3), [[1.0, -1.0], [-1.0, 1.0]]) + np.eye(6)
+    assert fs.Substructure(M, fs.chain(6).K.toarray()).size == 6

@@ -363,6 +363,10 @@ def test_bad_types_and_models_say_what_to_do() -> None:
         fs.transient(chain, BELT, start=np.zeros(3))  # type: ignore[arg-type]
     with pytest.raises(fs.InputError, match="slope only"):
         fs.transient(chain, fs.Belt(slope=-0.2))
+    for q, v, words in (("x", None, "displacement must be real numbers, not 'x'"), ([0.0], None, "velocity must be real numbers"),
+                        ([0.0, 1.0], [0.0], r"shapes are \(2,\) and \(1,\)"), (0.0, 0.0, "one number per coordinate")):
+        with pytest.raises((fs.InputError, fs.InputTypeError), match=words):
+            fs.State(q, v)  # type: ignore[arg-type]
     massless = fs.Substructure(np.diag([1.0, 0.0]), [[2.0, -1.0], [-1.0, 1.0]], ports={"belt": [1.0, 0.0]})
     for method in ("auto", "alpha"):
         with pytest.raises(fs.InputError, match="singular"):

@@ -89,7 +89,7 @@ def _judged(what: str, models: Sequence[fs.Substructure], parts: list[Part], equ
             return f"wrong{' in full' * (name == 'full')}: {told}: normal_modes has {undamped.rigid} rigid"
         if modes.rigid.sum() != zeros and modes.evidence == "certified":
             return f"wrong{' in full' * (name == 'full')}: {told}: {modes.rigid.sum()} at 0, {modes!r}"
-        if modes.backward_error.max() > LOUD and modes.evidence == "certified":
+        if modes.backward_error.max(initial=0.0) > LOUD and modes.evidence == "certified":
             return f"wrong{' in full' * (name == 'full')}: {told}: {modes!r}"
         if modes.is_stable is False:
             return f"wrong{' in full' * (name == 'full')}: {told}: {modes!r}"

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 KEPT = 8  # pairs of surfaces whose points are kept, since a sweep over μ makes a contact for each value
 ALONG = 0.1  # of the sliding velocity that must lie in the surface
+OBLIQUE, FLAT = 0.02, 1e-3  # angle in radians of an axis that is told, and by which normals of a flat surface may differ
 FEW = 100_000  # numbers up to which the motions of the points are dense in motion
 TOUCHING = 0.99  # of the first surface that lies on the second: below, there is a warning
 
@@ -93,7 +94,8 @@ class FrictionContact(Joint):
     Warns
     -----
     PortWarning
-        Less than 99 % of the first surface touches the second, when the contact is used.
+        Less than 99 % of the first surface touches the second, when the contact is used. The axis is oblique to the surface, so
+        that the second body moves along the normal.
 
     References
     ----------
@@ -167,6 +169,12 @@ class FrictionContact(Joint):
     def sets(self) -> tuple[str, ...]:
         """The interface sets of both surfaces."""
         return (self.first,) if self.second == GROUND else (self.first, self.second)
+
+    @property
+    def affine(self) -> tuple[str, ...]:
+        """μ, k, p and μ' are factors, each alone; V divides a term, which is there with μ and p only."""
+        free = self.speed is None or not self.pressure or not self.mu
+        return ("mu", "stiffness", "pressure", "slope", *(("speed",) if free else ()))
 
     def link(self, parts: Mapping[str, Substructure]) -> Link:
         """No equation and no spring: among the joints of `couple` it says that these parts meet, and checks that they do."""
@@ -260,8 +268,32 @@ class FrictionContact(Joint):
             where = points.x[np.argmin(along)].round(6)
             raise InputError(f"the second body of {self!r} does not slide along the surface at {where}: its velocity is 0 there, "
                              "or normal to it")
+        if turning:
+            self._in_surface(points, way, n)
         t = t / along[:, None]
         return n, t, np.cross(n, t), along if turning else np.ones(len(n))
+
+    def _in_surface(self, points: Points, way: Array, n: Array) -> None:
+        """Warn if the turning second body moves along the normal.
+
+        The axis must be normal to a flat surface. Else the velocity is compared with the normal face by face: the normals of flat
+        faces differ from those of the curved surface that they stand for, by as much to either side.
+        """
+        e = np.asarray(self.axis)
+        if np.ptp(n, axis=0).max() < FLAT:
+            share = float(np.linalg.norm(np.cross(e, n[0])))
+            off = f"{np.degrees(np.arcsin(min(share, 1.0))):.3g} degrees from the normal of this flat surface"
+        else:
+            face = np.unique(points.first.face, return_inverse=True)[1]
+            area = np.bincount(face, points.weight)
+            away = np.bincount(face, points.weight * np.einsum("qi,qi->q", way, n)) / area
+            speed = np.bincount(face, points.weight * np.linalg.norm(way, axis=1)) / area
+            share = float(np.sqrt((area @ away**2) / (area @ speed**2)))
+            off = f"{share:.0%} of the velocity of the second body is along the normal"
+        if share > OBLIQUE:
+            warn(f"the axis ({', '.join(f'{value:.4g}' for value in e)}) is oblique to {self.first}: {off}. The second body "
+                 "parts from it on one side and presses on the other; only the velocity along the surface counts. Give axis and "
+                 "centre about which the surface is one of revolution", PortWarning)
 
     def _motions(self, model: Substructure, points: Points) -> list[Matrix]:
         """u_first - u_second at the points, one matrix (q, p) for each direction in space."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping, Sized
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from femsub.io.matrix_files import read_labelled
 from femsub.io.model_folder import read_model
 from femsub.model.dof_map import DofMap
 from femsub.model.substructure import Substructure
+
+#: Words in the names of files, and of matrices in them, that tell what they hold; 'sti' and 'mas' are CalculiX'.
+NAMES = {"M": {"m", "mas", "mass", "masse", "maa", "mff", "mgg"}, "K": {"k", "sti", "stiff", "stiffness", "kaa", "kff", "kgg"}}
 
 
 def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | None = None, *,
@@ -75,6 +79,9 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
         return read_model(path_of("M", M))
     named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
     paths = {key: Path(path) for key, path in named.items()}
+    if _kind(paths["M"]) == "K" and _kind(paths["K"]) == "M":
+        raise InputError(f"M is {paths['M']}, which by its name holds a stiffness matrix, and K is {paths['K']}, by its name a "
+                         "mass matrix. The mass comes first: read_component(M, K). If the names are wrong, rename the files")
     matrices, found = read_aligned(paths, {key: key for key in paths}, "K", ("M",), massless)
     size = matrices["K"].shape[0]
     if dofs is not None and found is not None:
@@ -93,6 +100,14 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     except (InputError, InputTypeError) as error:
         listed = ", ".join(f"{key} is {path}" for key, path in paths.items())
         raise type(error)(f"{error} ({listed})") from None
+
+
+def _kind(path: Path) -> str:
+    """'M' or 'K' where the name of a file says that it holds a mass or a stiffness matrix, such as 'beam.sti'; else ''."""
+    file, _, inside = str(path.name).partition(":")
+    words = {word for word in re.split(r"[^a-z]+", (inside or file).lower()) if word}
+    kinds = [kind for kind, names in NAMES.items() if words & names]
+    return kinds[0] if len(kinds) == 1 else ""
 
 
 def read_aligned(paths: Mapping[str, Path], usual: Mapping[str, str], frame: str,

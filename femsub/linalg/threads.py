@@ -14,7 +14,9 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import product
 
-FEW = 500  # DOF up to which a dense quadratic eigenproblem gains almost nothing from a second thread
+# DOF up to which a dense quadratic eigenproblem gets one thread. A second one gains little; beside other work it costs much: on a
+# busy machine of two cores 500 DOF took 35 s with two threads and 2 s with one
+FEW = 1500
 WORK = 1e8  # multiplications below which one thread is faster, or loses less than 0.1 s
 BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  # modules that load a BLAS
 NAMES = tuple(product(("", "scipy_"), ("64_", "", "_64")))  # prefixes and suffixes of OpenBLAS' function names

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, real_array, shown
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import FemsubError, InputError, InputTypeError, unknown_name
 from femsub.model.frozen import Frozen
 from femsub.model.matrices import as_matrix
 from femsub.model.pencil import Pencil
@@ -84,10 +84,14 @@ class Affine(Frozen):
     def parameters(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for theta, _ in self._all for name in _names(theta)))
 
-    @property
-    def has_functions(self) -> bool:
-        """Whether any θ is a function: samples cannot prove that it is linear."""
-        return any(callable(theta) for theta, _ in self._all)
+    def affine_in(self, parameter: str) -> bool:
+        """Whether D and K are affine in a parameter and M does not depend on it. A function of it counts as not affine."""
+        return not any(parameter in _names(theta) for theta, _ in self.M) and \
+            not any(callable(theta) and parameter in _names(theta) for theta, _ in self._all)
+
+    def factors(self, **values: float) -> Array:
+        """All θ at given values of all parameters, in the order M, D, K."""
+        return np.array([_fixed(theta, values) for theta, _ in self._all], dtype=float)
 
     def at(self, **values: float) -> Pencil:
         """The pencil at given values of all parameters.
@@ -172,18 +176,29 @@ def _fixed(theta: Theta, values: Mapping[str, float]) -> Theta:
     """A factor with some of its parameters given: a number once all are."""
     names = _names(theta)
     if not any(name in values for name in names):
-        return theta if names or not callable(theta) else finite_number("a factor", theta())
+        return theta if names or not callable(theta) else _value(theta, {})
     if isinstance(theta, str):
         return float(values[theta])
     assert callable(theta)
     known = {name: float(values[name]) for name in names if name in values}
     if len(known) < len(names):
         return partial(theta, **known)
-    told = ", ".join(f"{name} = {value:g}" for name, value in known.items())
+    return _value(theta, known)
+
+
+def _value(theta: Callable[..., float], known: Mapping[str, float]) -> float:
+    """θ at the values of its parameters, which may have been given in two steps (`fixed`)."""
+    whole = {**theta.keywords, **known} if isinstance(theta, partial) else known
+    function = theta.func if isinstance(theta, partial) else theta
+    what = f"the factor {getattr(function, '__name__', type(function).__name__)}({', '.join(whole)})"
+    told = f" at {', '.join(f'{name} = {value:g}' for name, value in whole.items())}" if whole else ""
     try:
-        return finite_number(f"a factor at {told}", theta(**known))
-    except ArithmeticError as error:
-        raise InputError(f"a factor cannot be computed at {told}: {error}") from None
+        found = theta(**known)
+    except FemsubError:
+        raise
+    except Exception as error:
+        raise InputError(f"{what} cannot be computed{told}: {type(error).__name__}: {error}") from error
+    return finite_number(f"{what}{told}", found)
 
 
 def _projected(A: Matrix, V: Array) -> Array:

@@ -260,7 +260,8 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     name : str
     assembly : {"primal", "dual"}
         "dual" keeps the coordinates of the parts and adds the Lagrange multipliers λ of the joints as coordinates:
-        K = [[K, Aᵀ], [A, 0]], M = diag(M, 0). This K is indefinite. The finite eigenvalues are those of "primal".
+        K = [[K, Aᵀ], [A, 0]], M = diag(M, 0). This K is indefinite. The finite eigenvalues are those of "primal":
+        `complex_modes` projects the multipliers out first.
     interface : sequence of ends, optional
         The interface of the system, for further joints: (part, set) or (part, list of DOF). Joined DOF are allowed. By default
         all interface DOF of the parts that are not joined. A named set that is joined only in part stays whole.
@@ -443,7 +444,7 @@ def _settled(parts: Mapping[str, Substructure], links: Sequence[Link], joined: M
         for part, rows in zip(parts.values(), blocks.values(), strict=True):
             at = np.flatnonzero(np.diff(S[rows].indptr))
             own = S[rows][at]
-            bound += own.multiply(abs(getattr(part, key)[at][:, at]) @ own).sum(axis=0)
+            bound += own.multiply(product(abs(getattr(part, key)[at][:, at]), own)).sum(axis=0)
         for link in links if key == "K" else ():
             if link.motions and np.any(link.stiffness):
                 R = _moved(link, blocks, S, abs)

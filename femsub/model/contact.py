@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import scipy.sparse as sp
@@ -39,10 +39,15 @@ class Contact(Protocol):
     exerted(u, v)          the force f (p,) in motion: M q̈ + D q̇ + K q = W f(u, v), for `transient` and limit cycles
     tangents(u, v)         (∂f/∂u, ∂f/∂v), (p, p) each. At the operating point they are -C_K and -C_D.
     in_motion(model)       instead of the last two: an object that has them, for contacts whose force needs to know the model
+    affine                 names of the fields in which C_D and C_K are affine, a + b p with all other fields as they are: a tuple
+                           of str, an attribute of the class or a property. Without it `critical_value` is at most 'confirmed'.
+                           Samples check it. A subclass declares anew, since it may change the matrices.
+    kinks(parameter)       values of a field at which C_D or C_K has a kink or a jump, a sequence of numbers. `critical_value` and
+                           `track` look there.
     =====================  ================================================================================================
 
-    `ports` and `linearised` are required. Without what it exerts and its tangents the contact has no place in nonlinear motion,
-    and is refused there by name.
+    `ports` and `linearised` are required. `affine` and `kinks` are for analyses over a field. Without what it exerts and its
+    tangents the contact has no place in nonlinear motion, and is refused there by name.
     """
 
     @property
@@ -88,6 +93,8 @@ class LinearContact(Frozen):
     ports: tuple[str, ...]
     stiffness: Array | None = None
     damping: Array | None = None
+
+    affine: ClassVar[tuple[str, ...]] = ("stiffness", "damping")
 
     def __post_init__(self) -> None:
         names = [self.ports] if isinstance(self.ports, str) else items("ports", self.ports, "names of ports")
@@ -136,6 +143,9 @@ def contacts_of(contacts: Any) -> tuple[Contact, ...]:
     given = [contacts] if isinstance(contacts, Contact) and not isinstance(contacts, type) else \
         items("contacts", contacts, "Belts or other contacts, or one of them")
     for contact in given:
+        if isinstance(contact, Frozen) and hasattr(contact, "pencil"):  # it has ports and linearised(), too
+            raise InputTypeError("contacts must be a Belt, a LinearContact or other contacts, but a model was given: "
+                                 f"{shown(contact)}. Join models with couple")
         if isinstance(contact, type) or not isinstance(contact, Contact):
             raise InputTypeError("a contact must be a Belt, a LinearContact or another object with `ports` and "
                                  f"linearised(model), not {shown(contact)}")
@@ -146,6 +156,25 @@ def contacts_at(contacts: Contacts, parameter: str, value: float) -> list[Any]:
     """The contacts with this value of a parameter; those that do not have it are left as they are."""
     given: Sequence[Any] = contacts_of(contacts)
     return [replace(one, **{parameter: value}) if hasattr(one, parameter) else one for one in given]
+
+
+def affine_fields(contact: Any) -> tuple[str, ...]:
+    """The fields in which a contact's own class says that its matrices are affine."""
+    if "affine" not in vars(type(contact)):
+        return ()
+    names, what = contact.affine, f"`affine` of {type(contact).__name__}"
+    for name in (names := tuple(items(what, names, "names of its fields"))):
+        if not hasattr(contact, word(what, name)):
+            raise InputError(f"{what} names {name!r}, which it has not")
+    return names
+
+
+def kinks_of(contact: Any, parameter: str) -> tuple[float, ...]:
+    """The values of a field at which a contact says that its matrices have a kink or a jump."""
+    if not callable(kinks := getattr(contact, "kinks", None)):
+        return ()
+    found = real_array(f"kinks({parameter!r}) of {type(contact).__name__}", kinks(parameter))
+    return tuple(np.atleast_1d(found).ravel().tolist())
 
 
 def columns_of(model: Substructure, contact: Contact) -> Matrix:

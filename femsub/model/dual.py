@@ -40,12 +40,12 @@ class Multiplied:
     def through(self, T: Matrix, unit: Array) -> Multiplied:
         """In new coordinates, x = T z. What cancels in S T is 0: a trace of elastic motion would stiffen a rigid one."""
         S = sp.csr_array(product(self.S, T))
-        S = sp.csr_array(S.multiply(abs(S) > ROUNDING * (abs(self.S) @ abs(sp.csr_array(T)))))
-        return Multiplied(S, sp.csr_array(self.G @ T), self.A, unit, self.owner)
+        S = sp.csr_array(S.multiply(abs(S) > ROUNDING * product(abs(self.S), abs(sp.csr_array(T)))))
+        return Multiplied(S, sp.csr_array(product(self.G, T)), self.A, unit, self.owner)
 
     def work(self) -> Matrix:
         """GᵀAS + (GᵀAS)ᵀ, what the multipliers add to the stiffness, sparse, shape (n, n)."""
-        half = sp.csr_array(self.G.T @ (self.A @ self.S))
+        half = sp.csr_array(product(self.G.T, product(self.A, self.S)))
         return half + half.T
 
 
@@ -94,11 +94,11 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Arra
     AL = sp.csr_array(A @ L)
     size = np.sqrt(AL.multiply(AL) @ unit**2)
     size = 1 / np.where(size > 0, size, 1.0)
-    flexibility = (F.T @ (K @ F)).toarray() * np.outer(size, size)
+    flexibility = product(F.T, product(K, F)).toarray() * np.outer(size, size)
     values, turn = np.linalg.eigh((flexibility + flexibility.T) / 2)
     turn = size[:, None] * turn
     stiff = values <= STIFF
-    exact = eliminate(Equations(sp.csr_array(turn[:, stiff].T @ AL), unit, np.zeros(len(unit), dtype=bool),
+    exact = eliminate(Equations(sp.csr_array(turn[:, stiff].T @ AL.toarray()), unit, np.zeros(len(unit), dtype=bool),
                                 owner[np.abs(turn[:, stiff]).argmax(axis=0)]), refuse)
     return _beside(sp.csr_array(L @ exact.L), F, sp.csr_array(turn[:, ~stiff]), A, exact.unit, owner)
 
@@ -109,9 +109,9 @@ def _beyond(F: Matrix, own: Matrix, K: Matrix) -> Matrix:
     These take their share of λ: in their place stands their sum with it. Else a λ whose whole response they can give as well
     would have no flexibility and no mass, up to rounding, whose sign decides about a mode. It is a stiff one instead.
     """
-    flexibility = K @ own
-    share = np.linalg.solve((own.T @ flexibility).toarray(), (flexibility.T @ F).toarray())
-    return sp.csr_array(F - own @ sp.csr_array(share))
+    flexibility = product(K, own)
+    share = np.linalg.solve(product(own.T, flexibility).toarray(), product(flexibility.T, F).toarray())
+    return sp.csr_array(F - product(own, sp.csr_array(share)))
 
 
 def _yielding(L: Matrix, unit: Array, compliance: Array, K: Matrix) -> tuple[Matrix, Array, slice]:
@@ -125,13 +125,13 @@ def _yielding(L: Matrix, unit: Array, compliance: Array, K: Matrix) -> tuple[Mat
     values, turn = np.linalg.eigh(flexibility)
     turn = scale[:, None] * turn[:, values > STIFF]
     rest = np.flatnonzero(size == 0)
-    return (sp.csr_array(sp.hstack([L[:, rest], L[:, at] @ sp.csr_array(turn)])),
+    return (sp.csr_array(sp.hstack([L[:, rest], product(L[:, at], sp.csr_array(turn))])),
             np.append(unit[rest], np.einsum("ij,ij->j", turn, congruent(K, L[:, at]) @ turn) ** -0.5), slice(len(rest), None))
 
 
 def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: Array) -> Multiplied:
     """x = (y, μ), λ = turn μ: the multipliers beside the coordinates; a force has the unit of one over a motion."""
-    S = sp.csr_array(sp.hstack([L, F @ turn]))
+    S = sp.csr_array(sp.hstack([L, product(F, turn)]))
     G = sp.csr_array(sp.hstack([sp.csr_array((A.shape[0], L.shape[1])), turn]))
     return Multiplied(S, G, A, np.append(unit, np.ones(turn.shape[1])), owner)
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Matrix, finite_number, shown, word
-from femsub.errors import InputError, InputTypeError
+from femsub.checks import EPS, Array, Matrix, finite_number, real_array, shown, word
+from femsub.errors import FemsubError, InputError, InputTypeError
 from femsub.model.pencil import contact_matrix
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ class FrictionLaw(Protocol):
                                  eps is used as it is, and sticking cannot be detected.
     scalar()                     (μ, μ') as fast functions of one float, for the integrators
     with_slope(slope, speed)     the law with another μ'(speed), for branches over the slope; without it they are refused
+    knots, numbers               speeds at which μ' has a kink or a jump, as those of a table; looked at by `critical_value`
     label                        the name in figures; by default the key
     ===========================  ==========================================================================================
 
@@ -85,6 +86,7 @@ class StribeckArctan:
     decay: float = 2.0
 
     label: ClassVar[str] = "as printed, eq. (7)"
+    knots: ClassVar[tuple[float, ...]] = (0.0,)
 
     def __post_init__(self) -> None:
         for name in ("eps", "coulomb", "drop", "decay"):
@@ -180,8 +182,33 @@ LAWS: dict[str, Callable[..., FrictionLaw]] = {"stribeck-arctan": StribeckArctan
 def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
     """μ and μ' of a law as functions of one float: its `scalar()` if it has one."""
     if callable(own := getattr(law, "scalar", None)):
-        return own()
-    return lambda v: float(law.value(v)), lambda v: float(law.slope(v))
+        value, slope = own()
+        return (value, slope) if type(law).__module__ == __name__ else (_told(law, "value", value), _told(law, "slope", slope))
+    return lambda v: _number(law, "value", v), lambda v: _number(law, "slope", v)
+
+
+def asked(law: FrictionLaw | None, name: str, v: Any, function: Callable[[Any], Any] | None = None) -> Any:
+    """`law.value(v)` or `law.slope(v)`, by its name; what your own law raises is told with the law and the speed."""
+    try:
+        return (getattr(law, name) if function is None else function)(v)
+    except FemsubError:
+        raise
+    except Exception as error:
+        raise InputError(f"{type(law).__name__}.{name}(v), of the friction law, fails at v = {shown(v)} with "
+                         f"{type(error).__name__}: {error}. It must give μ, or μ', at every sliding speed") from error
+
+
+def _told(law: FrictionLaw, name: str, function: Scalar) -> Scalar:
+    return lambda v: asked(law, name, v, function)
+
+
+def _number(law: FrictionLaw, name: str, v: float) -> float:
+    found = asked(law, name, v)
+    try:
+        return float(found)
+    except (TypeError, ValueError):
+        raise InputTypeError(f"{type(law).__name__}.{name}(v), of the friction law, must be a number at v = {v:g}, but is "
+                             f"{shown(found)}") from None
 
 
 def width_of(law: Any) -> float:
@@ -189,6 +216,11 @@ def width_of(law: Any) -> float:
     eps = getattr(law, "eps", None)
     usable = isinstance(eps, (int, float, np.integer, np.floating)) and not isinstance(eps, bool) and 0 < eps < np.inf
     return float(eps) if usable else np.nan  # type: ignore[arg-type]
+
+
+def knots_of(law: Any) -> Array:
+    """The speeds at which a law says that μ' has a kink or a jump."""
+    return np.ravel(real_array(f"the knots of {type(law).__name__}", getattr(law, "knots", ())))
 
 
 def with_slope(law: Any, slope: float, speed: float) -> Any:
@@ -273,17 +305,32 @@ class Belt:
         """The port, for the protocol of contacts."""
         return (self.port,)
 
+    @property
+    def affine(self) -> tuple[str, ...]:
+        """F μ' is affine in each factor. Over the speed a law is no straight line; without a law the speed has no effect."""
+        return ("force", "slope", *(("speed",) if self.law is None else ()))
+
+    def kinks(self, parameter: str) -> tuple[float, ...]:
+        """The knots of the law, for the speed; a law with a width ε that names none changes most at 0."""
+        if parameter != "speed" or self.law is None:
+            return ()
+        return tuple(knots_of(self.law).tolist()) or (() if np.isnan(width_of(self.law)) else (0.0,))
+
     def linearised(self, model: Substructure) -> tuple[float, None]:
         """(F μ'(v0), None): each column of the port is a contact by itself, see `femsub.model.contact.Contact`."""
         return self.force * float(self.slope or 0.0), None
 
     def exerted(self, u: Any, v: Any) -> Any:
         """f = F μ(v0 - v), in the shape of v."""
-        return self.force * self.law.value(self.speed - v)  # type: ignore[union-attr]
+        return self.force * asked(self.law, "value", self.speed - v)
 
     def tangents(self, u: Any, v: Any) -> tuple[Array, Array]:
         """(∂f/∂u, ∂f/∂v) = (0, -F μ'(v0 - v)), (p, p) each, for v (p,)."""
-        return np.zeros((len(v), len(v))), np.diag(-self.force * self.law.slope(self.speed - v))  # type: ignore[union-attr]
+        return np.zeros((len(v), len(v))), np.diag(-self.force * self.slope_at(self.speed - v))
+
+    def slope_at(self, v: Any) -> Any:
+        """μ'(v) of the law, in the shape of v."""
+        return asked(self.law, "slope", v)
 
     def sticks(self, v: Any, multiple: float = STICKING, below: float | None = None) -> Any:
         """Where |v0 - v| ≤ multiple · ε of the law, or ≤ `below`, with v the speed under the belt; bool, in the shape of v.
@@ -300,15 +347,24 @@ class Belt:
 
 
 def _consistent_slope(law: FrictionLaw, speed: float) -> float:
-    """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h."""
-    slope = float(law.slope(speed))
+    """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h.
+
+    No step reaches beyond a knot of the law. Beside a jump that is no knot the quotient of one side may agree alone.
+    """
+    slope = _number(law, "slope", speed)
     if speed == 0 or not np.isfinite(slope):
         return finite_number("the slope of the law at the belt's speed", slope)
     steps = abs(speed) * 10.0 ** -np.arange(2.0, 8.0)
-    ahead, behind = (np.array([float(law.value(speed + sign * h)) for h in steps]) for sign in (1.0, -1.0))
-    found = (ahead - behind) / (2 * steps)
-    rounding = 8 * EPS * (np.abs(ahead) + np.abs(behind)) / steps
+    steps = steps[steps <= np.abs(knots_of(law) - speed).min(initial=np.inf)]
+    if not len(steps):
+        return slope
+    ahead, behind = (np.array([_number(law, "value", speed + sign * h) for h in steps]) for sign in (1.0, -1.0))
+    here = _number(law, "value", speed)
+    if not (np.isfinite(ahead) & np.isfinite(behind)).all() or not np.isfinite(here):
+        raise InputError(f"{type(law).__name__}.value(v), of the friction law, is not a finite number near v = {speed:g}")
+    found = np.concatenate([(ahead - behind) / (2 * steps), (ahead - here) / steps, (here - behind) / steps])
+    rounding = np.tile(8 * EPS * (np.abs(ahead) + np.abs(behind)) / steps, 3)
     if (np.abs(found - slope) > SLOPE_AGREES * np.maximum(np.abs(found), abs(slope)) + rounding).all():
         raise InputError(f"the friction law contradicts itself at the speed {speed:g}: slope() returns {slope:.6g}, but the "
-                         f"difference quotient of value() is {found[len(found) // 2]:.6g}")
+                         f"difference quotient of value() is {found[len(steps) // 2]:.6g}")
     return slope

@@ -190,3 +190,9 @@ def upper(A: Matrix) -> Matrix:
     keep = A.indices >= np.repeat(np.arange(A.shape[0], dtype=A.indices.dtype), np.diff(A.indptr))
     starts = np.append(0, np.cumsum(keep, dtype=A.indptr.dtype))[A.indptr]
     return sp.csr_array((A.data[keep], A.indices[keep], starts), shape=A.shape)
+
+
+def translations(n: int) -> Array:
+    """Uniform motions of every s-th DOF (n, k): translations of a body whose nodes have s DOF each."""
+    at = np.arange(n)
+    return np.stack([at % s == first for s in (1, 2, 3, 4, 6) if n % s == 0 for first in range(s)], axis=1).astype(float)

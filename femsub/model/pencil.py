@@ -10,9 +10,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
+from femsub.model.constraints import Freed, freed
 from femsub.model.elimination import units as energy_units
 from femsub.model.frozen import Frozen, frozen
-from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, without_rounding
+from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, unit_length, without_rounding
 from femsub.model.rigid_motion import Carried, Damped, Scaled, Touched, changed
 
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
@@ -101,6 +102,11 @@ class Pencil(Frozen):
             return self.K0
         mean = (self.K0 + self.K0.T) * 0.5
         return sp.csr_array(mean) if self.is_sparse else mean
+
+    @cached_property
+    def freed(self) -> Freed | None:
+        """The pencil without its Lagrange multipliers, or None if it has none (see `constraints`)."""
+        return freed(self)
 
     def dense(self) -> Pencil:
         """The same pencil with dense matrices."""
@@ -218,6 +224,11 @@ class Pencil(Frozen):
                               K0=stiffness if self.K0 is self.K else scaled(self.K0, rows, columns))
         # no congruence: D and K may lose their symmetry
         return self._with(**parts, symmetric=tuple(is_symmetric(parts[name]) for name in "MDK"), contacts=(), K0=stiffness)
+
+    def restored(self, X: Array, Y: Array) -> tuple[Array, Array]:
+        """Right and left shapes of this pencil from those of `alike`, of unit length: diag(c) X and diag(r) Y."""
+        rows, columns = self.units
+        return unit_length(columns[:, None] * X), unit_length(rows[:, None] * Y)
 
     def at(self, value: complex) -> Matrix:
         """P(value), shape (n, n); complex only if `value` is."""

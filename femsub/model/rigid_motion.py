@@ -130,6 +130,22 @@ class Scaled:
 
 
 @dataclass(frozen=True, eq=False)
+class Restricted:
+    """x = X x' for some of the DOF, `rest`; the others do not move."""
+
+    X: Matrix
+    rest: Array
+
+    def __call__(self, motion: RigidMotion) -> RigidMotion | None:
+        Z, X = motion.shapes[self.rest], self.X.toarray() if sp.issparse(self.X) else self.X
+        size = np.linalg.norm(X, axis=0)
+        q = np.linalg.lstsq(X / size, Z, rcond=None)[0]
+        if np.linalg.norm(Z - X / size @ q) > SAME * np.linalg.norm(Z):
+            return None
+        return RigidMotion(q / size[:, None], motion.free)
+
+
+@dataclass(frozen=True, eq=False)
 class Damped:
     """Another D; `mass` (n,) scales the DOF."""
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, instance, mapping, shown, word
+from femsub.checks import Array, Matrix, instance, mapping, real_array, shown, word
 from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name, warn
 from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
 from femsub.model.frozen import Frozen
+from femsub.model.matrices import translations
 from femsub.model.pencil import Pencil
 from femsub.model.rigid_motion import Carried, RigidMotion
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from femsub.model.estimate import Estimate
 
 SYMMETRY = 1e-9  # largest |a_ij - a_ji| / sqrt(|a_ii a_jj|) that counts as rounding; other DOF's stiffness plays no role
+BALANCED, FEW = 1e-5, 4  # share of a row's entries to which they sum in a stiffness matrix; rows from which that says something
 UNUSUAL = 1e-13  # from here on `Substructure` warns: an assembly rounds off less, products of matrices may round off more
 
 
@@ -60,7 +62,7 @@ class Substructure(Frozen):
     Warns
     -----
     FemsubWarning
-        M or K is unsymmetric by more than the rounding of an assembly.
+        M or K is unsymmetric by more than the rounding of an assembly, or they seem to be in each other's place.
 
     Examples
     --------
@@ -94,6 +96,10 @@ class Substructure(Frozen):
         if not np.any(diagonal):
             raise InputError("M has no mass at all: every diagonal entry is zero")
         _semidefinite_pairs(mass, diagonal)
+        if _in_each_others_place(mass, stiffness):
+            warn(f"M and K of {str(name)!r} seem to be in each other's place: most rows of M sum to 0 along a translation, as "
+                 "those of a stiffness matrix do, and those of K do not. The order is Substructure(M, K), read_component(M, K)",
+                 FemsubWarning)
         if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:
             raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
         if isinstance(interface, Mapping):
@@ -240,12 +246,20 @@ class ReducedSubstructure(Substructure):
     rigid_motion: Carried = None
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
+    #: makes a model with more shapes, while the full component exists; not pickled
+    wider: ClassVar[Callable[[ReducedSubstructure, Array, Array, str | None], ReducedSubstructure | None] | None] = None
+
     def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
                  kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, modes: int = 0, dropped: int = 0,
                  port_error: Mapping[str, float] | None = None, factorisations: int = 0, full_dofs: DofMap | None = None,
                  interface_dofs: DofMap | None = None, sets: Mapping[str, Any] | None = None,
                  estimate: Estimate | None = None, estimated: tuple[Matrix, Matrix, Matrix] | None = None,
                  rigid_motion: Carried = None, noise: Array | None = None) -> None:
+        V = real_array("V", V)
+        if V.ndim != 2 or V.shape[1] != np.shape(M)[0]:
+            raise InputError("V must have a row per DOF of the component and a column per coordinate, but its shape is "
+                             f"{V.shape}, and that of M is {np.shape(M)}")
+        full_interface = _interface(full_interface, len(V))
         # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
         rows = V[full_interface]
         places = [int(np.argmax(row == 1.0)) for row in rows if np.count_nonzero(row) == 1 and 1.0 in row]
@@ -260,7 +274,7 @@ class ReducedSubstructure(Substructure):
         self._set(V=V, interface_dofs=interface_dofs, sets=checked_sets(sets, len(full_interface)),
                   kinds=tuple(kinds), modes=modes, cutoff=float(cutoff), method=method, dropped=dropped,
                   port_error=port_error or {}, factorisations=factorisations, full_dofs=full_dofs,
-                  full_interface=np.array(full_interface, dtype=np.intp), estimate=estimate,
+                  full_interface=full_interface, estimate=estimate,
                   estimated=None if estimate is None else estimated or own)
         if noise is not None and len(noise) == self.size:
             self._carry(None, noise)
@@ -326,6 +340,18 @@ def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
         i, j = int(entries.row[where]), int(entries.col[where])
         raise InputError(f"M is not positive semidefinite: M[{i}, {j}] = {entries.data[where]:.6g} is larger than "
                          f"sqrt(M[{i}, {i}] M[{j}, {j}]), so some motion would have negative kinetic energy")
+
+
+def _in_each_others_place(M: Matrix, K: Matrix) -> bool:
+    """Whether M looks like a stiffness matrix and K does not: forces inside a body add up to 0, inertia in a translation not."""
+    t = translations(M.shape[0])
+
+    def balanced(A: Matrix) -> Array:
+        sums, size = np.abs(A @ t), abs(A) @ t
+        own = (t > 0) & (size > 0)
+        return (own & (sums <= BALANCED * size)).sum(axis=0) / np.maximum(own.sum(axis=0), FEW)
+
+    return bool(((balanced(M) > 0.5) & (balanced(K) < 0.1)).any())
 
 
 def _interface(values: Iterable[int], size: int) -> Array:

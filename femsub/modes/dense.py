@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError, SingularMatrixError
 
 ORTHOGONAL = 1e-12  # deviation of ΦᵀMΦ from I above which modes are orthogonalised once more
 ROWS = 20_000  # rows of Φ processed at a time
+NEAR = 1e-6  # relative distance of ω² of neighbours that are refined together
+BESIDE = 1e-10  # relative distance of the shift from ω²: on it K - σM would be singular
+TURNS, SETTLED = 6, 1e-14  # steps of inverse iteration, each with a new shift; relative change of λ at which it ends
 
 
 def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
@@ -78,3 +84,61 @@ def orthonormalise(shapes: Array, M: Matrix) -> None:
                                     "has listed one mode twice. Check the scaling of K and M")
         for start in range(0, len(shapes), ROWS):
             shapes[start:start + ROWS] -= shapes[start:start + ROWS] @ change
+
+
+def refined(K: Matrix, M: Matrix, values: Array, shapes: Array, which: Array) -> tuple[Array, Array]:
+    """λ (k,) and φ (n, k) with the columns `which` refined by inverse iteration, each DOF in the unit of its own stiffness.
+
+    Where stiff DOF lie beside soft ones, LAPACK's modes from the middle of the spectrum have the rounding of the stiff ones
+    in all entries. (K - σM)y = Mφ in scaled DOF has it in the stiff ones only; λ = σ + yᵀMφ / yᵀMy.
+    """
+    values, shapes = values.copy(), shapes.copy()
+    for group in np.split(which, 1 + np.flatnonzero(np.diff(values[which]) > NEAR * values[which][1:])):
+        lam, x = values[group], shapes[:, group]
+        for _ in range(TURNS):
+            sigma = float(lam.mean()) * (1 + BESIDE)
+            unit = 2.0 ** np.rint(np.log2(_units(K, M, sigma)))
+            y = _solved(K - sigma * M, unit, M @ x)
+            if y is None:
+                break
+            size = np.sqrt(np.einsum("ij,ij->j", y, M @ y))
+            y, energy = y / size, (y / size).T @ (M @ (x / size))  # yᵀ(K - σM)y, without cancellation
+            shift, turn = la.eigh((energy + energy.T) / 2, y.T @ (M @ y))
+            x, before, lam = y @ turn, lam, sigma + shift
+            if (np.abs(lam - before) <= SETTLED * lam).all():
+                break
+        values[group], shapes[:, group] = lam, x
+    order = np.argsort(values, kind="stable")
+    shapes = shapes[:, order]
+    orthonormalise(shapes, M)
+    return values[order], shapes
+
+
+def scaled_errors(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[Array, Array]:
+    """‖Ur‖ / ‖U⁻¹φ‖ with each DOF in its own unit, whatever the stiffness of others, and the error of λ > 0 by it, (k,) each."""
+    unit = _units(K, M, values)
+    residual, size = (np.linalg.norm(part, axis=0) for part in (unit * (K @ shapes - (M @ shapes) * values), shapes / unit))
+    return residual / size, np.divide(residual * size, values, out=np.zeros_like(size), where=values > 0)
+
+
+def _units(K: Matrix, M: Matrix, value: Any) -> Array:
+    """max(|k_ii|, λ m_ii)^(-1/2), (n,) of one λ or (n, k) of several."""
+    stiffness, inertia = np.abs(K.diagonal()), M.diagonal()
+    if np.ndim(value):
+        stiffness, inertia = stiffness[:, None], inertia[:, None]
+    size = np.maximum(stiffness, value * inertia)
+    return np.where(size > 0, size, 1.0) ** -0.5
+
+
+def _solved(A: Matrix, unit: Array, b: Array) -> Array | None:
+    """A⁻¹b by LU of UAU, or None of a singular A. An A that is nearly singular is what inverse iteration needs."""
+    if sp.issparse(A):
+        from scipy.sparse.linalg import splu
+
+        U = sp.diags_array(unit)
+        try:
+            return unit[:, None] * splu(sp.csc_array(U @ A @ U)).solve(unit[:, None] * b)
+        except RuntimeError:
+            return None
+    factor, pivots, singular = la.lapack.dgetrf(unit[:, None] * A * unit)
+    return None if singular else unit[:, None] * la.lapack.dgetrs(factor, pivots, unit[:, None] * b)[0]

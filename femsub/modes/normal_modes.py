@@ -31,7 +31,7 @@ from femsub.linalg.timing import phase
 from femsub.model.bands import EDGE, in_band, widened
 from femsub.model.matrices import Difference
 from femsub.model.substructure import Substructure
-from femsub.modes.dense import dense_modes, orthonormalise
+from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
 from femsub.modes.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-12  # of Krylov-Schur, relative to the eigenvalue of the shift-inverted problem
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
+GOOD = 1e-14  # scaled residual above which a mode is refined, if any mode is poor
+SHARP, BLURRED = 1e-8, 100  # relative error of ω² from which a mode is poor, if it is as many times that of rounding in K
 BLOCK_TOLERANCE = 1e-9  # of block Lanczos, which ends with a step of inverse iteration
 HEAVY = 100  # nonzeros of the factor per row from which block solves are faster
 LOST = 0.1  # relative change of ω² by rounding in K above which there is a warning
@@ -74,8 +76,8 @@ class NormalModes:
     factorisations : int
         Factorisations made for the modes, without that of the count: 0 if an earlier call had made it.
     rounding : ndarray, shape (k,)
-        eps |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: the relative change of ω² if each entry of K and M changes by one rounding
-        (0 for rigid-body modes).
+        u |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: the relative change of ω² if each entry of K and M changes by one rounding
+        (0 for rigid-body modes). u is eps, or more where K was written with fewer digits (`rounding_of`).
 
     Examples
     --------
@@ -265,16 +267,23 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     values = np.concatenate([np.zeros(handle.rigid.shape[1]), values])
     shapes = np.hstack([handle.rigid, shapes])
     orthonormalise(shapes, handle.M)
-    residual, rounding = _certificates(handle.K, handle.M, values, shapes)
+    residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
+    scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
+    poor = (residual > accepted) | ((doubt > SHARP) & (doubt > BLURRED * rounding))
+    if poor[values > 0].any() and len(shapes) <= DENSE:
+        values, shapes = refined(handle.K, handle.M, values, shapes, np.flatnonzero((poor | (scaled > GOOD)) & (values > 0)))
+        residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
     if handle.carries:  # K may hold nothing of these coordinates but rounding
         residual[:handle.rigid.shape[1]] = 0.0
-    if not residual.max(initial=0.0) <= accepted:
+    beyond = residual / np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
+    if not beyond.max(initial=0.0) <= 1:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "
                                 f"at most {accepted:g} is accepted. Check the scaling of K and M")
     if rounding.max(initial=0.0) > LOST:
         warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative "
-             f"{rounding.max():.0e}, because large elastic forces cancel in this mode. Reduce the stiffness contrast "
-             "within the part, coarsen the mesh, or use stiffer supports",
+             f"{rounding.max():.0e}, because large elastic forces cancel in this mode. "
+             + ("Reduce the stiffness contrast within the part, coarsen the mesh, or use stiffer supports" if handle.unit == EPS
+                else f"The entries are known to about {handle.unit:.0e} of each: write K with all digits (17)"),
              ConditionWarning)
     return NormalModes(values, shapes, handle.rigid.shape[1], residual, counted, handle.factorisations, tally, rounding)
 
@@ -390,12 +399,12 @@ def relative_residual(K: Matrix, M: Matrix, values: Array, shapes: Array) -> Arr
     return _certificates(K, M, values, shapes)[0]
 
 
-def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[Array, Array]:
+def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: float = EPS) -> tuple[Array, Array]:
     """The relative residuals and `NormalModes.rounding`, (k,) each."""
     residual = np.linalg.norm(K @ shapes - (M @ shapes) * values, axis=0)
     size = abs(shapes)
     doubt = abs(K) @ size + (abs(M) @ size) * abs(values)
-    scale, weight = np.linalg.norm(doubt, axis=0), EPS * np.einsum("ij,ij->j", size, doubt)
+    scale, weight = np.linalg.norm(doubt, axis=0), unit * np.einsum("ij,ij->j", size, doubt)
     return (np.divide(residual, scale, out=np.zeros_like(residual), where=scale > 0),
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
 

@@ -14,15 +14,16 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
-from femsub.errors import SingularMatrixError
+from femsub.errors import ConditionWarning, SingularMatrixError, warn
 from femsub.linalg.factor import Handle, factorise, factors_made, forget_factor, shared_factor
 from femsub.linalg.null_space import SINGULAR, rank_of_mass
 from femsub.linalg.ordering import smooth_shape
 from femsub.linalg.shared import shared
 from femsub.linalg.subspace import orthonormal
 from femsub.linalg.timing import phase
-from femsub.model.matrices import Difference, unit_length
+from femsub.model.matrices import Difference, translations, unit_length
 from femsub.model.rigid_motion import Carried, RigidMotion, found
+from femsub.modes.rounding import rounding_of
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
 ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
 GAP = 1e-2  # largest ratio of ω² (only rounding) of a rigid-body mode to that of the first elastic mode
+WIDE = 64 * EPS, 1e-6  # energy ratio up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
+WRITTEN = 1e-4  # the gap (ratio of ω²) where the energy is within the rounding of a K with fewer digits
 LARGE = 10_000  # DOF from which the graph of K is used for the first shift
 COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
 CONVERGED = 1e-13  # an elastic solution has converged if the next correction changes it by less
@@ -44,7 +47,13 @@ class ShiftInvert:
     """The factor of K - σM, and the M-orthonormal rigid-body modes Φ_r (n, n_r) of K.
 
     Both are shared by all handles on the same K and M, or on the same `rows` of them. `factorisations` counts those made
-    for this handle; it may be 0. A model that carries its rigid motion gives it, and no other is looked for.
+    for this handle; it may be 0. `unit` is the relative rounding of the entries of K, see `rounding_of`. A model that carries its
+    rigid motion gives it, and no other is looked for.
+
+    Warns
+    -----
+    ConditionWarning
+        Modes are taken as rigid motion although K gives them an energy: that of the rounding of its entries.
     """
 
     def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None) -> None:
@@ -55,22 +64,28 @@ class ShiftInvert:
         self.sigma: float
         self.rigid: Array
         self.lowest: float  # approximate ω² of the first elastic mode; inf if no search for rigid-body modes was needed
-        self.sigma, self.rigid, self.lowest = shared(*key, self._found, lambda found: found[1].nbytes)
+        self.unit: float
+        self.note: str  # what is told of modes that are rigid only within the rounding of K's entries
+        self.sigma, self.rigid, self.lowest, self.unit, self.note = shared(*key, self._found, lambda found: found[1].nbytes)
+        if self.note:
+            warn(self.note, ConditionWarning)
         if not hasattr(self, "factor"):
             self._factorise(self.sigma)
 
-    def _found(self) -> tuple[float, Array, float]:
-        self.rigid, self.lowest = np.zeros((self.K.shape[0], 0)), np.inf
+    def _found(self) -> tuple[float, Array, float, float, str]:
+        n = self.K.shape[0]
+        self.rigid, self.lowest, self.unit, self.note = np.zeros((n, 0)), np.inf, rounding_of(self.K, translations(n)), ""
         if self._given is not None:
-            return self._carried(self._given)
-        if not annihilates_a_translation(self.K):
+            self._carried(self._given)
+            return self.sigma, self.rigid, self.lowest, self.unit, self.note
+        if not annihilates_a_translation(self.K, self.unit):
             try:
                 self._factorise(0.0)
             except SingularMatrixError:
                 pass
             else:
                 if not self._nearly_singular():
-                    return self.sigma, self.rigid, self.lowest
+                    return self.sigma, self.rigid, self.lowest, self.unit, self.note
         self._float(self._find_rigid)
         if not self.floating:
             try:
@@ -80,16 +95,16 @@ class ShiftInvert:
                     "K is numerically singular, but no rigid-body modes were found. Likely causes: elements too thin or too "
                     "small for a slender part, or a soft piece beside a much stiffer one. Coarsen the mesh, support each piece, "
                     f"or make each piece a separate part ({error})") from None
-        return self.sigma, self.rigid, self.lowest
+        return self.sigma, self.rigid, self.lowest, self.unit, self.note
 
-    def _carried(self, Z: Array) -> tuple[float, Array, float]:
+    def _carried(self, Z: Array) -> None:
         """With given rigid motions: only the shift and the lowest elastic ω² are looked for."""
         if not Z.shape[1]:
             try:
                 self._factorise(0.0)
             except SingularMatrixError as error:
                 raise SingularMatrixError(f"{NOT_DEFINITE} ({error})") from None
-            return self.sigma, self.rigid, self.lowest
+            return
         R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z)[1]
         if R.diagonal().all():
             self.rigid = orthonormal(np.linalg.solve(R.T, Z.T).T, self.M.__matmul__)[0]
@@ -97,7 +112,6 @@ class ShiftInvert:
             raise SingularMatrixError(f"{Z.shape[1] - self.rigid.shape[1]} rigid motions move no mass, so that their "
                                       "coordinates have neither mass nor stiffness. Hold them, or leave them out")
         self._float(self._lowest_given)
-        return self.sigma, self.rigid, self.lowest
 
     def _lowest_given(self) -> float:
         """ω² of the first elastic mode beside the given rigid motions."""
@@ -129,7 +143,7 @@ class ShiftInvert:
         x = np.random.default_rng(2).standard_normal((self.K.shape[0], 2))
         for _ in range(3):
             x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
-        return bool(costs_nothing(self.K, x).any())
+        return bool(costs_nothing(self.K, x, self.unit).any())
 
     def _float(self, search: Callable[[], float]) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
@@ -168,7 +182,7 @@ class ShiftInvert:
 
         It stops when the lower half of the Ritz values has converged. A mode is rigid if its energy is only rounding and its
         ω² lies well below the next. The gap is needed: the first bending mode of a long beam may be within rounding,
-        too, but the second is at most 40 times higher.
+        too, but the second is at most 40 times higher. The wider the gap, the more rounding is believed.
         """
         n, block = self.K.shape[0], SEEDS
         while True:
@@ -189,22 +203,51 @@ class ShiftInvert:
             order = np.argsort(np.abs(values), kind="stable")
             values, cleaned, noise = np.abs(values[order]) * np.sign(values[order]), cleaned[:, order], noise[order]
             cleaned = self._without_dust(cleaned)
-            elastic = ~costs_nothing(self.K, cleaned)
-            count = int(np.argmax(elastic)) if elastic.any() else len(values)
-            while 0 < count < len(values) and abs(values[count - 1]) > GAP * abs(values[count]):
-                count -= 1
+            count = self._chosen(values, cleaned)
             if count < len(values) or block >= n:
                 break
             block *= 2
         self.rigid = orthonormal(cleaned[:, :count], self.M.__matmul__)[0]
         rest = values[count:]
         if (rest < -noise[count:]).any():
-            raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {rest.min():.3g}, too large for rounding. Check that "
-                                      "K belongs to a stable component, and that its file holds all digits")
+            share = -energy_ratio(self.K, cleaned[:, count + int(rest.argmin())][:, None])[0]
+            why = f"too large for rounding{_known(self.unit)}" if share > self.unit else \
+                f"as rounding{_known(self.unit)} may make it, but the next modes are too near to tell rigid motion from them"
+            raise SingularMatrixError(
+                f"K has a negative eigenvalue, ω² = {rest.min():.3g}: {share:.1e} of the energy of the forces that cancel in "
+                f"this mode, {why}. Check that K belongs to a stable component, and that its file holds all digits (17)")
+        self.note = self._told(values, cleaned, count)
         if not len(rest) and count < self.finite:
             return self.lowest_elastic()
         self.lowest = float(rest.min(initial=np.inf))
         return self.lowest
+
+    def _chosen(self, values: Array, x: Array) -> int:
+        """How many of the modes x (n, k) are rigid: ω² in `values`, smallest first."""
+        size, found = np.abs(values), 0
+        free = costs_nothing(self.K, x)
+        for limit, gap in ((0.0, GAP), WIDE, (self.unit, WRITTEN)):
+            elastic = ~costs_nothing(self.K, x, limit)
+            count = int(np.argmax(elastic)) if elastic.any() else len(size)
+            if limit and count == len(size):
+                continue  # nothing shows a gap
+            if limit == WIDE[0] and not free[:count].any():
+                continue  # all on one mount that is soft, but not rounding
+            while 0 < count < len(size) and size[count - 1] > gap * size[count]:
+                count -= 1
+            found = max(found, count)
+        return found
+
+    def _told(self, values: Array, x: Array, count: int) -> str:
+        cost = np.abs(energy_ratio(self.K, x[:, :count])).max(initial=0.0)
+        if cost <= ENERGY:
+            return ""
+        omega = np.sqrt(np.abs(values[:count + 1]))
+        return (f"{count} modes are taken as rigid-body motion, although K gives them ω up to {omega[:count].max():.3g} rad/time "
+                f"(ω² of either sign: {values[:count].min():.2g} to {values[:count].max():.2g}). Their energy is at most "
+                f"{cost:.0e} of that of the forces that cancel in them, within rounding{_known(self.unit)}, "
+                f"and the next mode lies at ω = {omega[count]:.5g}. Write K with all digits (17) to be sure; a support as soft "
+                "as that cannot be told from rounding")
 
     def _without_dust(self, x: Array) -> Array:
         """x with entries below rounding set to 0, if K has DOF without any stiffness (as in reduced models).
@@ -341,11 +384,9 @@ def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
     return shared((matrix,), ("block", rows.tobytes()), made, lambda it: 12.0 * it.nnz if sp.issparse(it) else it.nbytes)
 
 
-def annihilates_a_translation(K: Matrix) -> bool:
+def annihilates_a_translation(K: Matrix, rounding: float = 0.0) -> bool:
     """Whether a uniform motion of every s-th DOF has no elastic energy: a cheap test for a floating component."""
-    n = K.shape[0]
-    probes = [np.where(np.arange(n) % stride == 0, 1.0, 0.0) for stride in (1, 2, 3, 4, 6) if n % stride == 0]
-    return bool(costs_nothing(K, np.stack(probes, axis=1)).any())
+    return bool(costs_nothing(K, translations(K.shape[0]), rounding).any())
 
 
 def units(K: Matrix) -> Array:
@@ -354,14 +395,27 @@ def units(K: Matrix) -> Array:
     return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
 
 
-def costs_nothing(K: Matrix, x: Array) -> Array:
-    """Which columns have Kx = 0 within rounding, bool, shape (k,): rigid-body motion, but not a mode on a soft mount."""
+def costs_nothing(K: Matrix, x: Array, rounding: float = 0.0) -> Array:
+    """Which columns have Kx = 0 within rounding, bool, shape (k,): rigid-body motion, but not a mode on a soft mount.
+
+    `rounding` is that of the entries of K, if it is more than eps: it bounds both ratios.
+    """
+    return (rounding_ratio(K, x) < max(RIGID, rounding)) & (energy_ratio(K, x) <= max(ENERGY, rounding))
+
+
+def energy_ratio(K: Matrix, x: Array) -> Array:
+    """xᵀKx / |x|ᵀ|K||x| of each column, (k,); 0 where nothing acts."""
     size = np.abs(x)
     energy, scale = np.einsum("ij,ij->j", x, K @ x), np.einsum("ij,ij->j", size, abs(K) @ size)
-    return (rounding_ratio(K, x) < RIGID) & (energy <= ENERGY * scale)
+    return np.divide(energy, scale, out=np.zeros_like(energy), where=scale > 0)
 
 
 def rounding_ratio(K: Matrix, x: Array) -> Array:
     unit = units(K)[:, None]
     scale = np.linalg.norm(unit * (abs(K) @ abs(x)), axis=0)
     return np.divide(np.linalg.norm(unit * (K @ x), axis=0), scale, out=np.zeros(x.shape[1]), where=scale > 0)
+
+
+def _known(unit: float) -> str:
+    """What is known of the rounding of K's entries, for a message."""
+    return f" of K's entries (about {unit:.0e} of each)" if unit > EPS else ""

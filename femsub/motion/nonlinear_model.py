@@ -22,7 +22,7 @@ from femsub.checks import EPS, Array, Matrix, finite_number, instance, real_arra
 from femsub.errors import InputError, InputTypeError, NotConvergedError, SingularMatrixError
 from femsub.linalg.factor import factorise
 from femsub.model.contact import columns_of, contacts_of
-from femsub.model.friction import Belt, width_of
+from femsub.model.friction import Belt, asked, width_of
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -35,6 +35,11 @@ SMALL = 1e-5  # of the force at rest: a smaller change of it is taken from the t
 class State:
     """A state of motion: displacement q and velocity q̇ in the coordinates of one model, shape (n,) each.
 
+    Raises
+    ------
+    InputError, InputTypeError
+        Not real numbers, or not as many of both.
+
     Examples
     --------
     >>> import femsub as fs
@@ -44,6 +49,14 @@ class State:
 
     displacement: Array
     velocity: Array
+
+    def __post_init__(self) -> None:
+        for name in ("displacement", "velocity"):
+            object.__setattr__(self, name, real_array(name, getattr(self, name), finite=False))
+        q, v = np.shape(self.displacement), np.shape(self.velocity)
+        if len(q) != 1 or v != q:
+            raise InputError(f"displacement and velocity must have one number per coordinate each, but their "
+                             f"shapes are {q} and {v}")
 
     def __repr__(self) -> str:
         return f"State: {len(self.displacement)} DOF, largest |q| {np.abs(self.displacement).max():.4g}, " \
@@ -92,7 +105,7 @@ class Sliding:
         result = np.empty_like(v)
         for row, at in enumerate(self.owner):
             belt = self.belts[at]
-            result[row] = belt.force * getattr(belt.law, function)(belt.speed - v[row])
+            result[row] = belt.force * asked(belt.law, function, belt.speed - v[row])
         return result
 
     def force(self, v: Array) -> Array:

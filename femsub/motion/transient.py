@@ -148,7 +148,7 @@ class Transient:
     def friction(self, name: str) -> Array:
         """F μ(v0 - wᵀq̇(t)) under a belt."""
         belt = self.belt(name)
-        return belt.force * belt.law.value(self.relative_velocity(name))  # type: ignore[union-attr]
+        return belt.exerted(None, self.velocity(name))
 
     def belt(self, name: str) -> Belt:
         """The belt on a port."""

@@ -8,10 +8,13 @@ import numpy as np
 
 from femsub.checks import EPS, Array
 from femsub.model.matrices import equilibration, scaled
+from femsub.quadratic.dense import carries
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
 
+SOLVED = 1e-3  # |y|ᵀ|P(λ)x|, relative to the sizes of its terms, above which (λ, x) is no solution, and first order says nothing
+STILL = 1e-8  # the same of Kx for λ = 0, up to which x is rigid-body motion
 CLUSTER = 1e-7  # relative distance below which eigenvalues get their left vectors as a group
 
 
@@ -48,7 +51,9 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     rest = inertia + pencil.D @ X
     residual = rest * values + pencil.K @ X
     slope = inertia + rest  # P'(λ)x = 2λMx + Dx
-    doubt = np.abs(residual) + 4 * EPS * pencil.magnitude(values, X)
+    whole = pencil.magnitude(values, X)
+    # twice: with the vectors off by a half, the residual is that far from the error to first order
+    doubt = 2 * np.abs(residual) + 4 * EPS * whole
     doubt += EPS * (pencil.noise @ (pencil.noise.T @ np.abs(X))) * np.abs(values)  # the projection's rounding in D
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
     size = np.abs(Y)
@@ -71,7 +76,10 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     close = bar > gap / 8
     share = np.divide(bar, gap, out=np.zeros_like(bar), where=~close & (gap > 0))
     bar = np.where(close, bar + gap, 2 * bar / (1 + np.sqrt(1 - 4 * share)))
-    bar[values == 0] = 0.0
+    left, terms = (np.einsum("ij,ij->j", np.abs(Y), part) for part in (np.abs(residual), whole))
+    share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
+    bar[share > SOLVED] = np.inf
+    bar[(values == 0) & (carries(pencil) | (share <= STILL))] = 0.0  # K may hold nothing of a carried motion but rounding
     size = np.abs(values)
     scale = size**2 * pencil.norms[0] + size * pencil.norms[1] + pencil.norms[2]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -132,13 +132,13 @@ class Nearest(_Disc):
 class Enclosed(_Disc):
     """All eigenvalues in a rectangle, proved by the count in the disc around it, else by the winding number of det P."""
 
-    def __init__(self, problem: Shifted, box: Box, certify: bool | None) -> None:
+    def __init__(self, problem: Shifted, box: Box, certify: bool | None, winding: bool = True) -> None:
         super().__init__(problem, certify is not False)
         pencil, (a, b, _, hi) = problem.pencil, box
         self.box, self.most = box, float(min(pencil.size, MOST))
         self.radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
         self.at = self.edge(self.radius)
-        self.wound = pencil.size <= QUADRATIC if certify is None else certify  # whether the winding number may be used
+        self.wound = winding and (pencil.size <= QUADRATIC if certify is None else certify)  # whether det P may be sampled
         self.known = self.at is None and self.wound  # whether `reference` has its modes
         self.reference = undamped_reference(pencil, self.radius, self.known) if self.at is None else None
         self.ask = 2 * (self.at.below if self.at else self.reference[1].counted[1] if self.reference else 10) + 12

@@ -41,13 +41,13 @@ class ComplexModes:
         Bound of the error of the eigenvalue: |y|ᵀ(|r| + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times
         condition number, with the left vector y (Tisseur 2000, Th. 5). It is evaluated entry by entry, so it does not depend
         on the units of the DOF. If rounding may let two eigenvalues coalesce, their gap is added. Infinite for a defective
-        eigenvalue.
+        eigenvalue, and where |y|ᵀ|r| is above 1e-3 of the terms in it: then λ and x solve nothing. 0 for rigid motion.
     condition : ndarray, shape (k,)
         κ = (|λ|²‖M‖ + |λ|‖D‖ + ‖K‖) ‖x‖‖y‖ / (|λ| |yᴴP'(λ)x|): a relative perturbation ε of the matrices moves λ by up to
         κ ε |λ| (Tisseur 2000, Th. 5). Unlike `error_bar` it depends on the units of the DOF. Infinite at 0 and for a
         defective eigenvalue.
     rigid : ndarray of bool, shape (k,)
-        Eigenvalues at 0 from rigid-body modes: neither unstable nor Hopf points.
+        Eigenvalues at 0 from rigid-body modes, Kx = 0 within rounding: neither unstable nor Hopf points.
     above_cutoff : ndarray of bool, shape (k,)
         Beyond the reduction's cut-off: listed, but ignored in `is_stable`.
     searched : (re_lo, re_hi, lo, hi) or None
@@ -161,8 +161,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
                   re: tuple[float, float] | None = None, certify: bool | None = None) -> ComplexModes:
     """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
 
-    SLEPc's PEP (TOAR, shift-invert) solves sparse models, and dense models above 300 DOF if a band or a count is given.
-    LAPACK solves all others.
+    SLEPc's PEP (TOAR, shift-invert) solves sparse models. LAPACK finds all eigenvalues of dense models. For a narrow band or a
+    small count PEP solves a dense model above 300 DOF as well, where that is predicted to take a tenth of the time.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
         K - R²M, which a band needs anyway, and some solves (`disc_count`). If D is skew and K positive definite, as for a part
         that turns without damping, it costs one of twice the size. This is the default for a band, and for a `count` up to
         200,000 DOF. Otherwise a band is checked by the winding number of det P, which costs about fifty complex
-        factorisations. This is the default up to 2,000 DOF. LAPACK's results are complete and need no count.
+        factorisations. This is the default up to 2,000 DOF. LAPACK lists all: 2n, or as many as the ranks of M and D leave.
 
     Returns
     -------
@@ -204,6 +204,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     -----
     FemsubWarning
         A backward error is above 1e-9.
+    ConditionWarning
+        M or D has a rank that depends on rounding, so that the number of finite eigenvalues is not known: 'not checked'.
 
     References
     ----------
@@ -264,4 +266,5 @@ def with_bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | 
     # C order: a sparse product would copy anything else into that order, each time
     X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
     backward, bar, condition = bars(pencil, values, X, Y, known)
-    return ComplexModes(values, X, backward, bar, values == 0, beyond(np.abs(values.imag), cutoff), condition=condition)
+    rigid = (values == 0) & (bar == 0)
+    return ComplexModes(values, X, backward, bar, rigid, beyond(np.abs(values.imag), cutoff), condition=condition)

@@ -19,15 +19,20 @@ import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.errors import InputError, SingularMatrixError
+from femsub.linalg.threads import FEW, one_thread
 from femsub.model.matrices import is_symmetric, unit_length
 from femsub.model.rigid_motion import RigidMotion, unresisted
 from femsub.modes.dense import dense_modes
-from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, motion_of, units
+from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, motion_of, rounding_ratio, units
 from femsub.quadratic import rigid_apart, singular_mass
 from femsub.quadratic.singular_mass import REGULAR
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
+
+SLOW = 0.1  # ‖λq‖ of a state of length 1 below which q follows from Ωq
+STILL = 1e-12  # ‖λq‖ below which the rigid part of q would be rounding
+APART = 1e-3  # relative distance of two eigenvalues that are certainly not one
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +89,11 @@ def definite_form(pencil: Pencil) -> ModalForm:
 
 def modal_form(pencil: Pencil) -> ModalForm | None:
     """The modal form of a dense pencil, or None if M is not symmetric positive definite."""
+    with one_thread(pencil.size <= FEW):
+        return _modal_form(pencil)
+
+
+def _modal_form(pencil: Pencil) -> ModalForm | None:
     M, K = pencil.M, pencil.K
     if not is_symmetric(M):
         return None
@@ -218,7 +228,8 @@ def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
 
 def eigenvalues(form: ModalForm, C: Array | None = None) -> Array:
     """All 2n eigenvalues of the modal form, exact zeros of rigid motion included; C = ΦᵀDΦ may be replaced."""
-    return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
+    with one_thread(len(form.omega) <= FEW):
+        return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
 
 
 def with_energy(values: Array, q: Array, C: Array) -> Array:
@@ -236,6 +247,14 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
 
     Conjugates are exact conjugates. Columns have unit length.
     """
+    with one_thread(pencil.size <= FEW):
+        return _solved(pencil)
+
+
+def _solved(pencil: Pencil) -> tuple[Array, Array, Array]:
+    if (freed := pencil.freed) is not None:
+        values, X, Y = _solved(freed.pencil)
+        return values, *freed.shapes(values, X, Y)
     bare = singular_mass.bare(pencil)
     form = modal_form(pencil) if not len(bare) else None
     if form is None and (motion := motion_of(pencil.rigid_motion)) is not None and motion.count and all(pencil.symmetric):
@@ -243,8 +262,53 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
     if len(bare):
         return singular_mass.condensed(pencil, bare, solve)
     if form is None:
-        return singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)
-    n, r = pencil.size, form.rigid
+        return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)))
+    return _lifted(pencil, *_by_modes(pencil.size, form))
+
+
+def carries(pencil: Pencil) -> bool:
+    """Whether the rigid motion of a pencil is known from its parts."""
+    return motion_of(pencil.rigid_motion) is not None
+
+
+def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array]:
+    """The same eigenpairs, but λ = 0 only where Kx = 0 within rounding: rounding has put others there.
+
+    Beside a damping 1e17 times larger, -k/d is lost. It is the smaller root of λ²yᴴMx + λyᴴDx + yᴴKx, after a step of inverse
+    iteration with P at the first of these roots.
+    """
+    at = np.flatnonzero(values == 0)
+    if carries(pencil):  # K may hold nothing of these coordinates but rounding
+        return values, X, Y
+    at = at[rounding_ratio(pencil.K, X[:, at]) > RIGID]
+    values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
+    for i in at:
+        value, x, y = 0.0, X[:, i], Y[:, i] if Y[:, i].any() else X[:, i].conj()
+        for _ in range(3):
+            value = _smaller_root(*(np.vdot(y, A @ x) for A in (pencil.M, pencil.D, pencil.K)))
+            try:
+                near = pencil.at(value)
+                new = np.linalg.solve(near, x), np.linalg.solve(near.T, y)
+            except np.linalg.LinAlgError:  # λ is exact
+                break
+            if not all(np.isfinite(part).all() and part.any() for part in new):
+                break
+            x, y = (part / np.linalg.norm(part) for part in new)
+        if value and (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
+            values[i], X[:, i], Y[:, i] = value, x, y
+    return values, X, Y
+
+
+def _smaller_root(m: complex, d: complex, k: complex) -> float:
+    """That of λ²m + λd + k, a real one or the real part of a pair."""
+    m, d, k = m.real, d.real, k.real
+    far = abs(d) + np.sqrt(max(d * d - 4 * m * k, 0.0))
+    return float(-2 * k / np.copysign(far, d)) if far > 0 else 0.0
+
+
+def _by_modes(n: int, form: ModalForm) -> tuple[Array, Array, Array]:
+    """By LAPACK on the state matrix of the modal form."""
+    r = form.rigid
     plain = form.H is None and is_symmetric(form.C)
     state = form.state()
     if plain:
@@ -255,9 +319,13 @@ def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
     if plain and (form.sign[r:] > 0).all():
         values = with_energy(values, right[n - r:], form.C)
     X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
-    # b = λq vanishes with λ: for small λ the shape is taken from a = Ωq
-    still = np.linalg.norm(right[n - r:], axis=0) < 1e-8
-    X[:, still] = form.shapes[:, r:] @ (right[:n - r, still] / form.omega[r:, None])
+    # b = λq vanishes with λ, and has a relative rounding of EPS/‖b‖: for small λ the elastic part of the shape is that of a = Ωq
+    moved = np.linalg.norm(right[n - r:], axis=0)
+    slow = moved < SLOW
+    X[:, slow] = form.shapes[:, r:] @ (right[:n - r, slow] / form.omega[r:, None])
+    gliding = slow & (moved >= STILL)
+    pace = values if np.iscomplexobj(right) else values.real
+    X[:, gliding] += form.shapes[:, :r] @ (right[n - r:n, gliding] / pace[gliding])
     values, X, Y = np.append(values, np.zeros(r)), np.hstack([X, form.shapes[:, :r]]), np.hstack([Y, form.shapes[:, :r]])
     if plain:
         Y = X.conj()

@@ -19,6 +19,7 @@ from femsub.checks import Array, Matrix, Tally
 from femsub.errors import SingularMatrixError
 from femsub.linalg.factor import counting, factorise, inertia, shared_factor
 from femsub.linalg.subspace import orthonormal
+from femsub.linalg.threads import one_thread
 from femsub.model.matrices import Difference
 from femsub.quadratic.damping_split import Split
 
@@ -262,7 +263,7 @@ class _Small:
         weights, C = self.weights(s), self.parts.coupling(s)
         square = np.einsum("sip,ij,sjp->sp", weights.conj(), self.gram, weights, optimize=True).real
         rho = np.sqrt(np.maximum(square, 0.0))
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), one_thread(True):  # many small systems: waiting threads would take most of the time
             try:
                 T = np.linalg.solve(np.eye(C.shape[1]) + C @ H, C)
             except np.linalg.LinAlgError:

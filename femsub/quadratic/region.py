@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +28,10 @@ class Region:
     @property
     def is_all(self) -> bool:
         return self.count is None and self.box is None
+
+    def at_most(self, count: int) -> Region:
+        """The same region of a problem with no more than `count` eigenvalues."""
+        return self if self.count is None else replace(self, count=min(self.count, count))
 
     def listed(self, values: Array) -> Array:
         """Indices of the values in the region, in the order of listing."""

@@ -23,6 +23,7 @@ from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
 from femsub.reduction.rigid import damping
 from femsub.reduction.statics import Partition, Statics, square
+from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
     from femsub.model.friction import Belt
@@ -47,6 +48,7 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
         if part.turn is not None:
             basis = replace(basis, V=part.turn @ basis.V, motion=None if basis.motion is None else part.turn @ basis.motion)
         rom = method.finished(sub, model_of(task, basis))
+    rom._set(wider=Wider.of(sub, method.held))
     log.info("%r", rom)
     return rom
 
@@ -149,12 +151,13 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     D, motion, noise = damping(sub, basis, projected(sub.D, V, V))
-    return ReducedSubstructure(
+    rom = ReducedSubstructure(
         basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
-        interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion,
-        noise=noise)
+        interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion, noise=noise)
+    rom._set(wider=Wider.of(sub, task.method.held))
+    return rom
 
 
 def work(task: Task) -> float:

@@ -28,14 +28,16 @@ BEGIN = 10  # modes of the first search
 MOST = 1000  # modes at which the search gives up in a larger model
 DENSE = 3000  # DOF up to which all modes may be taken
 TINY = float(np.finfo(float).tiny)
+MANY = 300  # coordinates above which an estimate solves only for what may lie in the band or near it
+BEYOND = 2.0  # times the end of the band: so far
 FAINT = 1e-16  # directions with a smaller share of the squared residuals are dropped
 
 
 class Search:
-    """The modes found so far, and the static shapes without the modes' contribution."""
+    """The modes found so far, and the static shapes without the modes' contribution. `top` is the end of the band."""
 
-    def __init__(self, statics: Statics, pencil: Pencil | None, begin: int = BEGIN) -> None:
-        self.statics, self.pencil = statics, pencil
+    def __init__(self, statics: Statics, pencil: Pencil | None, begin: int = BEGIN, top: float = np.inf) -> None:
+        self.statics, self.pencil, self.limit = statics, pencil, BEYOND * top
         self.most = statics.handle.elastic
         self.found = lowest_modes(statics.handle, min(begin, self.most), certify=False)
         self.loads = np.hstack([statics.forces, statics.inertia[statics.part.rows]])
@@ -107,7 +109,8 @@ class Search:
         inner = [statics.constraint[statics.part.rows], found.shapes, static]
         forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
         return Nested(M, K, None, len(statics.condensed), found.rigid, found.eigenvalues[found.rigid:], forces, statics.rounding,
-                      lightest=lightest(statics.handle), motion=self._motion(span, len(M))), span
+                      lightest=lightest(statics.handle), limit=self.limit if len(M) > MANY else np.inf,
+                      motion=self._motion(span, len(M))), span
 
     def _motion(self, span: Span, size: int) -> RigidMotion | None:
         """The rigid motion of the part in U. It is the part's D that says which of it is not damped."""
@@ -154,8 +157,8 @@ def chosen(statics: Statics, band: Any, tol: Any, pencil: Pencil | None) -> Kept
     NotConvergedError
         No basis meets it, even with all modes or 1000 of them.
     """
-    search, counted = Search(statics, pencil), False
     hi = band[1]
+    search, counted = Search(statics, pencil, top=hi), False
     while True:
         if not search.complete and SHARE * search.top <= hi:
             search.grow(search.needed(hi / SHARE))

@@ -21,6 +21,7 @@ from femsub.reduction.common_shapes import with_common_shapes
 from femsub.reduction.component import FIRST, checked, finished_basis, model_of, reduced, whole_basis, work
 from femsub.reduction.method import Method
 from femsub.reduction.system_modes import Goal, chosen_together, common_goal
+from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -75,6 +76,8 @@ def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstr
         error.done.update(found | _twins(error.done, first, system))
         raise
     found |= _twins(made, first, system)
+    for name in first:  # of models that workers made, too
+        found[name]._set(wider=Wider.of(system.parts[name], methods[name].held))  # type: ignore[union-attr]
     return system.with_parts(with_common_shapes(system, {name: found[name] for name in methods}))
 
 

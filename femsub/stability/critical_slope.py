@@ -13,24 +13,27 @@ import numpy as np
 
 from femsub.checks import Array, choice, instance, positive_number, real_array
 from femsub.errors import CutoffWarning, FemsubWarning, InputError, SingularMatrixError, warn
-from femsub.linalg.factor import QUADRATIC, WIDE, factorise
-from femsub.linalg.threads import FEW, one_thread
+from femsub.linalg.factor import QUADRATIC, WIDE, factorise, negative_eigenvalues
 from femsub.linalg.workers import check_workers, side_by_side
 from femsub.model.bands import in_band
 from femsub.model.estimate import SHARE, usable_band
 from femsub.model.friction import Belt
 from femsub.model.substructure import Substructure
 from femsub.quadratic.complex_modes import complex_modes
+from femsub.quadratic.cost import Budget
 from femsub.quadratic.dense import eigenvalues, modal_form
 from femsub.stability.border import dense_border, sparse_border
+from femsub.stability.border_doubt import doubt
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from femsub.model.contact import Contacts
+    from femsub.stability.contact_model import Border
 
 log = logging.getLogger(__name__)
 
+NEAR = 1.5  # times the end of the band: modes up to there act on its border
 SMALL = 150  # DOF up to which a sparse model is treated as dense
 FAR = 1e8  # times the end of a band: an upper bound of Re λ
 
@@ -128,8 +131,8 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     """The largest growth rate for each of several friction slopes s: max Re λ of λ²M + λ(D + F s w wᵀ) + K.
 
     A small model is transformed to its undamped modes once; then each slope needs one small eigenproblem. A sparse model
-    above 2,000 DOF needs a band, and PEP solves it for each slope. The same holds for a dense model above 300 DOF if a band
-    is given. For a model with massless motions all complex modes are computed for each slope.
+    above 2,000 DOF needs a band, and PEP solves it for each slope. The same holds for a dense model above 300 DOF if a narrow
+    band is given. For a model with massless motions all complex modes are computed for each slope.
 
     Parameters
     ----------
@@ -190,18 +193,17 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
         for first, part in enumerate(found[name] for name in groups):
             growth[first::count], omega[first::count] = part.growth, part.omega
         return StabilitySweep(values, growth, omega, limits)
-    few = model.size <= (QUADRATIC if model.pencil.is_sparse else np.inf if band is None else WIDE)
+    few = model.size <= QUADRATIC if model.pencil.is_sparse else band is None or not _is_narrow(model, limits[1])
     fast = np.zeros(len(values), dtype=bool) if few else _fast(model, w, force * values, limits[1])
     whole = np.full(len(values), few) if few or model.pencil.is_sparse else fast.copy()
-    with one_thread(model.size <= FEW):
-        form = modal_form(model.pencil.dense()) if whole.any() else None
-        if form is None:  # massless motions
-            whole[:] = False
-        else:
-            amplitude = form.shapes.T @ w
-            for i in np.flatnonzero(whole):
-                spectrum = eigenvalues(form, form.C + force * values[i] * (amplitude @ amplitude.T))
-                growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
+    form = modal_form(model.pencil.dense()) if whole.any() else None
+    if form is None:  # massless motions
+        whole[:] = False
+    else:
+        amplitude = form.shapes.T @ w
+        for i in np.flatnonzero(whole):
+            spectrum = eigenvalues(form, form.C + force * values[i] * (amplitude @ amplitude.T))
+            growth[i], omega[i] = _leading(spectrum[form.rigid:], limits)
     untold = fast & model.pencil.is_sparse
     for i in np.flatnonzero(~whole):
         searched = None if few or (fast[i] and not untold[i]) else limits
@@ -212,6 +214,16 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
              f"sparse model only eigenvalues with |Re λ| up to the end of the band ({limits[1]:.4g}) are computed",
              FemsubWarning)
     return StabilitySweep(values, growth, omega, limits)
+
+
+def _is_narrow(model: Substructure, top: float) -> bool:
+    """Whether PEP is predicted to find the modes of a dense model up to a frequency far sooner than LAPACK finds all."""
+    if model.size <= WIDE or not np.isfinite(top):
+        return False
+    if not model.M.diagonal().all():
+        return True  # only a basis of modes can do without massless motions
+    below = negative_eigenvalues(model.K - (NEAR * top) ** 2 * model.M)
+    return Budget(model.size, True).covers(2 * below)
 
 
 def _fast(model: Substructure, W: Array, c: Array, hi: float) -> Array:
@@ -291,7 +303,9 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     -----
     CutoffWarning
         The border of a reduced model lies above 0.7 of its cut-off, where its modes may be inaccurate; or none was found in a
-        band that reaches above that.
+        band that reaches above that. Or the border moves by more than 3 % if the responses to the residuals of its modes join
+        the basis, as it may where two frequencies are closer than they are accurate. This is looked at while the full
+        component exists; of one above 5,000 DOF only for such frequencies.
 
     Examples
     --------
@@ -302,29 +316,41 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     instance("model", model, Substructure, "with a port")
     positive_number("force", force)
     choice("method", method, ("auto", "scalar", "bracketing"))
-    if contacts is not None:
-        pencil = model.linearised(contacts)
-        if pencil.K is not model.pencil.K:
-            raise InputError("the critical slope takes contacts that add to D only. See critical_value, which takes any")
-        model = model.with_damping(pencil.D)
+    bare, model = model, _under(model, contacts)
     w = model.port(port).reshape(model.size, -1)
     if method == "scalar" and w.shape[1] > 1:
         raise InputError(f"port {port!r} has {w.shape[1]} columns, but the scalar function takes one. Use method='bracketing'")
-    sparse = model.size > (SMALL if model.pencil.is_sparse else WIDE)
     if model.pencil.is_sparse and band is None and model.size > QUADRATIC:
         raise InputError(f"a sparse model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time, the "
                          "frequencies that may lose their stability")
     limits = usable_band(model, band)
-    if sparse and band is not None:
-        found = sparse_border(model.pencil.sparse(), w, limits, method)
-    else:
-        found = dense_border(model.pencil, w, limits, method)
+    found = _border(model, port, limits, method, band is not None)
     sure = SHARE * model.cutoff
     if found.omega > sure or (np.isinf(found.c) and limits[1] > sure):
         what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
             f"no border was found, but the band, which ends at {limits[1]:.5g}, reaches"
         warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
              "reduced model may be inaccurate. Keep more modes", CutoffWarning)
+    elif told := doubt(model, bare, port, limits, found, lambda wide: _border(
+            _under(wide, contacts), port, limits, method, band is not None)):
+        warn(told, CutoffWarning)
     result = CriticalSlope(found.c / force, found.omega, found.shape, found.crossing, limits, found.growth, found.method)
     log.info("%r", result)
     return result
+
+
+def _under(model: Substructure, contacts: Contacts) -> Substructure:
+    """The model with what the contacts add to D."""
+    if contacts is None:
+        return model
+    pencil = model.linearised(contacts)
+    if pencil.K is not model.pencil.K:
+        raise InputError("the critical slope takes contacts that add to D only. See critical_value, which takes any")
+    return model.with_damping(pencil.D)
+
+
+def _border(model: Substructure, port: str, band: tuple[float, float], method: str, limited: bool) -> Border:
+    w = model.port(port).reshape(model.size, -1)
+    if limited and (model.size > SMALL if model.pencil.is_sparse else _is_narrow(model, band[1])):
+        return sparse_border(model.pencil.sparse(), w, band, method)
+    return dense_border(model.pencil, w, band, method)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,17 +13,16 @@ from femsub.checks import Tally, check_band, interval
 from femsub.errors import InputError
 from femsub.linalg.factor import WIDE
 from femsub.linalg.threads import FEW, one_thread
-from femsub.model.affine import Affine
 from femsub.model.bands import in_band
 from femsub.model.estimate import usable_band
 from femsub.model.substructure import Substructure
 from femsub.stability.crossings import BESIDE, Crossing, Found, extrapolated, settled, shown_value, weight
 from femsub.stability.exclusion import Family, Part
-from femsub.stability.parameter import pencil_over
+from femsub.stability.parameter import PencilOver, pencil_over
 
 if TYPE_CHECKING:
+    from femsub.model.affine import Affine
     from femsub.model.contact import Contacts
-    from femsub.model.pencil import Pencil
 
 log = logging.getLogger(__name__)
 
@@ -56,14 +55,15 @@ class CriticalValue:
         Number of eigenvalues in the band that grow at the begin of the range (a pair counts twice).
     open : tuple of (float, float)
         Intervals in which a crossing, or one there and back, was not excluded: because eigenvalues pass each other on the axis or
-        touch it, because rounding hides which grow, or because the effort ends. Or because the modes found to cross do not make up
-        the change of the number of growing eigenvalues. Of crossings in a wide one only those are listed that could be verified.
+        touch it, because rounding hides which grow, because the modes found to cross do not make up the change of the number of
+        growing eigenvalues, or because the effort ends. Of crossings in a wide one only those are listed that could be verified.
     tally : Tally
         The eigenvalues of all losses less those of all regains, beside the change of the number that grow over the range.
     evidence : str
         'certified': each crossing outside these points is excluded by discs around the eigenvalues. 'confirmed': the same, but
-        the pencil is not affine in the parameter, and was sampled in each interval, of which there are 32 at least. A factor that
-        is a function counts as not affine. 'not checked': some intervals are open.
+        the pencil is not declared affine in the parameter (`Contact`). It was sampled in each interval, and what depends on the
+        parameter at 2,048 values of the range (256 for contacts of more than 8 columns). A factor that is a function counts as
+        not affine. 'not checked': some intervals are open.
     solved : int
         Number of eigenproblems.
 
@@ -158,12 +158,12 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
     -0.025567 hopf
     """
     lo, hi = interval("between", between)
-    pencil_at = _family(model, contacts, parameter)
+    over = _over(model, contacts, parameter)
     limits = (0.0, np.inf) if band is None else check_band(band)
     if isinstance(model, Substructure):
         limits = usable_band(model, band)
     with one_thread(model.size <= FEW):
-        family = Family(pencil_at, (lo, hi), affine=not (isinstance(model, Affine) and model.has_functions))
+        family = Family(lambda p: over(p).dense(), (lo, hi), over)
         if family.floating:
             raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports or "
                              "springs")
@@ -173,12 +173,12 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
     return result
 
 
-def _family(model: Substructure | Affine, contacts: Contacts, parameter: str) -> Callable[[float], Pencil]:
-    """The dense pencil as a function of the parameter."""
-    pencil_at = pencil_over(model, contacts, parameter)
+def _over(model: Substructure | Affine, contacts: Contacts, parameter: str) -> PencilOver:
+    """The pencil as a function of the parameter."""
+    over = pencil_over(model, contacts, parameter)
     if model.size > LARGEST:
         raise InputError(f"critical_value takes models of up to {LARGEST} DOF, but this one has {model.size}. Reduce it first")
-    return lambda p: pencil_at(p).dense()
+    return over
 
 
 def _collected(family: Family, parts: Sequence[Part], parameter: str, searched: tuple[float, float],

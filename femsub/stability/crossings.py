@@ -9,7 +9,6 @@ as there are roots.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -167,12 +166,13 @@ def _roots(family: Family, a: float, b: float) -> list[tuple[float, Array]]:
     slope = (family.pencil_at(ends[1]).K - family.pencil_at(ends[0]).K) / (ends[1] - ends[0])
     modes = family.shapes / family.omega
     K, change = (modes.T @ part @ modes for part in (family.pencil_at(m).K, slope))
-    scale = float(np.linalg.norm(change)) / max(float(np.linalg.norm(K)), sys.float_info.min)
-    if not scale or not np.isfinite(scale):
+    size = float(np.linalg.norm(change))
+    if not size:
         return []
+    scale = max(float(np.linalg.norm(K)) / size, hi - lo)
     with np.errstate(all="ignore"):
-        (top, bottom), Y, X = la.eig(K, -change / scale, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
-        places = m + top / bottom / scale
+        (top, bottom), Y, X = la.eig(K, -scale * change, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
+        places = m + top / bottom * scale
         force = np.einsum("ij,ij->j", np.abs(Y), np.abs(K) @ np.abs(X))
         bars = np.minimum(4 * EPS * len(K) * force / np.abs(np.einsum("ij,ij->j", Y.conj(), change @ X)), b - a)
         inside = np.isfinite(places) & (places.imag == 0) & (a - bars <= places.real) & (places.real <= b + bars)
@@ -216,7 +216,7 @@ def extrapolated(family: Family, window: tuple[float, float], room: tuple[float,
     """The losses or regains near a window beside which rounding leaves undecided what grows; None if they cannot be told.
 
     Re λ of a mode that certainly grows goes straight to 0, or (Re λ)² does where two modes coalesce. Two extrapolations of either
-    must agree.
+    must agree. A real λ that passes 0 tells nothing of what the pair beyond does, unless there is no damping.
     """
     begins = int(family.grown(window[1])[0].sum()) > int(family.grown(window[0])[0].sum())
     for a, b in _sides(family, window, room):
@@ -224,7 +224,8 @@ def extrapolated(family: Family, window: tuple[float, float], room: tuple[float,
         near = b if begins else a
         step = near - window[1 if begins else 0]
         points = [near, near + step, near + 3 * step]
-        if not found or not step or not all(one.begins == begins for one in found) or not room[0] <= points[-1] <= room[1]:
+        if not found or not step or not room[0] <= points[-1] <= room[1] or \
+                not all(one.begins == begins and (one.omega or family.mirrored) for one in found):
             continue
         places = [_to_axis(family, points, one.after if begins else one.before) for one in found]
         if np.isfinite(places).all() and np.abs(np.array(places)[:, 0] - near).max() <= 2 * abs(step):

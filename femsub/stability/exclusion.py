@@ -33,9 +33,11 @@ from femsub.errors import InputError
 from femsub.model.matrices import equilibration, scaled
 from femsub.quadratic.dense import definite_form
 from femsub.quadratic.singular_mass import REGULAR
+from femsub.stability.parameter import SAMPLES
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
+    from femsub.stability.parameter import PencilOver
 
 STRAIGHT = 1e-13  # largest distance of A(p) from the chord between its ends, relative, at which A counts as affine
 BETWEEN = 1.5  # safety factor on the largest |E| sampled, if A is not affine
@@ -44,7 +46,7 @@ TURN = 0.5  # largest turn of the vectors, as a row sum of h|X|
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
 MEMORY = 2e8  # bytes for decompositions that are kept
 COARSE = 32  # intervals at first, if A is not affine: samples a whole range apart would tell little
-SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where the form of A(p) is judged
+ROUNDING = 4 * EPS  # of a value: half the least width of a window, which must not vanish between two neighbouring numbers
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
 
@@ -71,11 +73,12 @@ class Family:
     """The state matrices A(p) of a pencil over a range of p.
 
     The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine` tells whether A
-    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis. Samples decide whether A is affine,
-    unless affine=False is given.
+    is affine in p, `mirrored` whether its spectrum is symmetric about the imaginary axis. The `form` of the pencil declares
+    whether A is affine, and tells at which p the pencil must be looked at if it is not.
     """
 
-    def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float], affine: bool = True) -> None:
+    def __init__(self, pencil_at: Callable[[float], Pencil], between: tuple[float, float],
+                 form: PencilOver | None = None) -> None:
         self.pencil_at, self.between = _going_on(pencil_at, between[1]), between
         lo, hi = between
         self.middle, self.least = (lo + hi) / 2, max(RESOLUTION * (hi - lo), 8 * EPS * max(abs(lo), abs(hi)))
@@ -84,12 +87,18 @@ class Family:
         kept = max(8, int(MEMORY / (50 * (2 * len(self.omega)) ** 2)))
         self.matrix, self.spectrum = lru_cache(maxsize=kept)(self._matrix), lru_cache(maxsize=kept)(self._spectrum)
         points = [lo + share * (hi - lo) for share in SAMPLES]
+        declared = form is not None and form.affine(between)
+        self.kinks = [] if form is None or declared else form.kinks(between)
+        self.sampled = None if form is None or declared else form.sampled(between)
         pencils, matrices = [pencil_at(p) for p in points], [self.matrix(p) for p in points]
         self.slope: Array = (matrices[-1] - matrices[0]) / (hi - lo)
-        self.size = np.maximum(*(self._magnitude(pencil) for pencil in (pencils[0], pencils[-1])))
-        self.affine = affine and all((np.abs(A - matrices[0] - (p - lo) * self.slope) <= STRAIGHT * self.size).all()
+        if self.sampled is not None:
+            pencils += [pencil_at(p) for p in self.sampled.places(lo, hi)]
+        self.size = np.maximum.reduce([self._magnitude(pencil) for pencil in (pencils[0], *pencils[len(points) - 1:])])
+        self.size += max(abs(lo), abs(hi)) * np.abs(self.slope)  # the rounding of p itself
+        self.affine = declared and all((np.abs(A - matrices[0] - (p - lo) * self.slope) <= STRAIGHT * self.size).all()
                                      for p, A in zip(points, matrices, strict=True))
-        self.floating = all(_rigid(pencil) for pencil in (pencils[0], pencils[2], pencils[-1]))
+        self.floating = all(_rigid(pencil) for pencil in (pencils[0], pencils[2], pencils[len(points) - 1]))
         undamped = all(not np.any(pencil.D) for pencil in pencils)
         gyroscopic = all(pencil.symmetric[2] and np.array_equal(pencil.D, -pencil.D.T) for pencil in pencils)
         self.mirrored = undamped or gyroscopic
@@ -101,14 +110,16 @@ class Family:
         M, D, K = (self.shapes.T @ (part @ self.shapes) for part in (pencil.M, pencil.D, pencil.K))
         A, forces = np.zeros((2 * n, 2 * n)), np.hstack([K / self.omega, D])
         A[:n, n:] = np.diag(self.omega)
-        A[n:] = -forces if np.abs(M - np.eye(n)).max() <= 1e-10 else -la.solve(M, forces, check_finite=False)  # M of the middle
+        A[n:] = -forces if _is_eye(M) else -la.solve(M, forces, check_finite=False)
         return A
 
     def _magnitude(self, pencil: Pencil) -> Array:
         """A with the moduli of all that is added up in its entries: EPS times this is their rounding."""
         n, size = len(self.omega), np.abs(self.shapes)
         K, D = (size.T @ (np.abs(part) @ size) for part in (pencil.K, pencil.D))
-        return np.block([[np.zeros((n, n)), np.diag(self.omega)], [K / self.omega, D]])
+        M, forces = self.shapes.T @ pencil.M @ self.shapes, np.hstack([K / self.omega, D])
+        forces = forces if _is_eye(M) else np.abs(np.linalg.inv(M)) @ forces
+        return np.vstack([np.hstack([np.zeros((n, n)), np.diag(self.omega)]), forces])
 
     def at(self, p: float) -> Array:
         """A(p); of an affine family without the pencil."""
@@ -139,8 +150,9 @@ class Family:
             slope, curved, towards = self.slope, np.zeros_like(found.noise), np.zeros(len(found.z))
             if not self.affine:
                 slope, A = (self.at(end) - self.at(begin)) / (end - begin), self.at(m)
-                rest = np.array([found.inverse @ ((self.at(p) - A - (p - m) * slope) @ found.V)
-                                 for p in (begin, (begin + m) / 2, (m + end) / 2, end)])
+                usual = [begin, (begin + m) / 2, (m + end) / 2, end]
+                more = [] if self.sampled is None else self.sampled.places(begin, end, usual)
+                rest = np.array([found.inverse @ ((self.at(p) - A - (p - m) * slope) @ found.V) for p in (*usual, *more)])
                 curved = BETWEEN * np.abs(rest).max(axis=0)
                 towards = BETWEEN * np.abs(np.einsum("kii->ki", rest).real).max(axis=0)
             discs = _discs(found.z, h, found.inverse @ slope @ found.V, found.noise + curved, found.noise.diagonal() + towards)
@@ -165,7 +177,7 @@ class Family:
         if self.mirrored or not np.isfinite(radius).all() or not speed.all():
             return None
         rate = discs.z.real[touching]
-        centre, half = -rate / speed, radius / np.abs(speed)
+        centre, half = -rate / speed, np.maximum(radius / np.abs(speed), ROUNDING * max(abs(begin), abs(end)))
         order = np.argsort(centre - half, kind="stable")
         pieces: list[list[float]] = []
         for lo, hi in zip(np.maximum(centre - half, -h)[order], np.minimum(centre + half, h)[order], strict=True):
@@ -208,7 +220,7 @@ class Family:
     def parts(self, most: int) -> list[Part]:
         """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
         (lo, hi), least = self.between, self.least
-        edges = [float(p) for p in np.linspace(lo, hi, 2 if self.affine else COARSE + 1)]
+        edges = sorted({lo, hi} if self.affine else {*np.linspace(lo, hi, COARSE + 1).tolist(), *self.kinks})
         waiting, done = sorted((a - b, a, b) for a, b in pairwise(edges)), []
         for _ in range(most):
             if not waiting:
@@ -227,6 +239,11 @@ class Family:
                         heapq.heappush(waiting, (begin - end, begin, end))
         done += [Part(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
         return _joined(sorted(done, key=lambda part: part.begin))
+
+
+def _is_eye(M: Array) -> bool:
+    """Whether M is that of the undamped modes, as in the middle of the range."""
+    return bool(np.abs(M - np.eye(len(M))).max() <= 1e-10)
 
 
 def _going_on(pencil_at: Callable[[float], Pencil], hi: float) -> Callable[[float], Pencil]:
@@ -258,13 +275,15 @@ def _rigid(pencil: Pencil) -> bool:
 
 
 def _joined(parts: list[Part]) -> list[Part]:
-    """Neighbours that are not excluded, as one."""
+    """Neighbours that are not excluded, as one. Between two that are, with different numbers, is a crossing in a single point."""
     result: list[Part] = []
     for part in parts:
         last = result[-1] if result else None
         if last is not None and last.growing is None and part.growing is None:
             result[-1] = Part(last.begin, part.end, None, (*last.touching, *part.touching))
         else:
+            if last is not None and None not in (last.growing, part.growing) and last.growing != part.growing:
+                result.append(Part(last.end, last.end, None))
             result.append(part)
     return result
 

@@ -1,22 +1,140 @@
-"""A model as a function of one parameter: a field of its contacts, or a parameter of an `Affine`."""
+"""A model as a function of one parameter, a field of its contacts or a parameter of an `Affine`, and the form of that function.
+
+A contact declares in `affine` that its matrices are affine in the parameter, an `Affine` by its factors. Samples only check a
+declaration. If there is none, C_D and C_K or the factors are sampled densely, which costs no eigenproblem. Kinks that a contact
+names divide the range.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from femsub.checks import instance, word
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, instance, word
 from femsub.errors import InputError, unknown_name
 from femsub.model.affine import Affine
-from femsub.model.contact import Contacts, contacts_of
+from femsub.model.contact import Contacts, affine_fields, contacts_of, kinks_of, small_matrices
 from femsub.model.substructure import Substructure
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
 
+SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where a declaration is checked
+AGREES = 1e-9  # of an entry of C, and ROUNDING of the largest: how far it may be from the chord if C is affine
+ROUNDING = 1e-13
+FEW = 8  # columns of a contact up to which each entry of C is a coefficient; above, a few random combinations of them are
+COMBINED = 8
+DENSE, SPARSE = 2048, 256  # samples of the coefficients over the range: of a contact of few columns, of a larger one
+IRREGULAR = (5**0.5 - 1) / 2  # samples at even distances would miss what is periodic
+MORE = 4  # places at most that are added to the usual ones of an interval
 
-def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str) -> Callable[[float], Pencil]:
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """What depends on the parameter: a contact, or the factors of an `Affine`.
+
+    `coefficients` gives the numbers that the pencil depends on, in blocks of one unit each. `affine` is what was declared.
+    `kinks` are the values at which they are not smooth. `few` tells whether the contact has few columns.
+    """
+
+    owner: str
+    coefficients: Callable[[float], tuple[Array, ...]]
+    affine: bool
+    kinks: tuple[float, ...] = ()
+    few: bool = True
+
+    def check(self, parameter: str, between: tuple[float, float]) -> None:
+        """An error if the coefficients contradict the declaration that they are affine."""
+        lo, hi = between
+        share = np.array(SAMPLES)
+        found = [self.coefficients(lo + at * (hi - lo)) for at in SAMPLES]
+        for block in zip(*found, strict=True):
+            c = np.array([np.ravel(numbers) for numbers in block])
+            off = np.abs(c - c[0] - share[:, None] * (c[-1] - c[0]))
+            excess = off - AGREES * np.abs(c).max(axis=0) - ROUNDING * np.abs(c).max(initial=0.0)
+            if excess.size and excess.max() > 0:
+                row, column = np.unravel_index(int(excess.argmax()), excess.shape)
+                where, part = lo + share[row] * (hi - lo), off[row, column] / np.abs(c[:, column]).max()
+                raise InputError(f"{self.owner} declares that it is affine in {parameter!r}, but at {where:.6g} an entry of its "
+                                 f"matrices is off a straight line by {part:.1e} of its size. Take {parameter!r} out of `affine`")
+
+
+@dataclass(frozen=True, eq=False)
+class PencilOver:
+    """The pencil as a function of the parameter, ``over(p)``, and what is known about the form of this function."""
+
+    parameter: str
+    at: Callable[[float], Pencil]
+    shares: tuple[Share, ...]
+
+    def __call__(self, p: float) -> Pencil:
+        return self.at(p)
+
+    def affine(self, between: tuple[float, float]) -> bool:
+        """Whether M is constant, and D and K are affine, as all declare on whom they depend.
+
+        Raises
+        ------
+        InputError
+            Samples contradict a declaration.
+        """
+        for share in self.shares:
+            if share.affine:
+                share.check(self.parameter, between)
+        return all(share.affine for share in self.shares)
+
+    def kinks(self, between: tuple[float, float]) -> list[float]:
+        """The values within the range at which something is not smooth, ascending."""
+        return sorted({float(p) for share in self.shares if not share.affine for p in share.kinks if between[0] < p < between[1]})
+
+    def sampled(self, between: tuple[float, float]) -> Sampled:
+        """The coefficients that are not affine, over the range."""
+        return Sampled([share for share in self.shares if not share.affine], between, self.kinks(between))
+
+
+class Sampled:
+    """The coefficients at many values of the parameter. They tell where an interval is looked at beside the usual places."""
+
+    def __init__(self, shares: Sequence[Share], between: tuple[float, float], kinks: Sequence[float]) -> None:
+        self.shares, self.end = shares, between[1]
+        count = DENSE if all(share.few for share in shares) else SPARSE
+        steps = np.arange(count)
+        inside = between[0] + (steps + steps * IRREGULAR % 1.0) / count * (between[1] - between[0])
+        self.p = np.unique(np.concatenate([between, inside, kinks]))
+        self.c = self._at(self.p)
+        self.size = np.maximum(np.abs(self.c).max(axis=0), 1e-300)
+
+    def _at(self, values: Array) -> Array:
+        """The coefficients; straight on above the range, where a contact may refuse the parameter."""
+        return np.array([self._one(p) if p <= self.end else 2 * self._one(self.end) - self._one(2 * self.end - p)
+                         for p in values.tolist()])
+
+    def _one(self, p: float) -> Array:
+        return np.concatenate([np.ravel(block) for share in self.shares for block in share.coefficients(p)])
+
+    def places(self, begin: float, end: float, usual: Sequence[float] = ()) -> list[float]:
+        """The values in (begin, end) at which a coefficient is farther off its chord than at the `usual` ones; MORE at most."""
+        inside = (self.p > begin) & (self.p < end)
+        if not inside.any():
+            return []
+        m = (begin + end) / 2
+        p = np.array([begin, end, m, *usual])
+        c = self._at(p)
+        slope = (c[1] - c[0]) / (end - begin)
+        off, known = (np.abs(values - c[2] - (at[:, None] - m) * slope) / self.size
+                      for at, values in ((self.p[inside], self.c[inside]), (p, c)))
+        excess = off.max(axis=0) - (known[3:].max(axis=0) if len(usual) else 0.0)
+        farther = np.flatnonzero(excess > ROUNDING)
+        farther = farther[np.argsort(-excess[farther], kind="stable")]
+        return list(dict.fromkeys(self.p[inside][off[:, farther].argmax(axis=0)].tolist()))[:MORE]
+
+
+def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str) -> PencilOver:
     """The pencil as a function of the parameter, which changes in all contacts that have it.
 
     Raises
@@ -32,14 +150,35 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
             raise unknown_name("parameter", parameter, model.parameters)
         if rest := [name for name in model.parameters if name != parameter]:
             raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
-        return lambda p: model.at(**{parameter: p})
+        return PencilOver(parameter, lambda p: model.at(**{parameter: p}),
+                          (Share("the Affine", lambda p: (model.factors(**{parameter: p}),), model.affine_in(parameter)),))
     instance("model", model, Substructure, "or an Affine")
     given = contacts_of(contacts)
     known = [_fields(contact) for contact in given]
     if not any(parameter in names for names in known):
         raise unknown_name("parameter", parameter, sorted(set().union(*known)) if known else [])
-    return lambda p: model.linearised([replace(contact, **{parameter: p}) if parameter in names else contact  # type: ignore[type-var]
-                                       for contact, names in zip(given, known, strict=True)])
+
+    def at(p: float) -> Pencil:
+        return model.linearised([replace(contact, **{parameter: p}) if parameter in names else contact  # type: ignore[type-var]
+                                 for contact, names in zip(given, known, strict=True)])
+
+    def share(contact: Any) -> Share:
+        few = small_matrices(model, contact)[0].shape[1] <= FEW
+        return Share(type(contact).__name__, partial(_coefficients, model, contact, parameter),
+                     parameter in affine_fields(contact), kinks_of(contact, parameter), few)
+
+    return PencilOver(parameter, at, tuple(share(contact) for contact, names in zip(given, known, strict=True)
+                                           if parameter in names))
+
+
+def _coefficients(model: Substructure, contact: Any, parameter: str, p: float) -> tuple[Array, ...]:
+    """The entries of C_D and of C_K at one value; of large ones COMBINED random combinations xᵀCy."""
+    W, *terms = small_matrices(model, replace(contact, **{parameter: p}))
+    columns = W.shape[1]
+    if columns <= FEW:
+        return tuple(C * np.eye(columns) if isinstance(C, float) else C.toarray() if sp.issparse(C) else C for C in terms)
+    x, y = np.random.default_rng(columns).standard_normal((2, columns, COMBINED))
+    return tuple(np.einsum("ij,ij->j", x, C * y if isinstance(C, float) else C @ y) for C in terms)
 
 
 def _fields(contact: Any) -> set[str]:

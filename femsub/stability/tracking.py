@@ -174,7 +174,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     if model.size > WIDE and (band is None or not np.isfinite(limits[1])):
         raise InputError(f"a model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
     chain = _Chain(pencil_at, limits, (points[0], points[-1]), FINEST if model.size <= WIDE else FINEST_SPARSE)
-    chain.follow(points)
+    chain.follow(np.union1d(points, pencil_at.kinks((points[0], points[-1]))))
     if chain.spent >= MOST:
         warn(f"{chain.spent} steps were halved, which is the limit: branches may have changed places. Track over a "
              "shorter range or in a narrower band", FemsubWarning)

@@ -74,14 +74,14 @@ def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, e
 def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], label: str, hertz: Sequence[str]) -> Result:
     rows: list[dict[str, Any]] = []
     for name, item in found.items():
-        known = any(one.value == item.value for one in item.losses)
-        if item.growing or not (known or (item.regains and np.isinf(item.value))):
-            first = "lost at the begin" if item.growing else "never lost" if np.isinf(item.value) else "lost at a place not known"
-            rows.append({"model": name, "stability": first, "value": None, "kind": "", "omega": None, "exact": exact.get(name),
+        located = any(one.value == item.value for one in item.losses)
+        if item.growing or not (located or (item.regains and np.isinf(item.value))):
+            where = "lost at the begin" if item.growing else "never lost" if np.isinf(item.value) else "lost at a place not known"
+            rows.append({"model": name, "stability": where, "value": None, "kind": "", "omega": None, "exact": exact.get(name),
                          "error": None, "width": None, "evidence": item.evidence})
         for what, crossings in (("lost", item.losses), ("regained", item.regains)):
             for one in crossings:
-                first = what == "lost" and one is item.losses[0] and name in exact and known
+                first = what == "lost" and one is item.losses[0] and name in exact and located
                 rows.append({"model": name, "stability": what, "value": one.value, "kind": one.kind, "omega": one.omega,
                              "exact": exact[name] if first else None, "error": abs(one.value - exact[name]) if first else None,
                              "width": one.width, "evidence": item.evidence})

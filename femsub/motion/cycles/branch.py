@@ -17,7 +17,7 @@ from femsub.checks import Array, choice, finite_number, listener, truth, whole_n
 from femsub.errors import InputError, InputTypeError
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.cycles.continuation import PARAMETERS, Path
-from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of
+from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of, within
 from femsub.motion.cycles.limit_cycle import LimitCycle, flexibility_of
 from femsub.motion.cycles.special_points import SpecialPoint, Tracer
 from femsub.motion.nonlinear_model import Sliding, sliding
@@ -117,8 +117,8 @@ def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact]
     parameter : {'slope', 'speed', 'force'}
         'slope' is μ' at the belt's speed, varied by the falling part of the law (`StribeckArctan.with_slope`).
     between : (lo, hi), optional
-        Range of the parameter; the branch ends at its ends. Default: up to five times the slope or the force of the Hopf point;
-        for the speed, a fifth to five times the belt's speed.
+        Range of the parameter, on one side of 0; the branch ends at its ends. The Hopf point must lie in it. Default: up to
+        five times the slope or the force of the Hopf point; for the speed, a fifth to five times the belt's speed.
     start : float or LimitCycle, optional
         Default: the first Hopf point, from `critical_slope`. A frequency: the Hopf point nearest to it. A cycle of this
         model under these belts: the branch is followed from it in both directions.
@@ -192,7 +192,7 @@ def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact]
         raise InputError("with several belts or other contacts a branch must begin at a known cycle. Give start=, a cycle from "
                          "fs.harmonic_balance")
     hopf, shape = hopf_point(contact, flexibility, parameter, between, start)
-    limits = limits_of(between, parameter, hopf.value, belt)
+    limits = within(limits_of(between, parameter, hopf.value, belt), parameter, hopf)
     path = _path(contact, flexibility, parameter, at, limits, hopf.omega, tolerance, harmonics)
     hopf, first = begun(path, hopf, shape)
     traced = Tracer(path, 1.0, limits, stability).walk(first, points, tell)

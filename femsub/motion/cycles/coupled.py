@@ -68,7 +68,7 @@ class CoupledBalance(Balance):
         found = np.zeros((2, len(v), *v.shape))
         for rows, belt in self._belts:
             at = np.arange(rows.start, rows.stop)
-            found[1, at, at] = -belt.force * belt.law.slope(belt.speed - v[rows])
+            found[1, at, at] = -belt.force * belt.slope_at(belt.speed - v[rows])
         for rows, other in self._others:
             parts = np.array([other.tangents(*pair) for pair in zip(u[rows].T, v[rows].T, strict=True)])
             found[:, rows, rows] = parts.transpose(1, 2, 3, 0)

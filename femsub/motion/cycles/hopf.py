@@ -94,7 +94,7 @@ def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float]
     if parameter == "slope":
         return c / belt.force
     if parameter == "force":
-        slope = float(belt.law.slope(belt.speed))
+        slope = float(belt.slope_at(belt.speed))
         if slope >= 0:
             raise NoCycleError(f"μ' = {slope:.6g} at the belt's speed is not negative, so no normal force makes steady sliding "
                                "unstable. Change the speed or the law")
@@ -103,14 +103,14 @@ def _value_at(belt: Belt, parameter: str, c: float, between: tuple[float, float]
 
     lo, hi = limits_of(between, parameter, belt.speed or 1.0, belt)
     speeds = np.linspace(lo, hi, 4001)
-    excess = belt.force * np.asarray(belt.law.slope(speeds)) - c
+    excess = belt.force * np.asarray(belt.slope_at(speeds)) - c
     signs = np.flatnonzero(excess[1:] * excess[:-1] < 0)
     if not len(signs):
         raise NoCycleError(f"no belt speed from {lo:.6g} to {hi:.6g} is a Hopf point: F μ' is never {c:.6g} there. "
                            "Widen between=")
     last = signs[-1] if hi > 0 else signs[0]
-    law = belt.law
-    return float(brentq(lambda v: belt.force * float(law.slope(v)) - c, speeds[last], speeds[last + 1], xtol=1e-15, rtol=1e-15))
+    return float(brentq(lambda v: belt.force * float(belt.slope_at(v)) - c, speeds[last], speeds[last + 1], xtol=1e-15,
+                        rtol=1e-15))
 
 
 def limits_of(between: tuple[float, float] | None, parameter: str, value: float, belt: Belt) -> tuple[float, float]:
@@ -120,7 +120,20 @@ def limits_of(between: tuple[float, float] | None, parameter: str, value: float,
     lo, hi = interval("between", between)
     if parameter == "force" and lo < 0:
         raise InputError(f"a force must not be negative, but the range between=(lo, hi) begins at {lo!r}")
+    if lo < 0 < hi:
+        why = "a belt at rest supplies no energy" if parameter == "speed" else "friction that does not fall supplies no energy"
+        raise InputError(f"between=({lo:g}, {hi:g}) holds the {parameter} 0, where no branch goes on: {why}. Give a range on one "
+                         f"side of 0, such as ({min(0.2 * value, 5 * value):.4g}, {max(0.2 * value, 5 * value):.4g})")
     return lo, hi
+
+
+def within(limits: tuple[float, float], parameter: str, hopf: HopfPoint) -> tuple[float, float]:
+    """The limits, if the branch begins between them."""
+    if not limits[0] <= hopf.value <= limits[1]:
+        raise NoCycleError(f"the Hopf point at {parameter} = {hopf.value:.6g} (ω = {hopf.omega:.5g}), where the branch begins, "
+                           f"is not within between=({limits[0]:g}, {limits[1]:g}). Widen between=, or start from a cycle there "
+                           "(start=cycle)")
+    return limits
 
 
 def begun(path: Path, hopf: HopfPoint, shape: Array) -> tuple[HopfPoint, Place]:

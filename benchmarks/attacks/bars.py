@@ -1,0 +1,96 @@
+"""Error bars of complex eigenvalues, against 150 digits: small pencils with M, D and K up to 40 orders of magnitude apart."""
+
+from __future__ import annotations
+
+import warnings
+
+import mpmath as mp
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+import femsub as fs
+
+KINDS = ("scales", "units", "nearly singular", "friction", "clusters")
+DIGITS = 150
+Array = np.ndarray
+
+
+def spd(rng: np.random.Generator, n: int) -> Array:
+    B = rng.standard_normal((n, n)).round(3)
+    return B @ B.T + 0.1 * np.eye(n)
+
+
+def pencil(kind: str, rng: np.random.Generator) -> fs.Pencil:
+    n = int(rng.integers(1, 5))
+    M, D, K = spd(rng, n), spd(rng, n) * rng.choice([0.0, 1.0, 1.0, -1.0]), spd(rng, n)
+    if rng.random() < 0.3:
+        D = np.diag(rng.choice([0.0, 1.0], n))
+    if rng.random() < 0.3:
+        M = np.diag(rng.uniform(0.5, 2.0, n))
+    if kind == "nearly singular":
+        z = rng.choice([1.0, -1.0, 0.5], n)
+        P = np.eye(n) - np.outer(z, z) / (z @ z)
+        K = P @ K @ P
+        K = (K + K.T) / 2 + 10.0 ** rng.uniform(-20, -12) * np.diag(rng.uniform(0, 1, n)) * rng.choice([0.0, 1.0])
+    if kind in ("friction", "scales") and rng.random() < 0.5:
+        K = K + rng.standard_normal((n, n)) * rng.choice([0.1, 1.0, 10.0])
+    if kind == "clusters":
+        K = np.kron(np.eye(n), K[:1, :1])
+        K, M, D = (np.kron(np.eye(2), A) for A in (K, M, D))
+        K[0, 0] *= 1 + 10.0 ** rng.uniform(-16, -6)
+    if kind in ("scales", "friction", "nearly singular"):
+        M, D, K = (A * 10.0 ** rng.uniform(-20, 20) for A in (M, D, K))
+    if kind == "units":
+        unit = 10.0 ** rng.uniform(-10, 10, len(M))
+        M, D, K = (unit[:, None] * A * unit for A in (M, D * 10.0 ** rng.uniform(-10, 10), K))
+        M, D, K = ((A + A.T) / 2 for A in (M, D, K))
+    return fs.Pencil(M, D, K)
+
+
+def exact(given: fs.Pencil) -> list[mp.mpc]:
+    n = given.size
+    M, D, K = (mp.matrix(A.tolist()) for A in (given.M, given.D, given.K))
+    lead, companion = M ** -1, mp.zeros(2 * n)
+    low, middle = -(lead * K), -(lead * D)
+    for i in range(n):
+        companion[i, n + i] = 1
+        for j in range(n):
+            companion[n + i, j], companion[n + i, n + j] = low[i, j], middle[i, j]
+    return list(mp.eig(companion, left=False, right=False))
+
+
+def regular(given: fs.Pencil) -> bool:
+    """Whether K, its DOF scaled to one stiffness, is regular in double precision."""
+    unit = np.abs(given.K).max(axis=0)
+    unit = np.where(unit > 0, unit, 1.0) ** -0.5
+    return bool(np.linalg.cond(given.K * np.outer(unit, unit)) < 1e11)
+
+
+def attacked(kind: str, seed: int) -> str:
+    rng = np.random.default_rng([KINDS.index(kind), seed])
+    with warnings.catch_warnings(), mp.workdps(DIGITS):
+        warnings.simplefilter("ignore")
+        given = pencil(kind, rng)
+        try:
+            modes = fs.complex_modes(given)
+        except fs.FemsubError:
+            return "refused"
+        there = exact(given)
+        if len(there) != len(modes):
+            return modes.evidence if modes.evidence == "not checked" else f"wrong: seed {seed}: {len(modes)} of {len(there)}"
+        if modes.rigid.any() and regular(given):
+            return f"wrong: seed {seed}: {np.count_nonzero(modes.rigid)} rigid, but K is regular"
+        distance = [[abs(mp.mpc(complex(value)) - other) for other in there] for value in modes.eigenvalues]
+        # no bar is smaller than what the last digit of λ is
+        still = [mp.mpf(10) ** 300 * int(rigid) for rigid in modes.rigid]  # λ = 0 of a K that is singular within rounding
+        bar = [zero + mp.mpf(float(bar)) + abs(mp.mpc(complex(value))) * mp.mpf(2.0 ** -53)
+               for bar, value, zero in zip(modes.error_bar, modes.eigenvalues, still, strict=True)]
+        excess = np.array([[float(mp.log10(far / size)) if far and size else (-300.0 if not far else 300.0) for far in row]
+                           for row, size in zip(distance, bar, strict=True)])
+        rows, columns = linear_sum_assignment(np.maximum(excess, 0.0))
+        worst = int(excess[rows, columns].argmax())
+        if excess[rows, columns].max() > 0:
+            return (f"wrong: seed {seed}: λ = {modes.eigenvalues[rows[worst]]:.6g}, exactly {complex(there[columns[worst]]):.6g} "
+                    f"bar {modes.error_bar[rows[worst]]:.1e}{', rigid' * bool(modes.rigid[rows[worst]])}, off by a factor "
+                    f"1e{excess[rows, columns].max():.3f}")
+        return modes.evidence

@@ -1,0 +1,141 @@
+"""Normal modes of systems whose stiffnesses differ by nine decades, and of free bodies whose K was written with few digits."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import mpmath
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+import femsub as fs
+
+KINDS = ("stiff-soft chains", "random stiff-soft", "written with few digits")
+SURE = 1e-7  # relative error of ω² that is allowed beside that of rounding in K
+ROUNDINGS = 20  # changes of each entry by one rounding, see `NormalModes.rounding`
+DIGITS = 40  # of mpmath
+HOLDS = 1e-3  # ratio of the lowest ω² of a mount to its highest
+LEAST = 1e-14  # of K: a mount of less than a hundred times that is within the rounding of an assembly
+
+
+def attacked(kind: str, seed: int) -> str:
+    """One random case: the evidence, 'told' where a warning tells of digits, 'refused', or what was wrong."""
+    rng = np.random.default_rng([KINDS.index(kind), seed])
+    return f"{found}, seed {seed}" if (found := CASES[kind](rng)).startswith("wrong") else found
+
+
+def _chain(rng: np.random.Generator) -> str:
+    """Against the singular values of its bidiagonal factor, which one-sided Jacobi gives to nearly all digits."""
+    n, decades = int(rng.integers(3, 150)), rng.choice([0.0, 1.0, 4.0])
+    springs = rng.choice([1.0, 1e9], n) if rng.random() < 0.3 else 10.0 ** rng.uniform(0, 9, n)
+    masses = 10.0 ** rng.uniform(-decades, decades, n)
+    root = np.sqrt(springs)
+    B = (np.diag(root) - np.diag(root[1:], -1)) / np.sqrt(masses)
+    sva, _, _, work, *_ = la.lapack.dgejsv(B, joba=2, jobu=3, jobv=3)
+    exact = np.sort(sva * work[0] / work[1]) ** 2
+    sub = fs.chain(n, springs=springs.tolist(), masses=masses.tolist())
+    return _compared(sub, exact, rng)
+
+
+def _random(rng: np.random.Generator) -> str:
+    """Against mpmath: a network of springs to neighbours and to the ground, masses that may be coupled, or blocks."""
+    n = int(rng.integers(2, 10))
+    ends = rng.integers(0, n, (2, 3 * n))
+    lines = np.zeros((3 * n, n))
+    lines[np.arange(3 * n), ends[0]] = 1.0
+    lines[np.arange(3 * n), ends[1]] -= 1.0 * (ends[0] != ends[1])
+    many = rng.random() < 0.7
+    springs = 10.0 ** rng.uniform(0, 9, 3 * n) if many else rng.choice([1.0, 1e9], 3 * n) * rng.uniform(0.5, 2, 3 * n)
+    K = lines.T @ (springs[:, None] * lines) + np.eye(n)
+    M = np.diag(10.0 ** rng.uniform(-1, 1, n))
+    if rng.random() < 0.5:
+        A = rng.standard_normal((n, n))
+        M = M + 0.1 * A @ A.T
+    K, M = (K + K.T) / 2, (M + M.T) / 2
+    with mpmath.workdps(DIGITS):
+        inverse = mpmath.inverse(mpmath.cholesky(mpmath.matrix(M.tolist())))
+        reduced = inverse * mpmath.matrix(K.tolist()) * inverse.T
+        exact = np.sort(np.array([float(value) for value in mpmath.eigsy((reduced + reduced.T) / 2, eigvals_only=True)]))
+    return _compared(fs.Substructure(M, K), exact, rng)
+
+
+def _compared(sub: fs.Substructure, exact: np.ndarray, rng: np.random.Generator) -> str:
+    count = int(rng.integers(1, sub.size + 1)) if rng.random() < 0.5 else sub.size
+    modes, told = _modes(sub, count)
+    if modes is None:
+        return "refused"
+    if modes.rigid:
+        return "told" if told else f"wrong: {modes.rigid} rigid modes of a held system, lowest ω² {exact[0]:.3g}"
+    if len(modes.eigenvalues) != count:
+        return f"wrong: {len(modes.eigenvalues)} modes for {count}"
+    off = np.abs(modes.eigenvalues / exact[:count] - 1)
+    beyond = off / (SURE + ROUNDINGS * modes.rounding)
+    at = int(beyond.argmax())
+    if beyond[at] > 1:
+        return (f"wrong: {modes.evidence}, mode {at + 1} of {count}, ω² {modes.eigenvalues[at]:.8g} for {exact[at]:.8g}, off by "
+                f"{off[at]:.1e}, rounding {modes.rounding[at]:.1e}")
+    return "told" if told else modes.evidence
+
+
+def _written(rng: np.random.Generator) -> str:
+    """A small block, free or on soft springs, its K with few digits, in single precision, or from a rough assembly."""
+    cells = tuple(int(value) for value in rng.integers(1, 5, 3))
+    mesh = fs.block(tuple(rng.uniform(0.1, 1.0, 3)), cells, "hexahedron")
+    uneven = rng.choice([0.0, 0.02]) * rng.uniform(-1, 1, mesh.points.shape) * 0.1
+    full = fs.solid(fs.Mesh(mesh.points + uneven, mesh.cells, mesh.kind, mesh.sets), fs.Material(2.1e11, 0.3, 7850.0))
+    K, M = full.K, full.M
+    elastic = la.eigh(K.toarray(), M.toarray(), eigvals_only=True, subset_by_index=[6, 8])
+    digits, way = int(rng.integers(5, 17)), rng.choice(["digits", "single", "assembly"])
+    unit = 10.0 ** (1 - digits) if way == "digits" else 1.2e-7 if way == "single" else 10.0 ** -rng.uniform(8, 16)
+    low = np.zeros(0)
+    if rng.random() < 0.4:
+        springs = 10.0 ** rng.uniform(2, 6) * max(unit, LEAST) * K.diagonal() * (rng.random(full.size) < rng.choice([0.3, 1.0]))
+        if springs.max() > 1e-4 * K.diagonal().max():
+            springs[:] = 0.0
+        elif springs.any():
+            K = K + sp.diags_array(springs)
+            Z = fs.normal_modes(full, count=1).shapes[:, :6]
+            low = la.eigvalsh(Z.T @ (springs[:, None] * Z))
+            elastic = la.eigh(K.toarray(), M.toarray(), eigvals_only=True, subset_by_index=[6, 8])
+            if low[0] < HOLDS * low[-1]:  # some motion is free, or nearly
+                K, low = full.K, np.zeros(0)
+                elastic = la.eigh(K.toarray(), M.toarray(), eigvals_only=True, subset_by_index=[6, 8])
+    K = _rounded(K, way, digits, unit, rng)
+    modes, told = _modes(fs.Substructure(M, K), 9)
+    if modes is None:
+        return "refused"
+    given = modes.eigenvalues[:9] if len(low) else modes.eigenvalues[modes.rigid:][:3]
+    wanted = np.append(low, elastic) if len(low) else elastic
+    if told:
+        return "told"
+    if modes.rigid != (0 if len(low) else 6):
+        return (f"wrong: {modes.evidence}, {modes.rigid} rigid modes of a {'mounted' if len(low) else 'free'} block, without a "
+                f"word, {way} {digits} ({unit:.0e}), ω² {modes.eigenvalues[:7].round(6)}, mount {low.round(6)}")
+    off = np.abs(given / wanted - 1).max()
+    return modes.evidence if off < 0.1 + 1e3 * unit else f"wrong: ω² {given} for {wanted}, {way} {digits} ({unit:.0e})"
+
+
+def _rounded(K: Any, way: str, digits: int, unit: float, rng: np.random.Generator) -> Any:
+    if way == "single":
+        return sp.csr_array(K.astype(np.float32).astype(float))
+    upper = sp.csr_array(sp.triu(K))
+    if way == "digits":
+        upper.data = np.array([float(f"{value:.{digits - 1}e}") for value in upper.data])
+    else:
+        upper.data = upper.data * (1 + unit * rng.uniform(-1, 1, len(upper.data)))
+    return sp.csr_array(upper + sp.triu(upper, 1).T)
+
+
+def _modes(sub: fs.Substructure, count: int) -> tuple[fs.NormalModes | None, bool]:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        try:
+            modes = fs.normal_modes(sub, count=count)
+        except fs.FemsubError:
+            return None, True
+    return modes, any(issubclass(one.category, fs.ConditionWarning) for one in told)
+
+
+CASES = {"stiff-soft chains": _chain, "random stiff-soft": _random, "written with few digits": _written}

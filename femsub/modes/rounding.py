@@ -1,0 +1,51 @@
+"""How well the entries of K are known: what tells the rounding of a written or roughly assembled K from a soft mount."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import EPS, Array, Matrix
+
+ROUGH = 1e-13  # sums of rows that are smaller are rounding of a good assembly
+SEEN = 1e-6  # largest share of K's entries that is taken for rounding
+ALONG = 0.5  # share of the absolute sum from which forces add up, as those of a mount do; those of rounding do not
+SLACK = 4.0  # rounding of K along rotations may be larger than along translations
+SAMPLE, FEW = 2000, 10  # entries that are looked at; different ones that are needed
+TYPICAL, HALF = 0.125, 4.0  # of the last digit, since many roundings of either sign add up in a mode; half of it, relative
+DIGITS = range(5, 15)  # decimal digits of a written K; numbers with fewer may be round by themselves
+MOST = 0.95  # of the entries; springs added later may have more digits
+DUST = 1e-14  # of the largest entry: smaller ones are rounding themselves
+BITS = 24  # of a number in single precision
+
+
+def rounding_of(K: Matrix, t: Array) -> float:
+    """The relative rounding u of the entries of K that its own figures show: eps, or more.
+
+    Two figures show more. Entries that all end after as many digits were written so. In a free body the rows of K sum to 0
+    along each translation t (n, k); sums of either sign are rounding, while those of a soft mount add up.
+    """
+    sums, size = K @ t, abs(K) @ t
+    ratio = np.divide(np.abs(sums), size, out=np.zeros_like(size), where=size > 0).max(axis=0)
+    seen = (SLACK * ratio > ROUGH) & (ratio <= SEEN)
+    along, most = t[:, seen] * sums[:, seen], float(ratio[seen].max(initial=0.0))
+    written = _written(K.data if sp.issparse(K) else K.ravel())
+    if (along.sum(axis=0) > ALONG * np.abs(along).sum(axis=0)).any():
+        # springs to the ground; or a regular mesh, where rounding is the same at many nodes: at most half of the last digit
+        return written if most <= HALF * written else EPS
+    return max(EPS, written, SLACK * most)
+
+
+def _written(entries: Array) -> float:
+    """u of entries written in single precision, or with 5 to 14 decimal digits; 0 if they hold more."""
+    size = np.abs(entries)
+    size = size[size > DUST * size.max(initial=0.0)]
+    values = np.unique(size[::max(1, len(size) // SAMPLE)])
+    if len(values) < FEW:
+        return 0.0
+    bits = np.frexp(values)[0] * 2.0**BITS
+    if np.mean(bits == np.rint(bits)) > MOST and np.mean(bits % 8 != 0) > 0.5:
+        return TYPICAL * 2.0 ** (1 - BITS)
+    digits = np.array([len(repr(value).split("e")[0].replace(".", "").strip("0")) for value in values.tolist()])
+    most = int(np.quantile(digits, MOST))
+    return TYPICAL * 10.0 ** (1 - most) if most in DIGITS and np.mean(digits >= most - 1) > 0.5 else 0.0

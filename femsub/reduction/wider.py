@@ -1,0 +1,75 @@
+"""A reduced model with more shapes: the static responses to what its modes leave in the full component's equations.
+
+P(iω)Vφ of a mode iω, φ of the model is not 0. Its response K⁻¹P(iω)Vφ is the first term of what the basis lacks for that mode. So
+a model that has these shapes as well tells how much a result depends on what is left out. This needs a few solves with the factor
+of the reduction, and no solution of the full model.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.reduction.statics import Partition
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import ReducedSubstructure, Substructure
+
+KEPT = 5000  # DOF up to which the full component is kept for this; a larger one, with its factor, takes too much memory
+NEW = 1e-7  # M-norm of a shape outside V, relative: below, it is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Wider:
+    """Makes a wider model as long as the full component exists: a small one is kept, a large one may go. Neither is pickled."""
+
+    full: Callable[[], Substructure | None]
+    held: bool
+
+    @classmethod
+    def of(cls, full: Substructure, held: bool) -> Wider:
+        return cls((lambda: full) if full.size <= KEPT else weakref.ref(full), held and len(full.interface) > 0)
+
+    def __call__(self, model: ReducedSubstructure, omega: Array, q: Array, port: str | None) -> ReducedSubstructure | None:
+        """The model with the responses to P(iω)Vq, q (r, k), and to the force on a port; None if there is no full component.
+
+        The first coordinates are those of the model, and so are their matrices. D may be another than that of the component.
+        """
+        sub, V = self.full(), model.V
+        if sub is None or sub.size != len(V):
+            return None
+        x = V @ q
+        loads = [sub.K @ x - (sub.M @ x) * omega**2, (sub.D @ x) * omega]
+        if port is not None and port in sub.ports:
+            loads.append(sub.port(port).reshape(sub.size, -1))
+        part = Partition.of(sub, self.held)
+        new = np.zeros((sub.size, sum(load.shape[1] for load in loads)))
+        new[part.rows] = part.factored().elastic_solve(np.hstack(loads)[part.rows])
+        values, turn = np.linalg.eigh(model.M)
+        massive = values > values[-1] * NEW**2
+        Q = V @ (turn[:, massive] / np.sqrt(values[massive]))
+        for _ in range(2):  # twice is enough
+            length = np.sqrt(np.maximum(np.einsum("ij,ij->j", new, sub.M @ new), 0.0))
+            new = new[:, length > 0] / length[length > 0]
+            new = new - Q @ (Q.T @ (sub.M @ new))
+            mass, mix = np.linalg.eigh(new.T @ (sub.M @ new))
+            keep = mass > NEW**2
+            new = new @ (mix[:, keep] / np.sqrt(mass[keep]))
+        wide = np.hstack([V, new])
+        M, D, K = (_bordered(own, wide.T @ (A @ new)) for own, A in ((model.M, sub.M), (model.D, sub.D), (model.K, sub.K)))
+        D[len(model.D):, :len(model.D)] = (sub.D.T @ new).T @ V
+        ports = {name: np.concatenate([w, new.T @ sub.port(name)]) if name in sub.ports else
+                 np.concatenate([w, np.zeros((new.shape[1], *w.shape[1:]))]) for name, w in model.ports.items()}
+        return replace(model, M=M, D=D, K=K, V=wide, ports=ports, kinds=(*model.kinds, *("residual",) * new.shape[1]),
+                       estimate=None, estimated=None)
+
+
+def _bordered(own: Array, columns: Array) -> Array:
+    """[[own, C], [Cᵀ, E]] from the columns [C; E]."""
+    r = len(own)
+    return np.block([[np.asarray(own), columns[:r]], [columns[:r].T, (columns[r:] + columns[r:].T) / 2]])

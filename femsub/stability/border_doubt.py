@@ -1,0 +1,132 @@
+"""How far the border of a reduced model depends on what its basis lacks, above all where two frequencies are close.
+
+Two modes of nearly one frequency mix: a small error of the model turns their shapes, and with them the damping of each. A dashpot
+that the basis has no shape for does the same. So the border may be far off although all frequencies are accurate. It is computed
+again on a wider model, which has the responses to the residuals of the modes in its basis as well (`femsub.reduction.wider`).
+
+For a large component this takes time. There only modes are looked at that are closer to each other than they are accurate. The
+error of a frequency is that of the model's estimate. Or it is bounded from the modes left out: with S, the mass of the constraint
+modes C that the kept modes do not have, and q_b, the coordinates of C, these lower ω² by at most
+
+    ω⁴ q_bᵀ S q_b / (θ - ω²),   θ = ω_cut².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.errors import FemsubError
+from femsub.stability.contact_model import Band, Border, Model
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
+
+CLOSE = 0.1  # relative distance up to which two frequencies may be neighbours
+LARGEST = 1000  # coordinates of a model
+SMALL, FEW = 5000, 300  # DOF of a component, and coordinates of the wider model, up to which all modes in the band are looked at
+MOST = 12  # modes that are looked at otherwise
+BESIDE = 1.1  # modes up to so much above the band are looked at
+MOVED = 0.03  # relative change of the border that is told
+
+
+def doubt(model: Substructure, bare: Substructure, port: str, band: Band, found: Border,
+          border: Callable[[Substructure], Border]) -> str:
+    """In words, how much the border moves on a wider model; nothing if it hardly does, or if no full component is left.
+
+    `bare` is the model without contacts, and `border` gives the border of a model with them.
+    """
+    if not np.isfinite(model.cutoff) or model.size > LARGEST or found.c == 0:
+        return ""
+    form = Model(model.pencil.dense(), model.port(port).reshape(model.size, -1)).form
+    omega, X = form.omega[form.rigid:], form.shapes[:, form.rigid:]
+    order = np.argsort(omega)
+    order = order[(omega[order] >= band[0] / BESIDE) & (omega[order] <= min(band[1] * BESIDE, 0.99 * model.cutoff))]
+    omega, X = omega[order], X[:, order]
+    near = _close(omega, omega * _errors(model, omega, X))
+    chosen = np.arange(len(omega))
+    if _full_size(model) > SMALL or model.size + 2 * len(omega) > FEW:
+        chosen = np.unique(np.concatenate([near[:MOST // 2], near[:MOST // 2] + 1]))
+    try:
+        wide = _wider(bare, omega[chosen], X[:, chosen], port) if len(chosen) else None
+        other = found if wide is None else border(wide)
+    except FemsubError:  # nothing is told of a border that is not found
+        return ""
+    if wide is None and np.isfinite(found.omega):
+        mine = np.abs(omega - found.omega).argmin() if len(omega) else -1
+        near = near[(near == mine) | (near + 1 == mine)]
+        return _advice(f"the border of {model.name!r} at ω = {found.omega:.5g} may be inaccurate, and it cannot be checked "
+                       "without the full component", omega, near) if len(near) else ""
+    if other.c == found.c or abs(other.c - found.c) <= MOVED * abs(other.c):
+        return ""
+    moved = "appears" if np.isinf(found.c) else "vanishes" if np.isinf(other.c) else \
+        f"moves by {abs(other.c / found.c - 1):.1%} (to ω = {other.omega:.5g})"
+    return _advice(f"the border of {model.name!r} {moved} if the responses to the residuals of its modes join the basis",
+                   omega, near)
+
+
+def _advice(told: str, omega: Array, near: Array) -> str:
+    if len(near):
+        told += (f". Frequencies are closer to each other than they are accurate ({omega[near[0]]:.7g} and "
+                 f"{omega[near[0] + 1]:.7g}), so modes may be mixed wrongly")
+    return told + ". Keep more modes, or put the DOF of dashpots and belts into the interface"
+
+
+def _close(omega: Array, error: Array) -> Array:
+    """The modes i of which the next one is nearer than both are accurate, the nearest first."""
+    gap, least = np.diff(omega), error[1:] + error[:-1]
+    near = np.flatnonzero((gap <= least) & (gap <= CLOSE * omega[1:]))
+    return near[np.argsort(gap[near] / least[near], kind="stable")]
+
+
+def _full_size(model: Any) -> int:
+    """The number of DOF of the full component, or of those of all parts."""
+    if (parts := getattr(model, "parts", None)) is not None:
+        return sum(map(_full_size, parts.values()))
+    return len(model.V) if hasattr(model, "V") else int(model.size)
+
+
+def _errors(model: Any, omega: Array, q: Array, joined: bool = False) -> Array:
+    """What the modes left out may change of each ω, relative, (k,), for shapes q (r, k)."""
+    if (estimate := getattr(model, "estimate", None)) is not None and len(estimate.frequencies) and not joined:
+        at = np.abs(omega[:, None] - estimate.frequencies).argmin(axis=1)
+        return np.where(omega <= estimate.band[1], estimate.frequency_error[at], 0.0)
+    if (parts := getattr(model, "parts", None)) is not None:
+        total, at = np.zeros(len(omega)), 0
+        for part in parts.values():
+            total += _errors(part, omega, model.L[at:at + part.size] @ q, True)
+            at += part.size
+        return total
+    if not np.isfinite(model.cutoff):
+        return np.zeros(len(omega))
+    constraint = np.array([kind == "constraint" for kind in getattr(model, "kinds", ())], dtype=bool)
+    if constraint.any():
+        S = _missed(model.M, constraint)
+        energy = np.einsum("ij,ij->j", q[constraint], S @ q[constraint])
+    else:
+        energy = np.einsum("ij,ij->j", q, model.M @ q) * joined  # the modes of a single part with free interface are exact
+    return np.asarray(omega**2 * np.maximum(energy, 0.0) / (2 * np.maximum(model.cutoff**2 - omega**2, 1e-3 * omega**2)))
+
+
+def _missed(M: Array, constraint: Array) -> Array:
+    """S = M_cc - M_co M_oo⁻¹ M_oc."""
+    cross = M[np.ix_(~constraint, constraint)]
+    return np.asarray(M[np.ix_(constraint, constraint)] - cross.T @ np.linalg.lstsq(M[np.ix_(~constraint, ~constraint)], cross,
+                                                                                    rcond=None)[0])
+
+
+def _wider(model: Any, omega: Array, q: Array, port: str) -> Substructure | None:
+    """The model with the residuals of these modes in its basis; None if no full component can be reached."""
+    if (parts := getattr(model, "parts", None)) is not None:
+        wide, at = {}, 0
+        for name, part in parts.items():
+            key = port.removeprefix(f"{name}.") if port.startswith(f"{name}.") else ""
+            if (found := _wider(part, omega, model.L[at:at + part.size] @ q, key)) is not None:
+                wide[name] = found
+            at += part.size
+        return model.with_parts(wide) if wide else None
+    widened = getattr(model, "wider", None)
+    return None if widened is None else widened(model, omega, q, port)
