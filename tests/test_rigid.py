@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+import pickle
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
+from benchmarks.attacks import rigid as attack
 from benchmarks.lattices import lattice
 from femsub.quadratic.dense import modal_form
 
@@ -156,3 +161,89 @@ def test_all_six_of_a_reduced_block_whose_k_has_few_digits(digits: int) -> None:
     for method in (fs.CraigBampton(modes=20), fs.CraigChang(modes=5)):
         modes = fs.normal_modes(fs.reduce(sub, method), count=2)
         assert modes.rigid == 6 and np.allclose(modes.frequencies[6:], exact, rtol=2e-2)
+
+
+NINE = {one.key: one for one in (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.CraigChangPhysical, fs.Rubin, fs.MacNeal,
+                                 fs.Herting, fs.DualCraigBampton, fs.Guyan)}
+
+
+def damped(sub: fs.Substructure, beta: float, interface: list[int]) -> fs.Substructure:
+    return fs.Substructure(sub.M, sub.K, beta * sub.K, interface)
+
+
+def verdict(model: fs.Substructure) -> tuple[int, int, bool]:
+    """Eigenvalues at 0, rigid-body modes, and whether a mode is said to grow, or to be undecided where others count."""
+    modes = fs.complex_modes(model)
+    votes = (~modes.rigid & ~modes.above_cutoff).any()
+    return int(modes.rigid.sum()), fs.normal_modes(model, count=0).rigid, modes.is_stable is (True if votes else None)
+
+
+@pytest.mark.parametrize("key", NINE)
+def test_damped_parts_keep_the_rigid_motion_of_the_full_one(key: str) -> None:
+    """VᵀDV keeps rounding where D annuls rigid motion: Guyan's guided beam grew by 1.2e-17, beyond its bar."""
+    guided = damped(fs.beam(1.0, 5, E=1.0, I=1.0, rho=1.0, A=1.0), 1e-4, [0, 1, 11])
+    free = damped(fs.beam(1.0, 5, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4), 1e-5, [0, 1, 10, 11])
+    for sub, held, expected in ((guided, [1], (2, 1, True)), (free, [], (4, 2, True))):
+        joints = [fs.Rigid(("a", held), "ground")] if held else []
+        for part in (sub, fs.reduce(sub, NINE[key](2))):
+            assert verdict(fs.couple({"a": part}, joints) if held else part) == expected
+            assert verdict(fs.couple({"a": part}, joints)) == expected
+    rom = fs.reduce(free, NINE[key](2))
+    pair = fs.couple({"a": rom, "b": rom}, [fs.Rigid(("a", [11]), ("b", [1]))])  # by slopes alone
+    assert verdict(pair) == (6, 3, True)
+
+
+@pytest.mark.parametrize("key", NINE)
+def test_a_dashpot_to_the_ground_leaves_one_eigenvalue_at_0(key: str) -> None:
+    """That of the motion it brakes is negative, and no rounding of 0; of MacNeal's, with DOF without mass, too."""
+    sub = fs.beam(1.0, 5, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4)
+    D = 1e-5 * sub.K.toarray()
+    D[4, 4] += 1e-2
+    sub = fs.Substructure(sub.M, sub.K, D, [0, 1, 10, 11])
+    for model in (sub, fs.reduce(sub, NINE[key](2))):
+        modes = fs.complex_modes(model)
+        assert modes.rigid.sum() == 3 and modes.is_stable is not False
+        slow = modes.eigenvalues[~modes.rigid & (np.abs(modes.eigenvalues) < 1.0)]
+        assert len(slow) == 1 and slow[0].imag == 0 and slow[0].real == pytest.approx(-1e-2 * 1.12 / 0.785, rel=1e-3)
+
+
+def test_what_a_contact_holds_or_brakes_is_no_rigid_motion() -> None:
+    sub = fs.beam(1.0, 5, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4, ports={"belt": 0.0})
+    sub = fs.Substructure(sub.M, sub.K, 1e-5 * sub.K, [0, 1, 10, 11], sub.ports)
+    spring = fs.LinearContact(("belt",), stiffness=[[1e3]])
+    for method in (fs.Guyan(), fs.CraigBampton(2), fs.Rubin(2), fs.MacNeal(2)):
+        rom = fs.reduce(sub, method)
+        assert fs.complex_modes(rom).rigid.sum() == 4
+        assert fs.complex_modes(rom, fs.Belt("belt", slope=1e-3)).rigid.sum() == 3
+        assert fs.complex_modes(rom, spring).rigid.sum() == 2
+
+
+def test_rigid_motion_goes_with_copies_and_files_and_not_with_another_stiffness(tmp_path: Path) -> None:
+    sub = damped(fs.beam(1.0, 5, E=1.0, I=1.0, rho=1.0, A=1.0), 1e-4, [0, 1, 11])
+    rom = fs.reduce(sub, fs.Guyan())
+    fs.write_matrices(tmp_path / "rom", rom)
+    copies = pickle.loads(pickle.dumps(rom)), fs.read_component(tmp_path / "rom"), dataclasses.replace(rom, name="other")
+    for model in (rom, *copies):
+        assert verdict(fs.couple({"a": model}, [fs.Rigid(("a", [1]), "ground")]))[:2] == (2, 1)
+    held = np.array(rom.K) + np.eye(rom.size)
+    assert fs.normal_modes(dataclasses.replace(rom, K=held), count=0).rigid == 0
+    undamped = rom.with_damping(None)
+    assert fs.complex_modes(undamped).rigid.sum() == 4
+    assert fs.complex_modes(rom.with_damping(np.eye(rom.size))).rigid.sum() == 2
+
+
+def test_a_node_of_a_mode_at_a_dashpot_is_undecided_and_not_unstable() -> None:
+    """The dashpot lies in the node of the second mode but for rounding: no sign of VᵀDV holds there, and the bar says so."""
+    chain = fs.chain(21, fixed=False, damping=0.0)
+    row = np.zeros(21)
+    row[9], row[11] = 1.0, -1.0  # rests in every even mode, as these are symmetric
+    sub = fs.Substructure(chain.M, chain.K, 1e3 * np.outer(row, row), [0, 20])
+    for method in (fs.CraigBampton(12), fs.CraigChang(12), fs.Rubin(12), fs.Herting(12)):
+        modes = fs.complex_modes(fs.reduce(sub, method))
+        assert modes.rigid.sum() == 2 and not len(modes.unstable)
+
+
+@pytest.mark.parametrize("kind", attack.KINDS)
+def test_at_random(kind: str) -> None:
+    found = [attack.attacked(kind, seed) for seed in (2, 7, 27, 51)]
+    assert not [one for one in found if one.startswith("wrong")]

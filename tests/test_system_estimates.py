@@ -293,3 +293,19 @@ def test_the_parts_solve_what_the_whole_would() -> None:
         assert (np.abs(by.product(X) - B) <= 1e-9 * size.max(axis=0)).all()
         np.testing.assert_allclose(by.added(X, np.eye(3)), X.T @ (by.product(X) - one.K @ X), rtol=1e-6, atol=1e-9 * np.abs(
             X.T @ (one.K @ X)).max())
+
+
+def test_the_drift_of_a_free_system_is_estimated_and_its_rigid_motion_is_no_mode() -> None:
+    sub = fs.beam(1.0, 8, E=2e11, I=1e-6, rho=7850.0, A=1e-2)
+    D = 1e-8 * sub.K.toarray()
+    D[4, 4] += 1e-4
+    parts = {"a": fs.Substructure(sub.M, sub.K, D, [0, 1, 16, 17]), "b": fs.Substructure(sub.M, sub.K, None, [0, 1, 16, 17])}
+    full = fs.couple(parts, [fs.Rigid(("a", [17]), ("b", [1]))])  # by slopes alone: 3 rigid motions
+    exact = fs.normal_modes(full, count=2)
+    assert exact.rigid == 3
+    for method in (fs.Guyan(), fs.Hurty(3), fs.CraigChang(3), fs.Rubin(3), fs.Herting(3), fs.DualCraigBampton(3)):
+        rom = fs.reduce(full, {"a": method, "b": method})
+        estimate = fs.system_estimate(full, rom, (0.0, 1.05 * float(exact.frequencies[-1])))
+        assert estimate.frequencies[0] == pytest.approx(exact.frequencies[3], rel=1e-2)
+        slow = estimate.eigenvalues[np.abs(estimate.eigenvalues) < 1.0]
+        assert len(slow) == 1 and slow[0].imag == 0 and -1e-4 < slow[0].real < 0

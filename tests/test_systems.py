@@ -125,9 +125,9 @@ def test_a_study_of_a_system_compares_methods_part_by_part() -> None:
 def test_the_modes_of_the_full_system_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     full, solved = system(2, 20), []
 
-    def counted(K: Any, M: Any) -> NormalModes:
+    def counted(K: Any, M: Any, **carried: Any) -> NormalModes:
         solved.append(K is full.K)
-        return all_modes(K, M)
+        return all_modes(K, M, **carried)
 
     for module in (error_vs_time, joint_forces):
         monkeypatch.setattr(module, "all_modes", counted)

@@ -365,3 +365,22 @@ def test_a_wide_interface_is_estimated_from_the_band_alone(monkeypatch: pytest.M
     assert len(rom.estimate.eigenvalues) == len(full) == len(found)
     true = np.abs(np.sort_complex(found) - np.sort_complex(full)) / np.abs(np.sort_complex(full))
     assert true.max() <= rom.estimate.eigenvalue_error.max() <= 1e-3
+
+
+@pytest.mark.parametrize("dashpot", [1e-3, 1e-5])
+def test_a_free_system_on_a_weak_dashpot_is_reduced_to_a_tolerance(dashpot: float) -> None:
+    """Its slow drift at λ = -c wᵀM_r⁻¹w counts, and rounding in K does not reach it: K annihilates the motion exactly."""
+    def part(E: float, length: float, elements: int, c: float) -> fs.Substructure:
+        sub = fs.beam(length, elements, E=E, I=(0.03 * length) ** 4, rho=7850.0, A=(0.1 * length) ** 2)
+        D = 1e-8 * sub.K.toarray()
+        D[4, 4] += c
+        return fs.Substructure(sub.M, sub.K, D, [0, 1, 2 * elements, 2 * elements + 1])
+
+    parts = {"a": part(2e11, 1.0, 8, dashpot), "b": part(7e10, 0.6, 6, 0.0)}
+    full = fs.couple(parts, [fs.Rigid(("a", [16, 17]), ("b", [0, 1]))])
+    band = (0.0, 1.05 * float(fs.normal_modes(full, count=3).frequencies[-1]))
+    drift = next(value for value in fs.complex_modes(full).eigenvalues if value.imag == 0 and -1.0 < value.real < 0)
+    for method in (fs.CraigBampton, fs.Hurty):
+        estimate = fs.reduce(full, {name: method(band=band, tol=1e-2) for name in parts}).estimate
+        assert estimate.met and len(estimate.frequencies) == 3 and len(estimate.eigenvalues) == 4
+        assert np.abs(estimate.eigenvalues - drift).min() < 1e-5 * abs(drift)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.app.figure_style import PAGE, ROUNDING, few_decades, label_points, legend_below, look, new_figure, rounding_below
-from femsub.studies.friction_sweep import FrictionRow
-from femsub.studies.results import Row, Study
+
+if TYPE_CHECKING:
+    from femsub.studies.friction_sweep import FrictionRow
+    from femsub.studies.results import Row, Study
 
 COMPONENT = {"error_growth": "growth rates Re λ", "error_slope": "critical slope", "error_eigenvalue": "eigenvalues λ"}
 SYSTEM = {"error_frequency": "frequencies ω", "error_growth": "growth rates Re λ", "error_slope": "critical slope",

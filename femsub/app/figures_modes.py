@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub import Mesh
 from femsub.app.figure_style import new_figure
-from femsub.checks import Array
+
+if TYPE_CHECKING:
+    from femsub import Mesh
+    from femsub.checks import Array
 
 STRETCH = 0.12  # how far the largest displacement of a solid is drawn, in parts of the mesh's largest side
 MARKS = {"contact": ("black", "v"), "interface": ("#0067a5", "s")}

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from graphlib import CycleError, TopologicalSorter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub import Mesh
 from femsub.app.figure_style import PAGE, new_figure
 from femsub.app.figures_modes import seen, seen_from, triad
-from femsub.checks import Array
 from femsub.components.mesh import boundary_faces, corner_nodes
+
+if TYPE_CHECKING:
+    from femsub import Mesh
+    from femsub.checks import Array
 
 #: colours that also those tell apart who see no red or no green
 PARTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#999999")

@@ -16,11 +16,11 @@ from femsub.app.keys import check_keys, key, keys_of, values_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
 from femsub.checks import choice
 from femsub.errors import FemsubError, InputError, unknown_name
-from femsub.io.atomic import Writer
 from femsub.linalg.timing import Interruptible
 
 if TYPE_CHECKING:
     from femsub import Belt
+    from femsub.io.atomic import Writer
 
 Progress = Callable[[str], None]
 Tables: TypeAlias = dict[str, list[dict[str, Any]]]  # rows by the table's name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,9 @@ from femsub.components.build import component, free_to_lift, gathered, optional_
 from femsub.errors import InputError, InputTypeError
 from femsub.linalg.memory import check_room
 from femsub.model.dof_map import DofMap
-from femsub.model.substructure import Substructure
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
 
 BYTES = 2000.0  # memory per element while the matrices are made
 ROUNDING = 0.05  # see `tell_rounding`: 540 equal elements

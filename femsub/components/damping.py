@@ -122,7 +122,7 @@ def _modal(sub: Substructure, modal: Any) -> Matrix:
         zeta = np.array([not_negative(f"modal[{i}]", value) for i, value in enumerate(modal)])
         modes = normal_modes(sub, count=len(zeta))
     else:
-        modes = all_modes(sub.K, sub.M)
+        modes = all_modes(sub.K, sub.M, carried=sub.rigid_motion)
         zeta = np.full(len(modes.eigenvalues) - modes.rigid, not_negative("modal", modal))
     forces = (sub.M @ modes.shapes[:, modes.rigid:]) * np.sqrt(2 * zeta * modes.frequencies[modes.rigid:])
     return forces @ forces.T

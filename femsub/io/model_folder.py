@@ -21,6 +21,7 @@ from femsub.io.atomic import Writer, content_hash, write_whole
 from femsub.io.matrix_files import read_together
 from femsub.io.op4 import op4_module
 from femsub.model.estimate import Estimate
+from femsub.model.rigid_motion import RigidMotion
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
 FORMATS = ("mtx", "npz", "mat", "op4")
@@ -87,7 +88,9 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
                             "port_error": {port: float(error) if np.isfinite(error) else None
                                            for port, error in model.port_error.items()},
                             "factorisations": model.factorisations,
-                            "estimate": None if model.estimate is None else model.estimate.record()}
+                            "estimate": None if model.estimate is None else model.estimate.record(),
+                            "rigid_motion": motion.record() if isinstance(motion := model.rigid_motion, RigidMotion) else None,
+                            "noise": model.noise.tolist()}
     if model.sets and (isinstance(model, ReducedSubstructure) or len(model.interface)):
         about["sets"] = {key: places.tolist() for key, places in model.sets.items()}
     if model.ports:
@@ -200,10 +203,23 @@ def read_model(folder: Path) -> Substructure:
         dropped=reduced["dropped"], port_error={port: np.inf if error is None else error
                                                 for port, error in reduced["port_error"].items()},
         factorisations=reduced["factorisations"], full_dofs=found, sets=about.get("sets"),
-        estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]))
+        estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]),
+        rigid_motion=None if reduced.get("rigid_motion") is None else _motion(path, reduced["rigid_motion"], V.shape[1]),
+        noise=np.array(reduced.get("noise", []), dtype=float).reshape(V.shape[1], -1))
+
     if model.interface.tolist() != about["interface"]:
         raise _damaged(path, f"its interface {about['interface']} is not that of V")
     return model
+
+
+def _motion(path: Path, record: Any, size: int) -> RigidMotion:
+    try:
+        shapes = np.array(record["shapes"], dtype=float).reshape(size, -1)
+        if not (np.isfinite(shapes).all() and 0 <= record["free"] <= shapes.shape[1]):
+            raise ValueError
+        return RigidMotion(shapes, int(record["free"]))
+    except (KeyError, TypeError, ValueError):
+        raise _damaged(path, "its rigid motion does not fit its matrices") from None
 
 
 def _estimate(path: Path, record: Any) -> Estimate:

@@ -30,6 +30,7 @@ from femsub.model.joined import (
 from femsub.model.joints import End, Joint, Link, spatial
 from femsub.model.matrices import block_diagonal, is_identity, is_symmetric
 from femsub.model.open_interface import distinct, listed, open_rows, unjoined, whole_sets
+from femsub.model.rigid_motion import Carried, Joined, size_of_products
 from femsub.model.substructure import ReducedSubstructure, Substructure, checked_sets
 
 if TYPE_CHECKING:
@@ -89,15 +90,20 @@ class System(Substructure):
     spurious: int = 0
     assembly: str = "primal"
     estimate: Estimate | None = field(default=None, init=False)
+    rigid_motion: Carried = None
+    noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __init__(self, M: Any, K: Any, D: Any, interface: Any, ports: Mapping[str, Any], name: str, *,
                  parts: Mapping[str, Substructure], joints: Iterable[Joint], L: Matrix, open: Mapping[str, Array],
                  sets: Mapping[str, Array] | None = None, redundant: int = 0,
-                 multipliers: Mapping[str, Matrix] | None = None, spurious: int = 0, assembly: str = "primal") -> None:
+                 multipliers: Mapping[str, Matrix] | None = None, spurious: int = 0, assembly: str = "primal",
+                 rigid_motion: Carried = None, noise: Array | None = None) -> None:
         super().__init__(M, K, D, interface, ports, name)
         self._set(parts=dict(parts), joints=tuple(joints), L=L, open=dict(open), redundant=redundant,
                   multipliers=multipliers or {}, spurious=spurious, assembly=assembly,
                   sets=checked_sets(sets, sum(map(len, open.values()))), cutoff=min(part.cutoff for part in parts.values()))
+        self._carry(rigid_motion.belonging(self.D, self.K) if isinstance(rigid_motion, Joined) else None,
+                    self.noise if noise is None or len(noise) != self.size else noise)
 
     def __repr__(self) -> str:
         kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
@@ -337,8 +343,22 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     unit = units(M.diagonal(), K.diagonal())[0]
     ports = {f"{part}.{port}": _port(L[rows], w, unit, equations.unit[rows])
              for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True) for port, w in sub.ports.items()}
+    blocks, whole = dict(zip(parts, rows_of_parts(parts), strict=True)), sp.eye_array(len(equations.unit), format="csr")
+    springs = [(sp.csr_array(_moved(link, blocks, whole)), link) for link in links if link.motions]
+    motion = Joined(tuple(parts.values()), joined.S, equations.unit, equations.A,
+                    *(tuple(sp.csr_array(C) @ R for R, link in springs if np.any(C := getattr(link, key)))
+                      for key in ("stiffness", "damping")))
     return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),
-                  redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly)
+                  redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly,
+                  rigid_motion=motion, noise=_noise(parts, joined.S))
+
+
+def _noise(parts: Mapping[str, Substructure], L: Matrix) -> Array:
+    """The rounding of all projections in D: that of the parts, and that of LᵀDL."""
+    found = [np.zeros((L.shape[1], 0))]
+    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
+        found += [abs(L[rows]).T @ part.noise, size_of_products(part.D, L[rows])]
+    return np.hstack(found)
 
 
 def _port(L: Matrix, w: Array, unit: Array, before: Array) -> Array:

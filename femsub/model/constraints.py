@@ -12,6 +12,7 @@ from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.model.elimination import LEAST, Equations, eliminate, product, units
 from femsub.model.matrices import is_symmetric, same, unit_length
+from femsub.model.rigid_motion import Restricted, changed
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
@@ -75,7 +76,9 @@ def freed(pencil: Pencil) -> Freed | None:
     if not X.shape[1]:
         raise SingularMatrixError(f"the {len(held)} constraints leave no motion to the other {len(rest)} DOF, so there are no "
                                   "eigenvalues")
-    return Freed(pencil, _projected(pencil, rest, X, Y), held, rest, X, Y)
+    free = _projected(pencil, rest, X, Y)
+    free = free.carrying(changed(pencil.rigid_motion, Restricted(X, rest)), abs(X).T @ pencil.noise[rest])
+    return Freed(pencil, free, held, rest, X, Y)
 
 
 def _multipliers(pencil: Pencil) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
 
@@ -11,8 +11,10 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.model.constraints import Freed, freed
+from femsub.model.elimination import units as energy_units
 from femsub.model.frozen import Frozen, frozen
 from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, unit_length, without_rounding
+from femsub.model.rigid_motion import Carried, Damped, Scaled, Touched, changed
 
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
 
@@ -38,6 +40,10 @@ class Pencil(Frozen):
         the unit matrix. Rounding hides their low rank in D and K themselves.
     K0 : array or sparse, shape (n, n)
         K without these contacts.
+    rigid_motion : RigidMotion, where it is found, or None
+        Rigid motion that the model brings along; without it, it is found from K and D by their rounding.
+    noise : ndarray, shape (n, k)
+        G: projections may have changed D by up to EPS G Gᵀ, entry by entry.
 
     Raises
     ------
@@ -57,6 +63,8 @@ class Pencil(Frozen):
     symmetric: tuple[bool, bool, bool] = field(init=False)
     contacts: tuple[tuple[float | Array, float | Array, Array], ...] = field(init=False)
     K0: Matrix = field(init=False)
+    rigid_motion: Carried = field(init=False)
+    noise: Array = field(init=False)
 
     def __init__(self, M: Any, D: Any, K: Any) -> None:
         mass = as_matrix("M", M)
@@ -66,7 +74,8 @@ class Pencil(Frozen):
         if not all(sp.issparse(part) for part in ((mass, stiffness) if D is None else parts)):
             parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)
         checked, flags = zip(*(without_rounding(part) for part in parts), strict=True)
-        self._set(**dict(zip("MDK", checked, strict=True)), symmetric=flags, contacts=(), K0=checked[2])
+        self._set(**dict(zip("MDK", checked, strict=True)), symmetric=flags, contacts=(), K0=checked[2], rigid_motion=None,
+                  noise=np.zeros((mass.shape[0], 0)))
 
     def __repr__(self) -> str:
         kind = "sparse" if self.is_sparse else "dense"
@@ -101,19 +110,26 @@ class Pencil(Frozen):
 
     def dense(self) -> Pencil:
         """The same pencil with dense matrices."""
-        return Pencil(*(part.toarray() for part in (self.M, self.D, self.K))) if self.is_sparse else self
+        if not self.is_sparse:
+            return self
+        return Pencil(*(part.toarray() for part in (self.M, self.D, self.K))).carrying(self.rigid_motion, self.noise)
 
     def sparse(self) -> Pencil:
         """The same pencil with sparse matrices."""
         if self.is_sparse:
             return self
         M, D, K, K0 = (sp.csr_array(part) for part in (self.M, self.D, self.K, self.K0))
-        return Pencil(M, D, K)._with(contacts=self.contacts, **({} if self.K0 is self.K else {"K0": K0}))
+        found = Pencil(M, D, K).carrying(self.rigid_motion, self.noise)
+        return found._with(contacts=self.contacts, **({} if self.K0 is self.K else {"K0": K0}))
+
+    def carrying(self, rigid_motion: Carried, noise: Array) -> Pencil:
+        """A copy that brings along what is known of its rigid motion, and of the rounding in its D."""
+        return self._with(rigid_motion=rigid_motion, noise=noise)
 
     def _with(self, **changed: Any) -> Pencil:
         """A copy with changed fields, without new checks."""
         copy = object.__new__(Pencil)
-        copy.__dict__.update({name: getattr(self, name) for name in ("M", "D", "K", "symmetric", "contacts", "K0")} | changed)
+        copy.__dict__.update({item.name: getattr(self, item.name) for item in fields(self)} | changed)
         if "K" not in changed:
             copy.__dict__["rescaled"] = self.rescaled
         return copy
@@ -136,15 +152,22 @@ class Pencil(Frozen):
             found = found.with_damping(contact_matrix(W, damping))
         if found is self:
             return self
+        found = found.carrying(changed(self.rigid_motion, Touched(damping, W, stiffness, self._moved)), self.noise)
         if sp.issparse(damping) or sp.issparse(stiffness):
             K0 = found.K if self.K0 is self.K else self._plus(self.K0, contact_matrix(W, stiffness))
             return found._with(contacts=self.contacts, K0=K0 if _any(stiffness) else self.K0)
         given = *(C if np.isscalar(C) else np.array(C) for C in (damping, stiffness)), np.array(W).reshape(len(W), -1)
         return found._with(contacts=(*self.contacts, frozen(given)), K0=self.K0)
 
+    @property
+    def _moved(self) -> Array:
+        """How far each DOF moves at unit energy."""
+        return energy_units(np.abs(self.M.diagonal()), np.abs(self.K0.diagonal()))[0]
+
     def with_damping(self, extra: Matrix) -> Pencil:
         """A copy with D + extra. M and K are shared and not checked again."""
-        return self.damped_by(self._plus(self.D, extra))
+        found = self.damped_by(self._plus(self.D, extra))
+        return found.carrying(found.rigid_motion, self.noise)
 
     def _plus(self, part: Matrix, extra: Matrix) -> Matrix:
         return part + (sp.csr_array(extra) if self.is_sparse else _dense(extra))
@@ -154,7 +177,8 @@ class Pencil(Frozen):
         D = sp.csr_array(self.M.shape) if D is None else D
         D = (D if sp.issparse(D) else sp.csr_array(np.asarray(D))) if self.is_sparse else _dense(D)
         D, symmetric = without_rounding(as_matrix("D", D, self.size))
-        return self._with(D=D, symmetric=(self.symmetric[0], symmetric, self.symmetric[2]), contacts=(), K0=self.K)
+        return self._with(D=D, symmetric=(self.symmetric[0], symmetric, self.symmetric[2]), contacts=(), K0=self.K,
+                          noise=np.zeros((self.size, 0)), rigid_motion=changed(self.rigid_motion, Damped(D, self.M.diagonal())))
 
     @cached_property
     def rescaled(self) -> dict[tuple[bytes, bytes], tuple[Matrix, Matrix]]:
@@ -193,12 +217,13 @@ class Pencil(Frozen):
         if key not in self.rescaled:  # kept, since their factors are looked up by the matrix
             self.rescaled[key] = scaled(self.M, rows, columns), scaled(self.K, rows, columns)
         mass, stiffness = self.rescaled[key]
-        parts = {"M": mass, "D": scaled(self.D, rows, columns), "K": stiffness}
+        parts = {"M": mass, "D": scaled(self.D, rows, columns), "K": stiffness, "noise": rows[:, None] * self.noise,
+                 "rigid_motion": changed(self.rigid_motion, Scaled(columns))}
         if np.array_equal(rows, columns):
             return self._with(**parts, contacts=tuple((*C, rows[:, None] * W) for *C, W in self.contacts),
                               K0=stiffness if self.K0 is self.K else scaled(self.K0, rows, columns))
         # no congruence: D and K may lose their symmetry
-        return self._with(**parts, symmetric=tuple(is_symmetric(part) for part in parts.values()), contacts=(), K0=stiffness)
+        return self._with(**parts, symmetric=tuple(is_symmetric(parts[name]) for name in "MDK"), contacts=(), K0=stiffness)
 
     def restored(self, X: Array, Y: Array) -> tuple[Array, Array]:
         """Right and left shapes of this pencil from those of `alike`, of unit length: diag(c) X and diag(r) Y."""

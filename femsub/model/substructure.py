@@ -17,6 +17,7 @@ from femsub.model.dof_map import DofMap
 from femsub.model.frozen import Frozen
 from femsub.model.matrices import translations
 from femsub.model.pencil import Pencil
+from femsub.model.rigid_motion import Carried, RigidMotion
 
 if TYPE_CHECKING:
     from femsub.model.estimate import Estimate
@@ -79,6 +80,8 @@ class Substructure(Frozen):
     dofs: DofMap | None = None
     cutoff: float = field(default=np.inf, init=False)  #: rad per unit of time; above it, modes are those of the reduction
     sets: Mapping[str, Array] = field(default_factory=dict)
+    rigid_motion: Carried = field(default=None, init=False)  #: of a full model None: it is found from K, once
+    noise: Array = field(default_factory=lambda: np.zeros((0, 0)), init=False)  #: see `Pencil.noise`
 
     def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] | Mapping[str, Iterable[int]] = (),
                  ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None,
@@ -103,7 +106,8 @@ class Substructure(Frozen):
             interface, sets = _named(interface, pencil.size)
         joined = _interface(interface, pencil.size)
         self._set(M=mass, K=stiffness, D=pencil.D, interface=joined, sets=checked_sets(sets, len(joined)),
-                  ports=_ports({} if ports is None else ports, pencil.size), name=str(name), dofs=dofs)
+                  ports=_ports({} if ports is None else ports, pencil.size), name=str(name), dofs=dofs, rigid_motion=None,
+                  noise=pencil.noise)
         if mass is pencil.M and stiffness is pencil.K:
             self.__dict__["pencil"] = pencil  # checked already
 
@@ -140,7 +144,7 @@ class Substructure(Frozen):
     @cached_property
     def pencil(self) -> Pencil:
         """λ²M + λD + K without any contact."""
-        return Pencil(self.M, self.D, self.K)
+        return Pencil(self.M, self.D, self.K).carrying(self.rigid_motion, self.noise)
 
     def linearised(self, contacts: Contacts = None) -> Pencil:
         """The pencil linearised about steady sliding: with D + Σ W C_D Wᵀ and K + Σ W C_K Wᵀ over the given contacts.
@@ -157,8 +161,15 @@ class Substructure(Frozen):
         """A copy with another D, shape (n, n), symmetric or not; None removes all damping."""
         pencil = self.pencil.damped_by(D)
         copy = object.__new__(type(self))
-        copy.__dict__.update(self.__dict__ | {"D": pencil.D, "pencil": pencil})
+        copy.__dict__.update(self.__dict__ | {"D": pencil.D, "pencil": pencil, "rigid_motion": pencil.rigid_motion,
+                                              "noise": pencil.noise})
         return copy
+
+    def _carry(self, rigid_motion: Carried, noise: Array) -> None:
+        """What a model made of others knows from them."""
+        self._set(rigid_motion=rigid_motion, noise=noise)
+        if "pencil" in self.__dict__:
+            self.__dict__["pencil"] = self.pencil.carrying(rigid_motion, noise)
 
     def port(self, name: str) -> Array:
         """The column(s) w of a port, shape (n,) or (n, p); an unknown name is an InputError."""
@@ -201,6 +212,10 @@ class ReducedSubstructure(Substructure):
         Error estimates of its modes in the band, if `reduce` was given a tolerance.
     estimated : (M, D, K), optional
         The matrices that `estimate` is valid for, by default the model's own. A copy with other matrices loses the estimate.
+    rigid_motion : RigidMotion, optional
+        The coordinates q of the full component's rigid motions, V q = Z. A copy with another K loses them.
+    noise : ndarray, shape (r, k), optional
+        Rounding in VᵀDV: see `Pencil`.
 
     Examples
     --------
@@ -228,6 +243,8 @@ class ReducedSubstructure(Substructure):
     interface_dofs: DofMap | None = None
     estimate: Estimate | None = None
     estimated: tuple[Matrix, Matrix, Matrix] | None = None
+    rigid_motion: Carried = None
+    noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     #: makes a model with more shapes, while the full component exists; not pickled
     wider: ClassVar[Callable[[ReducedSubstructure, Array, Array, str | None], ReducedSubstructure | None] | None] = None
@@ -236,7 +253,8 @@ class ReducedSubstructure(Substructure):
                  kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, modes: int = 0, dropped: int = 0,
                  port_error: Mapping[str, float] | None = None, factorisations: int = 0, full_dofs: DofMap | None = None,
                  interface_dofs: DofMap | None = None, sets: Mapping[str, Any] | None = None,
-                 estimate: Estimate | None = None, estimated: tuple[Matrix, Matrix, Matrix] | None = None) -> None:
+                 estimate: Estimate | None = None, estimated: tuple[Matrix, Matrix, Matrix] | None = None,
+                 rigid_motion: Carried = None, noise: Array | None = None) -> None:
         V = real_array("V", V)
         if V.ndim != 2 or V.shape[1] != np.shape(M)[0]:
             raise InputError("V must have a row per DOF of the component and a column per coordinate, but its shape is "
@@ -258,6 +276,10 @@ class ReducedSubstructure(Substructure):
                   port_error=port_error or {}, factorisations=factorisations, full_dofs=full_dofs,
                   full_interface=full_interface, estimate=estimate,
                   estimated=None if estimate is None else estimated or own)
+        if noise is not None and len(noise) == self.size:
+            self._carry(None, noise)
+        if isinstance(rigid_motion, RigidMotion):
+            self._carry(rigid_motion.belonging(self.M, self.D, self.K), self.noise)
 
     def __repr__(self) -> str:
         limit = "complete" if np.isinf(self.cutoff) else f"cut-off {self.cutoff:.4g} rad/time"

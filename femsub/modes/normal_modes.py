@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,6 +33,9 @@ from femsub.model.matrices import Difference
 from femsub.model.substructure import Substructure
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
 from femsub.modes.shift_invert import ShiftInvert
+
+if TYPE_CHECKING:
+    from femsub.model.rigid_motion import Carried
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +65,7 @@ class NormalModes:
     rigid : int
         The number of rigid-body modes.
     residual : ndarray, shape (k,)
-        ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, dimensionless.
+        ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, dimensionless; 0 for rigid motion that the model carries from its full parts.
     counted : tuple (limit, count)
         The inertia count: `count` modes lie below the frequency `limit`, rigid-body modes included, and all were found. The
         limit lies above the modes listed. If the list ends inside a cluster, it lies just below that.
@@ -128,9 +132,9 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
     return _sparse(handle, count, finite, defer, known, certify)
 
 
-def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED) -> NormalModes:
+def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED, carried: Carried = None) -> NormalModes:
     """All modes, by LAPACK. A DOF without mass has none. `accepted` is the largest relative residual of a mode."""
-    return _dense(ShiftInvert(K, M), None, accepted)
+    return _dense(ShiftInvert(K, M, carried=carried), None, accepted)
 
 
 def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -> NormalModes:
@@ -269,6 +273,8 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     if poor[values > 0].any() and len(shapes) <= DENSE:
         values, shapes = refined(handle.K, handle.M, values, shapes, np.flatnonzero((poor | (scaled > GOOD)) & (values > 0)))
         residual, rounding = _certificates(handle.K, handle.M, values, shapes, handle.unit)
+    if handle.carries:  # K may hold nothing of these coordinates but rounding
+        residual[:handle.rigid.shape[1]] = 0.0
     beyond = residual / np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
     if not beyond.max(initial=0.0) <= 1:
         raise NotConvergedError(f"mode {int(residual.argmax()) + 1} has a relative residual of {residual.max():.1e}, but "
@@ -319,11 +325,11 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     if (count is None) == (band is None):
         raise InputError("give either count, the number of elastic modes, or band=(lo, hi) in rad per unit of time")
     if count is not None:
-        modes = lowest_modes(ShiftInvert(model.K, model.M), whole_number("count", count))
+        modes = lowest_modes(ShiftInvert(model.K, model.M, carried=model.rigid_motion), whole_number("count", count))
         log.info("%r", modes)
         return modes
     lo, hi = check_band(band)
-    modes = modes_below(model.K, model.M, widened(hi))
+    modes = modes_below(model.K, model.M, widened(hi), ShiftInvert(model.K, model.M, carried=model.rigid_motion))
     inside = in_band(modes.frequencies, (lo, hi))
     modes = replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
                     rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],

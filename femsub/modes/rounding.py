@@ -26,7 +26,7 @@ def rounding_of(K: Matrix, t: Array) -> float:
     along each translation t (n, k); sums of either sign are rounding, while those of a soft mount add up.
     """
     sums, size = K @ t, abs(K) @ t
-    ratio = np.divide(np.abs(sums), size, out=np.zeros_like(size), where=size > 0).max(axis=0)
+    ratio = np.divide(np.abs(sums), size, out=np.zeros_like(size), where=size > 0).max(axis=0, initial=0.0)
     seen = (SLACK * ratio > ROUGH) & (ratio <= SEEN)
     along, most = t[:, seen] * sums[:, seen], float(ratio[seen].max(initial=0.0))
     written = _written(K.data if sp.issparse(K) else K.ravel())

@@ -6,7 +6,9 @@ first, by subspace iteration with the same factor, so that elastic solutions can
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +22,11 @@ from femsub.linalg.shared import shared
 from femsub.linalg.subspace import orthonormal
 from femsub.linalg.timing import phase
 from femsub.model.matrices import Difference, translations, unit_length
+from femsub.model.rigid_motion import Carried, RigidMotion, found
 from femsub.modes.rounding import rounding_of
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
 ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion
@@ -30,7 +36,10 @@ WRITTEN = 1e-4  # the gap (ratio of ω²) where the energy is within the roundin
 LARGE = 10_000  # DOF from which the graph of K is used for the first shift
 COLUMNS = 64  # right-hand sides of an elastic solve at a time, with four temporaries each
 CONVERGED = 1e-13  # an elastic solution has converged if the next correction changes it by less
-COUNTED = 3000  # DOF up to which the rank of M is computed
+COUNTED = 3000  # DOF up to which the rank of M is computed, and the rigid motion of each full part of a system
+BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
+NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no rigid motion. Likely causes: a mount so soft "
+                f"that it is rounding beside the parts' stiffness, or {BY_MULTIPLIERS}")
 SEEDS = 14  # vectors of the first search for rigid-body modes: six, room for a mechanism, and a guard
 
 
@@ -38,7 +47,8 @@ class ShiftInvert:
     """The factor of K - σM, and the M-orthonormal rigid-body modes Φ_r (n, n_r) of K.
 
     Both are shared by all handles on the same K and M, or on the same `rows` of them. `factorisations` counts those made
-    for this handle; it may be 0. `unit` is the relative rounding of the entries of K, see `rounding_of`.
+    for this handle; it may be 0. `unit` is the relative rounding of the entries of K, see `rounding_of`. A model that carries its
+    rigid motion gives it, and no other is looked for.
 
     Warns
     -----
@@ -46,9 +56,11 @@ class ShiftInvert:
         Modes are taken as rigid motion although K gives them an energy: that of the rounding of its entries.
     """
 
-    def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None)) -> None:
+    def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None) -> None:
         self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
-        key = (self.K, self.M), "shift and rigid-body modes"
+        motion = motion_of(carried) if isinstance(rows, slice) else None
+        self._given = None if motion is None else motion.shapes
+        key = (self.K, self.M), ("shift and rigid-body modes", motion is None)
         self.sigma: float
         self.rigid: Array
         self.lowest: float  # approximate ω² of the first elastic mode; inf if no search for rigid-body modes was needed
@@ -62,7 +74,11 @@ class ShiftInvert:
 
     def _found(self) -> tuple[float, Array, float, float, str]:
         n = self.K.shape[0]
-        self.rigid, self.lowest, self.unit, self.note = np.zeros((n, 0)), np.inf, rounding(self.K), ""
+        self.rigid, self.lowest, self.unit, self.note = np.zeros((n, 0)), np.inf, EPS, ""
+        if self._given is not None:
+            self._carried(self._given)
+            return self.sigma, self.rigid, self.lowest, self.unit, self.note
+        self.unit = rounding(self.K)
         if not annihilates_a_translation(self.K, self.unit):
             try:
                 self._factorise(0.0)
@@ -71,7 +87,7 @@ class ShiftInvert:
             else:
                 if not self._nearly_singular():
                     return self.sigma, self.rigid, self.lowest, self.unit, self.note
-        self._float()
+        self._float(self._find_rigid)
         if not self.floating:
             try:
                 self._factorise(0.0)  # held after all, but softly
@@ -81,6 +97,33 @@ class ShiftInvert:
                     "small for a slender part, or a soft piece beside a much stiffer one. Coarsen the mesh, support each piece, "
                     f"or make each piece a separate part ({error})") from None
         return self.sigma, self.rigid, self.lowest, self.unit, self.note
+
+    def _carried(self, Z: Array) -> None:
+        """With given rigid motions: only the shift and the lowest elastic ω² are looked for."""
+        if not Z.shape[1]:
+            try:
+                self._factorise(0.0)
+            except SingularMatrixError as error:
+                raise SingularMatrixError(f"{NOT_DEFINITE} ({error})") from None
+            return
+        R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z)[1]
+        if R.diagonal().all():
+            self.rigid = orthonormal(np.linalg.solve(R.T, Z.T).T, self.M.__matmul__)[0]
+        if self.rigid.shape[1] < Z.shape[1]:
+            raise SingularMatrixError(f"{Z.shape[1] - self.rigid.shape[1]} rigid motions move no mass, so that their "
+                                      "coordinates have neither mass nor stiffness. Hold them, or leave them out")
+        self._float(self._lowest_given)
+
+    def _lowest_given(self) -> float:
+        """ω² of the first elastic mode beside the given rigid motions."""
+        if self.elastic <= 0:
+            self.lowest = np.inf
+            return self.lowest
+        lowest = self.lowest_elastic()
+        if lowest < 0:
+            raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {lowest:.3g}, beside its rigid motion. Check that K "
+                                      "belongs to a stable component, and that its file holds all digits")
+        return lowest
 
     @phase("factorisation")
     def _factorise(self, sigma: float) -> None:
@@ -103,7 +146,7 @@ class ShiftInvert:
             x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
         return bool(costs_nothing(self.K, x, self.unit).any())
 
-    def _float(self) -> None:
+    def _float(self, search: Callable[[], float]) -> None:
         mass, stiffness = self.M.diagonal(), self.K.diagonal()
         loaded = (mass > 0) & (stiffness > 0)
         if not loaded.any():
@@ -117,11 +160,11 @@ class ShiftInvert:
             wave = smooth_shape(self.K)
             guess = min(guess, 1e-6 * float(wave @ (self.K @ wave)) / float(wave @ (self.M @ wave)))
         self._shift(max(guess, floor))
-        elastic = self._find_rigid()
+        elastic = search()
         if elastic <= 10 * -self.sigma and -self.sigma > floor:
             # A very soft component: the shift must stay below its first elastic mode.
             self._shift(max(1e-3 * elastic, floor))
-            self._find_rigid()
+            search()
 
     def _shift(self, size: float) -> None:
         """Factorise K - σM at σ = -size, or at a larger shift if rounding makes that indefinite."""
@@ -133,8 +176,7 @@ class ShiftInvert:
                 last = error
         raise SingularMatrixError(
             f"K - σM is not positive definite for σ = {sigma:.3g}. Likely causes: K has a negative eigenvalue, M is not "
-            "positive semidefinite, a DOF has neither mass nor stiffness, or joints are assembled by multipliers "
-            f"(assembly='primal' has the same modes) ({last})")
+            f"positive semidefinite, a DOF has neither mass nor stiffness, or {BY_MULTIPLIERS} ({last})")
 
     def _find_rigid(self) -> float:
         """Subspace iteration, which contracts elastic shapes by |σ|/(λ + |σ|); returns the lowest elastic Ritz value.
@@ -263,6 +305,11 @@ class ShiftInvert:
         return self.finite - self.rigid.shape[1]
 
     @property
+    def carries(self) -> bool:
+        """Whether the model carries its rigid motion."""
+        return self._given is not None
+
+    @property
     def floating(self) -> bool:
         return self.rigid.shape[1] > 0
 
@@ -309,6 +356,22 @@ class ShiftInvert:
             rate = max(rate, float((step[going] / before[going]).max(initial=0.0)))
             going &= rate * step > CONVERGED
         return self.deflate(x, basis)
+
+
+def motion_of(carried: Carried) -> RigidMotion | None:
+    """The rigid motion that a model carries; None if it carries none, or if rounding leaves it open."""
+    return found(carried, _of_full)
+
+
+def _of_full(part: Substructure) -> RigidMotion | None:
+    """The rigid motion of a part that carries none, by its own K; None of a large one, or where it is not clear."""
+    if part.size > COUNTED:
+        return None
+    try:
+        Z = ShiftInvert(part.K, part.M).rigid
+    except SingularMatrixError:
+        return None
+    return RigidMotion.of(Z, part.D, units(part.M))
 
 
 def _block(matrix: Matrix, rows: Array | slice) -> Matrix:

@@ -164,7 +164,7 @@ class Sliding:
 
     def _held(self) -> ShiftInvert:
         """The factor of K of a model that does not float; to be released."""
-        handle = ShiftInvert(self.model.K, self.model.M)
+        handle = ShiftInvert(self.model.K, self.model.M, carried=self.model.rigid_motion)
         if handle.floating:
             handle.release()
             raise InputError(f"{self.model.name!r} floats ({handle.rigid.shape[1]} rigid-body modes), so the belt drags it away "

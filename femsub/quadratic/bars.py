@@ -8,6 +8,7 @@ import numpy as np
 
 from femsub.checks import EPS, Array
 from femsub.model.matrices import equilibration, scaled
+from femsub.quadratic.dense import carries
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
@@ -53,6 +54,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     whole = pencil.magnitude(values, X)
     # twice: with the vectors off by a half, the residual is that far from the error to first order
     doubt = 2 * np.abs(residual) + 4 * EPS * whole
+    doubt += EPS * (pencil.noise @ (pencil.noise.T @ np.abs(X))) * np.abs(values)  # the projection's rounding in D
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
     size = np.abs(Y)
     spread, length = np.einsum("ij,ij->j", size, doubt), np.sqrt(np.einsum("ij,ij->j", size, size))
@@ -77,7 +79,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     left, terms = (np.einsum("ij,ij->j", np.abs(Y), part) for part in (np.abs(residual), whole))
     share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
     bar[share > SOLVED] = np.inf
-    bar[(values == 0) & (share <= STILL)] = 0.0
+    bar[(values == 0) & (carries(pencil) | (share <= STILL))] = 0.0  # K may hold nothing of a carried motion but rounding
     size = np.abs(values)
     scale = size**2 * pencil.norms[0] + size * pencil.norms[1] + pencil.norms[2]
     with np.errstate(divide="ignore", invalid="ignore"):

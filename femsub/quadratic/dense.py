@@ -21,9 +21,19 @@ from femsub.checks import EPS, Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.matrices import is_symmetric, unit_length
+from femsub.model.rigid_motion import RigidMotion, unresisted
 from femsub.modes.dense import dense_modes
-from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, energy_ratio, rounding, rounding_ratio, units
-from femsub.quadratic import singular_mass
+from femsub.modes.shift_invert import (
+    RIGID,
+    ShiftInvert,
+    costs_nothing,
+    energy_ratio,
+    motion_of,
+    rounding,
+    rounding_ratio,
+    units,
+)
+from femsub.quadratic import rigid_apart, singular_mass
 from femsub.quadratic.singular_mass import REGULAR
 
 if TYPE_CHECKING:
@@ -102,7 +112,8 @@ def _modal_form(pencil: Pencil) -> ModalForm | None:
             scale = M.diagonal() ** -0.5
             if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
                 return None
-            values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K)
+            motion = motion_of(pencil.rigid_motion)
+            values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K, motion)
         except la.LinAlgError:
             return None
     omega = np.sqrt(np.abs(values))
@@ -110,25 +121,29 @@ def _modal_form(pencil: Pencil) -> ModalForm | None:
     H = None
     if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
         H = shapes.T @ (K @ shapes)
-    shapes, C = _unbraked(pencil.D, shapes, rigid, units(M))
+    shapes, C = _unbraked(pencil.D, shapes, rigid, units(M), motion)
     return ModalForm(shapes, omega, np.sign(values), H, C, rigid)
 
 
-def _undamped(still: Array, M: Array, K: Array) -> tuple[Array, Array, int]:
+def _undamped(still: Array, M: Array, K: Array, motion: RigidMotion | None) -> tuple[Array, Array, int]:
     """ω² (n,) and Φ (n, n) of the symmetric part of K, and the number of rigid-body modes, which come first with ω² = 0.
 
     While LAPACK computes the others, rigid-body modes are shifted to a quarter of the lowest elastic ω², as in `normal_modes`.
+    A `motion` that the pencil carries is taken as it is.
     """
-    values, shapes = _by_lapack(still, M)
-    low = np.abs(values) <= 1e-8 * np.abs(values).max()
-    if not low.any():
-        return values, shapes, 0
-    Z, lowest = _rigid(still, M, values, shapes, low)
-    if still is not K:
-        Z, free = unresisted(K - still, Z, units(M))
-        Z = Z[:, free]
+    if motion is not None and motion.count:
+        Z, lowest = _given(still, M, motion)
+    else:
+        values, shapes = _by_lapack(still, M)
+        low = np.abs(values) <= 1e-8 * np.abs(values).max()
+        if motion is not None or not low.any():
+            return values, shapes, 0
+        Z, lowest = _rigid(still, M, values, shapes, low)
+        if still is not K:
+            Z, loose = unresisted(K - still, Z, units(M))
+            Z = Z[:, loose]
     r = Z.shape[1]
-    if 0 < r < len(values):
+    if 0 < r < len(M):
         held = M @ Z
         values, shapes = _by_lapack(still + 0.25 * lowest * (held @ held.T), M)
         order = np.argsort(-np.linalg.norm(held.T @ shapes, axis=0), kind="stable")
@@ -145,6 +160,19 @@ def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
     except SingularMatrixError:  # floating, or made indefinite by friction
         values, shapes = la.eigh(K, M, check_finite=False)
         return values, shapes
+
+
+def _given(K: Array, M: Array, motion: RigidMotion) -> tuple[Array, float]:
+    """The M-orthonormal rigid-body modes (n, r) of a given motion, in the same order, and the lowest elastic ω²."""
+    Z: Array = motion.shapes @ np.linalg.inv(np.linalg.qr(np.sqrt(M.diagonal())[:, None] * motion.shapes)[1])
+    Z = Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T  # triangular factors: the first motions stay the first
+    try:
+        lowest = ShiftInvert(K, M, carried=motion).lowest
+    except SingularMatrixError:  # a negative stiffness
+        own, shapes = la.eigh(K, M, check_finite=False)
+        order = np.argsort(-np.linalg.norm(Z.T @ M @ shapes, axis=0), kind="stable")
+        lowest = float(np.abs(own[order[motion.count:]]).min(initial=np.inf))
+    return Z, lowest if np.isfinite(lowest) and lowest > 0 else float((np.abs(K.diagonal()) / M.diagonal()).max()) or 1.0
 
 
 def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tuple[Array, float]:
@@ -183,7 +211,7 @@ def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
     return (np.abs(energy_ratio(K, X)) <= unit) & (unit > EPS), unit
 
 
-def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array) -> tuple[Array, Array]:
+def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array, motion: RigidMotion | None) -> tuple[Array, Array]:
     """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not damp.
 
     Each of these has a double eigenvalue at 0, which rounding in C would split.
@@ -191,20 +219,13 @@ def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array) -> tuple[Array, 
     C = shapes.T @ (D @ shapes)
     if not rigid:
         return shapes, C
-    z, free = unresisted(D, shapes[:, :rigid], unit)
+    z, free = (shapes[:, :rigid], np.arange(motion.free)) if motion is not None else unresisted(D, shapes[:, :rigid], unit)
     shapes = np.hstack([z, shapes[:, rigid:]])
     C = shapes.T @ (D @ shapes)
     C[:, free] = 0.0
     if is_symmetric(D):
         C[free] = 0.0
     return shapes, C
-
-
-def unresisted(A: Array, Z: Array, unit: Array) -> tuple[Array, Array]:
-    """The motions Z (n, r) rotated such that as many as possible have Az = 0, and the indices of those; `unit` scales the DOF."""
-    Z = Z @ np.linalg.svd(unit[:, None] * (A @ Z), full_matrices=False)[2].T
-    scale = np.linalg.norm(unit * (abs(A) @ abs(Z).sum(axis=1)))  # of all: one at rest at the dashpot has no scale
-    return Z, np.flatnonzero(np.linalg.norm(unit[:, None] * (A @ Z), axis=0) <= RIGID * scale)
 
 
 def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
@@ -251,12 +272,19 @@ def _solved(pencil: Pencil) -> tuple[Array, Array, Array]:
         values, X, Y = _solved(freed.pencil)
         return values, *freed.shapes(values, X, Y)
     bare = singular_mass.bare(pencil)
+    form = modal_form(pencil) if not len(bare) else None
+    if form is None and (motion := motion_of(pencil.rigid_motion)) is not None and motion.count and all(pencil.symmetric):
+        return rigid_apart.solve(pencil, motion, solve)
     if len(bare):
         return singular_mass.condensed(pencil, bare, solve)
-    form = modal_form(pencil)
     if form is None:
         return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)))
     return _lifted(pencil, *_by_modes(pencil.size, form))
+
+
+def carries(pencil: Pencil) -> bool:
+    """Whether the rigid motion of a pencil is known from its parts."""
+    return motion_of(pencil.rigid_motion) is not None
 
 
 def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array]:
@@ -270,6 +298,8 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, A
     if lost.any():
         X, Y = X.copy(), Y.copy()
         X[:, at[lost]] = Y[:, at[lost]] = np.eye(len(X))[:, [int(np.abs(pencil.K).max(axis=0).argmax())]]
+    if carries(pencil):  # K may hold nothing of these coordinates but rounding
+        return values, X, Y
     at = at[rounding_ratio(pencil.K, X[:, at]) > RIGID]
     values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
     for i in at:

@@ -275,20 +275,28 @@ def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
 
 
 def companion(pencil: Pencil) -> Eigenpairs:
+    """By QZ on the companion form, all DOF with states of both kinds."""
+    return qz_of(pencil, 0)
+
+
+def qz_of(pencil: Pencil, drifting: int) -> Eigenpairs:
+    """By QZ in the states (q, q̇); the first `drifting` DOF have no stiffness, and of these q̇ alone is a state."""
     rows, columns = pencil.units
     M, D, K = (scaled(part, rows, columns) for part in (pencil.M, pencil.D, pencil.K))
     mass, damping, stiffness = (np.linalg.norm(part, 2) for part in (M, D, K))
     gamma = np.sqrt(stiffness / mass) if stiffness > 0 and mass > 0 else 1.0
     delta = 2 / (stiffness + gamma * damping) if stiffness + gamma * damping > 0 else 1.0
     n = pencil.size
-    eye, zero = np.eye(n), np.zeros((n, n))
-    A = np.block([[zero, eye], [-delta * K, -delta * gamma * D]])
-    B = np.block([[eye, zero], [zero, delta * gamma**2 * M]])
+    eye, zero, m = np.eye(n)[drifting:], np.zeros((n, n))[:, drifting:], n - drifting
+    A = np.block([[zero[drifting:], eye], [-delta * K[:, drifting:], -delta * gamma * D]])
+    B = np.block([[np.eye(m), zero.T], [zero, delta * gamma**2 * M]])
     number = 2 * n if _regular(M) else finite(pencil)
-    values, left, right = _by_qz(A, B, _staircase(A, B) if number is None else number)
-    top, bottom = right[:n], right[n:]
+    values, left, right = _by_qz(A, B, _staircase(A, B) if number is None else number - drifting)
+    top, bottom = right[:m], right[m:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        top = np.vstack([np.where(values == 0, 0.0, bottom[:drifting] / values), top])
     X = np.where(np.linalg.norm(top, axis=0) >= np.linalg.norm(bottom, axis=0), top, bottom)
-    return gamma * values, unit_length(columns[:, None] * X), unit_length(rows[:, None] * left[n:])
+    return gamma * values, unit_length(columns[:, None] * X), unit_length(rows[:, None] * left[m:])
 
 
 def _staircase(A: Array, B: Array) -> int:

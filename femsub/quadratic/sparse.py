@@ -13,7 +13,7 @@ from femsub.errors import BreakdownError, MissedModesError, NotConvergedError, S
 from femsub.linalg.factor import Handle, shared_factor
 from femsub.linalg.petsc import Factor, Transposed, quadratic_modes
 from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.shift_invert import ShiftInvert
+from femsub.modes.shift_invert import ShiftInvert, motion_of
 from femsub.quadratic.matching import match
 from femsub.quadratic.multiplicity import distinct, joined
 
@@ -37,7 +37,10 @@ class Shifted:
         self.rigid: Array = np.zeros((pencil.size, 0))
         self.handle: ShiftInvert | None = None  # for a floating model: K - σM, positive definite
         symmetric = pencil.symmetric[0] and pencil.symmetric[2]
+        self.carried = motion_of(pencil.rigid_motion)
         try:
+            if symmetric and self.carried is not None and self.carried.count:
+                raise SingularMatrixError("K has rigid motion")
             self.factor = self._factor(0.0, symmetric)
             self.scale = self._scale()
         except SingularMatrixError:
@@ -70,7 +73,7 @@ class Shifted:
     def _free_shift(self, symmetric: bool) -> float:
         """Half of the first elastic frequency if K and M are symmetric; else from the smallest k_ii / m_ii."""
         if symmetric:
-            handle = ShiftInvert(self.pencil.K, self.pencil.M)
+            handle = ShiftInvert(self.pencil.K, self.pencil.M, carried=self.pencil.rigid_motion)
             self.rigid = handle.rigid
             if self.pencil.size <= KEPT:
                 self.handle = handle
@@ -116,9 +119,12 @@ class Shifted:
         Their number is n_r plus the number of rigid motions that D does not damp.
         """
         Z = self.rigid
-        braking = np.linalg.svd(Z.T @ (self.pencil.D @ Z), compute_uv=False)
-        scale = self.pencil.norms[1] * float((Z**2).sum(axis=0).max())
-        number = Z.shape[1] + int(np.count_nonzero(braking <= 1e-14 * scale))
+        if self.carried is not None:
+            number = self.carried.zeros
+        else:
+            braking = np.linalg.svd(Z.T @ (self.pencil.D @ Z), compute_uv=False)
+            scale = self.pencil.norms[1] * float((Z**2).sum(axis=0).max())
+            number = Z.shape[1] + int(np.count_nonzero(braking <= 1e-14 * scale))
         order = np.argsort(np.abs(values), kind="stable")
         listed = np.cumsum(1 + (values[order].imag != 0))
         drop = order[:int(np.searchsorted(listed, number)) + 1]

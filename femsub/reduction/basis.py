@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix
 from femsub.linalg.timing import phase
 from femsub.modes.static_shapes import independent
+from femsub.reduction.rigid import coordinates
 from femsub.reduction.statics import COLUMNS, Statics, widened
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ class Basis:
     """V (n, r) with its labels, and M = VᵀMV, K = VᵀKV (r, r) from the orthogonality of the modes.
 
     K is not computed as a product VᵀKV: for the low modes of a large model, cancellation leaves no correct digit in it.
+    `motion` (n, k) is the rigid motion, and `rigid` (r, k) its coordinates, V rigid = motion; None where the method does not know
+    them.
     """
 
     V: Array
@@ -77,6 +80,8 @@ class Basis:
     port_error: Mapping[str, float]
     factorisations: int
     estimate: Estimate | None = None
+    rigid: Array | None = None
+    motion: Array | None = None
 
 
 def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping[str, Array], mode_kind: str) -> Basis:
@@ -89,7 +94,9 @@ def assembled(statics: Statics, kept: Kept, responses: Responses, ports: Mapping
     M, K = in_blocks(statics.condensed, kept.values, stiffness, inertia, projected(statics.part.sub.M, V, C))
     kinds = ("constraint",) * n_c + ("rigid",) * kept.rigid + (mode_kind,) * kept.elastic + (statics.kind,) * len(stiffness)
     errors = _port_errors(ports, V, statics.condensed, K.diagonal()[n_c:], responses)
-    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate)
+    rigid = coordinates(statics, kept.rigid, len(M))
+    return Basis(V, M, K, kinds, kept.elastic, kept.cutoff, dropped, errors, statics.handle.factorisations, kept.estimate, rigid,
+                 None if rigid is None else V @ rigid)
 
 
 def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array, coupling: Array) -> tuple[Array, Array]:

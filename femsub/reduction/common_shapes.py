@@ -39,7 +39,7 @@ def with_common_shapes(system: System, models: Mapping[str, ReducedSubstructure]
     if system.multipliers:
         raise InputError(f"{system.name!r} has joints by multipliers (Dual Craig-Bampton parts, or dual assembly), where parts "
                          "need not move alike. Reduce the interface of the whole system, as reduce(system, InterfaceModes(20))")
-    unit, whole = units_of_energy({"": system}), ShiftInvert(system.K, system.M).rigid
+    unit, whole = units_of_energy({"": system}), ShiftInvert(system.K, system.M, carried=system.rigid_motion).rigid
     motion: dict[str, Matrix] = {}
     shapes: list[Array] = []
     member = np.zeros((system.size, len(own)), dtype=bool)

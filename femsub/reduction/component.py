@@ -21,6 +21,7 @@ from femsub.modes.normal_modes import confirm
 from femsub.reduction.basis import Basis, Kept, projected
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
+from femsub.reduction.rigid import damping
 from femsub.reduction.statics import Partition, Statics, square
 from femsub.reduction.wider import Wider
 
@@ -44,7 +45,9 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
         if not basis.V.shape[1]:
             raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
                              "name interface DOF")
-        rom = method.finished(sub, model_of(task, basis if part.turn is None else replace(basis, V=part.turn @ basis.V)))
+        if part.turn is not None:
+            basis = replace(basis, V=part.turn @ basis.V, motion=None if basis.motion is None else part.turn @ basis.motion)
+        rom = method.finished(sub, model_of(task, basis))
     rom._set(wider=Wider.of(sub, method.held))
     log.info("%r", rom)
     return rom
@@ -130,7 +133,8 @@ def whole_basis(task: Task, part: Partition, judged: bool = True) -> Basis:
     if method.modes and sub is task.sub:
         raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface, so there are "
                          "none. Use modes=0, or a smaller interface")
-    estimate = unreduced(sub.K, sub.M, method.band, method.tol, task.pencil) if judged and method.band is not None else None
+    estimate = unreduced(sub.K, sub.M, method.band, method.tol, task.pencil,
+                         sub.rigid_motion) if judged and method.band is not None else None
     return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
                  task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
 
@@ -146,11 +150,12 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
                 f"{title}. Put its DOF into the interface, or call reduce(..., ports=True)", PortWarning)
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
+    D, motion, noise = damping(sub, basis, projected(sub.D, V, V))
     rom = ReducedSubstructure(
-        basis.M, basis.K, projected(sub.D, V, V), {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
+        basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
-        interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate)
+        interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion, noise=noise)
     rom._set(wider=Wider.of(sub, task.method.held))
     return rom
 

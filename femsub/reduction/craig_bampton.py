@@ -12,6 +12,7 @@ from femsub.checks import EPS, Array
 from femsub.errors import ConditionWarning, InputError, warn
 from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding, rounding_ratio, units
 from femsub.reduction.method import Method
+from femsub.reduction.rigid import motion_of, without
 from femsub.reduction.statics import COLUMNS, Partition, Statics, square, zeros
 
 if TYPE_CHECKING:
@@ -69,32 +70,38 @@ class CraigBampton(Method):
                 "modes remain. Craig-Bampton's constraint modes need a held component. Add interface DOF, or use CraigChang")
         C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes))
         C[b, np.arange(len(b))] = 1.0
-        condensed = condensed_stiffness(sub, _constraint_modes(handle, sub, C), C)
-        return Statics(part, handle, C, condensed, extra[part.rows], "static port")
+        condensed, rigid = condensed_stiffness(sub, _constraint_modes(handle, sub, C), C)
+        return Statics(part, handle, C, condensed, extra[part.rows], "static port", rigid)
 
 
-def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) -> Array:
-    """ΨᵀKΨ for the constraint modes, with exactly 0 for rigid motion.
+def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) -> tuple[Array, Array]:
+    """ΨᵀKΨ for the constraint modes, with exactly 0 for rigid motion; and the rigid motions of the interface (n_b, k).
+
+    Motions that the component carries are taken. Else they are found from its K:
 
     For a floating component this matrix is the small difference of large forces. If the interface just holds the component
     (the two DOF at one end of a beam), the exact result is 0, and rounding of either sign would look like a stiffness.
     Two formulas for the same matrix, K_bb + K_bi Ψ and ΨᵀKΨ, show how many digits are correct.
     """
     condensed = (condensed + condensed.T) / 2
-    if not condensed.size:
-        return condensed
     unit = units(sub.K)[sub.interface]
+    none = np.zeros((len(condensed), 0))
+    if not condensed.size:
+        return condensed, none
+    if (motion := motion_of(sub.rigid_motion)) is not None:
+        rigid_motions = motion.shapes[sub.interface]
+        return without(condensed, rigid_motions, unit), rigid_motions
     values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
     doubtful = np.flatnonzero(values <= SOFT)
     if not len(doubtful):
-        return condensed
+        return condensed, none
     # ten times the limit of rigid-body modes: constraint modes also contain the rounding of their solve
     ratio = rounding_ratio(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful]))
     rigid = doubtful[ratio < 10 * RIGID]
     if rounding(sub.K) > EPS:  # written with few digits: as many as K itself has
         rigid = doubtful[np.argsort(np.abs(values[doubtful]))][:ShiftInvert(sub.K, sub.M).rigid.shape[1]]
     if not len(rigid):
-        return condensed
+        return condensed, none
     if rounding(sub.K) == EPS and ratio[ratio < 10 * RIGID].max() > CLEAR and not annihilates_a_translation(sub.K):
         # A long slender part that is held has similar ratios: count the rigid-body modes of K itself.
         rigid = rigid[:ShiftInvert(sub.K, sub.M).rigid.shape[1]]
@@ -104,11 +111,10 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
             warn(f"the condensed stiffness of {sub.name!r} is inaccurate: two formulas for it differ by {lost:.1e} "
                  "(relative). Its elements are much stiffer than the component as a whole. Coarsen the mesh",
                  ConditionWarning)
-        return condensed
+        return condensed, none
     values[rigid] = 0.0
-    vectors = vectors / unit[:, None]
-    kept = (vectors * values) @ vectors.T
-    return (kept + kept.T) / 2
+    kept = (vectors / unit[:, None] * values) @ (vectors / unit[:, None]).T
+    return (kept + kept.T) / 2, unit[:, None] * vectors[:, rigid]
 
 
 def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array) -> Array:

@@ -67,4 +67,5 @@ class DualCraigBampton(FreeInterface):
             blocks, kinds = [at, beside], kinds + ("static port",) * beside.shape[1]
         T = np.eye(len(found.M), m + len(kinds))
         T[m:, m:] = np.hstack(blocks) / np.sqrt(stiffness)[:, None]
-        return turned(found, T, found.kinds[:m] + kinds)
+        rigid = None if found.rigid is None else np.pad(found.rigid[:m], ((0, len(kinds)), (0, 0)))
+        return turned(found, T, found.kinds[:m] + kinds, rigid)

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
@@ -28,6 +28,10 @@ from femsub.quadratic.dense import solve
 from femsub.quadratic.matching import match
 from femsub.quadratic.region import region_of
 from femsub.quadratic.search import search
+from femsub.reduction.rigid import RigidMotion, without
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import ReducedSubstructure
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
@@ -47,6 +51,7 @@ class Nested:
 
     Of joined parts, `parts` are the numbers of elastic modes and of columns of Ξ of each part, in whose order Φ and Ξ stand.
     A `count` of modes is then one number for each part. ω and |λ| above `limit` are not looked for, where that saves time.
+    `motion` is the rigid motion, in C and the rigid-body modes, where the component knows it.
     """
 
     M: Array
@@ -61,6 +66,7 @@ class Nested:
     lightest: float = 1e-14
     parts: tuple[tuple[int, int], ...] = ()
     limit: float = np.inf
+    motion: RigidMotion | None = None
 
     @property
     def modes(self) -> int:
@@ -175,8 +181,22 @@ class Nested:
                 inverse, shapes = la.eigh(M, K + (2 * self.limit) ** 2 * (held @ held.T), check_finite=False,
                                           subset_by_value=(self.limit**-2, np.inf))
                 return inverse[::-1] ** -0.5, (shapes * inverse**-0.5)[:, ::-1]  # LAPACK has them of unit energy
-        found = all_modes(K, M, ACCEPTED)
+        found = all_modes(K, M, ACCEPTED, self._carried(len(K)))
         return found.frequencies[found.rigid:], found.shapes[:, found.rigid:]
+
+    def _carried(self, size: int) -> RigidMotion | None:
+        """The rigid motion in coordinates of which the first are C and the rigid-body modes."""
+        if self.motion is None:
+            return None
+        return RigidMotion(np.pad(self.motion.shapes[:self._first], ((0, size - self._first), (0, 0))), self.motion.free)
+
+    @cached_property
+    def _rounding(self) -> Array:
+        """`rounding` without rigid motion that is known: it has no stiffness, and no rounding of one."""
+        if self.motion is None:
+            return self.rounding
+        bare = self.K.diagonal()[:self.constraint]
+        return without(self.rounding, self.motion.shapes[:self.constraint], np.where(bare > 0, bare, 1.0) ** -0.5)
 
     @cached_property
     def _rigid(self) -> Array:
@@ -184,6 +204,9 @@ class Nested:
         part, kept = slice(0, self.constraint), self._first + self.modes
         if not self.constraint:
             return np.zeros((0, 0))
+        if self.motion is not None:
+            Z = self.motion.shapes[part]
+            return Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ self.M[part, part] @ Z)).T if Z.shape[1] else Z
         try:
             return ShiftInvert(self.K[part, part], self.M[part, part]).rigid
         except SingularMatrixError:  # C has no stiffness at all
@@ -218,7 +241,7 @@ class Nested:
         if not self.constraint:
             return np.sqrt(np.sort(self.values))
         kept = self._first + self.modes
-        ritz = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
+        ritz = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED, self._carried(kept))
         q, r = ritz.shapes[:self.constraint], ritz.rigid
         if self.complete:
             return ritz.frequencies[r:]
@@ -262,6 +285,7 @@ class Nested:
         M, K = self.projected(T)
         D = T.T @ self.D @ T
         pencil = Pencil(M, (D + D.T) / 2 if self.symmetric else D, K)
+        pencil = pencil.carrying(self._carried(len(M)), pencil.noise)
         if np.isfinite(self.limit):
             found = search(pencil, region_of(pencil, None, (0.0, self.limit), None), False)
             values, X, Y = found.values, found.X, found.Y
@@ -272,7 +296,7 @@ class Nested:
         noise = EPS * np.einsum("ij,ij->j", y, (np.abs(M) @ x) * size**2 + (np.abs(D) @ x) * size)
         noise += EPS * _product(K, X, Y)  # energies, not entries: cancellation in soft motion is covered by `rounding`
         X, Y = T @ X, T @ Y
-        noise += _product(self.rounding, X[:self.constraint], Y[:self.constraint])
+        noise += _product(self._rounding, X[:self.constraint], Y[:self.constraint])
         bar = np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0)
         keep = upper(values) & (values != 0)
         if self.at_zero:
@@ -285,6 +309,8 @@ class Nested:
     def at_zero(self) -> int:
         """Number of λ at 0: one per rigid-body mode, two where D does not damp it."""
         kept = self._first + self.modes
+        if self.motion is not None:
+            return self.motion.zeros
         if self.rigid or not self.constraint:
             found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
             Z = found.shapes[:, :found.rigid]
@@ -383,13 +409,13 @@ class Nested:
         return found[to[inside]], error[inside], int(lone.sum() + extra.sum())
 
 
-def with_rounding(estimate: Estimate, M: Array, K: Array, V: Array, whole: Matrix) -> Estimate:
-    """With what one rounding in each entry of the model's K, `whole`, does to ω and λ of M and K = Vᵀ whole V.
+def with_rounding(estimate: Estimate, model: ReducedSubstructure, whole: Matrix) -> Estimate:
+    """With what one rounding in each entry of `whole` does to ω and λ of a model with K = Vᵀ whole V.
 
     It is much where a stiff part that floats is joined to a soft one.
     """
-    found = all_modes(K, M, ACCEPTED)
-    omega, x = found.frequencies[found.rigid:], np.abs(V @ found.shapes[:, found.rigid:])
+    found = all_modes(model.K, model.M, ACCEPTED, model.rigid_motion)
+    omega, x = found.frequencies[found.rigid:], np.abs(model.V @ found.shapes[:, found.rigid:])
     if not len(omega):
         return estimate
     share = EPS * np.einsum("ij,ij->j", x, abs(whole) @ x) / (2 * omega**2)

@@ -78,7 +78,8 @@ def recovered(basis: Basis, statics: Statics, clear: float = CLEAR) -> Basis:
     T[solved, :len(b)], T[rest, len(b) + np.arange(len(rest))] = inverse, 1.0
     others = np.where(faint, 0.0, moved)[:, rest]
     T[solved, len(b):] = _clean(-inverse @ others, np.abs(inverse) @ np.abs(others))
-    found = turned(basis, T, ("interface",) * len(b) + tuple(basis.kinds[j] for j in rest))
+    rigid = None if basis.rigid is None else np.vstack([basis.V[b] @ basis.rigid, basis.rigid[rest]])
+    found = turned(basis, T, ("interface",) * len(b) + tuple(basis.kinds[j] for j in rest), rigid)
     found.V[b] = np.eye(len(b), len(T))
     return found
 
@@ -88,10 +89,10 @@ def _clean(A: Array, bound: Array) -> Array:
     return np.where(np.abs(A) < DUST * bound, 0.0, A)
 
 
-def turned(basis: Basis, T: Array, kinds: tuple[str, ...]) -> Basis:
-    """The basis VT (n, k) with TᵀMT and TᵀKT."""
+def turned(basis: Basis, T: Array, kinds: tuple[str, ...], rigid: Array | None) -> Basis:
+    """The basis VT (n, k) with TᵀMT and TᵀKT, and the rigid motions in its coordinates, V rigid = VT rigid'."""
     M, K = T.T @ basis.M @ T, T.T @ basis.K @ T
-    return replace(basis, V=basis.V @ T, M=(M + M.T) / 2, K=(K + K.T) / 2, kinds=kinds)
+    return replace(basis, V=basis.V @ T, M=(M + M.T) / 2, K=(K + K.T) / 2, kinds=kinds, rigid=rigid)
 
 
 def motion_by(basis: Basis, b: Array) -> Array:

@@ -69,7 +69,7 @@ class Herting(CraigBampton):
         sub = statics.part.sub
         if not len(sub.interface):
             raise InputError(f"Herting needs interface DOF, but {sub.name!r} has none. Name some, or use CraigChang")
-        handle = ShiftInvert(sub.K, sub.M)
+        handle = ShiftInvert(sub.K, sub.M, carried=sub.rigid_motion)
         more = self.modes < handle.elastic
         found = lowest_modes(handle, self.modes + more)
         handle.release()

@@ -15,8 +15,6 @@ from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.free_interface import turned
 from femsub.reduction.statics import Statics
 
-FREE = 1e-14  # of the interface's largest stiffness: below it is 0 but for rounding (`craig_bampton` has set it to 0)
-
 
 @dataclass(frozen=True)
 class Hurty(CraigBampton):
@@ -55,8 +53,8 @@ class Hurty(CraigBampton):
         """That of Craig-Bampton, turned."""
         found = super().basis(statics, kept, responses, ports)
         sub, n_b = statics.part.sub, len(statics.condensed)
-        holding, motions = _rigid(statics.condensed, units(sub.K)[sub.interface])
-        if not len(holding):
+        holding, motions = _rigid(statics.rigid, units(sub.K)[sub.interface])
+        if not len(holding) or statics.rigid is None:
             return found
         redundant = np.setdiff1d(np.arange(n_b), holding)
         n_r = len(holding)
@@ -64,20 +62,15 @@ class Hurty(CraigBampton):
         T[:n_b, :n_b] = 0.0
         T[holding, np.arange(n_r)], T[redundant, n_r + np.arange(len(redundant))] = 1.0, 1.0
         T[redundant, :n_r] = motions[redundant]
-        found = turned(found, T, ("rigid",) * n_r + found.kinds[n_r:])
+        rigid = np.pad(statics.rigid[holding], ((0, len(T) - n_r), (0, 0)))
+        found = turned(found, T, ("rigid",) * n_r + found.kinds[n_r:], rigid)
         found.K[:n_r], found.K[:, :n_r] = 0.0, 0.0
         return found
 
 
-def _rigid(condensed: Array, unit: Array) -> tuple[Array, Array]:
+def _rigid(motions: Array | None, unit: Array) -> tuple[Array, Array]:
     """DOF of the interface that just hold the part (n_r,), and its rigid motions (n_b, n_r), each of which moves one by 1."""
-    none = np.zeros(0, dtype=np.intp), np.zeros((len(condensed), 0))
-    if not len(condensed):
-        return none
-    values, vectors = np.linalg.eigh(unit[:, None] * condensed * unit)
-    vectors = vectors[:, values <= FREE * max(float(values[-1]), 1.0)]
-    if not vectors.shape[1]:
-        return none
-    holding = la.qr(vectors.T, mode="r", pivoting=True)[1][:vectors.shape[1]]
-    motions = unit[:, None] * vectors
+    if motions is None or not motions.shape[1]:
+        return np.zeros(0, dtype=np.intp), np.zeros((len(unit), 0))
+    holding = la.qr((motions / unit[:, None]).T, mode="r", pivoting=True)[1][:motions.shape[1]]
     return holding, np.linalg.solve(motions[holding].T, motions.T).T

@@ -168,7 +168,7 @@ def _with_rounding(sub: Substructure, model: ReducedSubstructure) -> ReducedSubs
     """In the coordinates that the modes are computed in, the interface shares no stiffness, and rounding of K does not show."""
     if model.estimate is None:
         return model
-    told = with_rounding(model.estimate, model.M, model.K, model.V, sub.K)
+    told = with_rounding(model.estimate, model, sub.K)
     if told.worst > told.tol:
         raise NotConvergedError(f"the interface of {sub.name!r} cannot be reduced to a relative error of {told.tol:g}, by "
                                 f"rounding alone: {told!r}. Reduce the stiffness contrast of its parts, raise tol, or give a "
@@ -218,6 +218,6 @@ def _uncoupled(sub: Substructure) -> tuple[Array, Matrix]:
     shapes[i] = -Partition.of(sub, True).factored().elastic_solve(loads)
     K = np.zeros((n, n))
     K[np.ix_(i, i)] = square(sub.K, i)
-    K[np.ix_(b, b)] = condensed_stiffness(sub, square(sub.K, b) + loads.T @ shapes[i], shapes)
+    K[np.ix_(b, b)] = condensed_stiffness(sub, square(sub.K, b) + loads.T @ shapes[i], shapes)[0]
     return K, sp.csr_array(sp.eye_array(n)) + sp.csr_array(
         (shapes[i].ravel(), (np.repeat(i, len(b)), np.tile(b, len(i)))), shape=(n, n))

@@ -47,7 +47,8 @@ class Method(ABC):
     3. `held` is True for modes of the interior with the interface fixed, False for modes of the whole component with the
        interface free. It also decides which matrix is factorised.
     4. `statics` is the one step that a method must define. It gets the part and its factor. It returns C with CᵀKC, and
-       the forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part.
+       the forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part. `rigid` in it are the rigid
+       motions in C. A method that leaves them out has its rigid motion found from the rounding of the reduced K and D.
     5. The later steps may be overridden one by one: `kept` finds the modes, `responses` the static responses, and `basis`
        assembles V, M and K. Each step gets the results of the earlier ones. It must not change them or the factor.
     6. `static_columns` tells the number of static shapes, where that is not the number of interface DOF.

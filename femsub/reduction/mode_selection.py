@@ -17,10 +17,12 @@ from femsub.modes.static_shapes import independent, lightest
 from femsub.quadratic.dense import solve
 from femsub.reduction.basis import Kept, in_blocks
 from femsub.reduction.error_bounds import Nested
+from femsub.reduction.rigid import RigidMotion, coordinates, free_first
 from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
+    from femsub.model.rigid_motion import Carried
 
 BEGIN = 10  # modes of the first search
 MOST = 1000  # modes at which the search gives up in a larger model
@@ -107,7 +109,13 @@ class Search:
         inner = [statics.constraint[statics.part.rows], found.shapes, static]
         forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
         return Nested(M, K, None, len(statics.condensed), found.rigid, found.eigenvalues[found.rigid:], forces, statics.rounding,
-                      lightest=lightest(statics.handle), limit=self.limit if len(M) > MANY else np.inf), span
+                      lightest=lightest(statics.handle), limit=self.limit if len(M) > MANY else np.inf,
+                      motion=self._motion(span, len(M))), span
+
+    def _motion(self, span: Span, size: int) -> RigidMotion | None:
+        """The rigid motion of the part in U. It is the part's D that says which of it is not damped."""
+        q = coordinates(self.statics, self.found.rigid, size)
+        return None if q is None else free_first(q, span.times(q), self.pencil)
 
     def _residuals(self, plain: Nested, span: Span, band: tuple[float, float]) -> Array:
         """The residuals of the largest model's complex modes, compressed; see `residual`."""
@@ -240,9 +248,9 @@ def compressed(columns: Array, stiffness: Array) -> Array:
     return columns @ (vectors[:, keep] / np.sqrt(share[keep]))
 
 
-def unreduced(K: Matrix, M: Matrix, band: Any, tol: Any, pencil: Pencil | None) -> Estimate:
+def unreduced(K: Matrix, M: Matrix, band: Any, tol: Any, pencil: Pencil | None, carried: Carried) -> Estimate:
     """The estimate of a model that keeps all of its DOF: nothing is left out."""
-    modes = all_modes(K, M)
+    modes = all_modes(K, M, carried=carried)
     omega = modes.frequencies[modes.rigid:]
     omega = omega[in_band(omega, band)]
     values = np.zeros(0, dtype=complex)

@@ -39,7 +39,7 @@ class Partition:
     def factored(self) -> ShiftInvert:
         """The factor of the part, for modes and static solves; a factor made earlier for the same part is reused."""
         try:
-            return ShiftInvert(self.sub.K, self.sub.M, self.rows)
+            return ShiftInvert(self.sub.K, self.sub.M, self.rows, self.sub.rigid_motion)
         except SingularMatrixError as error:
             raise SingularMatrixError(f"{self.sub.name!r}: {error}") from None
 
@@ -58,6 +58,8 @@ class Statics:
         F, whose static responses join the basis.
     kind : str
         The label of their columns in V.
+    rigid : ndarray, shape (n_c, k), or None
+        The rigid motions C rigid of the part, beside those of its modes; None where they are not known.
     """
 
     part: Partition
@@ -66,11 +68,12 @@ class Statics:
     condensed: Array
     forces: Array
     kind: str
+    rigid: Array | None = None
 
     @classmethod
     def of(cls, part: Partition, handle: ShiftInvert, forces: Array, kind: str) -> Statics:
         """The responses to these forces alone, without constraint modes."""
-        return cls(part, handle, zeros(part.sub.size, 0, 0), zeros(0, 0, 0), forces, kind)
+        return cls(part, handle, zeros(part.sub.size, 0, 0), zeros(0, 0, 0), forces, kind, zeros(0, 0, 0))
 
     @cached_property
     def inertia(self) -> Array:

@@ -27,6 +27,7 @@ from femsub.quadratic.complex_modes import complex_modes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.error_bounds import ACCEPTED, Nested
 from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed, sides_of
+from femsub.reduction.rigid import RigidMotion, motion_of
 from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ class Image(Substructure):
     def __init__(self, sub: Substructure, nested: Nested, span: Span) -> None:
         ports = {name: span.dot(w.reshape(sub.size, -1)) for name, w in sub.ports.items()}
         super().__init__(nested.M, nested.K, nested.D, range(nested.constraint), ports, sub.name, sets=sub.sets)
+        self._carry(nested.motion, self.noise)
         self.__dict__.update(interface_dofs=sub.interface_dofs, numbers=sub.interface_numbers)
 
     @property
@@ -144,6 +146,7 @@ class JoinedSearch:
         outside = np.setdiff1d(np.arange(joined.size), within)
         order = np.concatenate([outside, within])
         M, K, D = (_dense(A)[np.ix_(order, order)] for A in (joined.M, joined.K, joined.D))
+        motion = motion_of(joined.rigid_motion)
         turns = {name: L[rows[name]].toarray()[:, order] for name in own}
         count, forces = len(outside), [np.zeros((len(order), 0))]
         rounding = _of_sums(K[:count, :count])
@@ -154,7 +157,8 @@ class JoinedSearch:
         values = np.concatenate([nested.values for nested, _ in own.values()])
         return Nested(M, K, D if self.damped else None, count, 0, values, np.hstack(forces), rounding, self.symmetric,
                       max(nested.lightest for nested, _ in own.values()),
-                      tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True)), self.limit), Space(own, turns)
+                      tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True)), self.limit,
+                      None if motion is None else RigidMotion(motion.shapes[order], motion.free)), Space(own, turns)
 
 
 def held_statics(sub: Substructure) -> Statics:
@@ -247,7 +251,7 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     instance("rom", rom, System, "made of the reduced parts")
     statics = {name: held_statics(part) for name, part in _same_parts(full, rom).items() if len(part.interior)}
     search = JoinedSearch(full, statics, contacts, hi, {})
-    found = all_modes(_dense(rom.K), _dense(rom.M), ACCEPTED)
+    found = all_modes(_dense(rom.K), _dense(rom.M), ACCEPTED, rom.rigid_motion)
     omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
     pencil, values = rom.linearised(contacts), None
     if search.damped:

@@ -13,11 +13,11 @@ from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
 from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil, contact_matrix
+from femsub.model.rigid_motion import unresisted
 from femsub.modes.normal_modes import lowest_modes, modes_below
 from femsub.modes.shift_invert import ShiftInvert, units
 from femsub.modes.static_shapes import independent
 from femsub.quadratic.complex_modes import complex_modes
-from femsub.quadratic.dense import unresisted
 from femsub.quadratic.port_function import PortFunction, port_responses
 from femsub.stability.bracketing import BESIDE, bracketed
 from femsub.stability.contact_model import MARGIN, TOGETHER, Band, Border, Model
@@ -170,7 +170,7 @@ class _Growing:
 
     def __init__(self, model: Pencil, W: Array, limit: float) -> None:
         self.full, self.load = model, W
-        self.handle = handle = ShiftInvert(model.K, model.M)
+        self.handle = handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
         modes = modes_below(model.K, model.M, limit, handle)
         if modes.rigid == len(modes.eigenvalues):
             modes = lowest_modes(handle, 1)

@@ -110,7 +110,7 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
     elif len(slopes := list(real_array("slopes", slopes, finite=False).ravel())) != len(models):
         raise InputError(f"slopes must be {len(models)}, of the full model and of each method, not {len(slopes)}")
     tell(f"{sub.name}: undamped frequencies")
-    modes = normal_modes(sub, band=(lo, hi)) if sub.size > SMALL else all_modes(sub.K, sub.M)
+    modes = normal_modes(sub, band=(lo, hi)) if sub.size > SMALL else all_modes(sub.K, sub.M, carried=sub.rigid_motion)
     own = elastic(modes)[in_band(elastic(modes), (lo, hi))]
     rates = turnover(sub, contacts, spectra[0])
     rows = []
@@ -165,7 +165,7 @@ def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]
 
 def all_frequencies(model: Substructure) -> Array:
     """Every undamped elastic frequency of a small model."""
-    return elastic(all_modes(model.K, model.M))
+    return elastic(all_modes(model.K, model.M, carried=model.rigid_motion))
 
 
 def elastic(modes: NormalModes) -> Array:

@@ -22,7 +22,7 @@ def force_error(full: System, ours: NormalModes, reduced: System, band: tuple[fl
     two equal parts. So all modes share one scale, which grows with ω. Modes of a cluster are compared as a subspace. NaN if the
     band holds no mode of the full system, or if one of them has no counterpart.
     """
-    theirs = all_modes(reduced.K, reduced.M)
+    theirs = all_modes(reduced.K, reduced.M, carried=reduced.rigid_motion)
     at = np.flatnonzero(in_band(ours.frequencies, band) & (np.arange(len(ours.frequencies)) >= ours.rigid))
     if not len(at):
         return np.nan

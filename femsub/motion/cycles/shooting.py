@@ -174,7 +174,7 @@ def shoot(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact],
 
 def _check_period(model: Substructure, period: float) -> None:
     """Refuse a period in which the lowest elastic mode oscillates more than LONGEST times: it would take too long."""
-    modes = all_modes(model.K, model.M)
+    modes = all_modes(model.K, model.M, carried=model.rigid_motion)
     turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
     if (turns > LONGEST).any():
         raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most {LONGEST} "
