@@ -28,7 +28,7 @@ def attacked(kind: str, seed: int) -> str:
             joints = [fs.Rigid((name, "left"), ("foot", "top")) for name in beams]
             full: fs.Substructure = fs.couple(beams | {"foot": foot}, joints)
             method = (fs.CraigBampton, fs.Rubin)[int(rng.integers(2))]
-            small: fs.Substructure = fs.reduce(full, {name: method(modes) for name in beams}, ports=with_port)  # type: ignore[arg-type]
+            small: fs.Substructure = fs.reduce(full, {name: method(modes) for name in beams}, ports=with_port)
             port = "one.tip" if port == "tip" else "foot.foot"
         else:
             full = _whole(beams, foot)

@@ -74,7 +74,7 @@ class ShiftInvert:
 
     def _found(self) -> tuple[float, Array, float, float, str]:
         n = self.K.shape[0]
-        self.rigid, self.lowest, self.unit, self.note = np.zeros((n, 0)), np.inf, rounding_of(self.K, translations(n)), ""
+        self.rigid, self.lowest, self.unit, self.note = np.zeros((n, 0)), np.inf, rounding(self.K), ""
         if self._given is not None:
             self._carried(self._given)
             return self.sigma, self.rigid, self.lowest, self.unit, self.note
@@ -384,9 +384,14 @@ def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
     return shared((matrix,), ("block", rows.tobytes()), made, lambda it: 12.0 * it.nnz if sp.issparse(it) else it.nbytes)
 
 
-def annihilates_a_translation(K: Matrix, rounding: float = 0.0) -> bool:
+def rounding(K: Matrix) -> float:
+    """The relative rounding of the entries of K, see `rounding_of`; computed once."""
+    return shared((K,), "rounding of the entries", lambda: rounding_of(K, translations(K.shape[0])))
+
+
+def annihilates_a_translation(K: Matrix, unit: float = 0.0) -> bool:
     """Whether a uniform motion of every s-th DOF has no elastic energy: a cheap test for a floating component."""
-    return bool(costs_nothing(K, translations(K.shape[0]), rounding).any())
+    return bool(costs_nothing(K, translations(K.shape[0]), unit).any())
 
 
 def units(K: Matrix) -> Array:
@@ -395,18 +400,18 @@ def units(K: Matrix) -> Array:
     return np.where(diagonal > 0, diagonal, 1.0) ** -0.5
 
 
-def costs_nothing(K: Matrix, x: Array, rounding: float = 0.0) -> Array:
+def costs_nothing(K: Matrix, x: Array, unit: float = 0.0) -> Array:
     """Which columns have Kx = 0 within rounding, bool, shape (k,): rigid-body motion, but not a mode on a soft mount.
 
-    `rounding` is that of the entries of K, if it is more than eps: it bounds both ratios.
+    `unit` is the rounding of the entries of K, if it is more than eps: it bounds both ratios.
     """
-    return (rounding_ratio(K, x) < max(RIGID, rounding)) & (energy_ratio(K, x) <= max(ENERGY, rounding))
+    return (rounding_ratio(K, x) < max(RIGID, unit)) & (energy_ratio(K, x) <= max(ENERGY, unit))
 
 
 def energy_ratio(K: Matrix, x: Array) -> Array:
-    """xᵀKx / |x|ᵀ|K||x| of each column, (k,); 0 where nothing acts."""
+    """xᴴKx / |x|ᵀ|K||x| of each column, (k,); 0 where nothing acts."""
     size = np.abs(x)
-    energy, scale = np.einsum("ij,ij->j", x, K @ x), np.einsum("ij,ij->j", size, abs(K) @ size)
+    energy, scale = np.einsum("ij,ij->j", x.conj(), K @ x).real, np.einsum("ij,ij->j", size, abs(K) @ size)
     return np.divide(energy, scale, out=np.zeros_like(energy), where=scale > 0)
 
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance
-from femsub.errors import FemsubWarning, InputError, warn
+from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
 from femsub.model.bands import beyond
 from femsub.model.pencil import Pencil
 from femsub.model.substructure import Substructure
 from femsub.quadratic.bars import bars
+from femsub.quadratic.dense import blurred
 from femsub.quadratic.region import region_of
 from femsub.quadratic.search import search
 
@@ -205,7 +206,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     FemsubWarning
         A backward error is above 1e-9.
     ConditionWarning
-        M or D has a rank that depends on rounding, so that the number of finite eigenvalues is not known: 'not checked'.
+        M or D has a rank that depends on rounding, so that the number of finite eigenvalues is not known: 'not checked'. Or
+        eigenvalues have an elastic energy within the rounding of a K written with few digits.
 
     References
     ----------
@@ -231,6 +233,13 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
         warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
              f"{result.eigenvalues[result.backward_error.argmax()]:.5g}). Ask for fewer, or scale the matrices",
              FemsubWarning)
+    lost, unit = blurred(pencil, result.shapes)
+    if (lost := lost & ~result.rigid).any():
+        size = np.where(lost, np.abs(result.eigenvalues), 0.0)
+        result = replace(result, error_bar=np.maximum(result.error_bar, size))
+        warn(f"{int(lost.sum())} eigenvalues, up to |λ| = {size.max():.3g}, have an elastic energy within the rounding of K's "
+             f"entries, which are known to about {unit:.0e} of each. Most likely they are rigid-body motion; their stability is "
+             "undecided. Write K with all digits (17)", ConditionWarning)
     result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
                      tally=found.tally,
                      counted=None if found.counted is None else (found.counted.radius, found.counted.number),

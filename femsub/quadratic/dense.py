@@ -17,13 +17,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import EPS, Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.linalg.threads import FEW, one_thread
 from femsub.model.matrices import is_symmetric, unit_length
 from femsub.model.rigid_motion import RigidMotion, unresisted
 from femsub.modes.dense import dense_modes
-from femsub.modes.shift_invert import RIGID, ShiftInvert, costs_nothing, motion_of, rounding_ratio, units
+from femsub.modes.shift_invert import (
+    RIGID,
+    ShiftInvert,
+    costs_nothing,
+    energy_ratio,
+    motion_of,
+    rounding,
+    rounding_ratio,
+    units,
+)
 from femsub.quadratic import rigid_apart, singular_mass
 from femsub.quadratic.singular_mass import REGULAR
 
@@ -195,6 +204,13 @@ def _annihilated(K: Array, M: Array, x: Array) -> Array:
     return x[:, :0]
 
 
+def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
+    """Which shapes (n, k) have an elastic energy within the rounding of K's entries, where these show more than eps; and that."""
+    K = pencil.symmetric_stiffness
+    unit = rounding(K)
+    return (np.abs(energy_ratio(K, X)) <= unit) & (unit > EPS), unit
+
+
 def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array, motion: RigidMotion | None) -> tuple[Array, Array]:
     """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not damp.
 
@@ -278,8 +294,12 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, A
     iteration with P at the first of these roots.
     """
     at = np.flatnonzero(values == 0)
-    if carries(pencil):  # K may hold nothing of these coordinates but rounding
+    if not len(at) or carries(pencil):  # K may hold nothing of these coordinates but rounding
         return values, X, Y
+    lost = ~(np.isfinite(X[:, at]).all(axis=0) & np.isfinite(Y[:, at]).all(axis=0))  # LAPACK's vectors of such a λ may overflow
+    if lost.any():
+        X, Y = X.copy(), Y.copy()
+        X[:, at[lost]] = Y[:, at[lost]] = np.eye(len(X))[:, [int(np.abs(pencil.K).max(axis=0).argmax())]]
     at = at[rounding_ratio(pencil.K, X[:, at]) > RIGID]
     values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
     for i in at:
@@ -293,8 +313,10 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, A
                 break
             if not all(np.isfinite(part).all() and part.any() for part in new):
                 break
-            x, y = (part / np.linalg.norm(part) for part in new)
-        if value and (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
+            x, y = (unit_length((part / np.abs(part).max())[:, None])[:, 0] for part in new)  # lengths may overflow
+        if not value or not np.isfinite([x, y]).all() or rounding_ratio(pencil.K, x[:, None])[0] <= RIGID:
+            continue
+        if (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
             values[i], X[:, i], Y[:, i] = value, x, y
     return values, X, Y
 

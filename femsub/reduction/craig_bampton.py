@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array
+from femsub.checks import EPS, Array
 from femsub.errors import ConditionWarning, InputError, warn
-from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio, units
+from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding, rounding_ratio, units
 from femsub.reduction.method import Method
 from femsub.reduction.rigid import motion_of, without
 from femsub.reduction.statics import COLUMNS, Partition, Statics, square, zeros
@@ -98,9 +98,11 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     # ten times the limit of rigid-body modes: constraint modes also contain the rounding of their solve
     ratio = rounding_ratio(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful]))
     rigid = doubtful[ratio < 10 * RIGID]
+    if rounding(sub.K) > EPS:  # written with few digits: as many as K itself has
+        rigid = doubtful[np.argsort(np.abs(values[doubtful]))][:ShiftInvert(sub.K, sub.M).rigid.shape[1]]
     if not len(rigid):
         return condensed, none
-    if ratio[ratio < 10 * RIGID].max() > CLEAR and not annihilates_a_translation(sub.K):
+    if rounding(sub.K) == EPS and ratio[ratio < 10 * RIGID].max() > CLEAR and not annihilates_a_translation(sub.K):
         # A long slender part that is held has similar ratios: count the rigid-body modes of K itself.
         rigid = rigid[:ShiftInvert(sub.K, sub.M).rigid.shape[1]]
     if not len(rigid):

@@ -55,8 +55,9 @@ class CriticalValue:
         Number of eigenvalues in the band that grow at the begin of the range (a pair counts twice).
     open : tuple of (float, float)
         Intervals in which a crossing, or one there and back, was not excluded: because eigenvalues pass each other on the axis or
-        touch it, because rounding hides which grow, because the modes found to cross do not make up the change of the number of
-        growing eigenvalues, or because the effort ends. Of crossings in a wide one only those are listed that could be verified.
+        touch it, because rounding hides which grow, or because the effort ends. A window is open as well if the modes found to
+        cross do not make up the change of the number of growing eigenvalues. Of crossings in a wide interval only those are
+        listed that could be verified.
     tally : Tally
         The eigenvalues of all losses less those of all regains, beside the change of the number that grow over the range.
     evidence : str
