@@ -79,7 +79,9 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     left, terms = (np.einsum("ij,ij->j", np.abs(Y), part) for part in (np.abs(residual), whole))
     share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
     bar[share > SOLVED] = np.inf
-    bar[(values == 0) & (carries(pencil) | (share <= STILL))] = 0.0  # K may hold nothing of a carried motion but rounding
+    still = np.flatnonzero(values == 0)
+    if len(still):  # K may hold nothing of a carried motion but rounding
+        bar[still if carries(pencil) else still[share[still] <= STILL]] = 0.0
     size = np.abs(values)
     scale = size**2 * pencil.norms[0] + size * pencil.norms[1] + pencil.norms[2]
     with np.errstate(divide="ignore", invalid="ignore"):

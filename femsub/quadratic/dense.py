@@ -294,12 +294,12 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, A
     iteration with P at the first of these roots.
     """
     at = np.flatnonzero(values == 0)
+    if not len(at) or carries(pencil):  # K may hold nothing of these coordinates but rounding
+        return values, X, Y
     lost = ~(np.isfinite(X[:, at]).all(axis=0) & np.isfinite(Y[:, at]).all(axis=0))  # LAPACK's vectors of such a λ may overflow
     if lost.any():
         X, Y = X.copy(), Y.copy()
         X[:, at[lost]] = Y[:, at[lost]] = np.eye(len(X))[:, [int(np.abs(pencil.K).max(axis=0).argmax())]]
-    if carries(pencil):  # K may hold nothing of these coordinates but rounding
-        return values, X, Y
     at = at[rounding_ratio(pencil.K, X[:, at]) > RIGID]
     values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
     for i in at:
