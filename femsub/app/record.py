@@ -9,14 +9,17 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, is_dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from femsub.app.inputs import hash_of, results_of
 from femsub.app.keys import item_kind, keys_of, kinds
 from femsub.app.report import machine, to_json, versions, write
-from femsub.app.scene import SCENES, Progress, Result, Scene, Writer
+from femsub.app.scene import SCENES, Progress, Result, Scene
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.io.mesh_text import texts_read
+
+if TYPE_CHECKING:
+    from femsub.app.scene import Writer
 
 #: the paper whose study the scenes of the chain repeat
 PAPER = ("the conference paper that compares Hurty/Craig-Bampton and Craig-Chang on a chain of masses on a belt "

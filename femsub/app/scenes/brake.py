@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from femsub.app.figures_flutter import flutter_figure
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.keys import key
 from femsub.app.moving import mode_file
-from femsub.app.scene import Progress, Result, Scene, Writer, run_outputs
+from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import least_stable, motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array, check_band, interval
@@ -44,6 +44,9 @@ from femsub.errors import FemsubError, FemsubWarning, InputError, NotConvergedEr
 from femsub.reduction.reduce import METHODS
 from femsub.studies.friction_sweep import FrictionRow, compared, first_loss, over_mu, same_loss
 from femsub.studies.tables import table
+
+if TYPE_CHECKING:
+    from femsub.app.scene import Writer
 
 PADS = ("inboard", "outboard")
 WITHIN = 1e-2  # relative error of the critical μ that the recommended model may have

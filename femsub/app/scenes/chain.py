@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, friction_fi
 from femsub.app.figures_errors import error_time_figure
 from femsub.app.keys import key
 from femsub.app.moving import mode_file
-from femsub.app.scene import Progress, Result, Scene, Writer, run_outputs
+from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import NO_GROWTH, comparable, growth_cell, least_stable, slope_cell
 from femsub.checks import check_band
 from femsub.errors import InputError, PortWarning
@@ -24,6 +24,9 @@ from femsub.quadratic.matching import relative_error
 from femsub.reduction.reduce import METHODS
 from femsub.studies.error_vs_time import border_or_reason
 from femsub.studies.tables import table, yes_no
+
+if TYPE_CHECKING:
+    from femsub.app.scene import Writer
 
 MOST = 10**7  # masses
 

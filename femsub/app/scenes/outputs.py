@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from femsub.app.figures import eigenvalue_figure
 from femsub.app.figures_errors import error_time_figure
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.moving import mode_file
-from femsub.app.scene import Progress, Result, Writer, run_outputs
+from femsub.app.scene import Progress, Result, run_outputs
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
@@ -22,6 +22,9 @@ from femsub.model.bands import in_band
 from femsub.quadratic.matching import listed, relative_error
 from femsub.studies.error_vs_time import border_or_reason
 from femsub.studies.tables import table, yes_no
+
+if TYPE_CHECKING:
+    from femsub.app.scene import Writer
 
 DRAWN = 6  # of the normal modes
 NO_GROWTH = "no eigenvalue up to ω"
