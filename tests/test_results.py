@@ -52,7 +52,7 @@ SMALL = {
     "ziegler": 'damping = [0.0, 0.1]\npoints = 11\n',
 }
 CHAIN = 'belts = [2]\nsizes = [3, 5]\noutputs = ["critical-slope", "size-sweep"]\nfigures = false\n'
-CLOCK = {"date", "sentence", "seconds", "seconds_per_period", "speedup", "recommended", "pareto"}  # what the clock decides
+CLOCK = {"date", "sha256", "sentence", "seconds", "seconds_per_period", "speedup", "recommended", "pareto"}  # by the clock
 
 
 def scene_file(folder: Path, name: str, text: str | None = None) -> str:
