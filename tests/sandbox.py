@@ -2,9 +2,9 @@
 
     sandbox.py DIR ARGUMENT...
 
-Allowed are DIR, the temporary folder, /dev/shm, /dev/null, /proc/self, and where matplotlib keeps its list of fonts. The exit status
-is that of femsub; each finding is a line of stdout that begins with `outside: `. Processes that it starts are not seen: they are
-named, as `started: `.
+Allowed are DIR, the temporary folder, /dev/shm, /dev/null, /proc/self, and where matplotlib keeps its list of fonts. The exit
+status is that of femsub; each finding is a line of stdout that begins with `outside: `. Processes that it starts are not seen:
+they are named, as `started: `.
 """
 
 from __future__ import annotations
