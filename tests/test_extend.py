@@ -74,7 +74,8 @@ def test_scene_files_know_the_law(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "out" / "results.json").read_text())
     assert told["law"] == "rational" and told["inputs"]["scene"] == "../rational.py"
     LAWS.pop("rational")
-    assert main(["run", str(tmp_path / "out" / "results.json"), "--out", str(tmp_path / "out")]) == 0
+    again = ["run", str(tmp_path / "out" / "results.json"), "--trust", str(tmp_path / "rational.py")]
+    assert main([*again, "--out", str(tmp_path / "out")]) == 0
     assert json.loads((tmp_path / "out" / "results.json").read_text())["slope"] == told["slope"]
 
 
@@ -155,10 +156,12 @@ def test_a_scene_is_run_by_the_command(places: Path) -> None:
     assert told["inputs"] | {"scene": "../places.py", "n": 4, "modes": 1} == told["inputs"]
     assert [file["path"] for file in told["files"]] == ["../places.py"]
     assert {path.name for path in (places / "out").iterdir()} == {"results.json", "places.csv"}
-    again = femsub(places, "run", "out/results.json", "--out", "out")
+    refused = femsub(places, "run", "out/results.json")
+    assert refused.returncode == 2 and "--trust out/../places.py" in refused.stderr
+    again = femsub(places, "run", "out/results.json", "--out", "out", "--trust", "places.py")
     assert again.returncode == 0 and again.stdout.split("\nwritten")[0] == done.stdout.split("\nwritten")[0]
     (places / "places.py").write_text(blocks_of("scene")[0] + "\n# changed\n", encoding="utf-8")
-    changed = femsub(places, "run", "out/results.json")
+    changed = femsub(places, "run", "out/results.json", "--trust", "places.py")
     assert changed.returncode == 2 and "has changed since the run" in changed.stderr
 
 

@@ -272,7 +272,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             },
         ),
         "read_matrix": (fs.read_matrix, {"path": folder / "model" / "M.mtx", "variable": None}),
-        "read_mesh": (fs.read_mesh, {"path": folder / "mesh.vtu", "kind": None, "name": None}),
+        "read_mesh": (fs.read_mesh, {"path": folder / "mesh.vtu", "kind": None, "name": None, "includes": None}),
         "rectangle": (fs.rectangle, {"lengths": (1.0, 1.0), "counts": (1, 1), "kind": "quad", "name": "r"}),
         "reduce": (fs.reduce, {"sub": sub, "method": fs.CraigBampton(2), "ports": False, "contacts": None}),
         "reduce(parts)": (fs.reduce, {"sub": pair, "method": dict.fromkeys(parts, fs.CraigBampton(2)), "ports": False,

@@ -147,7 +147,7 @@ def test_encodings(encoding: str, tmp_path: Path) -> None:
     (["*NODE", "0, 1., 1., 1."], "the numbers of nodes must be whole and positive, not 0.0"),
     (["*NODE", "900, 1. 1., 1."], "4 numbers in 3 fields: is a comma missing?"),
     (["*NODE", "900, 1., 2., 3.", "901, 1., 2."], "each line must be number, x, y, z"),
-    (["*NODE, INPUT=none.inp"], "*NODE takes its data from 'none.inp', which is not a file beside it"),
+    (["*NODE, INPUT=none.inp"], "includes 'none.inp', which is not a file beside it"),
     (["*ELGEN", "77, 3"], "*ELGEN copies element 77, which is not above it"),
     (["*ELGEN", "1, 99999, 1, 1, 99999"], "makes 99999 x 99999 x 1 elements, which is none or too many"),
     (["*ELCOPY, OLD SET=all, SHIFT NODES=1"], "*ELCOPY needs ELEMENT SHIFT=..., a whole number"),

@@ -265,7 +265,7 @@ def test_a_surface_is_thinned_to_what_a_browser_can_move() -> None:
 
 def test_a_mode_s_file_holds_the_shape_in_single_precision(folders: dict[str, Path]) -> None:
     path = folders["solid"] / MODE_FILE
-    mode = read_mode(path.read_bytes(), path)
+    mode = read_mode(path)
     told = results(folders["solid"])["least-stable"]
     assert mode.told["eigenvalue"] == told["eigenvalue"] and mode.points.dtype == np.float32
     assert np.linalg.norm(mode.u, axis=1).max() == pytest.approx(1, abs=1e-6)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -52,7 +53,7 @@ SMALL = {
     "ziegler": 'damping = [0.0, 0.1]\npoints = 11\n',
 }
 CHAIN = 'belts = [2]\nsizes = [3, 5]\noutputs = ["critical-slope", "size-sweep"]\nfigures = false\n'
-CLOCK = {"date", "sentence", "seconds", "seconds_per_period", "speedup", "recommended", "pareto"}  # what the clock decides
+CLOCK = {"date", "sha256", "sentence", "seconds", "seconds_per_period", "speedup", "recommended", "pareto"}  # by the clock
 
 
 def scene_file(folder: Path, name: str, text: str | None = None) -> str:
@@ -260,6 +261,21 @@ def test_nothing_outside_of_the_folder_is_ever_taken_away(tmp_path: Path) -> Non
     (out / "results.json").write_text(json.dumps(told))
     assert main(["run", scene_file(tmp_path, "chain", CHAIN), "--out", str(out)]) == 0
     assert mine.read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "beam" else pytest.mark.slow) for name in SMALL])
+def test_a_run_changes_nothing_outside_of_its_folder(tmp_path: Path, name: str) -> None:
+    """Under an audit hook: what is opened for writing, moved or deleted lies in DIR, the temporary folder or /dev/shm."""
+    (tmp_path / "temporary").mkdir()
+    scene = scene_file(tmp_path / "here", name)
+    for _ in range(2):  # into a new folder, and into the same again
+        command = [sys.executable, str(Path(__file__).with_name("sandbox.py")), str(tmp_path / "out"), "run", "-q", scene]
+        done = subprocess.run([*command, "--out", str(tmp_path / "out")], capture_output=True, text=True, check=False,
+                              env={**os.environ, "TMPDIR": str(tmp_path / "temporary")})
+        assert done.returncode == 0, done.stderr
+        told = [line for line in done.stdout.splitlines()
+                if not line.startswith(("started: ['git'", "started: ['lscpu'", "started: ['uname'"))]
+        assert not told and not list((tmp_path / "temporary").iterdir())
 
 
 def test_a_results_json_that_is_not_ours_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -357,6 +357,20 @@ def twins() -> fs.System:
     return fs.couple({**pads, "disc": disc}, [fs.Rigid(("left", [11]), ("disc", [0])), fs.Rigid(("right", [11]), ("disc", [8]))])
 
 
+def test_a_pool_of_forks_is_refused_with_its_remedy() -> None:
+    """Children forked behind a factorisation would hang in PETSc for ever. A pool that spawns is taken."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    whole = system(2)
+    fs.normal_modes(fs.chain(300), count=2)
+    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as pool, \
+            pytest.raises(fs.InputError, match=r"mp_context=multiprocessing\.get_context\('spawn'\)"):
+        fs.reduce(whole, methods(whole), executor=pool)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        assert fs.reduce(whole, methods(whole), executor=pool).size == fs.reduce(whole, methods(whole)).size
+
+
 @pytest.mark.parametrize("side", [True, False])
 def test_equal_parts_are_reduced_once(side: bool, threads: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []

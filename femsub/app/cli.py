@@ -40,6 +40,9 @@ def _parser() -> argparse.ArgumentParser:
     out = run.add_argument("--out", metavar="DIR",
                            help="write results.json, one CSV file per table and figures there; else nothing is written")
     out.complete = FOLDERS  # type: ignore[attr-defined]
+    run.add_argument("--trust", metavar="PATH", action="append", default=[],
+                     help="a Python scene that the file names, or a folder from which its meshes include files: both are refused "
+                     "if they are not beside what names them")
     run.add_argument("--no-figures", action="store_true", help="draw nothing")
     loud = run.add_mutually_exclusive_group()
     loud.add_argument("-q", "--quiet", action="store_true", help="print warnings and errors only")
@@ -171,25 +174,26 @@ def _told(verbose: int) -> Iterator[None]:
 def _run(options: argparse.Namespace) -> int:
     with warnings.catch_warnings(record=True) as caught, _told(options.verbose):
         warnings.simplefilter("always", FemsubWarning)
-        scene, run = load(options.scene)
+        scene, run = load(options.scene, options.trust)
         # Imported late: a scene that is misspelt should not wait for numpy.
-        from femsub.app.record import Record
-        from femsub.app.report import check_folder, in_units, progress, progress_done
+        from femsub.app.record import Record, computed
+        from femsub.app.report import in_units, output_folder, progress, progress_done
         from femsub.studies.tables import fitted
 
-        folder = check_folder(options.out)
         if options.no_figures:
             scene = replace(scene, figures=False)
-        try:
-            tell = (lambda _: None) if options.quiet else logging.getLogger("femsub.app").info if options.verbose else progress
-            record = None if folder is None else Record(scene, folder)
-            result = in_units(record.run(run, tell) if record else run(scene, tell), scene.system)
-            written = []
-            if record is not None:
-                tell("writing")
-                written = record.write(result, _texts(caught))
-        finally:
-            progress_done()
+        with output_folder(options.out) as folder:
+            try:
+                loud = logging.getLogger("femsub.app").info if options.verbose else progress
+                tell = (lambda _: None) if options.quiet else loud
+                record = None if folder is None else Record(scene, folder)
+                result = in_units(computed(scene, run, tell, record, options.trust), scene.system)
+                written = []
+                if record is not None:
+                    tell("writing")
+                    written = record.write(result, _texts(caught))
+            finally:
+                progress_done()
     for text in _texts(caught):
         print(f"femsub: warning: {text}", file=sys.stderr)
     if not options.quiet:

@@ -8,7 +8,12 @@ from typing import Any
 
 from femsub import __version__
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.io.atomic import content_hash
+from femsub.io.atomic import content_hash, newest
+
+RESULTS = "results.json"
+#: keys of a results.json that femsub reads, whatever the scene
+SHAPE = {"scene": str, "inputs": dict, "files": list, "versions": dict, "machine": dict, "written": list, "sha256": dict,
+         "warnings": list, "failed": dict, "date": str}
 
 
 def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
@@ -21,14 +26,15 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
     InputError
         Not a results.json of a run; a file of the scene is missing, or no longer what it was.
     """
-    told = results_of(path) or {}
-    inputs, files, versions = (told.get(key) for key in ("inputs", "files", "versions"))
-    if not (isinstance(inputs, dict) and isinstance(versions, dict) and isinstance(files, list)
-            and all(isinstance(item, dict) and {"path", "sha256"} <= item.keys() for item in files)):
+    path = newest(path.parent, path.name)
+    told = results_of(path)
+    if told is None or not told["inputs"]:
         raise InputError(f"{path} does not hold the inputs of a run; name a scene, a scene file, or the results.json of a run "
                          "with --out")
-    keys = _without_empty(inputs)
-    for item in files:
+    keys = _without_empty(told["inputs"])
+    if str(keys.get("scene", "")).endswith(".py") and not any(item["path"] == keys["scene"] for item in told["files"]):
+        raise InputError(f"{path} names the Python file {keys['scene']}, but not its SHA-256; it is not run")
+    for item in told["files"]:
         place = path.parent / item["path"]
         if not place.is_file():
             place = path.parent / place.name
@@ -39,18 +45,26 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
         if now != item["sha256"]:
             raise InputError(f"{place} has changed since the run of {path}: its SHA-256 was {item['sha256'][:12]}… and is "
                              f"{now[:12]}…. Put the old file back, or run the scene file")
-    if (then := versions.get("femsub")) != __version__:
+    if (then := told["versions"].get("femsub")) != __version__:
         warn(f"{path} was written by femsub {then}, and this is {__version__}: figures may differ", FemsubWarning)
     return keys, path.parent
 
 
 def results_of(path: Path) -> dict[str, Any] | None:
-    """What a results.json holds; None if it is no such file."""
+    """What a results.json holds, with every key of `SHAPE`; None if it is no such file."""
+    if not path.is_file():
+        return None
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
+        json.dumps(told, ensure_ascii=False).encode()  # half a character cannot be printed
     except (OSError, ValueError, RecursionError):
         return None
-    return told if isinstance(told, dict) and "scene" in told else None
+    if not isinstance(told, dict) or "scene" not in told:
+        return None
+    told = {key: kind() for key, kind in SHAPE.items()} | told
+    fit = all(isinstance(told[key], kind) for key, kind in SHAPE.items()) and all(
+        isinstance(item, dict) and all(isinstance(item.get(key), str) for key in ("path", "sha256")) for item in told["files"])
+    return told if fit and isinstance(told["inputs"].get("units", ""), str) else None
 
 
 def hash_of(path: Path) -> str:

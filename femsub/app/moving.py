@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import io
 import json
-import zlib
+import math
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
 
 from femsub.checks import Array
 from femsub.components.mesh import boundary_faces, corner_nodes
 from femsub.errors import InputError
+from femsub.io.matrix_files import read_arrays
 
 if TYPE_CHECKING:
     from femsub import Mesh
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
 MODE_FILE = "mode.npz"
 MOST_NODES = 12_000  # of a surface: a browser redraws so many some 20 times a second
+MOST_BYTES = 1 << 26  # of a mode's file, unpacked: an order above what such a surface takes
 ARRAYS = {"points": 3, "cells": None, "real": 3, "imag": 3}  # columns; cells are lines or triangles
 
 
@@ -96,8 +96,8 @@ def _write(mesh: Mesh, u: Array, told: Mapping[str, Any], file: BinaryIO) -> Non
                         real=made.u.real.astype(np.float32), imag=made.u.imag.astype(np.float32))
 
 
-def read_mode(content: bytes, path: Path) -> Moving:
-    """What a mode's file holds.
+def read_mode(path: Path, content: BinaryIO | None = None) -> Moving:
+    """What a mode's file holds, or such content of one that was not written yet.
 
     Raises
     ------
@@ -105,12 +105,25 @@ def read_mode(content: bytes, path: Path) -> Moving:
         It is no such file.
     """
     try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            told = json.loads(file["told"].tobytes())
-            points, cells, real, imag = (file[name] for name in ARRAYS)
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
-        raise InputError(f"{path} does not hold a mode as femsub writes it: {error}. Delete it, or run the scene again") from None
-    if not (isinstance(told, dict) and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
-            and cells.shape[1] in (2, 3) and cells.min(initial=0) >= 0 and cells.max(initial=0) < max(len(points), 1)):
+        found = read_arrays(path, content, MOST_BYTES)
+        told = json.loads(found["told"].tobytes())
+        points, cells, real, imag = (found[name] for name in ARRAYS)
+    except (ValueError, KeyError, RecursionError) as error:
+        raise InputError(f"{path} does not hold a mode as femsub writes it: {error!s:.200}. Delete it, or run the scene again") \
+            from None
+    if not (_is_told(told) and points.shape == real.shape == imag.shape == (len(points), 3) and cells.ndim == 2
+            and all(part.dtype.kind == "f" and np.isfinite(part).all() for part in (points, real, imag))
+            and cells.dtype.kind in "iu" and cells.shape[1] in (2, 3)
+            and cells.min(initial=0) >= 0 and cells.max(initial=0) < max(len(points), 1)):
         raise InputError(f"{path} does not hold a mode as femsub writes it. Delete it, or run the scene again")
     return Moving(told, points, cells, real + 1j * imag)
+
+
+def _is_told(told: Any) -> bool:
+    """Whether a title, an eigenvalue and the size of the mesh are there, each of its type."""
+    if not isinstance(told, dict):
+        return False
+    value = told.get("eigenvalue")
+    return (isinstance(value, list) and len(value) == 2
+            and all(type(part) in (int, float) and abs(part) < math.inf for part in value)
+            and isinstance(told.get("title"), str) and type(told.get("nodes")) is int)

@@ -6,6 +6,7 @@ Plotly (the extra `page`) is inlined. It is imported by nothing else in femsub.
 from __future__ import annotations
 
 import base64
+import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
@@ -16,14 +17,14 @@ import numpy as np
 
 from femsub.app.explain import toml
 from femsub.app.figure_style import look
-from femsub.app.inputs import results_of
+from femsub.app.inputs import RESULTS, results_of
 from femsub.app.moving import MODE_FILE, Moving, read_mode
 from femsub.app.page_plots import plots
+from femsub.app.report import output_folder, put
 from femsub.app.scene import OWN, SCENES
 from femsub.app.verdict import Verdict, units_of, verdict
 from femsub.checks import Array, package
-from femsub.errors import InputError
-from femsub.io.atomic import write_whole
+from femsub.errors import FemsubError, InputError
 
 PAGE_FILE = "report.html"
 TEMPLATE = Path(__file__).with_name("page.html")
@@ -100,21 +101,29 @@ def show(folder: Path) -> Path:
     Raises
     ------
     InputError
-        The folder holds no results of a run.
+        The folder holds no results of a run, or damaged ones; a run writes into it.
     """
     check_plotly()
-    told = results_of(folder / "results.json")
-    inputs = told.get("inputs") if told else None
-    kind = str(inputs.get("scene")) if isinstance(inputs, dict) else ""
-    if told is None or not (kind in SCENES or kind.endswith(OWN)):
+    if not folder.is_dir():
         raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
-    path = folder / MODE_FILE
-    mode = read_mode(path.read_bytes(), path) if path.is_file() else None
-    names = [name.removesuffix(".csv") for name in told.get("written", []) if name.endswith(".csv") and "/" not in name]
-    try:
-        made, = write_whole(folder, {PAGE_FILE: lambda file: write_page(told, names, mode, file)})
-    except OSError as error:
-        raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
+    with output_folder(str(folder)):
+        path = folder / RESULTS
+        told = results_of(path)
+        kind = told["inputs"].get("scene") if told else None
+        if told is None or not isinstance(kind, str) or not (kind in SCENES or kind.endswith(OWN)):
+            raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
+        place = folder / MODE_FILE
+        mode = read_mode(place) if place.is_file() else None
+        names = [name.removesuffix(".csv") for name in told["written"] if str(name).endswith(".csv") and "/" not in name]
+        content = io.BytesIO()
+        try:
+            write_page(told, names, mode, content)
+        except FemsubError:
+            raise
+        except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+            raise InputError(f"{path} is damaged, or not of this version: {type(error).__name__}, {error!s:.100}. Run the scene "
+                             "again") from error
+        made, = put(folder, {PAGE_FILE: lambda file: file.write(content.getvalue())})
     return made
 
 

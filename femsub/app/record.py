@@ -11,12 +11,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from femsub.app.inputs import hash_of, results_of
+from femsub.app.inputs import RESULTS, hash_of, results_of
 from femsub.app.keys import item_kind, keys_of, kinds
-from femsub.app.report import machine, to_json, versions, write
+from femsub.app.report import machine, remove, to_json, versions, write
 from femsub.app.scene import SCENES, Progress, Result, Scene
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.io.mesh_text import texts_read
+from femsub.io.mesh_text import including, texts_read
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -24,9 +24,15 @@ if TYPE_CHECKING:
 #: the paper whose study the scenes of the chain repeat
 PAPER = ("the conference paper that compares Hurty/Craig-Bampton and Craig-Chang on a chain of masses on a belt "
          "(section Vehicle Noise and Vibration)")
-RESULTS = "results.json"
 OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of what scenes write
 NAMED = 5  # files that a message lists
+
+
+def computed(scene: Scene, run: Callable[[Scene, Progress], Result], progress: Progress, record: Record | None = None,
+             trusted: Sequence[str] = ()) -> Result:
+    """Runs the scene; files of meshes may be included from these folders, too."""
+    with including(*trusted):
+        return record.run(run, progress) if record else run(scene, progress)
 
 
 class Record:
@@ -78,7 +84,7 @@ class Record:
         written = write(result, self.folder, self.scene.figures, units=self.scene.system, notes=notes)
         names = {path.relative_to(self.folder).as_posix() for path in written}
         inputs = {item["path"] for item in self.files}
-        _remove(self.folder, [name for name in self.last if name not in names | inputs])
+        remove(self.folder, {name: known for name, known in self.last.items() if name not in names | inputs})
         strange = sorted({path.name for path in self.folder.iterdir() if path.suffix in OURS} - names - inputs)
         if strange:
             warn(f"{self.folder} also holds files that are not of this run: {_listed(strange)}", FemsubWarning)
@@ -91,19 +97,19 @@ class Record:
         module = type(self.scene).__module__.rpartition(".")[2]
         return next(kind for kind, (name, _) in SCENES.items() if name == module)
 
-    def _last(self) -> list[str]:
-        """The files that the last run of this scene wrote into the folder."""
+    def _last(self) -> dict[str, Any]:
+        """The files that the last run of this scene wrote into the folder, with their hashes."""
         place, kind = self.folder / RESULTS, self._kind()
-        if not place.exists():
-            return []
+        if not os.path.lexists(place):
+            return {}
         told = results_of(place)
         if told is None:
             raise InputError(f"{place} was not written by femsub; choose another folder for --out")
-        if (told["scene"], told.get("inputs", {}).get("scene", kind)) != (self.scene.name, kind):
+        if (told["scene"], told["inputs"].get("scene", kind)) != (self.scene.name, kind):
             others = [path.name for path in sorted(self.folder.iterdir()) if path.suffix in OURS]
             raise InputError(f"the output folder {self.folder} holds the results of another scene, {told['scene']!r} "
                              f"({_listed(others)}); choose another folder for --out, or delete them")
-        return [name for name in told.get("written", []) if isinstance(name, str)]
+        return {name: told["sha256"].get(name) for name in told["written"] if isinstance(name, str)}
 
     def _place(self, path: Path) -> str:
         """A file as seen from the folder of the results, with which it may be moved."""
@@ -126,7 +132,7 @@ def _page(result: Result) -> dict[str, Writer]:
         if MODE_FILE in result.files:
             content = io.BytesIO()
             result.files[MODE_FILE](content)
-            mode = read_mode(content.getvalue(), Path(MODE_FILE))
+            mode = read_mode(Path(MODE_FILE), content)
         write_page(json.loads(to_json(result.data)), [name for name, rows in result.tables.items() if rows], mode, file)
 
     return {PAGE_FILE: page}
@@ -151,19 +157,6 @@ def _named_file(path: Path) -> tuple[Path, str]:
         return path, ""
     file, _, matrix = path.name.rpartition(":")
     return path.with_name(file), f":{matrix}"
-
-
-def _remove(folder: Path, names: Sequence[str]) -> None:
-    """Deletes files of the last run, and the folders that are empty then; nothing outside of the folder."""
-    for name in names:
-        path = folder / name
-        if ".." in path.parts or path.is_absolute() != folder.is_absolute() or folder not in path.parents or not path.is_file():
-            continue
-        path.unlink()
-        for parent in path.parents:
-            if parent == folder or any(parent.iterdir()):
-                break
-            parent.rmdir()
 
 
 def _listed(names: Sequence[str]) -> str:

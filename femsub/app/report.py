@@ -1,4 +1,4 @@
-"""Results on the terminal and in a folder: written to temporary files first, then renamed."""
+"""Results on the terminal and in a folder: all its files are replaced together."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,56 +20,102 @@ from typing import Any, BinaryIO
 import numpy as np
 
 import femsub
+from femsub.app.inputs import hash_of
 from femsub.app.scene import Result
 from femsub.app.units import UNKNOWN, Units
 from femsub.errors import InputError
-from femsub.io.atomic import Writer, write_whole
+from femsub.io.atomic import HASHES, OURS, Writer, hashed, held, write_whole
 
 
-def check_folder(folder: str | None) -> Path | None:
-    """The output folder if it can be written; it is made when there is something to put into it.
+@contextmanager
+def output_folder(folder: str | None) -> Iterator[Path | None]:
+    """The output folder, made and locked: no other run writes into it meanwhile. One that stays empty is taken away again.
 
     Raises
     ------
     InputError
-        It, or the folder it would be made in, cannot be written.
+        It cannot be made or written, or another process writes into it.
     """
     if folder is None:
-        return None
+        yield None
+        return
     if not folder:
         raise InputError("--out needs the name of a folder; it is empty")
-    path = Path(folder)
-    existing = path
+    path = existing = Path(folder)
     while not os.path.lexists(existing):
         existing = existing.parent
     if not existing.is_dir():
         raise InputError(f"the output folder {folder} cannot be written: {existing} is not a folder")
-    try:
-        tempfile.TemporaryFile(dir=existing).close()
-    except OSError as error:
-        raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error} ({existing})") from None
-    return path
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(held(path))
+            tempfile.TemporaryFile(dir=path).close()
+        except OSError as error:
+            raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
+        yield path
+
+
+def check_folder(folder: str | None) -> Path | None:
+    """The output folder, if it can be written; it is made when there is something to put into it.
+
+    Raises
+    ------
+    InputError
+        It cannot be made or written, or another process writes into it.
+    """
+    with output_folder(folder) as path:
+        return path
 
 
 def write(result: Result, folder: Path, figures: bool, name: str = "results", units: Units = UNKNOWN,
           notes: Mapping[str, str] | None = None) -> list[Path]:
-    """name.json, a CSV file for each table, the figures and the scene's own files, each whole or not at all; what was written.
+    """name.json, a CSV file for each table, the figures and the scene's own files, all or none; what was written.
 
     `units` are those that figures are drawn in, `notes` what stands at the foot of some, by name.
     """
-    writers: dict[str, Writer] = {f"{name}.json": lambda file: file.write(to_json(data).encode())}
-    writers |= {f"{table}.csv": partial(_csv, rows) for table, rows in result.tables.items() if rows}
+    writers: dict[str, Writer] = {f"{table}.csv": partial(_csv, rows) for table, rows in result.tables.items() if rows}
     if figures and result.drawings:
         from femsub.app.figure_style import render
 
         writers |= {f"{title}.png": partial(render, draw, units=units, note=(notes or {}).get(title, ""))
                     for title, draw in result.drawings.items()}
     writers |= result.files
-    data = result.data | {"written": list(writers)}
+    index = f"{name}.json"
+    data = result.data | {"written": [index, *writers]}
+    files, hashes = hashed(writers)
+    written = put(folder, {**files, index: lambda file: file.write(to_json(data | {HASHES: hashes}).encode())})
+    return [written[-1], *written[:-1]]
+
+
+def put(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
+    """Writes files into the folder, all or none.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written.
+    """
     try:
         return write_whole(folder, writers)
     except OSError as error:
         raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
+
+
+def remove(folder: Path, hashes: Mapping[Any, Any]) -> None:
+    """Deletes files of the last run, {name: hash}, and the folders that are empty then.
+
+    Only what the last run wrote: regular files below the folder with an ending of femsub's files, their content that of the
+    hash. No link is followed.
+    """
+    whole = Path(os.path.realpath(folder))
+    for name, known in hashes.items():
+        with suppress(OSError, ValueError):  # a name that none can be; a file that may not be read or deleted stays
+            path = whole / name
+            below = os.path.realpath(path) == str(path) and whole in path.parents
+            if below and path.suffix in OURS and path.is_file() and hash_of(path) == known:
+                path.unlink()
+                for parent in path.relative_to(whole).parents[:-1]:
+                    (whole / parent).rmdir()
 
 
 def in_units(result: Result, units: Units) -> Result:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import tomllib
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from femsub.app.keys import check_keys, key, keys_of, values_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
-from femsub.checks import choice
+from femsub.checks import choice, shown
 from femsub.errors import FemsubError, InputError, unknown_name
 from femsub.linalg.timing import Interruptible
 
@@ -47,6 +48,8 @@ SCENES = {
 }
 OWN = ".py"  #: ending of a file with a scene of your own
 MOST_REPEATS = 1000
+LONGEST_NAME = 100
+HIGHEST = 1e100  # end of a band
 PAGE = "page"  # the output that is made of the others
 #: of the literature, and of Python's MacNeal
 SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-bampton", "mac-neal": "macneal"}
@@ -113,6 +116,9 @@ class Scene:
         object.__setattr__(self, "methods", [name if name in METHODS else _hyphenated(name) for name in self.methods])
         object.__setattr__(self, "law", self.law if self.law in LAWS else _hyphenated(self.law))
         check_keys(self)
+        if max(getattr(self, "band", None) or [0.0]) > HIGHEST:
+            raise InputError(f"band must end below {HIGHEST:g}, so that the squares of its frequencies are finite; it is "
+                             f"{shown(self.band)}")  # type: ignore[attr-defined]
 
     @property
     def paged(self) -> bool:
@@ -239,13 +245,16 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
     return Result(data, tables, "\n\n".join(text), drawings, files)
 
 
-def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
+def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
     """A scene with the function that runs it: by the name of a built-in one, or from a TOML, Python or results.json file.
+
+    A Python file is run if it is the source, or if the source names it and it lies beside the source or is one of `trusted`.
 
     Raises
     ------
     InputError
-        No such scene or file, not TOML, a key that does not exist (the nearest one is named), a value of the wrong type.
+        No such scene or file, not TOML, a key that does not exist (the nearest one is named), a value of the wrong type; a
+        Python file that is not to be run.
     """
     if source in SCENES:
         return _build({"scene": source}, Path("."))
@@ -259,7 +268,8 @@ def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
     if path.suffix == ".json":
         from femsub.app.inputs import inputs_of
 
-        return _build(*inputs_of(path))
+        table, folder = inputs_of(path)
+        return _build(table, folder, path, trusted)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -268,13 +278,17 @@ def load(source: str) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
         raise InputError(f"{source} is no scene file: its brackets are nested too deeply") from None
     except OSError as error:
         raise InputError(f"{source} cannot be read: {error.strerror or error}") from None
-    return _build(table, path.parent)
+    return _build(table, path.parent, path, trusted)
 
 
-def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Scene, Progress], Result]]:
+def _build(table: Mapping[str, Any], folder: Path, source: Path | None = None, trusted: Sequence[str] = ()) \
+        -> tuple[Scene, Callable[[Scene, Progress], Result]]:
+    """The scene that a table describes; files in it are named as seen from the folder. None is a source that the user named."""
     values = dict(table)
     kind = values.pop("scene", "chain")
     own = str(folder / kind) if isinstance(kind, str) and kind.endswith(OWN) else ""
+    if own and source is not None:
+        _check_trust(Path(own), source, trusted)
     scene_type, run = scene_of(own or kind)
     needed = [name for name, one in keys_of(scene_type).items() if one.key.required]
     if needed and not values:
@@ -286,9 +300,25 @@ def _build(table: Mapping[str, Any], folder: Path) -> tuple[Scene, Callable[[Sce
         values = values_of(scene_type, values)
     except InputError as error:
         raise InputError(f"{error}{taken}") from None
+    name = values.get("name", "")
+    if not name.isprintable() or len(name) > LONGEST_NAME or set(name) & set("/\\"):
+        raise InputError(f"scene key 'name': {shown(name)} cannot be part of a file's name. Take at most {LONGEST_NAME} "
+                         "printable characters without / and \\")
     if any(item.name == "folder" for item in fields(scene_type)):
         values["folder"] = str(folder)
     return scene_type(**{"name": Path(own).stem if own else kind, **values, "own": own}), run
+
+
+def _check_trust(own: Path, source: Path, trusted: Sequence[str]) -> None:
+    """Refuse to run a Python file that a scene file or a results.json names, unless it lies beside it or its user allows it."""
+    try:
+        whole = os.path.realpath(own)
+        if os.path.dirname(whole) == os.path.realpath(source.parent) or whole in map(os.path.realpath, trusted):
+            return
+    except ValueError:
+        pass
+    raise InputError(f"{source} names the Python file {own}, which is not beside it and would be executed. Read it first, "
+                     f"then allow it: femsub run {source} --trust {own}")
 
 
 def scene_of(name: str) -> tuple[type[Scene], Callable[[Any, Progress], Result]]:

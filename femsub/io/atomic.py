@@ -1,15 +1,36 @@
-"""Atomic writing: a file is written completely or not at all."""
+"""Files that belong together are replaced together: a process that is killed leaves the old ones or the new ones, whole.
+
+New files are written into a hidden folder beside the old ones. It gets the name `NEXT` when all of them are complete. From then
+on they are the folder's content, as `newest` reads it. Then each is moved to its place. The next writer ends a move that was
+stopped, and removes the hidden folders of writers that were killed before.
+
+A writer locks the folder (flock), and so does a run for as long as it takes. The system unlocks it when the process ends. Other
+machines do not see the lock.
+"""
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import secrets
-from collections.abc import Callable, Mapping
-from pathlib import Path
+import shutil
+import stat
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
+from errno import EEXIST, EINVAL, ELOOP, EWOULDBLOCK
+from functools import partial
+from pathlib import Path, PurePath
 from typing import BinaryIO, TypeAlias
 
 Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content into an open temporary file, and may read it
+HASHES = "sha256"  # the key of {file: hash} in an index
+NEXT = ".femsub-next"  # holds complete files that are being moved to their places
+TEMPORARY = ".femsub-new-"  # beginning of the name of a folder in which files are being written
+#: endings of what femsub writes
+OURS = (".json", ".csv", ".png", ".vtu", ".vtk", ".pvd", ".html", ".npz", ".npy", ".mtx", ".mat", ".op4", ".msh", ".inp")
+_held: ContextVar[frozenset[tuple[int, int]]] = ContextVar("femsub_held", default=frozenset())  # folders that this thread locked
 
 
 def content_hash(file: BinaryIO) -> str:
@@ -18,34 +39,190 @@ def content_hash(file: BinaryIO) -> str:
     return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
-def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
-    """Write files (names relative to `folder`, which is created) to temporary names, and rename them when all are on the disk.
+def hashed(writers: Mapping[str, Writer]) -> tuple[dict[str, Writer], dict[str, str]]:
+    """Writers that also note the hash of what they wrote, and the table of hashes by name, which fills as they write."""
+    hashes: dict[str, str] = {}
+
+    def write(file: BinaryIO, name: str) -> None:
+        writers[name](file)
+        hashes[name] = content_hash(file)
+
+    return {name: partial(write, name=name) for name in writers}, hashes
+
+
+def newest(folder: Path, name: str) -> Path:
+    """Where a file of the folder is: in its place, or among complete new files that were not moved to their places."""
+    waiting = folder / NEXT
+    return waiting / name if stat.S_ISREG(_mode(waiting / name)) and stat.S_ISDIR(_mode(waiting)) else folder / name
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Make the folder and lock it; end what a killed writer has begun. A folder that is still empty at the end goes again.
 
     Raises
     ------
     OSError
-        The folder cannot be written; existing files are unchanged.
+        The folder cannot be made or opened. BlockingIOError: another process, or another thread, writes into it.
     """
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    waiting: list[tuple[Path, Path]] = []
+    folder.mkdir(parents=True, exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        for name, writer in writers.items():
-            path = folder / name
-            made = [parent for parent in path.parents if not parent.exists() and parent not in made] + made
-            path.parent.mkdir(parents=True, exist_ok=True)
-            temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
-            with temporary.open("x+b") as file:
-                waiting.append((temporary, path))
+        found = os.fstat(handle)
+        name = (found.st_dev, found.st_ino)
+        if name not in _held.get():
+            _lock(handle)
+        token = _held.set(_held.get() | {name})
+        try:
+            _finish(folder)
+            _sweep(folder)
+            yield
+        finally:
+            _held.reset(token)
+    finally:
+        _remove_empty(made)
+        os.close(handle)
+
+
+def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
+    """Write files: names relative to `folder`, which is created. In each folder all are replaced, or none.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written, or another process writes into it; existing files are unchanged.
+    """
+    places = {name: _inside(folder, name) for name in writers}
+    alone = len(writers) == 1  # one file needs no lock: its own move is all there is
+    with ExitStack() as stack:
+        if not alone:
+            stack.enter_context(held(folder))
+        waiting: dict[Path, Path] = {}
+        for place in dict.fromkeys(path.parent for path in places.values()):  # outer folders are locked before inner ones
+            stack.enter_context(_made(place) if alone else held(place))
+            waiting[place] = stack.enter_context(_temporary(place))
+        for name, writer in writers.items():  # in their order: an index tells of those before
+            path = places[name]
+            if path.is_dir():
+                raise OSError(EEXIST, f"{path} is a folder")
+            with (waiting[path.parent] / path.name).open("x+b") as file:
                 writer(file)
-        folder.mkdir(parents=True, exist_ok=True)
-        for temporary, path in list(waiting):
-            os.replace(temporary, path)
-            waiting.remove((temporary, path))
-    except BaseException:
-        for temporary, _ in waiting:
-            temporary.unlink()
-        for parent in sorted(made, key=lambda path: len(path.parts), reverse=True):
-            if parent.is_dir() and not any(parent.iterdir()):
-                parent.rmdir()
-        raise
-    return [folder / name for name in writers]
+        for place, new in waiting.items():
+            if alone:
+                _move(new, place)
+            else:
+                os.replace(new, place / NEXT)
+        for place in waiting:
+            _finish(place, own=True)
+    return list(places.values())
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make the folder without a lock; one that is still empty at the end goes again."""
+    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    _sweep(folder)
+    try:
+        yield
+    finally:
+        _remove_empty(made)
+
+
+def _lock(handle: int) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise BlockingIOError(EWOULDBLOCK, "another process writes into it; wait for its end, or choose another folder") from None
+    except OSError:  # a file system without locks of folders
+        return
+
+
+def _inside(folder: Path, name: str) -> Path:
+    """The place of a file in the folder; one that is not below it, or that a link leads to, is refused."""
+    path, words = folder / name, PurePath(name).parts
+    if PurePath(name).is_absolute() or ".." in words:
+        raise OSError(EINVAL, f"{name!r} is not a file within it")
+    for part in path.parents[:len(words) - 1]:
+        if part.is_symlink():
+            raise OSError(ELOOP, f"{part} is a link to another folder, and nothing is written outside of this one")
+    return path
+
+
+@contextmanager
+def _temporary(place: Path) -> Iterator[Path]:
+    """A hidden folder, locked as long as its writer lives, and removed if it is still there at the end."""
+    while True:
+        path = place / f"{TEMPORARY}{secrets.token_hex(8)}"
+        path.mkdir()
+        try:
+            handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        except FileNotFoundError:  # swept before it was locked
+            continue
+        with suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if path.exists():
+            break
+        os.close(handle)
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+        os.close(handle)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove hidden folders of writers that are no more."""
+    for path in folder.glob(f"{TEMPORARY}*"):
+        if not stat.S_ISDIR(_mode(path)):
+            continue
+        with suppress(OSError):
+            handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(path)
+            finally:
+                os.close(handle)
+
+
+def _finish(folder: Path, own: bool = False) -> None:
+    """Move complete new files to their places; `own`: this process has written them.
+
+    Raises
+    ------
+    OSError
+        What lies there is not what a killed writer leaves.
+    """
+    waiting = folder / NEXT
+    mode = _mode(waiting)
+    if not mode:
+        return
+    found = [*waiting.iterdir()] if stat.S_ISDIR(mode) else [waiting]
+    strange = [] if own else [path for path in found if not stat.S_ISREG(_mode(path)) or path == waiting or (
+        path.suffix not in OURS and (folder / path.name).exists())]
+    if strange:
+        raise OSError(EEXIST, f"{strange[0]} was not written by femsub; delete it")
+    _move(waiting, folder)
+    waiting.rmdir()
+
+
+def _move(waiting: Path, folder: Path) -> None:
+    """Move files to their places, an index last."""
+    for path in sorted(waiting.iterdir(), key=lambda path: (path.suffix == ".json", path.name)):
+        os.replace(path, folder / path.name)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove those that are there and empty; inner ones stand first."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _mode(path: Path) -> int:
+    """The mode of what is there, links not followed; 0: nothing."""
+    try:
+        return path.lstat().st_mode
+    except OSError:
+        return 0

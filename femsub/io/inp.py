@@ -18,7 +18,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.mesh_text import as_numbers, as_table, fields, once, rows_of, text_of, with_included
+from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, once, rows_of
 
 #: keywords whose data define the mesh
 _MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
@@ -242,7 +242,7 @@ def _blocks(path: Path) -> Iterator[Block]:
         A file that is named but not there; a last line that may be cut; a keyword that changes the mesh in a way that is
         not read; one that is nearly, but not quite, the name of one that is.
     """
-    text = re.sub(r"^[ \t]*\*\*.*\n?", "", _whole(path), flags=re.MULTILINE)
+    text = re.sub(r"^[ \t]*\*\*.*\n?", "", _whole(deck := Deck(path)), flags=re.MULTILINE)
     quoted: dict[str, str] = {}
     for part in re.split(r"^[ \t]*\*", text, flags=re.MULTILINE)[1:]:
         head, _, data = part.partition("\n")
@@ -258,7 +258,7 @@ def _blocks(path: Path) -> Iterator[Block]:
                 raise InputError(f"{path} has sets {quoted[name.upper()]!r} and {name!r}, which differ only in upper and lower "
                                  "case. They would become one; rename one of them")
         if keyword in _MESH and "INPUT" in options:
-            data = _input(path, keyword, options["INPUT"]) + data
+            data = _input(deck, keyword, options["INPUT"]) + data
         yield Block(keyword, options, data)
 
 
@@ -280,20 +280,17 @@ def _refuse(path: Path, keyword: str, options: Mapping[str, str]) -> None:
         raise InputError(f"{path} has the unknown keyword *{keyword}; did you mean *{near[0]}?")
 
 
-def _whole(path: Path) -> str:
+def _whole(deck: Deck) -> str:
     """The text with the files it includes."""
     def named(line: str) -> str:
         found = re.search(r'INPUT\s*=\s*("[^"]*"|[^,\n]*)', line, flags=re.IGNORECASE)
         return _unquoted(found[1]) if found else ""
 
-    return with_included(path, r"^[ \t]*\*[ \t]*INCLUDE\b([^\n]*(?:,[ \t]*\n[^\n]*)*)\n?", named, _ended)
+    return deck.whole(r"^[ \t]*\*[ \t]*INCLUDE\b([^\n]*(?:,[ \t]*\n[^\n]*)*)\n?", named, _ended)
 
 
-def _input(path: Path, keyword: str, name: str) -> str:
-    place = path.parent / name
-    if not place.is_file():
-        raise InputError(f"{path}: *{keyword} takes its data from {name!r}, which is not a file beside it")
-    text = text_of(place)
+def _input(deck: Deck, keyword: str, name: str) -> str:
+    place, text = deck.included(deck.path, name)
     _ended(place, text, alone=False)
     text = re.sub(r"^[ \t]*\*\*.*\n?", "", text, flags=re.MULTILINE)
     if re.search(r"^[ \t]*\*", text, flags=re.MULTILINE):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Matrix, path_of, word
+from femsub.checks import Array, Matrix, path_of, word
 from femsub.errors import FemsubError, InputError
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
 from femsub.io.damage import THROWN, check_extent, check_room
@@ -178,12 +179,43 @@ def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ..
 
 
 def _npz(path: Path) -> Any:
-    if not zipfile.is_zipfile(path):
+    kinds = _array_kinds(path, path)
+    with np.load(path, allow_pickle=False) as file:
+        if {"format", "shape", "data"} <= set(kinds):
+            return _checked_sparse(path, file, kinds)
+        return {name: value for name in kinds if kinds[name].kind in NUMBERS and (value := file[name]).ndim == 2}
+
+
+def read_arrays(path: Path, content: BinaryIO | None, most: int) -> dict[str, Array]:
+    """All arrays of a .npz file, or of its content if that is given, by name.
+
+    Raises
+    ------
+    InputError
+        It is damaged or cut short, an array is not as long as it announces, or all are longer than `most` bytes.
+    """
+    def read(place: Path) -> dict[str, Array]:
+        kinds = _array_kinds(path, content or place, most)
+        if content is not None:
+            content.seek(0)
+        with np.load(content or place, allow_pickle=False) as file:
+            return {name: file[name] for name in kinds}
+
+    found: dict[str, Array] = _guarded(path, read)
+    return found
+
+
+def _array_kinds(path: Path, content: Path | BinaryIO, most: float = math.inf) -> dict[str, np.dtype[Any]]:
+    """The types of the arrays in a .npz file, each of which is as long as it announces."""
+    if not zipfile.is_zipfile(content):
         raise InputError(f"{path} is not a whole .npz file; it may be cut short, write it again")
     kinds: dict[str, np.dtype[Any]] = {}
-    with zipfile.ZipFile(path) as archive:
+    with zipfile.ZipFile(content) as archive:
         entries = archive.infolist()
-        check_room(path, sum(entry.file_size for entry in entries))
+        size = sum(entry.file_size for entry in entries)
+        if size > most:
+            raise InputError(f"{path} announces {size} bytes; there are at most {most:.0f} in such a file")
+        check_room(path, size)
         for entry in entries:
             name = entry.filename.removesuffix(".npy")
             if name in kinds or name == entry.filename:
@@ -192,10 +224,7 @@ def _npz(path: Path) -> Any:
                 _, kinds[name], wanted = _array_header(path, entry.filename, file)
             if kinds[name].kind != "O" and wanted != entry.file_size:
                 raise InputError(f"{path} is damaged: {entry.filename} announces {wanted} bytes, but has {entry.file_size}")
-    with np.load(path, allow_pickle=False) as file:
-        if {"format", "shape", "data"} <= set(kinds):
-            return _checked_sparse(path, file, kinds)
-        return {name: value for name in kinds if kinds[name].kind in NUMBERS and (value := file[name]).ndim == 2}
+    return kinds
 
 
 def _checked_sparse(path: Path, file: Any, kinds: Mapping[str, np.dtype[Any]]) -> Matrix:

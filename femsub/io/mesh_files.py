@@ -21,6 +21,7 @@ from femsub.io.atomic import write_whole
 from femsub.io.foreign_meshes import meshio, quietly, read_foreign, read_tetgen
 from femsub.io.gmsh import BODIES, is_gmsh, read_gmsh
 from femsub.io.inp import read_inp
+from femsub.io.mesh_text import including
 from femsub.io.nastran import read_nastran
 
 _SET, _GROUP, _NUMBER = "set:", "group:", "number"  # names of sets, groups and node numbers in femsub's files
@@ -41,7 +42,7 @@ class _Block(NamedTuple):
     number: int  # among all blocks of the file
 
 
-def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = None) -> Mesh:
+def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = None, includes: str | Path | None = None) -> Mesh:
     """Read a mesh file: the cells of the highest dimension with their named sets, checked (see `mesh_checks.checked`).
 
     Abaqus and CalculiX .inp, Nastran .bdf, Gmsh .msh and TetGen have their own readers; meshio reads all other formats. Tables
@@ -68,6 +69,8 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
         Take only the cells of this kind, and note in `repairs` what was dropped. Needed for a mesh of mixed kinds.
     name : str, optional
         Default: the file's name without suffix.
+    includes : str or Path, optional
+        Another folder from which .inp and Nastran files may include files. By default it is their own folder alone.
 
     Returns
     -------
@@ -92,7 +95,8 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     place = path_of("path", path)
     if not place.is_file():
         raise InputError(f"there is no mesh file {place}" if not place.exists() else f"{place} is a folder, not a mesh file")
-    found, notes = _found(place)
+    with including(*([] if includes is None else [path_of("includes", includes)])):
+        found, notes = _found(place)
     blocks = [_Block(block.type, np.asarray(block.data), int(block.dim), i) for i, block in enumerate(found.cells)
               if len(block.data) and not block.type.startswith("polyhedron")]
     chosen, dropped = _choose(place, found, kind)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import os
 import re
 import warnings
 from collections.abc import Callable, Iterator
@@ -16,6 +17,9 @@ from femsub.checks import Array
 from femsub.errors import InputError
 
 DEEPEST = 9  # largest depth of nested includes
+MOST_INCLUDED = 1000  # files that a deck includes, one as often as it is included
+MOST_REPEATED = 100_000_000  # bytes of files that it included before
+_trusted: ContextVar[tuple[Path, ...]] = ContextVar("femsub_trusted", default=())
 _asked: ContextVar[list[Path] | None] = ContextVar("femsub_texts", default=None)
 
 
@@ -42,22 +46,68 @@ def text_of(path: Path) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-def with_included(path: Path, pattern: str, named: Callable[[str], str],
-                  check: Callable[[Path, str, bool], None] = lambda path, text, alone: None, depth: int = 0) -> str:
-    """The text with the content of included files inserted.
+@contextmanager
+def including(*folders: str | Path) -> Iterator[None]:
+    """Files of meshes that are read inside may include files from these folders, beside those from their own."""
+    token = _trusted.set((*_trusted.get(), *(Path(os.path.realpath(folder)) for folder in folders)))
+    try:
+        yield
+    finally:
+        _trusted.reset(token)
 
-    `pattern` finds a line that includes a file. `named` extracts the file's name from the pattern's group. `check` gets each
-    text, and whether it is the file's own.
+
+class Deck:
+    """A mesh file with the files that it includes.
+
+    It includes files from its own folder only, and from those of `including`. How many it includes is limited, and how much
+    comes from files that it has included before: each may include another several times, level by level.
     """
-    text = text_of(path)
-    check(path, text, depth == 0)
-    parts = re.split(pattern, text, flags=re.MULTILINE | re.IGNORECASE) if "INCLUDE" in text.upper() else [text]
-    for i in range(1, len(parts), 2):
-        name = named(parts[i])
-        if depth >= DEEPEST or not name or not (path.parent / name).is_file():
-            raise InputError(f"{path} includes {name or 'no file'!r}, which is not a file beside it")
-        parts[i] = with_included(path.parent / name, pattern, named, check, depth + 1)
-    return "".join(part if part.endswith("\n") or not part else f"{part}\n" for part in parts)
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.count, self.repeated = path, 0, 0
+        self.seen: set[Path] = set()
+
+    def included(self, by: Path, name: str) -> tuple[Path, str]:
+        """The place and the text of a file that `by` names.
+
+        Raises
+        ------
+        InputError
+            It is not there, lies elsewhere, or is one too many.
+        """
+        place = by.parent / name
+        if not name or not os.path.isfile(place):
+            raise InputError(f"{by} includes {name or 'no file'!r}, which is not a file beside it")
+        whole = Path(os.path.realpath(place))
+        home = Path(os.path.realpath(self.path.parent))
+        if not any(whole.is_relative_to(folder) for folder in (home, *_trusted.get())):
+            raise InputError(f"{by} includes {name!r}, which lies outside of its folder {home}. Copy it there, or allow it: "
+                             f"read_mesh(..., includes={str(whole.parent)!r}), or femsub run SCENE --trust {whole.parent}")
+        self.count += 1
+        self.repeated += whole.stat().st_size if whole in self.seen else 0
+        self.seen.add(whole)
+        if self.count > MOST_INCLUDED or self.repeated > MOST_REPEATED:
+            raise InputError(f"{self.path} includes more than {MOST_INCLUDED} files, or some of them again and again: more than "
+                             f"{MOST_REPEATED // 1_000_000} MB repeated. Write one file without includes")
+        return place, text_of(place)
+
+    def whole(self, pattern: str, named: Callable[[str], str],
+              check: Callable[[Path, str, bool], None] = lambda path, text, alone: None) -> str:
+        """The text with the content of included files inserted.
+
+        `pattern` finds a line that includes a file. `named` extracts the file's name from the pattern's group. `check` gets
+        each text, and whether it is the file's own.
+        """
+        def inserted(path: Path, text: str, depth: int) -> str:
+            check(path, text, depth == 0)
+            parts = re.split(pattern, text, flags=re.MULTILINE | re.IGNORECASE) if "INCLUDE" in text.upper() else [text]
+            if len(parts) > 1 and depth >= DEEPEST:
+                raise InputError(f"{path} includes {named(parts[1])!r}, {DEEPEST} files deep: does a file include itself?")
+            for i in range(1, len(parts), 2):
+                parts[i] = inserted(*self.included(path, named(parts[i])), depth + 1)
+            return "".join(part if part.endswith("\n") or not part else f"{part}\n" for part in parts)
+
+        return inserted(self.path, text_of(self.path), 0)
 
 
 def as_numbers(what: str, data: str, kind: type = np.int64) -> Array:

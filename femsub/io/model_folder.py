@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from femsub.checks import Matrix, choice, instance, path_of
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
-from femsub.io.atomic import Writer, content_hash, write_whole
+from femsub.io.atomic import HASHES, Writer, content_hash, hashed, newest, write_whole
 from femsub.io.matrix_files import read_together
 from femsub.io.op4 import op4_module
 from femsub.model.estimate import Estimate
@@ -27,7 +27,6 @@ from femsub.model.substructure import ReducedSubstructure, Substructure
 FORMATS = ("mtx", "npz", "mat", "op4")
 INDEX = "model.json"
 VERSION = 1
-HASHES = "sha256"  # the key of {file: hash}, which shows that the files belong together
 
 
 def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx") -> list[Path]:
@@ -54,8 +53,8 @@ def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx")
     Raises
     ------
     InputError
-        An unknown format, or a folder that cannot be written. Each file is written completely or not at all. If the process
-        is killed between two files, `read_component` refuses the folder, since model.json has the hash of each file.
+        An unknown format; a folder that cannot be written, or into which another process writes. If the process is killed,
+        the folder holds the old model or the new one, as `read_component` reads it. Its next write puts the files in order.
     MissingPackageError
         'op4' without pyyeti.
 
@@ -110,20 +109,13 @@ def matrix_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     if dofs is not None:
         about["dofs"] = "dofs.csv"
         writers["dofs.csv"] = partial(write_dofs, dofs=dofs)
-    hashes: dict[str, str] = {}
+    files, hashes = hashed(writers)
 
     def write_index(file: BinaryIO) -> None:  # written last: it has the hashes of the others
         text = json.dumps(about | {HASHES: hashes}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         file.write(text.encode())
 
-    hashed = {name: partial(_write_hashed, name=name, writer=writer, hashes=hashes) for name, writer in writers.items()}
-    return {**hashed, INDEX: write_index}
-
-
-def _write_hashed(file: BinaryIO, name: str, writer: Writer, hashes: dict[str, str]) -> None:
-    """Write, and store the hash of the content."""
-    writer(file)
-    hashes[name] = content_hash(file)
+    return {**files, INDEX: write_index}
 
 
 def _write_single(file: BinaryIO, part: Matrix, name: str) -> None:
@@ -159,9 +151,8 @@ def read_model(folder: Path) -> Substructure:
     ===================  =======================================================================================
     it reads             folders of this version, in each of the four formats, full and reduced models
     it refuses           a file that is not the one model.json was written with (each has its hash there): damaged,
-                         changed, or of another model, as a write that was killed leaves it; a file outside the
-                         folder; entries of model.json that are missing, of another kind, or do not fit the
-                         matrices; another version, or one without hashes
+                         changed, or of another model; a file outside the folder; entries of model.json that are
+                         missing, of another kind, or do not fit the matrices; another version, or one without hashes
     it cannot know       whether an entry of model.json itself was changed to another possible one
     ===================  =======================================================================================
 
@@ -170,12 +161,12 @@ def read_model(folder: Path) -> Substructure:
     InputError
         See the table; no such folder.
     """
-    path = folder / INDEX
+    path = newest(folder, INDEX)
     if not path.is_file():
         raise InputError(f"K is missing: name its file. {folder} is not a folder of write_matrices, since it has no {INDEX}")
-    about = _index(path)
+    about = _index(path, folder)
     part = _matrices(folder, about["files"])
-    found = read_dofs(folder / about["dofs"], tuple(about["labels"])) if "dofs" in about else None
+    found = read_dofs(newest(folder, about["dofs"]), tuple(about["labels"])) if "dofs" in about else None
     columns, start, width = {}, 0, sum(max(width, 1) for width in about["ports"].values())
     if width and part["ports"].shape[1] != width:
         raise _damaged(path, f"its ports have {width} columns, but there are {part['ports'].shape[1]}")
@@ -241,7 +232,7 @@ def _matrices(folder: Path, places: Mapping[str, str]) -> dict[str, Matrix]:
         files.setdefault(file, {})[key] = name or None
     part: dict[str, Matrix] = {}
     for file, names in files.items():
-        part |= dict(zip(names, read_together(folder / file, names.values()), strict=True))
+        part |= dict(zip(names, read_together(newest(folder, file), names.values()), strict=True))
     for key in part.keys() & {"V", "ports"}:
         table = part[key]
         if sp.issparse(table) or table.ndim != 2 or table.dtype.kind not in "biuf" or not np.isfinite(table).all():
@@ -251,21 +242,21 @@ def _matrices(folder: Path, places: Mapping[str, str]) -> dict[str, Matrix]:
 
 # ---- model.json, checked entry by entry and against the files
 
-def _index(path: Path) -> dict[str, Any]:
+def _index(path: Path, folder: Path) -> dict[str, Any]:
     """The content of model.json. The type of every entry is checked, and the hash of every file.
 
     Raises
     ------
     InputError
         An entry that is missing, repeated or of the wrong type; another version; a file outside the folder, missing, or
-        changed, e.g. because a write was stopped between two files.
+        changed.
     """
     try:
         about = json.loads(path.read_bytes().decode("utf-8"), object_pairs_hook=_once, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
         raise _damaged(path, f"{error!s:.100}") from None
     _check(path, about)
-    _check_files(path, about)
+    _check_files(path, folder, about)
     return dict(about)
 
 
@@ -361,13 +352,13 @@ def _check_entries(path: Path, where: str, table: Mapping[str, Any], checks: tup
             raise _damaged(path, f"{where}{key!r} must be {what}, not {table[key]!r:.80}")
 
 
-def _check_files(path: Path, about: Mapping[str, Any]) -> None:
+def _check_files(path: Path, folder: Path, about: Mapping[str, Any]) -> None:
     named = {place.partition(":")[0] for place in about["files"].values()} | ({about["dofs"]} if "dofs" in about else set())
     if named != set(about[HASHES]):
         raise _damaged(path, f"it tells hashes of {', '.join(sorted(about[HASHES])) or 'no file'}, but names "
                              f"{', '.join(sorted(named))}")
     for name, expected in about[HASHES].items():
-        file = path.parent / name
+        file = newest(folder, name)
         if not file.is_file():
             raise InputError(f"there is no file {file}, which {path.name} names; write the model again")
         with open(file, "rb") as content:

@@ -17,7 +17,7 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.io.mesh_text import as_numbers, once, rows_of, with_included
+from femsub.io.mesh_text import Deck, as_numbers, once, rows_of
 
 CHUNK = 400_000  # lines split at a time
 
@@ -103,7 +103,7 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
 def _bulk(path: Path) -> str:
     """The cards between BEGIN BULK (if there is one) and ENDDATA, without comments."""
     include = r"""^[ \t]*INCLUDE\b[ \t]*('[^']*'?|"[^"]*"?|[^\s$]*)[^\n]*\n?"""
-    text = with_included(path, include, lambda name: re.sub(r"\s*\n\s*", "", name.strip("'\"")))
+    text = Deck(path).whole(include, lambda name: re.sub(r"\s*\n\s*", "", name.strip("'\"")))
     text = re.sub(r"\$.*", "", text).expandtabs(8)
     if "//" in text or "#" in text:
         text = re.sub(r"^(?://|#).*", "", text, flags=re.MULTILINE)

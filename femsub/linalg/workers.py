@@ -62,6 +62,10 @@ def check_workers(workers: Any, executor: Any) -> None:
                              "client.get_executor()")
     if executor is not None and (isinstance(executor, type) or not callable(getattr(executor, "submit", None))):
         raise InputTypeError(f"executor must be a concurrent.futures.Executor, or have its submit, not {shown(executor)}")
+    context = getattr(executor, "_mp_context", None)  # of a ProcessPoolExecutor
+    if context is not None and context.get_start_method() == "fork":
+        raise InputError("executor forks this process, and a fork of a process with PETSc and its threads hangs. Give "
+                         "ProcessPoolExecutor(..., mp_context=multiprocessing.get_context('spawn'))")
 
 
 def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]], workers: int | None = None,
