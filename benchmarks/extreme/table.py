@@ -106,7 +106,7 @@ case(group, "masses graded over 1e12, 200 masses", modes, chain(200, masses=10 *
 case(group, "springs and masses graded over 1e12", modes,
      chain(12, springs=10 ** np.linspace(0, 12, 12), masses=10 ** np.linspace(0, -12, 12)), 12)
 case(group, "soft and light end, 1e24 in ω²", modes,
-     chain(12, springs=10 ** np.linspace(0, -12, 12), masses=10 ** np.linspace(0, 12, 12)), 12, expect="relative residual of")
+     chain(12, springs=10 ** np.linspace(0, -12, 12), masses=10 ** np.linspace(0, 12, 12)), 12)
 case(group, "HCB, every other spring 1e12", basis, chain(12, springs=alternating(12, 1e12), interface=(1, 12)), HCB(4))
 case(group, "CC, every other spring 1e12", basis, chain(12, springs=alternating(12, 1e12), interface=(1, 12)), CC(4))
 case(group, "HCB, every other mass 1e12", basis, chain(12, masses=alternating(12, 1e12), interface=(1, 12)), HCB(10), whole=True)

@@ -317,7 +317,10 @@ def _first(free: Array) -> Array:
 
 
 def unresisted(A: Matrix, Z: Array, unit: Array) -> tuple[Array, Array]:
-    """The motions Z (n, r) rotated such that as many as possible have Az = 0, and the indices of those; `unit` scales the DOF."""
+    """The motions Z (n, r) rotated such that as many as possible have Az = 0, and the indices of those; `unit` scales the DOF.
+
+    A may be several matrices below each other, and `unit` as often the same.
+    """
     turn, free = undamped(A, Z, unit)
     return Z @ turn, free
 
@@ -325,7 +328,8 @@ def unresisted(A: Matrix, Z: Array, unit: Array) -> tuple[Array, Array]:
 def undamped(A: Matrix, Z: Array, unit: Array) -> tuple[Array, Array]:
     """The rotation (r, r) of `unresisted`, and the indices of the motions with Az = 0."""
     turn = np.linalg.svd(unit[:, None] * (A @ Z), full_matrices=False)[2].T
-    scale = np.linalg.norm(unit * (abs(A) @ sizes(Z, unit, 1.0).sum(axis=1)))  # of all: one at rest at the dashpot has no scale
+    size = sizes(Z, unit[:len(Z)], 1.0).sum(axis=1)  # of all: one at rest at the dashpot has no scale
+    scale = np.linalg.norm(unit * (abs(A) @ size))
     return turn, np.flatnonzero(np.linalg.norm(unit[:, None] * (A @ (Z @ turn)), axis=0) <= ROUNDING * scale)
 
 
@@ -340,7 +344,8 @@ def without(A: Array, Z: Array, unit: Array) -> Array:
     force = A @ Z
     if not force.any():
         return A
-    G = scaled @ np.linalg.inv(scaled.T @ scaled) / unit[:, None]  # ZᵀG = I
+    # ZᵀG = I; motions may depend on each other where only some of the coordinates are looked at
+    G = np.linalg.pinv(scaled, rcond=SAME).T / unit[:, None]
     if not is_symmetric(A):
         return A - force @ G.T
     result = A - force @ G.T - G @ force.T + G @ (Z.T @ force) @ G.T
