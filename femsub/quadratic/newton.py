@@ -84,10 +84,9 @@ def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Ar
     for turn in range(STEPS):
         if turn < apart:
             x, y = _without(pencil, x, y, others)
-        try:
-            solver = factor(pencil.at(complex(value)))
-        except SingularMatrixError:
-            solver = factor(pencil.at(complex(value * (1 + BESIDE))))
+        solver = _solver(pencil, value, factor)
+        if solver is None:
+            return None
         x, y = solver.solve(_slope(pencil, value, x)), solver.solve(_slope_left(pencil, value, y).conj(), transposed=True).conj()
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             return None
@@ -106,6 +105,16 @@ def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Ar
     rounding = EPS * pencil.magnitude(np.array([value]), x[:, None])[:, 0]
     settled = np.abs(y) @ np.abs(residual) <= FLOOR * (np.abs(y) @ rounding)
     return (value, x, y) if settled else None
+
+
+def _solver(pencil: Pencil, value: complex, factor: Callable[[Matrix], ComplexFactor]) -> ComplexFactor | None:
+    """P(λ)⁻¹, or that of a λ beside it; None if both are singular to working precision, as beside rigid motion."""
+    for beside in (0.0, BESIDE):
+        try:
+            return factor(pencil.at(complex(value * (1 + beside))))
+        except SingularMatrixError:
+            continue
+    return None
 
 
 def _slope(pencil: Pencil, value: complex, x: Array) -> Array:

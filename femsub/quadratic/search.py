@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+HEAVY = 100.0  # d_ii / sqrt(m_ii k_ii) from which on an error beside ‖D‖ is worth Newton steps on a large model
+
 
 class Found(NamedTuple):
     """λ (k,), X and Y (n, k), including all in the region; the evidence of completeness, with the count in a disc if there is
@@ -183,7 +185,8 @@ def _mended(pencil: Pencil, certificate: Nearest | Enclosed, values: Array, X: A
     What is then listed is compared with the count once more: a λ far off may have been counted in place of another one.
     """
     at, done, Y = certificate.about(values), np.zeros(len(values), dtype=bool), np.zeros(X.shape, dtype=complex)
-    if pencil.size > KEPT:
+    mass, damping, stiffness = (np.abs(part.diagonal()) for part in (pencil.M, pencil.D, pencil.K))
+    if pencil.size > KEPT or (pencil.size > QUADRATIC and (damping <= HEAVY * np.sqrt(mass * stiffness)).all()):
         return values, X, Y, done
     if all(pencil.symmetric):
         Y[:, at] = X[:, at].conj()
