@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 SOLVED = 1e-3  # |y|ᵀ|P(λ)x|, relative to the sizes of its terms, above which (λ, x) is no solution, and first order says nothing
 STILL = 1e-8  # the same of Kx for λ = 0, up to which x is rigid-body motion
+POOR = 1e-6  # error bar relative to |λ| above which its left vector is looked at again
+WORK = 1e9  # n³ times the number of these
 CLUSTER = 1e-7  # relative distance below which eigenvalues get their left vectors as a group
 
 
@@ -79,6 +81,8 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     left, terms = (np.einsum("ij,ij->j", np.abs(Y), part) for part in (np.abs(residual), whole))
     share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
     bar[share > SOLVED] = np.inf
+    if not pencil.is_sparse:
+        bar = np.maximum(bar, _by_better_left(pencil, values, Y, np.abs(residual), slope, bar))
     still = np.flatnonzero(values == 0)
     if len(still):  # K may hold nothing of a carried motion but rounding
         bar[still if carries(pencil) else still[share[still] <= STILL]] = 0.0
@@ -87,6 +91,25 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     with np.errstate(divide="ignore", invalid="ignore"):
         condition = np.where(sensitivity * size > 0, scale * np.linalg.norm(X, axis=0) * length / (sensitivity * size), np.inf)
     return Bars(pencil.backward_error(values, X, residual), bar, condition)
+
+
+def _by_better_left(pencil: Pencil, values: Array, Y: Array, residual: Array, slope: Array, bar: Array) -> Array:
+    """The first-order bars of pairs with a poor bar once more, with left vectors after a step of inverse iteration; 0 of others.
+
+    A left vector may lack a part that is small beside it, but acts where the residual is large. Then |y|ᵀ|r| is too small.
+    """
+    better = np.zeros(len(values))
+    poor = np.flatnonzero(np.isfinite(bar) & (bar > POOR * np.abs(values)) & (values != 0))
+    for k in poor[:int(WORK / pencil.size**3)]:
+        P, forces = pencil.at(complex(values[k])).conj().T, 2 * values[k].conj() * (pencil.M.T @ Y[:, k]) + pencil.D.T @ Y[:, k]
+        rows, columns = equilibration(P)
+        try:
+            y = columns * np.linalg.solve(scaled(P, rows, columns), rows * forces)
+        except np.linalg.LinAlgError:  # λ is exact
+            continue
+        if np.isfinite(y).all() and (sensitivity := abs(y.conj() @ slope[:, k])) > 0:
+            better[k] = 2 * np.abs(y) @ residual[:, k] / sensitivity
+    return better
 
 
 def _gaps(values: Array, found: Array) -> Array:
