@@ -242,7 +242,8 @@ class Joined(Source):
         if not Z.shape[1]:
             return RigidMotion(np.zeros((self.L.shape[1], 0)), 0)
         unit = np.split(self.unit, np.cumsum([len(motion.shapes) for motion in own])[:-1])
-        size = sp.block_diag([sp.csr_array(sizes(motion.shapes, one)) for motion, one in zip(own, unit, strict=True)], format="csr")
+        moved = (sizes(motion.shapes, one) for motion, one in zip(own, unit, strict=True))
+        size = sp.block_diag([sp.csr_array(one) for one in moved], format="csr")
         conditions = [A for A in (self.equations, *self.springs) if A.shape[0]]
         turn = null_space(*_stacked([(A @ Z, abs(A) @ size) for A in conditions], Z.shape[1]))
         if turn is None:
