@@ -18,7 +18,7 @@ import numpy as np
 
 import femsub as fs
 from benchmarks.attractor_states import Motion, motion, settled
-from femsub.model.friction import STICKING
+from femsub.coupling.contacts.belt import STICKING
 from femsub.motion.nonlinear_model import State, project, sliding
 from femsub.reduction.reduce import METHODS
 

@@ -155,8 +155,8 @@ def bases(method: str, component: str, sizes: Row, folder: Path | None) -> Row:
 
 
 def femsub_bases(sub: fs.Substructure, modes: int, laps: Laps) -> tuple[Any, ...]:
-    from femsub.linalg.factor import factors_made
-    from femsub.linalg.timing import timed
+    from femsub.algebra.factor import factors_made
+    from femsub.algebra.timing import timed
 
     before = factors_made()
     laps.begin()
@@ -185,7 +185,7 @@ def scipy_bases(sub: fs.Substructure, modes: int, laps: Laps, **options: Any) ->
 
 
 def slepc_bases(sub: fs.Substructure, modes: int, laps: Laps, package: str) -> tuple[Any, ...]:
-    from femsub.linalg.petsc import _load
+    from femsub.algebra.petsc import _load
 
     PETSc, SLEPc = _load()
 
@@ -289,8 +289,8 @@ def full_cea(counts: tuple[int, ...], slopes: np.ndarray, band: tuple[float, flo
 
 def reductions(counts: tuple[int, ...], kept: tuple[int, ...], slopes: np.ndarray, spectra: list[fs.ComplexModes]) -> Row:
     """HCB and CC with more and more modes against the full spectra; the smallest within GROWTH, ready for the sweep."""
-    from femsub.linalg.factor import release
-    from femsub.quadratic.matching import spectrum_errors
+    from femsub.algebra.factor import release
+    from femsub.modes.quadratic.matching import spectrum_errors
 
     sub, models = pad(counts), {}
     tried: list[Row] = []

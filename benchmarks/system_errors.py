@@ -7,7 +7,7 @@ import numpy as np
 import femsub as fs
 from benchmarks.random_systems import Case, compositions
 from femsub.model.bands import upper, within
-from femsub.quadratic.matching import match
+from femsub.modes.quadratic.matching import match
 from femsub.reduction.error_bounds import FAR, Nested
 from femsub.reduction.system_estimate import JoinedSearch, held_statics
 

@@ -33,17 +33,23 @@ logging.getLogger("femsub").addHandler(logging.NullHandler())
 if TYPE_CHECKING:
     from femsub.components.beam import beam as beam
     from femsub.components.chain import chain as chain, chain_frequencies as chain_frequencies
-    from femsub.components.cutting import Cut as Cut, cut as cut
-    from femsub.components.damping import damped as damped
     from femsub.components.fields import displacements as displacements
-    from femsub.components.friction_contact import FrictionContact as FrictionContact
     from femsub.components.grids import annulus as annulus, block as block, rectangle as rectangle
     from femsub.components.mesh import Mesh as Mesh
     from femsub.components.plate import plate as plate
-    from femsub.components.rotation import Rotor as Rotor, rotating as rotating
     from femsub.components.solid import solid as solid
     from femsub.components.solid_assembly import Material as Material
-    from femsub.components.ties import Tied as Tied
+    from femsub.coupling.assembly import System as System, couple as couple
+    from femsub.coupling.contacts.belt import (
+        Belt as Belt,
+        StribeckArctan as StribeckArctan,
+        StribeckArctanOdd as StribeckArctanOdd,
+    )
+    from femsub.coupling.contacts.friction_contact import FrictionContact as FrictionContact
+    from femsub.coupling.cutting import Cut as Cut, cut as cut
+    from femsub.coupling.joints import Rigid as Rigid, Spring as Spring
+    from femsub.coupling.rigid_links import Averaged as Averaged, Kinematic as Kinematic
+    from femsub.coupling.ties import Tied as Tied
     from femsub.errors import (
         ConditionWarning as ConditionWarning,
         CutoffWarning as CutoffWarning,
@@ -65,20 +71,16 @@ if TYPE_CHECKING:
     from femsub.io.mesh_files import read_mesh as read_mesh, write_mesh as write_mesh
     from femsub.io.model_folder import write_matrices as write_matrices
     from femsub.model.affine import Affine as Affine
-    from femsub.model.assembly import System as System, couple as couple
     from femsub.model.contact import LinearContact as LinearContact
     from femsub.model.dof_map import DofMap as DofMap
     from femsub.model.estimate import Estimate as Estimate
-    from femsub.model.friction import (
-        Belt as Belt,
-        StribeckArctan as StribeckArctan,
-        StribeckArctanOdd as StribeckArctanOdd,
-    )
-    from femsub.model.joints import Rigid as Rigid, Spring as Spring
     from femsub.model.pencil import Pencil as Pencil
-    from femsub.model.rigid_links import Averaged as Averaged, Kinematic as Kinematic
     from femsub.model.substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure
+    from femsub.modes.damping import damped as damped
     from femsub.modes.normal_modes import NormalModes as NormalModes, normal_modes as normal_modes
+    from femsub.modes.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
+    from femsub.modes.quadratic.refinement import Refined as Refined, refine as refine
+    from femsub.modes.rotation import Rotor as Rotor, rotating as rotating
     from femsub.motion.cycles.branch import Branch as Branch, branch as branch
     from femsub.motion.cycles.limit_cycle import LimitCycle as LimitCycle, harmonic_balance as harmonic_balance
     from femsub.motion.cycles.shooting import ShotCycle as ShotCycle, shoot as shoot
@@ -91,8 +93,6 @@ if TYPE_CHECKING:
         sticking as sticking,
     )
     from femsub.motion.transient import Transient as Transient, transient as transient
-    from femsub.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
-    from femsub.quadratic.refinement import Refined as Refined, refine as refine
     from femsub.reduction.reduce import (
         ContactModes as ContactModes,
         CraigBampton as CraigBampton,

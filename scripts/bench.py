@@ -33,9 +33,9 @@ from typing import Any
 import femsub as fs
 from benchmarks import comparisons as tasks
 from benchmarks.processes import Row, fresh, machine
+from femsub.algebra.petsc import has_cholmod
 from femsub.app import report
 from femsub.app.scene import Result
-from femsub.linalg.petsc import has_cholmod
 from femsub.studies.tables import table
 
 PARTS = ("assembly", "bases", "cea")
@@ -237,7 +237,7 @@ def main() -> int:
     except fs.InputError as error:
         parser.error(str(error))
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # leave in order, or the process that measures stays behind
-    # Debian's PETSc starts OpenMPI, see femsub/linalg/petsc.py; here slepc4py is loaded without it.
+    # Debian's PETSc starts OpenMPI, see femsub/algebra/petsc.py; here slepc4py is loaded without it.
     os.environ |= {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
     computer, sizes = fresh(machine), SIZES[asked.quick]
     with tempfile.TemporaryDirectory() as folder:

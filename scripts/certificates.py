@@ -32,11 +32,11 @@ os.environ["OMP_NUM_THREADS"] = "1"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import femsub as fs
 from benchmarks import models
+from femsub.algebra.factor import release
 from femsub.app import report
 from femsub.app.scene import Result
-from femsub.linalg.factor import release
 from femsub.modes import normal_modes
-from femsub.quadratic import complex_modes, damping_split, disc_count, sparse
+from femsub.modes.quadratic import complex_modes, damping_split, disc_count, sparse
 from femsub.studies.tables import table
 
 LONG = 60.0

@@ -17,10 +17,10 @@ import time
 import warnings
 
 import femsub as fs
+from femsub.algebra.factor import release
 from femsub.app.report import machine, to_json, versions
 from femsub.app.scene import load
 from femsub.io.atomic import write_whole
-from femsub.linalg.factor import release
 from femsub.motion.cycles import compliance
 from femsub.motion.cycles.balance import Balance
 from femsub.motion.nonlinear_model import sliding

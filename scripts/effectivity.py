@@ -22,12 +22,12 @@ import numpy as np
 
 import femsub as fs
 from benchmarks import gallery
+from femsub.algebra.factor import release
 from femsub.app.figure_style import PAGE, legend_below, look, new_figure, render
 from femsub.io.atomic import write_whole
-from femsub.linalg.factor import release
 from femsub.model.bands import within
 from femsub.model.estimate import SHARE
-from femsub.quadratic.matching import match
+from femsub.modes.quadratic.matching import match
 from femsub.reduction.error_bounds import FAR, Nested
 from femsub.reduction.mode_selection import Search
 

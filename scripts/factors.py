@@ -29,8 +29,8 @@ import numpy as np
 
 import femsub as fs
 from benchmarks.processes import Row, fresh, warm_up
-from femsub.linalg import petsc
-from femsub.linalg.factor import release
+from femsub.algebra import petsc
+from femsub.algebra.factor import release
 from femsub.studies.tables import table
 
 COLUMNS = 64

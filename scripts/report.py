@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 import femsub as fs
+from femsub.algebra.petsc import versions
 from femsub.app import report
 from femsub.io.atomic import write_whole
-from femsub.linalg.petsc import versions
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ROOT / "scripts"

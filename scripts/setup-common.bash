@@ -125,7 +125,7 @@ install_femsub() {
     # the commands in scripts/ import benchmarks/ as well, which is not installed
     echo "$root" >"$(echo "$venv"/lib/python3*/site-packages)/femsub-root.pth"
     run "petsc4py and slepc4py do not import in $venv" \
-        "$python" -c 'from femsub.linalg.petsc import versions; print(versions())'
+        "$python" -c 'from femsub.algebra.petsc import versions; print(versions())'
     echo "$root" >"$state/root"
     cp pyproject.toml "$state/$extra.new" && mv "$state/$extra.new" "$state/$extra"
     rm "$unfinished"

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.linalg import petsc
+from femsub.algebra import petsc
 
 pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values as those in tests do
 

@@ -15,8 +15,8 @@ import femsub as fs
 from femsub.app.cli import main
 from femsub.app.scene import load
 from femsub.app.scenes.brake import PADS, Brake, BrakeScene
-from femsub.components.brake import brake_meshes, check_held, opposite
-from femsub.components.friction_contact import contact_points
+from femsub.coupling.contacts.brake import brake_meshes, check_held, opposite
+from femsub.coupling.contacts.friction_contact import contact_points
 
 # faces of 80 mm: the chords of their arcs leave 7 % of a pad beside the track
 pytestmark = pytest.mark.filterwarnings("ignore:only .* of the face:femsub.errors.PortWarning")

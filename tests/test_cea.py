@@ -11,13 +11,13 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.algebra.petsc import has_cholmod
 from femsub.checks import Tally
-from femsub.linalg.petsc import has_cholmod
-from femsub.quadratic import cost, dense
-from femsub.quadratic.complex_modes import with_bars
-from femsub.quadratic.matching import match
-from femsub.quadratic.region import Region
-from femsub.quadratic.search import Found
+from femsub.modes.quadratic import cost, dense
+from femsub.modes.quadratic.complex_modes import with_bars
+from femsub.modes.quadratic.matching import match
+from femsub.modes.quadratic.region import Region
+from femsub.modes.quadratic.search import Found
 from femsub.stability import critical_slope
 from femsub.stability.border import dense_border
 
@@ -141,10 +141,10 @@ def test_overdamped_modes_are_among_the_wanted_ones() -> None:
 
 @pytest.mark.parametrize("by", ["2 eigenvalues in .* missing, by the winding number", "54 eigenvalues were .* count gives 56"])
 def test_a_missed_eigenvalue_is_noticed(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.quadratic import sparse
+    from femsub.modes.quadratic import sparse
 
     if "winding" in by:
-        monkeypatch.setattr("femsub.quadratic.damping_split.split", lambda pencil: None)
+        monkeypatch.setattr("femsub.modes.quadratic.damping_split.split", lambda pencil: None)
 
     original = sparse.quadratic_modes
 
@@ -156,10 +156,10 @@ def test_a_missed_eigenvalue_is_noticed(by: str, monkeypatch: pytest.MonkeyPatch
     sub = fs.chain(300, belt=2)
     exact = fs.complex_modes(sub, BELT, band=(0.0, 0.2))
     assert exact.certified
-    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", forgetful)
+    monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", forgetful)
     whole = fs.complex_modes(sub, BELT, band=(0.0, 0.2))  # by LAPACK, which can do a model as small as this
     assert whole.certified and np.allclose(whole.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
-    monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 200)
+    monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 200)
     with pytest.raises(fs.MissedModesError, match=by):
         fs.complex_modes(sub, BELT, band=(0.0, 0.2), certify=True)
 
@@ -315,7 +315,7 @@ def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch:
     def all_of_them(pencil: fs.Pencil) -> None:
         raise AssertionError("LAPACK was asked for all eigenvalues")
 
-    monkeypatch.setattr("femsub.quadratic.dense.solve", all_of_them)
+    monkeypatch.setattr("femsub.modes.quadratic.dense.solve", all_of_them)
     found = fs.complex_modes(rom, belt, **ask)
     near = every[(every.imag >= 0) & (every.imag <= 0.05) & (np.abs(every.real) <= 0.05)] if "band" in ask else \
         every[np.argsort(np.abs(every))][:16]
@@ -366,7 +366,7 @@ def test_another_search_takes_the_place_of_one_step(monkeypatch: pytest.MonkeyPa
         values, X = np.linalg.eig(companion)
         return Found(values, X[:n] / np.linalg.norm(X[:n], axis=0), X[:n].conj(), values, Tally(0))
 
-    monkeypatch.setattr("femsub.quadratic.complex_modes.search", by_scipy)
+    monkeypatch.setattr("femsub.modes.quadratic.complex_modes.search", by_scipy)
     for ask, own in zip(asks, ours, strict=True):
         found = fs.complex_modes(sub, BELT, **ask)
         assert len(found) == len(own) > 0 and found.searched == own.searched
@@ -539,9 +539,9 @@ def test_a_dense_model_in_a_band_takes_one_decomposition(share: float, monkeypat
         raise AssertionError("PEP was asked")
 
     every = dense.solve
-    monkeypatch.setattr("femsub.quadratic.dense.solve", solved)
-    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", by_pep)
-    monkeypatch.setattr("femsub.quadratic.winding_count._phase", by_pep)
+    monkeypatch.setattr("femsub.modes.quadratic.dense.solve", solved)
+    monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", by_pep)
+    monkeypatch.setattr("femsub.modes.quadratic.winding_count._phase", by_pep)
     found = fs.complex_modes(pencil, band=(0.0, 5.0 * share))
     assert asked == [320] and found.evidence == "certified"
     assert abs(len(found) - 320 * (5 * share - 0.1) / 4.9) <= 1

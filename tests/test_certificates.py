@@ -11,10 +11,10 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.linalg.factor import factorise
-from femsub.linalg.petsc import Factor
-from femsub.quadratic import damping_split, dense, disc_count, sparse
-from femsub.quadratic.matching import match
+from femsub.algebra.factor import factorise
+from femsub.algebra.petsc import Factor
+from femsub.modes.quadratic import damping_split, dense, disc_count, sparse
+from femsub.modes.quadratic.matching import match
 
 BELT = fs.Belt(slope=-0.2677)
 
@@ -78,7 +78,7 @@ def test_the_count_does_not_need_what_it_counts() -> None:
 
 def test_an_unproved_count_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """A bad basis widens the margin; it must not give a number that is not one."""
-    monkeypatch.setattr("femsub.quadratic.disc_count.ROUNDS", 1)
+    monkeypatch.setattr("femsub.modes.quadratic.disc_count.ROUNDS", 1)
     sub = lattice(12, 10, held=True, seed=3)
     pencil = contact(sub, 3, 30.0, 0.0, (0.0, 0.0))
     omega = fs.normal_modes(sub, count=60).frequencies
@@ -141,7 +141,7 @@ def test_a_large_model_is_counted_and_a_removed_eigenvalue_noticed(ask: dict[str
         keep = np.setdiff1d(np.arange(len(values)), np.argsort(np.abs(values))[4])
         return values[keep], shapes[:, keep]
 
-    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", forgetful)
+    monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", forgetful)
     with pytest.raises(fs.MissedModesError, match="independent count"):
         fs.complex_modes(sub, BELT, certify=True, **ask)
 
@@ -157,7 +157,7 @@ def test_what_is_missing_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
 
     sub = fs.chain(3000, belt=2)
     exact = fs.complex_modes(sub, BELT, band=(0.0, 0.01))
-    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", forgetful_once)
+    monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", forgetful_once)
     again = fs.complex_modes(sub, BELT, band=(0.0, 0.01))
     assert len(calls) == 2 and np.allclose(again.eigenvalues, exact.eigenvalues, rtol=1e-10)
 
@@ -197,7 +197,7 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
     sub = fs.chain(500, belt=2)
     found = fs.complex_modes(sub, BELT, count=12)
     assert found.certified and found.counted is not None and found.counted[1] >= 12 == len(found)
-    monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 400)  # not for LAPACK
+    monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 400)  # not for LAPACK
     nearest = sparse.Shifted.nearest
     with monkeypatch.context() as patched:  # what is not asked for must not be what fails
 
@@ -210,7 +210,7 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
         assert not fs.complex_modes(sub, BELT, count=12).certified
         with pytest.raises(fs.NotConvergedError):
             fs.complex_modes(sub, BELT, count=12, certify=True)
-    monkeypatch.setattr("femsub.quadratic.certificate.KEPT", 400)  # beyond it only if asked
+    monkeypatch.setattr("femsub.modes.quadratic.certificate.KEPT", 400)  # beyond it only if asked
     assert not fs.complex_modes(sub, BELT, count=12).certified and fs.complex_modes(sub, BELT, count=12, certify=True).certified
 
 

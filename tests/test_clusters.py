@@ -10,10 +10,10 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.clusters import evaluate, make
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
-from femsub.linalg import petsc
+from femsub.algebra import petsc
 from femsub.model.bands import DOUBLE, EDGE, REAL, beyond, in_band, moving, upper, widened, within
 from femsub.modes.dense import dense_modes
-from femsub.quadratic.multiplicity import clear_radius, clusters, distinct, joined
+from femsub.modes.quadratic.multiplicity import clear_radius, clusters, distinct, joined
 
 # Of 1000 numbers these were wrong or refused at some time, each in a way of its own.
 KNOWN = (51, 91, 113, 153, 161, 167, 365, 453, 557, 873)
@@ -177,7 +177,7 @@ def test_a_breakdown_is_met_with_another_start_and_more_room(monkeypatch: pytest
         return original(*arguments, **options)
 
     exact = fs.complex_modes(fs.chain(2500, belt=2), count=10)
-    monkeypatch.setattr("femsub.quadratic.sparse.quadratic_modes", breaking)
+    monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", breaking)
     again = fs.complex_modes(fs.chain(2500, belt=2), count=10)
     assert len(tried) == 3 and tried[2][0] > tried[0][0] and tried[2][1] != tried[0][1]
     assert again.eigenvalues == pytest.approx(exact.eigenvalues, rel=1e-9)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.components.friction_contact import FrictionContact
-from femsub.linalg import memory
+from femsub.algebra import memory
+from femsub.coupling.contacts.friction_contact import FrictionContact
 from femsub.studies.friction_sweep import first_loss, over_mu, same_loss
 
 BAND = (1e3, 1.2e5)

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import femsub as fs
 from femsub.checks import Array
-from femsub.components.friction_in_motion import SLOW
+from femsub.coupling.contacts.friction_in_motion import SLOW
 from femsub.model.contact import small_matrices
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import compliance

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.model.elimination import product
+from femsub.algebra.elimination import product
 
 STEEL = {"E": 2.1e11, "I": 1e-8, "rho": 7850.0, "A": 1e-4}
 Make = Callable[[fs.Substructure], fs.Substructure]
@@ -291,7 +291,7 @@ def test_a_spring_takes_no_side() -> None:
 
 
 def test_a_joint_of_your_own_is_one_class() -> None:
-    from femsub.model.joints import Joint, Link
+    from femsub.coupling.joints import Joint, Link
 
     class Lever(Joint):
         """u_a = -2 u_b."""

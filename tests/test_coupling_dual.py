@@ -12,9 +12,9 @@ import scipy.sparse as sp
 from test_coupling import HOW, agree, beams, crosses, cut, elastic, quarter
 
 import femsub as fs
-from femsub.model.dual import finite_span
-from femsub.model.elimination import Equations, independent
-from femsub.model.joined import joint_forces, units_of_energy
+from femsub.algebra.elimination import Equations, independent
+from femsub.coupling.dual import finite_span
+from femsub.coupling.joined import joint_forces, units_of_energy
 
 
 def by_forces(part: fs.Substructure, modes: int | None = None) -> fs.ReducedSubstructure:

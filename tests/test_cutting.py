@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.sparse.csgraph import connected_components
 
 import femsub as fs
-from femsub.linalg import partitioning, petsc
+from femsub.algebra import partitioning, petsc
 
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 BLOCK = {"material": STEEL, "supports": ["left"], "interface": ["top"], "ports": {"belt": ("right", "y")},

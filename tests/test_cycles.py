@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
-from femsub.linalg.factor import ComplexFactor
+from femsub.algebra.factor import ComplexFactor
 from femsub.motion.cycles.balance import Balance, Orbit
 from femsub.motion.cycles.compliance import Fractions, Solved, compliance
 from femsub.motion.nonlinear_model import sliding
@@ -84,7 +84,7 @@ def test_both_sides_of_an_unsymmetric_mobility_come_from_one_factor(monkeypatch:
             made.append(A.shape[0])
             super().__init__(A)
 
-    monkeypatch.setattr("femsub.quadratic.port_function.ComplexFactor", Counted)
+    monkeypatch.setattr("femsub.modes.quadratic.port_function.ComplexFactor", Counted)
     s, h = np.array([0.3j, 0.8j]), 1e-6
     W = plain.port("belt")[:, None]
     Y, slope = Solved(pencil, W).mobility(s)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from femsub.algebra.threads import Library
 from femsub.app import cli, doctor
 from femsub.errors import MissingPackageError
-from femsub.linalg.threads import Library
 
 ROOT = Path(__file__).parent.parent
 
@@ -28,7 +28,7 @@ def test_what_is_wrong_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, 
     def missing() -> dict[str, str]:
         raise MissingPackageError("slepc4py is not installed: scripts/setup installs it")
 
-    monkeypatch.setattr("femsub.linalg.petsc.versions", missing)
+    monkeypatch.setattr("femsub.algebra.petsc.versions", missing)
     monkeypatch.setattr(doctor, "available", lambda: 1e8)
     many = Library("libopenblas.so", "OpenBLAS 0.3.0 x", "Zen", lambda: 10_000, lambda count: None)
     monkeypatch.setattr(doctor, "libraries", lambda: [many])

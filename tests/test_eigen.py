@@ -44,7 +44,7 @@ def test_repeated_pairs_are_complete(m: int) -> None:
 
 
 def test_a_missed_mode_of_a_pair_is_found_and_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.linalg import petsc
+    from femsub.algebra import petsc
 
     original, calls = petsc.symmetric_modes, []
 
@@ -57,14 +57,14 @@ def test_a_missed_mode_of_a_pair_is_found_and_fetched(monkeypatch: pytest.Monkey
         keep = np.setdiff1d(np.arange(len(values)), order[2])  # one of the pair λ_12 = λ_21
         return values[keep], shapes[:, keep]
 
-    monkeypatch.setattr("femsub.linalg.petsc.symmetric_modes", forgetful)
+    monkeypatch.setattr("femsub.algebra.petsc.symmetric_modes", forgetful)
     modes = fs.normal_modes(membrane(30), count=10)
     assert len(calls) == 2
     assert np.allclose(modes.eigenvalues, membrane_eigenvalues(30)[:10], rtol=1e-11)
 
 
 def test_a_mode_that_cannot_be_fetched_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.linalg import petsc
+    from femsub.algebra import petsc
 
     original = petsc.symmetric_modes
 
@@ -73,7 +73,7 @@ def test_a_mode_that_cannot_be_fetched_is_an_error(monkeypatch: pytest.MonkeyPat
         keep = np.argsort(values)[1:]
         return values[keep], shapes[:, keep]
 
-    monkeypatch.setattr("femsub.linalg.petsc.symmetric_modes", blind)
+    monkeypatch.setattr("femsub.algebra.petsc.symmetric_modes", blind)
     with pytest.raises(fs.MissedModesError, match="inertia"):
         fs.normal_modes(fs.chain(300), count=10)
 

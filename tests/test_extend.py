@@ -14,7 +14,7 @@ from extendpages import PAGES, blocks_of, lines_of, names_of
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.scene import load
-from femsub.model.friction import LAWS
+from femsub.coupling.contacts.belt import LAWS
 from femsub.reduction.method import METHODS
 
 STEEL = {"E": 2.1e11, "rho": 7850.0, "A": 1e-4}

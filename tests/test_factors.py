@@ -20,14 +20,14 @@ import scipy.sparse as sp
 from conftest import lattice
 
 import femsub as fs
-from femsub.linalg import memory, shared
-from femsub.linalg.factor import release, shared_factor
-from femsub.linalg.petsc import Factor
+from femsub.algebra import memory, shared
+from femsub.algebra.factor import release, shared_factor
+from femsub.algebra.petsc import Factor
 from femsub.modes.normal_modes import _counted
+from femsub.modes.quadratic.port_function import port_responses
 from femsub.modes.shift_invert import ShiftInvert
 from femsub.motion.cycles.compliance import compliance
 from femsub.motion.nonlinear_model import sliding
-from femsub.quadratic.port_function import port_responses
 from femsub.stability import border
 
 BELT = fs.Belt("belt", force=1.0, slope=-1e-4)
@@ -55,7 +55,7 @@ def plate(cells: tuple[int, int] = (14, 12)) -> fs.Substructure:
 @pytest.fixture
 def nothing_shared(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     shared.drop()
-    monkeypatch.setattr("femsub.linalg.shared._kept", Forgetful())
+    monkeypatch.setattr("femsub.algebra.shared._kept", Forgetful())
     yield
 
 

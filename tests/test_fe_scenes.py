@@ -17,7 +17,7 @@ from femsub.app.cli import main
 from femsub.app.scene import load
 from femsub.app.scenes.component import Work
 from femsub.components.fields import displacements
-from femsub.quadratic.matching import extra_eigenvalues
+from femsub.modes.quadratic.matching import extra_eigenvalues
 from femsub.studies.results import Row, Study, Timing, with_front
 
 SMALL = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.components.friction_contact import contact_points
+from femsub.coupling.contacts.friction_contact import contact_points
 from femsub.model.contact import small_matrices
 
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)

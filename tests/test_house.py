@@ -18,8 +18,8 @@ PACKAGE = Path(__file__).parent.parent / "femsub"
 
 #: The vocabulary, then the rooms in the order of the method. Rooms of one line do not know each other. "femsub" is the front
 #: door itself, which imports from all rooms before the last.
-ORDER = (("errors", "checks"), ("model",), ("linalg",), ("modes",), ("quadratic",),
-         ("components", "reduction", "stability"), ("io", "motion"), ("studies",), ("femsub",), ("app",), ("__main__",))
+ORDER = (("errors", "checks"), ("algebra",), ("model",), ("components",), ("coupling",), ("modes",), ("reduction",),
+         ("stability",), ("io", "motion"), ("studies",), ("femsub",), ("app",), ("__main__",))
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
 ROOMS = 15  # entries of the package beside its __init__, at most
 ACROSS = 384
@@ -184,7 +184,7 @@ def test_a_room_that_does_not_say_what_comes_out_is_seen(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_one_importer_of_petsc_and_one_of_matplotlib(path: Path) -> None:
-    if path != PACKAGE / "linalg" / "petsc.py":
+    if path != PACKAGE / "algebra" / "petsc.py":
         assert not external(path) & {"petsc4py", "slepc4py"}
     if path.name not in DRAWERS:
         assert "matplotlib" not in external(path)

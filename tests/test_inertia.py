@@ -8,10 +8,10 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.linalg.factor import TreeFactor, counting, inertia
-from femsub.linalg.ordering import good_order, leaves_first
-from femsub.linalg.petsc import Factor
-from femsub.model.matrices import Difference
+from femsub.algebra.factor import TreeFactor, counting, inertia
+from femsub.algebra.matrices import Difference
+from femsub.algebra.ordering import good_order, leaves_first
+from femsub.algebra.petsc import Factor
 
 
 def tree(n: int, seed: int) -> sp.csr_array:
@@ -72,7 +72,7 @@ def test_a_count_keeps_no_factor_and_finds_the_same(monkeypatch: pytest.MonkeyPa
     assert isinstance(lost, Factor) and lost._factor.getMumpsIcntl(31) == 1  # MUMPS throws it away as it goes
     with pytest.raises(fs.InputError, match="not kept"):
         lost.solve(np.ones(sub.size))
-    monkeypatch.setattr("femsub.linalg.factor.SMALL", 1000)  # the same by LAPACK
+    monkeypatch.setattr("femsub.algebra.factor.SMALL", 1000)  # the same by LAPACK
     assert inertia(A) == lost.negative_pivots
 
 

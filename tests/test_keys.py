@@ -307,6 +307,6 @@ def test_whoever_listens_is_told_what_was_factorised_solved_and_counted(caplog: 
         modes = fs.complex_modes(rom)
     told = [(record.name, record.levelname, record.getMessage()) for record in caplog.records]
     assert ("femsub.reduction.reduce", "INFO", repr(rom)) in told
-    assert ("femsub.quadratic.complex_modes", "INFO", repr(modes)) in told
-    assert any(name == "femsub.linalg.factor" and level == "INFO" and "definite" in text for name, level, text in told)
+    assert ("femsub.modes.quadratic.complex_modes", "INFO", repr(modes)) in told
+    assert any(name == "femsub.algebra.factor" and level == "INFO" and "definite" in text for name, level, text in told)
     assert any("negative" in text for _, level, text in told if level == "DEBUG")

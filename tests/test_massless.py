@@ -352,7 +352,7 @@ def test_a_number_that_depends_on_rounding_is_not_certified() -> None:
 
 def test_a_truncation_splits_no_pair() -> None:
     """λ = -1 ± 2i and 0.1 ± 3i, listed by LAPACK in any order: 3 of them are one pair, and its members are conjugates."""
-    from femsub.quadratic.singular_mass import _by_qz
+    from femsub.modes.quadratic.singular_mass import _by_qz
 
     A = la.block_diag([[0.1, 3.0], [-3.0, 0.1]], [[-1.0, 2.0], [-2.0, -1.0]], [[5.0]])
     Q = np.linalg.qr(np.random.default_rng(1).standard_normal((5, 5)))[0]

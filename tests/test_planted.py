@@ -10,10 +10,10 @@ import pytest
 
 import femsub as fs
 from benchmarks.lattices import membrane, membrane_eigenvalues
-from femsub.linalg import petsc
+from femsub.algebra import petsc
 from femsub.model import pencil
 from femsub.modes import normal_modes
-from femsub.quadratic import dense, port_function, sparse
+from femsub.modes.quadratic import dense, port_function, sparse
 from femsub.stability import border
 
 BELT = fs.Belt(slope=-0.2677)
@@ -124,7 +124,7 @@ def test_a_perturbed_eigenvalue_of_a_sparse_pencil_is_in_its_error_bar(by: float
     after(monkeypatch, sparse, "quadratic_modes", moved(3, by))
     repaired = fs.complex_modes(sub, BELT, count=12)
     assert (np.abs(repaired.eigenvalues - exact.eigenvalues) <= repaired.error_bar + exact.error_bar).all()
-    monkeypatch.setattr("femsub.quadratic.newton.POOR", np.inf)  # without Newton steps, which mend it
+    monkeypatch.setattr("femsub.modes.quadratic.newton.POOR", np.inf)  # without Newton steps, which mend it
     # A backward error is taken against the norm of K, of which low modes make up little: the error bar is what tells.
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -153,7 +153,7 @@ def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place
     again = fs.complex_modes(sub, band=(0.0, 0.5))
     assert again.certified and np.allclose(again.eigenvalues, exact.eigenvalues, rtol=1e-9)
     if place == 0:  # not one of a pair
-        monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 100)
+        monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 100)
         with pytest.raises(fs.MissedModesError, match=r"14 eigenvalues were found .* independent count gives 16"):
             fs.complex_modes(sub, band=(0.0, 0.5))
 
@@ -163,14 +163,14 @@ def test_a_lost_one_of_a_repeated_pair_is_noticed_by_the_independent_count(place
 def test_a_ghost_does_not_make_up_for_a_missed_pair(ask: dict, way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if way == "winding number":
         ask = {"band": (0.0, 0.5)}  # a count is not checked by it
-        monkeypatch.setattr("femsub.quadratic.damping_split.split", lambda pencil: None)
+        monkeypatch.setattr("femsub.modes.quadratic.damping_split.split", lambda pencil: None)
     sub = membrane(16).with_damping(0.01 * membrane(16).K)
     exact = fs.complex_modes(sub, **ask)
     with monkeypatch.context() as planted:
         after(planted, sparse, "quadratic_modes", twice(3))  # as many as there are, one of them twice and its neighbour lost
         modes = fs.complex_modes(sub, **ask)
         assert modes.certified and np.allclose(modes.eigenvalues, exact.eigenvalues, rtol=1e-9)
-    monkeypatch.setattr("femsub.quadratic.search.QUADRATIC", 100)  # not for LAPACK
+    monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 100)  # not for LAPACK
     after(monkeypatch, sparse, "quadratic_modes", twice(3))
     with pytest.raises(fs.MissedModesError, match=way):
         fs.complex_modes(fs.chain(200, damping=0.0).with_damping(0.01 * fs.chain(200).K), certify=True,

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.attacks import rigid as attack
 from benchmarks.lattices import lattice
-from femsub.quadratic.dense import modal_form
+from femsub.modes.quadratic.dense import modal_form
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 STEEL = {"SI": (fs.Material(2.1e11, 0.3, 7850.0), 1.0), "mm-t-s": (fs.Material(2.1e5, 0.3, 7.85e-9), 1e3)}

@@ -14,7 +14,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub.quadratic import damping_split, disc_count
+from femsub.modes.quadratic import damping_split, disc_count
 
 MESHES = Path(__file__).parent.parent / "meshes"
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)

@@ -9,10 +9,10 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice, membrane, membrane_eigenvalues
+from femsub.algebra import memory
+from femsub.algebra.factor import factorise
+from femsub.algebra.petsc import Factor
 from femsub.errors import InputError, MissedModesError, NotConvergedError, NotEnoughMemoryError
-from femsub.linalg import memory
-from femsub.linalg.factor import factorise
-from femsub.linalg.petsc import Factor
 from femsub.modes.block_lanczos import block_lanczos
 from femsub.modes.shift_invert import ShiftInvert
 

@@ -11,7 +11,7 @@ from scaledmodels import complex_outcome, normal_outcome, problem, same
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.quadratic.complex_modes import with_bars
+from femsub.modes.quadratic.complex_modes import with_bars
 
 SEEDS = (0, 3, 5, 6, 9, 17, 22, 25, 37, 55, 58, 62, 78)  # each kind of model, damping, units and question; most were refused
 

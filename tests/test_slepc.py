@@ -13,12 +13,12 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
+from femsub.algebra import petsc
+from femsub.algebra.factor import ComplexFactor, factorise
+from femsub.algebra.ordering import slender
+from femsub.algebra.petsc import Factor, quadratic_modes, symmetric_modes
 from femsub.checks import EPS
 from femsub.errors import MissingPackageError, SingularMatrixError
-from femsub.linalg import petsc
-from femsub.linalg.factor import ComplexFactor, factorise
-from femsub.linalg.ordering import slender
-from femsub.linalg.petsc import Factor, quadratic_modes, symmetric_modes
 
 
 def resident() -> int:
@@ -198,7 +198,7 @@ def test_eigensolvers_do_not_grow_the_memory() -> None:
 
 @pytest.mark.parametrize("limit", [20_000, 10])
 def test_complex_factors_of_both_kinds_and_their_transposes(limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("femsub.linalg.factor.COMPLEX", limit)
+    monkeypatch.setattr("femsub.algebra.factor.COMPLEX", limit)
     sub = fs.chain(200, belt=2)
     gyroscopic = sp.coo_array((np.array([0.3, -0.3]), ([20, 21], [21, 20])), shape=(200, 200))
     P = sub.pencil.at(0.3j) + 1j * sp.csr_array(gyroscopic)
@@ -210,7 +210,7 @@ def test_complex_factors_of_both_kinds_and_their_transposes(limit: int, monkeypa
 
 def test_memory_of_a_factor_goes_back_to_the_system() -> None:
     """Debian's OpenMPI would keep it in the heap, beside the next factor."""
-    code = "import os, numpy as np; from femsub.linalg import petsc; petsc.versions()\n" \
+    code = "import os, numpy as np; from femsub.algebra import petsc; petsc.versions()\n" \
            "def resident():\n    with open('/proc/self/statm') as file: return int(file.read().split()[1]) * 4e-3\n" \
            "before = resident(); block = np.ones(20_000_000); held = resident(); del block\n" \
            "print(held - before, resident() - before)"

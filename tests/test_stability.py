@@ -14,8 +14,8 @@ from scipy.linalg import null_space
 import femsub as fs
 from benchmarks.attacks import twins
 from benchmarks.lattices import lattice
-from femsub.quadratic.dense import modal_form
-from femsub.quadratic.port_function import port_responses
+from femsub.modes.quadratic.dense import modal_form
+from femsub.modes.quadratic.port_function import port_responses
 from femsub.stability.border import dense_border
 
 TABLE = {  # belt: full, HCB and CC with 5 DOF; d1 = 0.1, interface {m1}

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.linalg.petsc import Factor
-from femsub.linalg.timing import timed
-from femsub.quadratic.matching import match, spectrum_errors, turnover
+from femsub.algebra.petsc import Factor
+from femsub.algebra.timing import timed
+from femsub.modes.quadratic.matching import match, spectrum_errors, turnover
 from femsub.studies.results import Row, Study, Timing, with_front
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femsub.linalg.subspace import orthonormal
+from femsub.algebra.subspace import orthonormal
 
 
 def grown(size: int = 60, spread: float = 8.0) -> tuple[np.ndarray, np.ndarray, np.random.Generator]:

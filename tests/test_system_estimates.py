@@ -14,10 +14,10 @@ from test_coupling import cut
 import femsub as fs
 from benchmarks.random_systems import Case, random_system
 from benchmarks.system_errors import fewest, moving, of_lambda, of_omega
-from femsub.linalg import factor
+from femsub.algebra import factor
 from femsub.model.estimate import Estimate
 from femsub.modes.normal_modes import all_modes
-from femsub.quadratic import full_solve
+from femsub.modes.quadratic import full_solve
 from femsub.reduction.error_bounds import ACCEPTED
 from femsub.reduction.system_estimate import JoinedSearch, held_statics
 

@@ -9,8 +9,8 @@ import sys
 CODE = """
 import scipy.linalg
 import femsub as fs
-from femsub.quadratic import dense
-from femsub.linalg import threads
+from femsub.modes.quadratic import dense
+from femsub.algebra import threads
 
 def counts():
     return [library.get() for library in threads.libraries()]

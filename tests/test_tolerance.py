@@ -15,14 +15,14 @@ import scipy.sparse as sp
 import femsub as fs
 from benchmarks.gallery import GALLERY, Problem, positive, quick, statics
 from benchmarks.lattices import lattice
-from femsub.linalg.factor import inertia
-from femsub.linalg.petsc import Factor
+from femsub.algebra.factor import inertia
+from femsub.algebra.petsc import Factor
 from femsub.model.bands import within
 from femsub.model.estimate import SHARE
 from femsub.modes import normal_modes
 from femsub.modes.normal_modes import lowest_modes
+from femsub.modes.quadratic.matching import match
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.quadratic.matching import match
 from femsub.reduction.error_bounds import FAR, Nested
 from femsub.reduction.mode_selection import Search
 

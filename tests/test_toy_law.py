@@ -15,7 +15,7 @@ import femsub as fs
 from femsub.app.cli import main
 from femsub.app.figures import friction_figure
 from femsub.app.scene import load
-from femsub.model.friction import LAWS, FrictionLaw
+from femsub.coupling.contacts.belt import LAWS, FrictionLaw
 
 Rational: Any = names_of("law", blocks=1)["Rational"]  # rises within ε, then falls; only what the protocol asks for
 

@@ -14,7 +14,7 @@ from femsub.app.cli import main
 from femsub.app.figures_flutter import flutter_figure
 from femsub.components.two_mode import two_mode, two_mode_critical
 from femsub.components.ziegler import ziegler, ziegler_critical
-from femsub.quadratic.matching import match
+from femsub.modes.quadratic.matching import match
 
 EYE = np.eye(2)
 

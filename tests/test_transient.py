@@ -414,7 +414,7 @@ def test_a_law_of_one_s_own() -> None:
 
 
 def test_scalar_laws_are_the_laws() -> None:
-    from femsub.model.friction import scalar_law
+    from femsub.coupling.contacts.belt import scalar_law
 
     v = np.concatenate([-np.geomspace(1, 1e-6, 30), [0.0], np.geomspace(1e-6, 1, 30)])
     for law in (fs.StribeckArctan(eps=1e-3), fs.StribeckArctanOdd(eps=1e-3, drop=0.1)):

@@ -24,10 +24,10 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.joined import truss
-from femsub.linalg import workers
-from femsub.linalg.factor import Factor
-from femsub.linalg.petsc import versions
-from femsub.linalg.threads import libraries, one_thread
+from femsub.algebra import workers
+from femsub.algebra.factor import Factor
+from femsub.algebra.petsc import versions
+from femsub.algebra.threads import libraries, one_thread
 from femsub.reduction import parts
 from femsub.reduction.method import Method
 

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from scipy.optimize import linear_sum_assignment
 
 import femsub as fs
-from femsub.model.joints import Joint, Link
+from femsub.coupling.joints import Joint, Link
 
 KINDS = ("two parts", "several parts", "massless", "damped", "belts")
 DIGITS = 60

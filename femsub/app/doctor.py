@@ -13,11 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub
+from femsub.algebra import petsc
+from femsub.algebra.factor import inertia
+from femsub.algebra.process_memory import available
+from femsub.algebra.threads import libraries
 from femsub.errors import FemsubError
-from femsub.linalg import petsc
-from femsub.linalg.factor import inertia
-from femsub.linalg.process_memory import available
-from femsub.linalg.threads import libraries
 
 OPTIONAL = {"matplotlib": "figures", "scikit-fem": "fe", "meshio": "fe", "pyyeti": "nastran"}  # by the extra that brings it
 PACKAGES = {"MUMPS": "mumps", "CHOLMOD": "suitesparse", "METIS": "metis", "Scotch": "ptscotch"}  # as PETSc calls them

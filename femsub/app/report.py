@@ -177,9 +177,9 @@ def versions() -> dict[str, Any]:
 
     found = {"femsub": femsub.__version__, "commit": commit(Path(__file__).parent), "python": platform.python_version(),
              "numpy": np.__version__, "scipy": scipy.__version__}
-    if "femsub.linalg.petsc" in sys.modules and "petsc4py.PETSc" in sys.modules:
-        found |= sys.modules["femsub.linalg.petsc"].versions()
-        found["factors"] = sorted(sys.modules["femsub.linalg.petsc"].Factor.packages)
+    if "femsub.algebra.petsc" in sys.modules and "petsc4py.PETSc" in sys.modules:
+        found |= sys.modules["femsub.algebra.petsc"].versions()
+        found["factors"] = sorted(sys.modules["femsub.algebra.petsc"].Factor.packages)
     return found
 
 

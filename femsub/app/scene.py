@@ -13,11 +13,11 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
+from femsub.algebra.timing import Interruptible
 from femsub.app.keys import check_keys, key, keys_of, values_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
 from femsub.checks import choice, shown
 from femsub.errors import FemsubError, InputError, unknown_name
-from femsub.linalg.timing import Interruptible
 
 if TYPE_CHECKING:
     from femsub import Belt
@@ -58,7 +58,7 @@ NO_SLOPE = {"slope": "the nonlinear model needs a friction law, i.e. law, eps an
 
 
 def _laws(_: object) -> Iterable[str]:
-    from femsub.model.friction import LAWS
+    from femsub.coupling.contacts.belt import LAWS
 
     return LAWS
 
@@ -82,7 +82,7 @@ class Scene:
     name: str = key("", "for headings and file names", otherwise="the scene's name")
     slope: float | None = key(None, "μ'(v0), the slope of the friction law over the sliding speed; it replaces law, eps, speed",
                               unit="time/length", otherwise="the slope of law at speed", example=-0.2677)
-    law: str = key("stribeck-arctan", "the friction law: as the paper prints it, odd, or one of your own (femsub.model.friction)",
+    law: str = key("stribeck-arctan", "the friction law: as the paper prints it, odd, or one of your own in LAWS",
                    choices=_laws)
     eps: float = key(1e-3, "the friction law's width ε around speed 0", unit="length/time", above=0)
     speed: float = key(0.19113, "the belt's speed v0", unit="length/time")
@@ -106,7 +106,7 @@ class Scene:
     PAPER: ClassVar[Mapping[str, str]] = {}  #: figures of the paper, by ours that correspond to them
 
     def __post_init__(self) -> None:
-        from femsub.model.friction import LAWS
+        from femsub.coupling.contacts.belt import LAWS
         from femsub.reduction.reduce import METHODS
 
         if not set(self.outputs) - {PAGE}:
@@ -146,7 +146,7 @@ class Scene:
         InputError
             There is a slope instead of a law.
         """
-        from femsub.model.friction import LAWS, Belt
+        from femsub.coupling.contacts.belt import LAWS, Belt
 
         if self.slope is not None:
             raise InputError(f"scene key 'slope': {NO_SLOPE['slope']}")

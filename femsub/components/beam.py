@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from femsub.algebra.memory import check_room
 from femsub.checks import Array, choice, finite_number, items, positive_number, real_array, whole_number
 from femsub.components.bending_elements import hermite_matrices
 from femsub.components.build import component, free_to_lift, gathered, optional_mapping, per_part, tell_rounding
 from femsub.errors import InputError, InputTypeError
-from femsub.linalg.memory import check_room
 from femsub.model.dof_map import DofMap
 
 if TYPE_CHECKING:

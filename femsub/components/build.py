@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, Matrix, mapping, real_array
-from femsub.components.damping import damped
-from femsub.errors import ConditionWarning, InputError, warn
+from femsub.checks import EPS, Array, Matrix, finite_number, mapping, real_array
+from femsub.errors import ConditionWarning, InputError, InputTypeError, warn
 from femsub.model.substructure import Substructure
 
 if TYPE_CHECKING:
@@ -37,6 +36,27 @@ def per_part(name: str, value: Any, count: int, part: str, zero: bool = False) -
         raise InputError(f"{name} must be {'zero or more' if zero else 'positive'} and finite, but is "
                          f"{values[np.argmin(good)]:.6g}" + (f" in {part} {np.argmin(good) + 1}" if np.ndim(value) else ""))
     return values
+
+
+def not_negative(name: str, value: Any) -> float:
+    """A finite number that is zero or more."""
+    number = finite_number(name, value)
+    if number < 0:
+        raise InputError(f"{name} must not be negative, but is {number:.6g}. Only a contact may supply energy")
+    return number
+
+
+def pair(name: str, value: Any, what: str) -> tuple[Any, Any]:
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or len(value) != 2:
+        raise InputTypeError(f"{name} must be a pair {what}, not {value!r:.80}")
+    return value[0], value[1]
+
+
+def proportional(sub: Substructure, rayleigh: tuple[float, float]) -> Matrix:
+    """αM + βK of the pair (α, β), as `damped` takes it."""
+    alpha, beta = (not_negative(f"{name} of rayleigh", value)
+                   for name, value in zip(("alpha", "beta"), pair("rayleigh", rayleigh, "(alpha, beta)"), strict=True))
+    return alpha * sub.M + beta * sub.K
 
 
 def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ...]]) -> tuple[Matrix, ...]:
@@ -133,4 +153,4 @@ def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array],
     sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=number[joined[order]],
                        ports={port: w[free] for port, w in ports.items()}, name=name, dofs=dofs.kept(free),
                        sets={place: place_of[np.searchsorted(joined, rows)] for place, rows in sets.items() if len(rows)})
-    return sub if rayleigh is None else damped(sub, rayleigh=rayleigh)
+    return sub if rayleigh is None else sub.with_damping(sub.D + proportional(sub, rayleigh))

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from femsub.algebra.memory import check_room
 from femsub.checks import Array, choice, interval, items, real_array, shown
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import box
 from femsub.errors import InputError
-from femsub.linalg.memory import check_room
 
 BYTES = 1000.0  # memory per cell while the mesh is made
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from femsub.algebra.frozen import Frozen
 from femsub.checks import Array, choice, items, real_array, rows
 from femsub.components.solid_elements import KINDS, reference
 from femsub.errors import InputError, InputTypeError
-from femsub.model.frozen import Frozen
 
 #: kind: (dimension of the cell, nodes)
 CELLS = {"line": (1, 2), "triangle": (2, 3), "quad": (2, 4), "tetra": (3, 4), "tetra10": (3, 10), "hexahedron": (3, 8),

@@ -10,8 +10,8 @@ import zipfile
 import zlib
 from pathlib import Path
 
+from femsub.algebra.process_memory import available
 from femsub.errors import InputError, NotEnoughMemoryError
-from femsub.linalg.process_memory import available
 
 #: exceptions of NumPy, SciPy, h5py, pyyeti, meshio and Python's own readers, which trust the sizes in a file
 THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError, ImportError, LookupError, NameError, OSError,

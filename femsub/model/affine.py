@@ -12,10 +12,10 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.frozen import Frozen
+from femsub.algebra.matrices import as_matrix
 from femsub.checks import Array, Matrix, finite_number, real_array, shown
 from femsub.errors import FemsubError, InputError, InputTypeError, unknown_name
-from femsub.model.frozen import Frozen
-from femsub.model.matrices import as_matrix
 from femsub.model.pencil import Pencil
 
 Theta: TypeAlias = float | str | Callable[..., float]

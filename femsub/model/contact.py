@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_ch
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.frozen import Frozen
+from femsub.algebra.matrices import as_matrix
 from femsub.checks import Array, Matrix, items, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
-from femsub.model.frozen import Frozen
-from femsub.model.matrices import as_matrix
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from femsub.algebra.frozen import Frozen
 from femsub.checks import Array, items, word
 from femsub.errors import InputError, unknown_name
-from femsub.model.frozen import Frozen
 
 LARGEST = 10 ** 15  # limit of node numbers: node and motion are packed into one integer
 TRANSLATIONS = ("ux", "uy", "uz")

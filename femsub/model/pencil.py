@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.constraints import Freed, freed
+from femsub.algebra.elimination import units as energy_units
+from femsub.algebra.frozen import Frozen, frozen
+from femsub.algebra.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, unit_length, without_rounding
+from femsub.algebra.rigid_motion import Carried, Damped, Scaled, Touched, changed
 from femsub.checks import Array, Matrix
-from femsub.model.constraints import Freed, freed
-from femsub.model.elimination import units as energy_units
-from femsub.model.frozen import Frozen, frozen
-from femsub.model.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, unit_length, without_rounding
-from femsub.model.rigid_motion import Carried, Damped, Scaled, Touched, changed
 
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
 

@@ -1,4 +1,4 @@
-"""Undamped modes (K - ω²M)φ = 0, dense and sparse.
+"""Modes: undamped (K - ω²M)φ = 0 and, in `quadratic`, complex (λ²M + λD + K)x = 0; damping and rotation, which need them.
 
-In: K and M. Out: frequencies and shapes, each with its residual, and the number of modes by an independent count (inertia).
+In: a model. Out: frequencies and shapes, each with its residual, and the number of modes by an independent count (inertia).
 """

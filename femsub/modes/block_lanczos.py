@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from femsub.algebra.factor import Handle
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
-from femsub.linalg.factor import Handle
 
 BLOCK = 10  # larger blocks make a column cheaper, but need a longer basis: more solves and more orthogonalisation
 RESTARTS = 60

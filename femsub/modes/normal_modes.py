@@ -13,6 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.factor import SMALL, inertia, negative_eigenvalues
+from femsub.algebra.matrices import Difference
+from femsub.algebra.null_space import massless_apart
+from femsub.algebra.shared import shared
+from femsub.algebra.timing import phase
 from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
 from femsub.errors import (
     ConditionWarning,
@@ -24,18 +29,13 @@ from femsub.errors import (
     SingularMatrixError,
     warn,
 )
-from femsub.linalg.factor import SMALL, inertia, negative_eigenvalues
-from femsub.linalg.null_space import massless_apart
-from femsub.linalg.shared import shared
-from femsub.linalg.timing import phase
 from femsub.model.bands import EDGE, in_band, widened
-from femsub.model.matrices import Difference
 from femsub.model.substructure import Substructure
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
 from femsub.modes.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
-    from femsub.model.rigid_motion import Carried
+    from femsub.algebra.rigid_motion import Carried
 
 log = logging.getLogger(__name__)
 
@@ -185,7 +185,7 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
 
 
 def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: NormalModes | None, certify: bool) -> NormalModes:
-    from femsub.linalg.petsc import Factor, symmetric_modes
+    from femsub.algebra.petsc import Factor, symmetric_modes
     from femsub.modes.block_lanczos import block_lanczos
 
     assert isinstance(handle.factor, Factor)

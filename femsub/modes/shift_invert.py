@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.factor import Handle, factorise, factors_made, forget_factor, shared_factor
+from femsub.algebra.matrices import Difference, translations, unit_length
+from femsub.algebra.null_space import SINGULAR, rank_of_mass
+from femsub.algebra.ordering import smooth_shape
+from femsub.algebra.rigid_motion import Carried, RigidMotion, found
+from femsub.algebra.shared import shared
+from femsub.algebra.subspace import orthonormal
+from femsub.algebra.timing import phase
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, SingularMatrixError, warn
-from femsub.linalg.factor import Handle, factorise, factors_made, forget_factor, shared_factor
-from femsub.linalg.null_space import SINGULAR, rank_of_mass
-from femsub.linalg.ordering import smooth_shape
-from femsub.linalg.shared import shared
-from femsub.linalg.subspace import orthonormal
-from femsub.linalg.timing import phase
-from femsub.model.matrices import Difference, translations, unit_length
-from femsub.model.rigid_motion import Carried, RigidMotion, found
 from femsub.modes.rounding import rounding_of
 
 if TYPE_CHECKING:

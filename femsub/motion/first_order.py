@@ -39,8 +39,8 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
+from femsub.coupling.contacts.belt import scalar_law
 from femsub.errors import InputError, NotConvergedError
-from femsub.model.friction import scalar_law
 from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State
 
 PERIODS = 200  # periods of the highest mode integrated in one call; progress is reported in between

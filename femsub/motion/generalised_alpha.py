@@ -29,9 +29,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.factor import Handle, factorise
 from femsub.checks import EPS, Array
 from femsub.errors import InputError, NotConvergedError, SingularMatrixError
-from femsub.linalg.factor import Handle, factorise
 from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State, mass_solve
 
 if TYPE_CHECKING:

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.factor import factorise
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, real_array
+from femsub.coupling.contacts.belt import Belt, asked, width_of
 from femsub.errors import InputError, InputTypeError, NotConvergedError, SingularMatrixError
-from femsub.linalg.factor import factorise
 from femsub.model.contact import columns_of, contacts_of
-from femsub.model.friction import Belt, asked, width_of
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array, finite_number, instance, interval, real_array, whole_number
+from femsub.coupling.contacts.belt import STICKING
 from femsub.errors import InputError
-from femsub.model.friction import STICKING
 from femsub.motion.transient import Transient
 
 WINDOW = "blackman"  # side lobes at -58 dB; the main lobe ends 3 bins from its centre

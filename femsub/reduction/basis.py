@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.timing import phase
 from femsub.checks import Array, Matrix
-from femsub.linalg.timing import phase
 from femsub.modes.static_shapes import independent
 from femsub.reduction.rigid import coordinates
 from femsub.reduction.statics import COLUMNS, Statics, widened

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.elimination import congruent
 from femsub.checks import Array, Matrix
+from femsub.coupling.assembly import System
+from femsub.coupling.joined import rows_of_parts, units_of_energy
 from femsub.errors import InputError
-from femsub.model.assembly import System
-from femsub.model.elimination import congruent
-from femsub.model.joined import rows_of_parts, units_of_energy
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.shift_invert import ShiftInvert, units
 from femsub.reduction.interface_modes import INSIDE, KIND, InterfaceModes

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.factor import SMALL
+from femsub.algebra.memory import check_memory
+from femsub.algebra.threads import WORK, one_thread
 from femsub.checks import Array, instance
 from femsub.errors import InputError, InputTypeError, PortWarning, warn
-from femsub.linalg.factor import SMALL
-from femsub.linalg.memory import check_memory
-from femsub.linalg.threads import WORK, one_thread
 from femsub.model.estimate import SHARE
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import confirm
@@ -26,7 +26,7 @@ from femsub.reduction.statics import Partition, Statics, square
 from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
-    from femsub.model.friction import Belt
+    from femsub.coupling.contacts.belt import Belt
     from femsub.model.pencil import Pencil
 
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call

@@ -22,12 +22,12 @@ from femsub.model.bands import beyond, in_band, moving, upper, within
 from femsub.model.estimate import SHARE, Estimate
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import all_modes
+from femsub.modes.quadratic.dense import solve
+from femsub.modes.quadratic.matching import match
+from femsub.modes.quadratic.region import region_of
+from femsub.modes.quadratic.search import search
 from femsub.modes.shift_invert import RIGID, ShiftInvert
 from femsub.modes.static_shapes import NOISE, energy_directions
-from femsub.quadratic.dense import solve
-from femsub.quadratic.matching import match
-from femsub.quadratic.region import region_of
-from femsub.quadratic.search import search
 from femsub.reduction.rigid import RigidMotion, without
 
 if TYPE_CHECKING:

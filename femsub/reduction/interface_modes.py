@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.elimination import DEPENDENT, ROUNDING, congruent, groups
 from femsub.checks import Array, Matrix
+from femsub.coupling.assembly import System
+from femsub.coupling.joined import rows_of_parts, units_of_energy
 from femsub.errors import InputError, NotConvergedError
-from femsub.model.assembly import System
-from femsub.model.elimination import DEPENDENT, ROUNDING, congruent, groups
-from femsub.model.joined import rows_of_parts, units_of_energy
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.reduction.craig_bampton import condensed_stiffness
 from femsub.reduction.error_bounds import with_rounding

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import scipy.sparse as sp
 
+from femsub.algebra.matrices import same
+from femsub.algebra.memory import LARGE, reduction_bytes
+from femsub.algebra.threads import WORK, one_thread
+from femsub.algebra.workers import check_workers, side_by_side
 from femsub.checks import choice, instance, shown
+from femsub.coupling.assembly import System
 from femsub.errors import InputError, InputTypeError, WorkerError
-from femsub.linalg.memory import LARGE, reduction_bytes
-from femsub.linalg.threads import WORK, one_thread
-from femsub.linalg.workers import check_workers, side_by_side
-from femsub.model.assembly import System
-from femsub.model.matrices import same
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.reduction.common_shapes import with_common_shapes
 from femsub.reduction.component import FIRST, checked, finished_basis, model_of, reduced, whole_basis, work
@@ -26,7 +26,7 @@ from femsub.reduction.wider import Wider
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from femsub.model.friction import Belt
+    from femsub.coupling.contacts.belt import Belt
 
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 

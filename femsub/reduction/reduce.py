@@ -24,8 +24,8 @@ from femsub.reduction.rubin import Rubin
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from femsub.model.assembly import System
-    from femsub.model.friction import Belt
+    from femsub.coupling.assembly import System
+    from femsub.coupling.contacts.belt import Belt
     from femsub.model.substructure import ReducedSubstructure, Substructure
 
 #: importing the methods registers them

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from femsub.algebra.rigid_motion import SAME, Damped, RigidMotion, size_of_products, undamped, without
 from femsub.checks import Array
-from femsub.model.rigid_motion import SAME, Damped, RigidMotion, size_of_products, undamped, without
 from femsub.modes.shift_invert import motion_of, rounding_ratio, units
 
 if TYPE_CHECKING:

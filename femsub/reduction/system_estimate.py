@@ -15,15 +15,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, check_band, finite_number, instance
+from femsub.coupling.assembly import System, couple
+from femsub.coupling.joined import linked, rows_of_parts, sprung
 from femsub.errors import InputError
-from femsub.model.assembly import System, couple
 from femsub.model.bands import upper
 from femsub.model.contact import Contacts, columns_of, contacts_of, small_matrices
 from femsub.model.estimate import SHARE
-from femsub.model.joined import linked, rows_of_parts, sprung
 from femsub.model.substructure import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import all_modes
-from femsub.quadratic.complex_modes import complex_modes
+from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.error_bounds import ACCEPTED, Nested
 from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed, sides_of

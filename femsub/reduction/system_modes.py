@@ -28,7 +28,7 @@ from femsub.reduction.method import Method
 from femsub.reduction.system_estimate import JoinedSearch
 
 if TYPE_CHECKING:
-    from femsub.model.assembly import System
+    from femsub.coupling.assembly import System
     from femsub.model.contact import Contacts
     from femsub.model.estimate import Estimate
     from femsub.model.substructure import ReducedSubstructure

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from femsub.algebra.matrices import is_symmetric
+from femsub.algebra.rigid_motion import unresisted
+from femsub.algebra.subspace import orthonormal
+from femsub.algebra.threads import FEW, one_thread
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError, UnstableModelError
-from femsub.linalg.subspace import orthonormal
-from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
-from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil, contact_matrix
-from femsub.model.rigid_motion import unresisted
 from femsub.modes.normal_modes import lowest_modes, modes_below
+from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.modes.quadratic.port_function import PortFunction, port_responses
 from femsub.modes.shift_invert import ShiftInvert, units
 from femsub.modes.static_shapes import independent
-from femsub.quadratic.complex_modes import complex_modes
-from femsub.quadratic.port_function import PortFunction, port_responses
 from femsub.stability.bracketing import BESIDE, bracketed
 from femsub.stability.contact_model import MARGIN, TOGETHER, Band, Border, Model
 

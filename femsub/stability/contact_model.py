@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
+from femsub.algebra.matrices import is_symmetric
 from femsub.checks import EPS, Array
 from femsub.model.bands import REAL_ROOT, in_band
-from femsub.model.matrices import is_symmetric
-from femsub.quadratic.dense import definite_form
+from femsub.modes.quadratic.dense import definite_form
 
 if TYPE_CHECKING:
     from femsub.model.pencil import Pencil
@@ -73,7 +73,7 @@ class Model:
     def spectrum(self, c: float, band: Band, real: bool = False) -> tuple[Array, Array]:
         """λ with Im λ > 0 (with real=True: ≥ 0) in the band at contact coefficient c, (k,), and modal shapes q (n, k).
 
-        For symmetric matrices Re λ is computed from the energy, see `femsub.quadratic.dense.with_energy`.
+        For symmetric matrices Re λ is computed from the energy, see `femsub.modes.quadratic.dense.with_energy`.
         """
         values, _, right = self.decomposition(c)
         keep = ((values.imag >= 0) if real else (values.imag > 0)) & in_band(values, band)

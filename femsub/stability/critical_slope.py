@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from femsub.algebra.factor import QUADRATIC, WIDE, factorise, negative_eigenvalues
+from femsub.algebra.workers import check_workers, side_by_side
 from femsub.checks import Array, choice, instance, positive_number, real_array
+from femsub.coupling.contacts.belt import Belt
 from femsub.errors import CutoffWarning, FemsubWarning, InputError, SingularMatrixError, warn
-from femsub.linalg.factor import QUADRATIC, WIDE, factorise, negative_eigenvalues
-from femsub.linalg.workers import check_workers, side_by_side
 from femsub.model.bands import in_band
 from femsub.model.estimate import SHARE, usable_band
-from femsub.model.friction import Belt
 from femsub.model.substructure import Substructure
-from femsub.quadratic.complex_modes import complex_modes
-from femsub.quadratic.cost import Budget
-from femsub.quadratic.dense import eigenvalues, modal_form
+from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.modes.quadratic.cost import Budget
+from femsub.modes.quadratic.dense import eigenvalues, modal_form
 from femsub.stability.border import dense_border, sparse_border
 from femsub.stability.border_doubt import doubt
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from femsub.algebra.factor import WIDE
+from femsub.algebra.threads import FEW, one_thread
 from femsub.checks import Tally, check_band, interval
 from femsub.errors import InputError
-from femsub.linalg.factor import WIDE
-from femsub.linalg.threads import FEW, one_thread
 from femsub.model.bands import in_band
 from femsub.model.estimate import usable_band
 from femsub.model.substructure import Substructure

@@ -28,11 +28,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy.linalg as la
 
+from femsub.algebra.matrices import equilibration, scaled
 from femsub.checks import EPS, Array
 from femsub.errors import InputError
-from femsub.model.matrices import equilibration, scaled
-from femsub.quadratic.dense import definite_form
-from femsub.quadratic.singular_mass import REGULAR
+from femsub.modes.quadratic.dense import definite_form
+from femsub.modes.quadratic.singular_mass import REGULAR
 from femsub.stability.parameter import SAMPLES
 
 if TYPE_CHECKING:

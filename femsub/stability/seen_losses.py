@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.checks import Tally
-from femsub.quadratic.complex_modes import ComplexModes, complex_modes
+from femsub.modes.quadratic.complex_modes import ComplexModes, complex_modes
 from femsub.stability.critical_value import LARGEST, CriticalValue, critical_value
 from femsub.stability.crossings import Crossing, fed_by
 

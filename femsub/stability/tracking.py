@@ -19,19 +19,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from femsub.algebra.factor import QUADRATIC, WIDE
 from femsub.checks import Array, check_band, real_array
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.linalg.factor import QUADRATIC, WIDE
 from femsub.model.affine import Affine
 from femsub.model.bands import DOUBLE, in_band, upper
 from femsub.model.contact import Contacts
 from femsub.model.estimate import usable_band
 from femsub.model.substructure import Substructure
-from femsub.quadratic.complex_modes import with_bars
-from femsub.quadratic.matching import assigned
-from femsub.quadratic.multiplicity import clusters
-from femsub.quadratic.region import Region
-from femsub.quadratic.search import search
+from femsub.modes.quadratic.complex_modes import with_bars
+from femsub.modes.quadratic.matching import assigned
+from femsub.modes.quadratic.multiplicity import clusters
+from femsub.modes.quadratic.region import Region
+from femsub.modes.quadratic.search import search
 from femsub.stability.meetings import Meeting, meetings_of
 from femsub.stability.parameter import pencil_over
 

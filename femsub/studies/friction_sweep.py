@@ -15,8 +15,8 @@ from femsub.model.affine import Affine
 from femsub.model.bands import in_band
 from femsub.model.contact import Contact
 from femsub.model.substructure import Substructure
-from femsub.quadratic.complex_modes import ComplexModes, complex_modes
-from femsub.quadratic.matching import match
+from femsub.modes.quadratic.complex_modes import ComplexModes, complex_modes
+from femsub.modes.quadratic.matching import match
 
 GRID = 10  # values of μ between which the first loss is searched
 FINE = 1e-6  # of the range: how exactly a loss is located

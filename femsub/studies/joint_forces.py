@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from femsub.checks import Array
-from femsub.model.assembly import System
+from femsub.coupling.assembly import System
 from femsub.model.bands import in_band
 from femsub.modes.normal_modes import NormalModes, all_modes
 

@@ -39,7 +39,7 @@ from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import least_stable, motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array, check_band, interval
-from femsub.components.brake import brake_meshes, check_held, opposite
+from femsub.coupling.contacts.brake import brake_meshes, check_held, opposite
 from femsub.errors import FemsubError, FemsubWarning, InputError, NotConvergedError, PortWarning, warn
 from femsub.reduction.reduce import METHODS
 from femsub.studies.friction_sweep import FrictionRow, compared, first_loss, over_mu, same_loss

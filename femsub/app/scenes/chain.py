@@ -18,9 +18,9 @@ from femsub.app.moving import mode_file
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import NO_GROWTH, comparable, growth_cell, least_stable, slope_cell
 from femsub.checks import check_band
+from femsub.coupling.contacts.belt import LAWS
 from femsub.errors import InputError, PortWarning
-from femsub.model.friction import LAWS
-from femsub.quadratic.matching import relative_error
+from femsub.modes.quadratic.matching import relative_error
 from femsub.reduction.reduce import METHODS
 from femsub.studies.error_vs_time import border_or_reason
 from femsub.studies.tables import table, yes_no

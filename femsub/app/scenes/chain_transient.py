@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from femsub import transient
+from femsub.algebra.factor import QUADRATIC
+from femsub.algebra.timing import Interruptible
 from femsub.app.figure_style import look
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
@@ -14,8 +16,6 @@ from femsub.app.scenes.chain import ChainKeys
 from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, whole
 from femsub.checks import interval
 from femsub.errors import InputError
-from femsub.linalg.factor import QUADRATIC
-from femsub.linalg.timing import Interruptible
 
 
 @dataclass(frozen=True)

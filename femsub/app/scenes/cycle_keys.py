@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_balance, spectrum, transient
+from femsub.algebra.factor import QUADRATIC
 from femsub.app.figure_style import look
 from femsub.app.figures_cycles import bifurcation_figure
 from femsub.app.keys import key
@@ -17,7 +18,6 @@ from femsub.app.scene import NO_SLOPE, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
 from femsub.checks import Array, interval
 from femsub.errors import InputError, NoCycleError, NotConvergedError
-from femsub.linalg.factor import QUADRATIC
 from femsub.motion.cycles.continuation import PARAMETERS, with_parameter
 from femsub.motion.cycles.initial_guess import of_signal, onsets
 from femsub.motion.nonlinear_model import sliding

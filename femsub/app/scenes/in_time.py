@@ -21,14 +21,14 @@ from femsub import (
     sticking,
     transient,
 )
+from femsub.algebra.timing import Interruptible
 from femsub.app.figure_style import look
 from femsub.app.figures_transient import signals_figure, spectra_figure, spectrogram_figure
 from femsub.app.scene import Result
 from femsub.app.units import Units
-from femsub.linalg.timing import Interruptible
+from femsub.modes.quadratic.matching import relative_error
 from femsub.motion.nonlinear_model import sliding
 from femsub.motion.signals import Spectrum
-from femsub.quadratic.matching import relative_error
 from femsub.studies.self_excitation import table_rows
 from femsub.studies.tables import table
 

@@ -15,7 +15,7 @@ from femsub.app.figures_errors import errors_figure
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, method_keys, other_method_names
 from femsub.errors import FemsubError, InputError, PortWarning
-from femsub.quadratic.matching import NEAR, match
+from femsub.modes.quadratic.matching import NEAR, match
 from femsub.reduction.reduce import METHODS, PORT_LIMIT, Method
 from femsub.studies.error_vs_time import all_frequencies, elastic
 from femsub.studies.results import Row, Study

@@ -19,7 +19,7 @@ from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
 from femsub.model.bands import in_band
-from femsub.quadratic.matching import listed, relative_error
+from femsub.modes.quadratic.matching import listed, relative_error
 from femsub.studies.error_vs_time import border_or_reason
 from femsub.studies.tables import table, yes_no
 

@@ -23,8 +23,8 @@ from femsub.motion.cycles.special_points import SpecialPoint, Tracer
 from femsub.motion.nonlinear_model import Sliding, sliding
 
 if TYPE_CHECKING:
+    from femsub.coupling.contacts.belt import Belt
     from femsub.model.contact import Contact
-    from femsub.model.friction import Belt
     from femsub.model.substructure import Substructure
 
 

@@ -16,15 +16,15 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import scipy.linalg as la
 
+from femsub.algebra.factor import QUADRATIC, Handle, shared_factor
+from femsub.algebra.matrices import is_symmetric
+from femsub.algebra.subspace import orthonormal
 from femsub.checks import Array
-from femsub.linalg.factor import QUADRATIC, Handle, shared_factor
-from femsub.linalg.subspace import orthonormal
-from femsub.model.matrices import is_symmetric
 from femsub.model.pencil import Pencil
 from femsub.modes.normal_modes import lowest_modes
+from femsub.modes.quadratic.dense import ModalForm, modal_form, with_energy
+from femsub.modes.quadratic.port_function import port_responses
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.quadratic.dense import ModalForm, modal_form, with_energy
-from femsub.quadratic.port_function import port_responses
 
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure

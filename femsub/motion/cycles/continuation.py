@@ -14,8 +14,8 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import Array
+from femsub.coupling.contacts.belt import Belt, with_slope
 from femsub.errors import NotConvergedError
-from femsub.model.friction import Belt, with_slope
 from femsub.motion.cycles.balance import Orbit, coefficients
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.cycles.coupled import balance_of

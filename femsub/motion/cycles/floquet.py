@@ -31,10 +31,10 @@ import scipy.linalg as la
 from scipy.interpolate import CubicSpline
 
 from femsub.checks import Array
+from femsub.modes.quadratic.matching import match
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two, samples_of
 from femsub.motion.cycles.compliance import Fractions
 from femsub.motion.nonlinear_model import Sliding
-from femsub.quadratic.matching import match
 
 STEPS = 1024  # steps of the first of two passes
 MOST = 32768

@@ -20,11 +20,11 @@ import numpy as np
 from femsub.checks import Array, real_array
 from femsub.errors import InputError, NoCycleError
 from femsub.model.bands import beyond
+from femsub.modes.quadratic.dense import eigenvalues
+from femsub.modes.quadratic.port_function import PortFunction
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.nonlinear_model import Sliding
-from femsub.quadratic.dense import eigenvalues
-from femsub.quadratic.port_function import PortFunction
 
 WIDE = 0.1  # ε / v0 of the first, smoothest law
 SHARPER = 0.72  # factor of ε from one level to the next

@@ -22,8 +22,8 @@ from femsub.motion.cycles.limit_cycle import LimitCycle
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
+    from femsub.coupling.contacts.belt import Belt
     from femsub.model.contact import Contact
-    from femsub.model.friction import Belt
     from femsub.model.substructure import Substructure
 
 LARGEST = 60  # DOF

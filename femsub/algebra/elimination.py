@@ -1,0 +1,340 @@
+"""Elimination of linear equations A x = 0 from a model: x = L y with a sparse L, and the number of redundant equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from femsub.algebra.matrices import is_symmetric
+from femsub.checks import Array, Matrix
+from femsub.errors import ConditionWarning, warn
+
+ROUNDING = 1e-13  # entries below this share of an equation's largest entry are rounding of a cancellation
+DUST = 1e-15  # share of a column's largest entry, in units of energy, below which an entry is rounding
+LEAST = 4e-15  # share of the sizes of which a mass or stiffness is the sum below which it is rounding (as of rigid-body modes)
+DEPENDENT = 1e-10  # an equation with a pivot below this share of the largest is redundant
+UNSURE = 100.0  # factor about it within which an equation may be either
+PIVOT = 1e-5  # smallest entry of an eliminated DOF, relative to the equation's largest entry (lever arms are in mm)
+FILLED = 0.3  # of all entries that are not 0: from here on the product of two sparse matrices is faster by dense ones
+SPREAD_PIVOT = 0.1  # the same for a generalised coordinate, in units of energy
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """A x = 0, shape (m, n), on coordinates of which some are physical DOF.
+
+    Attributes
+    ----------
+    A : sparse, shape (m, n)
+    unit : ndarray, shape (n,)
+        How far each coordinate moves at unit energy: entries are compared in these units.
+    physical : ndarray of bool, shape (n,)
+        Which coordinates are displacements of a DOF, and no amplitudes of shapes.
+    owner : ndarray of int, shape (m,)
+        Which joint each equation belongs to, for messages.
+    """
+
+    A: Matrix
+    unit: Array
+    physical: Array
+    owner: Array
+
+    def chosen(self, rows: Array) -> Equations:
+        """Some of the equations."""
+        return Equations(self.A[np.flatnonzero(rows)], self.unit, self.physical, self.owner[rows])
+
+    def through(self, T: Matrix, unit: Array, physical: Array, rows: Array) -> Equations:
+        """Some of the equations in new coordinates y, x = T y."""
+        A = sp.csr_array(self.A[rows] @ T)
+        return Equations(A, unit, physical, self.owner[rows])
+
+
+def units(mass: Array, stiffness: Array) -> tuple[Array, float]:
+    """How far coordinates move at unit energy, (|k_jj| + ω² m_jj)^(-1/2), (n,), with a typical ω², which is the second result."""
+    size = np.abs(stiffness)
+    both = (size > 0) & (mass > 0)
+    typical = float(np.median(size[both] / mass[both])) if both.any() else 1.0
+    energy = size + typical * mass
+    usual = float(np.median(energy[energy > 0])) if energy.any() else 1.0
+    return np.where(energy > 0, energy, usual) ** -0.5, typical
+
+
+@dataclass(frozen=True, eq=False)
+class Eliminated:
+    """x = L y, L (n, k), for every x that fulfils the equations; `redundant` is the number of redundant equations."""
+
+    L: Matrix
+    unit: Array
+    physical: Array
+    redundant: int
+
+
+def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None]) -> Eliminated:
+    """The motions that A x = 0 leaves: Boolean where two DOF are equal, then by dependent DOF, then by an orthonormal basis.
+
+    1. x_i = x_j and x_i = 0: DOF that are equal become one coordinate, by connected components, so that no order and no
+       redundant loop changes L, whose entries are exactly 1.
+    2. An equation with a DOF that is in no other one gives that DOF by the rest of it. L stays sparse.
+    3. What is left couples generalised coordinates: per group of equations that share some, x = S Q₂ y with S the units of
+       energy and Q₂ the null space of A S, by a QR decomposition with pivots. Pivots below 1e-10 of the first are redundant.
+
+    Raises
+    ------
+    InputError
+        By `refuse`, for equations that leave none of their coordinates any motion: their owners, and how many of both.
+    """
+    given, size = equations.A.shape
+    L = sp.eye_array(size, format="csr")
+    scale = largest(abs(equations.A) @ sp.diags_array(equations.unit)) if given else np.zeros(0)
+    while True:
+        equations, scale = _pruned(equations, scale)
+        step = _equal(equations)
+        if step is None:
+            break
+        L, (equations, scale) = L @ step[0], _changed(equations, scale, *step, np.arange(len(scale)))
+    for take in (_dependent, _null_space):
+        equations, scale = _pruned(equations, scale)
+        if len(scale):
+            step, rest = take(equations, refuse)
+            L, (equations, scale) = L @ step[0], _changed(equations, scale, *step, rest)
+    return Eliminated(sp.csr_array(L), equations.unit, equations.physical, given - (size - L.shape[1]))
+
+
+Step = tuple[Matrix, Array, Array]  # T (n, k) with x = T y; the units of y, and which of it are physical
+
+
+def _changed(equations: Equations, scale: Array, T: Matrix, unit: Array, physical: Array,
+             rows: Array) -> tuple[Equations, Array]:
+    return equations.through(T, unit, physical, rows), scale[rows]
+
+
+def largest(A: Matrix) -> Array:
+    """The largest entry of each row of a sparse A ≥ 0."""
+    return np.asarray(sp.csr_array(A).max(axis=1).todense()).ravel()
+
+
+def _pruned(equations: Equations, scale: Array) -> tuple[Equations, Array]:
+    """Without entries that are rounding, and without equations of which nothing is left."""
+    A = equations.A
+    rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+    keep = np.abs(A.data) * equations.unit[A.indices] > ROUNDING * scale[rows]
+    left = np.flatnonzero(np.bincount(rows[keep], minlength=A.shape[0]))
+    A = sp.csr_array((A.data[keep], (rows[keep], A.indices[keep])), shape=A.shape)[left]
+    return Equations(A, equations.unit, equations.physical, equations.owner[left]), scale[left]
+
+
+def _equal(equations: Equations) -> Step | None:
+    """One coordinate for all that are equal, none for those that are held; None if no equation is of these two kinds."""
+    A, n = equations.A, equations.A.shape[1]
+    count, start = np.diff(A.indptr), A.indptr[:-1]
+    held, pair = A.indices[start[count == 1]], start[count == 2]
+    pair = pair[A.data[pair] == -A.data[pair + 1]]
+    if not len(held) and not len(pair):
+        return None
+    graph = sp.csr_array((np.ones(len(pair)), (A.indices[pair], A.indices[pair + 1])), shape=(n, n))
+    groups, group = connected_components(graph, directed=False)
+    moves = np.ones(groups, dtype=bool)
+    moves[group[held]] = False
+    number = np.cumsum(moves) - 1
+    rows = np.flatnonzero(moves[group])
+    T = sp.csr_array((np.ones(len(rows)), (rows, number[group[rows]])), shape=(n, int(moves.sum())))
+    unit = (T.T @ equations.unit[:, None] ** -2.0).ravel() ** -0.5
+    return T, unit, (T.T @ equations.physical.astype(float)) > 0
+
+
+def _dependent(equations: Equations, refuse: Callable[[Array, int, int], None]) -> tuple[Step, Array]:
+    """Coordinates that are in one equation alone, given by the rest of it; and the equations that have none."""
+    A, (m, n) = equations.A, equations.A.shape
+    rows, columns, size = np.repeat(np.arange(m), np.diff(A.indptr)), A.indices, np.abs(A.data)
+    alone = np.bincount(columns, minlength=n)[columns] == 1
+    physical = equations.physical[columns]
+    energy, plain = size * equations.unit[columns], np.where(physical, size, 0.0)
+    first = A.indptr[:-1]
+    largest = np.maximum.reduceat(plain, first)[rows]
+    share = energy / np.maximum.reduceat(energy, first)[rows]
+    # a displacement before an amplitude: it keeps its meaning where it is given by others
+    rank = np.where(physical & (plain > PIVOT * largest), 1 + size / np.where(largest > 0, largest, 1.0),
+                    np.where(share > SPREAD_PIVOT, share, 0.0)) * alone
+    best = np.lexsort((rank, rows))[A.indptr[1:] - 1]
+    chosen = best[rank[best] > 0]
+    taken, given = rows[chosen], columns[chosen]
+    pivot = np.ones(m)
+    pivot[taken] = A.data[chosen]
+    kept = np.ones(n, dtype=bool)
+    kept[given] = False
+    number, owner = np.cumsum(kept) - 1, np.zeros(m, dtype=np.intp)
+    owner[taken] = given
+    used = np.zeros(m, dtype=bool)
+    used[taken] = True
+    others = used[rows] & kept[columns]
+    T = sp.csr_array((np.append(np.ones(kept.sum()), -A.data[others] / pivot[rows[others]]),
+                      (np.append(np.flatnonzero(kept), owner[rows[others]]), number[np.append(np.flatnonzero(kept),
+                                                                                             columns[others])])),
+                     shape=(n, int(kept.sum())))
+    return (T, equations.unit[kept], equations.physical[kept]), np.flatnonzero(~used)
+
+
+def _null_space(equations: Equations, refuse: Callable[[Array, int, int], None]) -> tuple[Step, Array]:
+    """An orthonormal basis, in units of energy, of what each group of equations leaves of its coordinates."""
+    n, unit = equations.A.shape[1], equations.unit
+    free = np.ones(n, dtype=bool)
+    blocks = []
+    for rows, columns in groups(equations.A):
+        Q, rank = _decomposed(equations, rows, columns)
+        if rank == len(columns):
+            refuse(equations.owner[rows], len(rows), len(columns))
+        free[columns] = False
+        blocks.append((columns, unit[columns, None] * _clean(Q[:, rank:])))
+    kept = np.flatnonzero(free)
+    start = len(kept) + np.cumsum([0, *(block.shape[1] for _, block in blocks)])
+    entries = [(np.ones(len(kept)), kept, np.arange(len(kept)))]
+    for (columns, block), first in zip(blocks, start[:-1], strict=True):
+        entries.append((block.ravel(), np.repeat(columns, block.shape[1]),
+                        np.tile(first + np.arange(block.shape[1]), len(columns))))
+    data, at, to = (np.concatenate(part) for part in zip(*entries, strict=True))
+    T = sp.csr_array((data, (at, to)), shape=(n, int(start[-1])))
+    new = int(start[-1]) - len(kept)
+    return ((T, np.append(unit[kept], np.ones(new)), np.append(equations.physical[kept], np.zeros(new, dtype=bool))),
+            np.zeros(0, dtype=np.intp))
+
+
+def _clean(Q: Array) -> Array:
+    """Q with 0 for rounding: else rigid motion costs the square of one, and a massless coordinate has the mass of one."""
+    return np.where(np.abs(Q) > DUST * np.abs(Q).max(axis=0, initial=0.0), Q, 0.0)
+
+
+def groups(A: Matrix) -> Iterator[tuple[Array, Array]]:
+    """Rows and columns of each connected group of equations."""
+    m = A.shape[0]
+    graph = sp.block_array([[None, A], [A.T, None]], format="csr")
+    label = connected_components(graph, directed=False)[1]
+    order = np.argsort(label, kind="stable")
+    for members in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        if members[0] < m and members[-1] >= m:
+            at = int(np.searchsorted(members, m))
+            yield members[:at], members[at:] - m
+
+
+def _decomposed(equations: Equations, rows: Array, columns: Array) -> tuple[Array, int]:
+    """Q (k, k) of Aᵀ in units of energy, equations of one size, and their rank: the rest of Q is the null space."""
+    import scipy.linalg as la
+
+    A = equations.A[rows][:, columns].toarray() * equations.unit[columns]
+    Q, R, _ = la.qr((A / np.linalg.norm(A, axis=1)[:, None]).T, pivoting=True, check_finite=False)
+    pivots = np.abs(R.diagonal())
+    _check_gap(pivots / pivots.max(initial=1e-300))
+    return Q, _rank(R)
+
+
+def _check_gap(pivots: Array) -> None:
+    near = pivots[(pivots > DEPENDENT / UNSURE) & (pivots < DEPENDENT * UNSURE)]
+    if len(near):
+        warn(f"the parts' shapes fulfil an equation of the joints to {near[0]:.0e} (relative) already: whether it is "
+             "redundant, or costs a mode, depends on rounding. Keep more modes, or join fewer DOF", ConditionWarning)
+
+
+def _rank(R: Array) -> int:
+    pivots = np.abs(R.diagonal())
+    return int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
+
+
+def without_rounding(B: Matrix, unit: Array, whole: Array) -> Matrix:
+    """Motions B x, (m, n), with 0 for rounding; `whole` (m,) is their size at unit energy before the joints."""
+    keep = abs(B) * unit > ROUNDING * whole[:, None]
+    return B.multiply(keep) if sp.issparse(B) else np.where(keep, B, 0.0)
+
+
+def independent(equations: Equations, size: Array) -> Array:
+    """Indices (ascending) of a maximal set of independent equations.
+
+    `size` (m,) is that of each equation before anything cancelled in it. What is left of an equation that follows from others
+    is rounding of this size, and no equation.
+    """
+    import scipy.linalg as la
+
+    found = [np.zeros(0, dtype=np.intp)]
+    for rows, columns in groups(equations.A):
+        A = equations.A[rows][:, columns].toarray() * equations.unit[columns] / size[rows, None]
+        R, order = la.qr(A.T, mode="r", pivoting=True, check_finite=False)
+        pivots = np.abs(R.diagonal())
+        _check_gap(pivots)
+        found.append(rows[order[:np.count_nonzero(pivots > DEPENDENT)]])
+    return np.sort(np.concatenate(found))
+
+
+def product(A: Matrix, B: Matrix) -> Matrix:
+    """A B, sparse if both are. Where interfaces spread over all coordinates both are filled, and multiplied as dense ones."""
+    filled = [X.toarray() if sp.issparse(X) and X.nnz > FILLED * X.shape[0] * X.shape[1] else X for X in (A, B)]
+    if any(map(sp.issparse, filled)):
+        return A @ B
+    C = filled[0] @ filled[1]
+    return sp.csr_array(C) if sp.issparse(A) and sp.issparse(B) else C
+
+
+def congruent(A: Matrix, T: Matrix) -> Matrix:
+    """TᵀAT, sparse if A is; symmetric to the last digit if A is."""
+    B = product(T.T, product(A, T))
+    B = sp.csr_array(B) if sp.issparse(A) else B
+    return (B + B.T) / 2 if is_symmetric(A) else B
+
+
+def without_dust(A: Matrix, bound: Array) -> Matrix:
+    """A positive semidefinite A with 0 in rows and columns whose diagonal entry is rounding, of either sign, of `bound` (n,)."""
+    dust = A.diagonal() <= LEAST * bound
+    if not A.diagonal()[dust].any():
+        return A
+    kept = (~dust).astype(float)
+    return sp.csr_array(A.multiply(kept[:, None]).multiply(kept)) if sp.issparse(A) else kept[:, None] * A * kept
+
+
+def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
+    """x = T (u_b, y) with B T = [I 0]: coordinates of which the first are the motions u_b = B x themselves.
+
+    Columns that no row of B but a unit one touches stay as they are. A B without full rank has no such T: x stays. (R. R.
+    Craig and C.-J. Chang 1977 solve for the residual coordinates to the same end.)
+
+    Parameters
+    ----------
+    B : sparse, shape (b, n)
+    unit : ndarray, shape (n,)
+
+    Returns
+    -------
+    T : sparse, shape (n, n), or None for the identity
+        Its columns are those of x that stay, then the others.
+    places : ndarray, shape (b,), or (0,) where B has not full rank
+        The columns of T that are u_b.
+    """
+    import scipy.linalg as la
+
+    b, n = B.shape
+    plain = (np.diff(B.indptr) == 1) & (B.sum(axis=1) == 1.0)
+    columns = np.unique(B[np.flatnonzero(~plain)].indices)
+    mixed = ~plain
+    mixed[plain] = np.isin(B.indices[B.indptr[:-1][plain]], columns)  # a DOF of which another row takes its share
+    rows = np.flatnonzero(mixed)
+    if len(rows) > len(columns):
+        return None, np.zeros(0, dtype=np.intp)
+    kept = np.setdiff1d(np.arange(n), columns)
+    places = np.zeros(b, dtype=np.intp)
+    places[~mixed] = np.searchsorted(kept, B.indices[B.indptr[:-1][~mixed]])
+    if not len(rows):
+        return None, places
+    E = B[rows][:, columns].toarray() * unit[columns]
+    size = np.linalg.norm(E, axis=1)
+    Q, R, order = la.qr((E / size[:, None]).T, pivoting=True, check_finite=False)
+    if _rank(R) < len(rows):
+        return None, places[:0]
+    lift = np.zeros((len(columns), len(rows)))
+    lift[:, order] = Q[:, :len(rows)] @ la.solve_triangular(R[:len(rows)], np.eye(len(rows)), trans="T")
+    block = unit[columns, None] * np.hstack([_clean(lift) / size, _clean(Q[:, len(rows):])])
+    places[rows] = len(kept) + np.arange(len(rows))
+    T = sp.csr_array((np.append(np.ones(len(kept)), block.ravel()),
+                      (np.append(kept, np.repeat(columns, len(columns))),
+                       np.append(np.arange(len(kept)), np.tile(len(kept) + np.arange(len(columns)), len(columns))))),
+                     shape=(n, n))
+    return T, places

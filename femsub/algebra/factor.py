@@ -1,0 +1,287 @@
+"""Factorise once, solve many: LAPACK for dense and small matrices, PETSc for sparse ones, behind one handle."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from contextlib import suppress
+from itertools import chain
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.algebra.matrices import Difference, equilibration
+from femsub.algebra.ordering import leaves_first
+from femsub.algebra.petsc import Factor, Kind
+from femsub.algebra.shared import FACTOR_BYTES, drop, forget, shared
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import SingularMatrixError
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+    from femsub.model.substructure import Substructure
+
+log = logging.getLogger(__name__)
+
+COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
+# on the real form of twice the size
+QUADRATIC = 2000  # up to so many DOF all 2n eigenvalues of a quadratic problem are for LAPACK
+WIDE = 300  # up to so many DOF all eigenvalues of a dense quadratic problem are found where only a band is asked
+SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
+
+
+AnyHandle = TypeVar("AnyHandle", bound="Handle")
+
+
+class Handle(Protocol):
+    """What a factorisation offers, whoever made it."""
+
+    kind: Kind
+    package: str
+    size: int
+    columns: int
+
+    @property
+    def negative_pivots(self) -> int: ...
+
+    @property
+    def bytes(self) -> float: ...
+
+    def solve(self, B: Array) -> Array: ...
+
+    def close(self) -> None: ...
+
+
+class DenseFactor:
+    """A⁻¹B for a dense A by Cholesky (definite) or LU, with the inertia from LDLᵀ (symmetric)."""
+
+    package = "lapack"
+
+    def __init__(self, A: Array, kind: Kind) -> None:
+        import scipy.linalg as la
+
+        self.kind, self.size, self.columns, self.bytes = kind, int(A.shape[0]), 0, float(A.nbytes)
+        Factor.made += 1
+        try:
+            if kind == "definite":
+                factor = la.cho_factor(A, lower=True, check_finite=False)
+                self._solve = lambda b: la.cho_solve(factor, b, check_finite=False)
+                return
+            rows, columns = equilibration(A)
+            A = rows[:, None] * A * columns
+            self._matrix = A
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", la.LinAlgWarning)
+                warnings.simplefilter("error", RuntimeWarning)
+                factor = la.lu_factor(A, check_finite=False)
+            rcond, _ = la.lapack.dgecon(factor[0], float(np.linalg.norm(A, 1)))
+            if rcond < EPS:
+                raise la.LinAlgError(f"reciprocal condition {rcond:.1e}")
+        except (la.LinAlgError, la.LinAlgWarning, RuntimeWarning) as error:
+            raise SingularMatrixError(f"the {kind} factorisation of a {self.size} x {self.size} matrix broke down; it is "
+                                      f"singular, or not what it was taken for ({error})") from None
+        self._solve = lambda b: (columns * la.lu_solve(factor, (rows * b.T).T, check_finite=False).T).T
+
+    @property
+    def negative_pivots(self) -> int:
+        """The number of negative eigenvalues, which the scaling does not change (Sylvester)."""
+        return negative_eigenvalues(self._matrix)
+
+    def solve(self, B: Array) -> Array:
+        """A⁻¹B for B of shape (n,) or (n, k)."""
+        self.columns += 1 if np.ndim(B) == 1 else np.shape(B)[1]
+        return self._solve(B)
+
+    def close(self) -> None:
+        """Nothing to give back; there for the likeness with sparse factors."""
+
+
+def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
+    """A handle on A⁻¹, chosen by what A is: 'definite', 'symmetric' or 'general'.
+
+    Raises
+    ------
+    SingularMatrixError
+        A is singular, or not definite although it was called so.
+    """
+    if (small := _small(A)) is not None:
+        return _told(DenseFactor(small, kind))
+    if kind == "definite" and A.diagonal().min() <= 0:
+        raise SingularMatrixError("a matrix with a diagonal entry that is not positive is not positive definite")
+    return _told(Factor(A, kind))
+
+
+def _told(handle: AnyHandle) -> AnyHandle:
+    """The same factor, once the log knows of it: sparse ones are worth a line each, small ones are for the curious."""
+    log.log(logging.DEBUG if isinstance(handle, DenseFactor) else logging.INFO, "%s factor of %d DOF by %s", handle.kind,
+            handle.size, handle.package.upper())
+    return handle
+
+
+def shared_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float = 0.0) -> Handle:
+    """The factor of a model's K - σM, found again if it was made before (see `shared`): not for its users to close.
+
+    Raises
+    ------
+    SingularMatrixError
+        As `factorise`, and again where that was found before.
+    """
+    def made() -> Handle | str:
+        try:
+            return factorise(Difference(K, M, sigma) if sigma else K, kind)
+        except SingularMatrixError as error:
+            return str(error)
+
+    found = shared(*_key(K, kind, M, sigma), made, lambda it: 0.0 if isinstance(it, str) else it.bytes)
+    if isinstance(found, str):
+        raise SingularMatrixError(found)
+    return found
+
+
+def forget_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float = 0.0) -> None:
+    """Gives up a shared factor that has turned out to be of no use."""
+    forget(*_key(K, kind, M, sigma))
+
+
+def release(model: Pencil | Substructure) -> None:
+    """Gives up all that is shared of a model's matrices: its factors go as soon as nobody works with them."""
+    pencil: Any = getattr(model, "pencil", model)
+    drop(model.M, model.K, *chain((pencil.M, pencil.K), *pencil.rescaled.values()))
+
+
+def factors_made() -> int:
+    """How many factorisations have been made in this process."""
+    return Factor.made
+
+
+def _key(K: Matrix, kind: Kind, M: Matrix | None, sigma: float) -> tuple[tuple[Matrix, ...], tuple[str, str, float]]:
+    return (K, M) if sigma and M is not None else (K,), ("factor", kind, sigma)
+
+
+class TreeFactor:
+    """A = L D Lᵀ of a symmetric sparse A (n, n) whose graph is a forest, from the leaves on, without fill or pivoting.
+
+    The signs of D are those of a matrix that differs from A by rounding in each entry (Demmel and Gragg, Linear Algebra
+    Appl. 185 (1993) 203), which makes it the best of counts; for solutions there is no such promise.
+    """
+
+    kind: Kind = "symmetric"
+    package = "superlu"
+
+    def __init__(self, A: Matrix, order: Array) -> None:
+        from scipy.sparse.linalg import splu
+
+        self.size, self.columns, self._order = int(A.shape[0]), 0, order
+        Factor.made += 1
+        try:
+            self._lu = splu(sp.csc_array(A[order][:, order]), permc_spec="NATURAL", diag_pivot_thresh=0.0, relax=1, panel_size=1,
+                            options={"SymmetricMode": True})
+        except RuntimeError as error:
+            raise SingularMatrixError(f"a {self.size} x {self.size} matrix is singular ({error})") from None
+        self._pivots, self.bytes = self._lu.U.diagonal(), 2 * FACTOR_BYTES * self._lu.nnz
+        if not (np.array_equal(self._lu.perm_r, self._lu.perm_c) and np.isfinite(self._pivots).all() and self._pivots.all()):
+            raise SingularMatrixError(f"a {self.size} x {self.size} matrix has a pivot that is zero")
+
+    @property
+    def negative_pivots(self) -> int:
+        """The number of negative eigenvalues (Sylvester)."""
+        return int(np.count_nonzero(self._pivots < 0))
+
+    def solve(self, B: Array) -> Array:
+        """A⁻¹B for B of shape (n,) or (n, k)."""
+        self.columns += 1 if np.ndim(B) == 1 else np.shape(B)[1]
+        result = np.empty(np.shape(B))
+        result[self._order] = self._lu.solve(np.asarray(B, dtype=float)[self._order])
+        return result
+
+    def close(self) -> None:
+        """Nothing to give back; there for the likeness with PETSc's factors."""
+
+
+def counting(A: Matrix | Difference, keep: bool = True) -> Handle:
+    """A factorisation of a symmetric A for the sake of its inertia; nothing asserts how good its solutions are.
+
+    Where A is singular within rounding, eigenvalues that are rounding may count as negative or not. With keep=False it
+    cannot solve, and takes a quarter of the memory.
+
+    Raises
+    ------
+    SingularMatrixError
+        A has a null pivot.
+    """
+    if (small := _small(A)) is not None:
+        return _told(DenseFactor(small, "symmetric"))
+    if (sparse := A.K if isinstance(A, Difference) else A).nnz < 3 * A.shape[0]:
+        sparse = A.formed() if isinstance(A, Difference) else A
+        if (order := leaves_first(sparse)) is not None:
+            with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS will tell
+                return _told(TreeFactor(sparse, order))
+    return _told(Factor(A, "symmetric", keep, probed=False))
+
+
+def inertia(A: Matrix | Difference) -> int:
+    """The number of negative eigenvalues of a symmetric A (n, n), by a factorisation that is not kept (see `counting`)."""
+    handle = counting(A, keep=False)
+    count = handle.negative_pivots
+    handle.close()
+    log.debug("inertia: %d of %d eigenvalues are negative", count, handle.size)
+    return count
+
+
+def negative_eigenvalues(A: Array) -> int:
+    """How many eigenvalues of a symmetric A are negative, by the inertia of LDLᵀ (Bunch and Kaufman): no eigensolver.
+
+    A block of two rows has one of each sign.
+    """
+    import scipy.linalg as la
+
+    blocks = la.ldl(A, check_finite=False)[1]
+    double = np.flatnonzero(np.diag(blocks, -1))
+    single = np.setdiff1d(np.arange(len(A)), np.concatenate([double, double + 1]))
+    return len(double) + int(np.count_nonzero(blocks.diagonal()[single] < 0))
+
+
+def _small(A: Matrix | Difference) -> Array | None:
+    """A as an array where LAPACK is to take it, else None."""
+    sparse = sp.issparse(A.K if isinstance(A, Difference) else A)
+    if sparse and A.shape[0] > SMALL:
+        return None
+    formed = A.formed() if isinstance(A, Difference) else A
+    return formed.toarray() if sparse else np.asarray(formed)
+
+
+class ComplexFactor:
+    """A = L U of a complex sparse A (n, n), which real PETSc cannot factorise: by SuperLU, and of a large one by MUMPS on
+
+        [[Re A, -Im A], [Im A, Re A]] [Re x; Im x] = [Re b; Im b].
+
+    Raises
+    ------
+    SingularMatrixError
+        A is singular.
+    """
+
+    def __init__(self, A: Matrix) -> None:
+        self.size = int(A.shape[0])
+        self._lu: Any = None
+        if self.size <= COMPLEX and A.nnz <= 15 * COMPLEX:
+            from scipy.sparse.linalg import splu
+
+            try:
+                self._lu = splu(sp.csc_array(A, dtype=complex))
+            except RuntimeError as error:
+                raise SingularMatrixError(f"a complex {self.size} x {self.size} matrix is singular ({error})") from None
+        else:
+            real, imaginary = sp.csr_array(A.real), sp.csr_array(A.imag)
+            self._real = Factor(sp.block_array([[real, -imaginary], [imaginary, real]], format="csr"), "general")
+
+    def solve(self, B: Array, transposed: bool = False) -> Array:
+        """A⁻¹B, or A⁻ᵀB, for B of shape (n,) or (n, k)."""
+        b = np.asarray(B, dtype=complex)
+        if self._lu is not None:
+            return self._lu.solve(b, "T" if transposed else "N")
+        b = b.conj() if transposed else b  # the real form's transpose is that of the conjugated transpose of A
+        x = self._real.solve(np.concatenate([b.real, b.imag]), transposed)
+        x = x[:self.size] + 1j * x[self.size:]
+        return x.conj() if transposed else x

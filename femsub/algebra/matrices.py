@@ -1,0 +1,198 @@
+"""Real matrices, dense or sparse: checks, symmetry, scaling, norms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.algebra.frozen import frozen, is_sealed
+from femsub.checks import Array, Matrix
+from femsub.errors import InputError, InputTypeError
+
+ROUNDING = 1e-14  # of sqrt(|a_ii a_jj|): the rounding of two assemblies of the same element matrices in different order
+LARGEST = 1e100  # limit of a matrix' largest entry; its reciprocal is the lower limit
+
+
+def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
+    """A checked square real matrix: dense as a read-only array, sparse as a canonical, read-only CSR.
+
+    The arrays are copied, so that later changes by the caller have no effect. Only a canonical CSR with the arrays of a model is
+    shared.
+
+    Raises
+    ------
+    InputTypeError
+        Not numeric, or complex.
+    InputError
+        Not square, not of the given size, or with NaN or Inf in it (the first place is named).
+    """
+    try:
+        raw: Any = sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
+        shared = isinstance(value, sp.csr_array) and is_sealed(value) and raw.has_canonical_format
+        matrix = None if np.iscomplexobj(raw) else raw.astype(np.float64, copy=not shared)
+    except (TypeError, ValueError):
+        raise InputTypeError(f"{name} must be a numeric array or a scipy sparse matrix, not {type(value).__name__}") from None
+    if matrix is None:
+        raise InputTypeError(f"{name} is complex, but femsub takes real matrices only. Put damping into D")
+    if sp.issparse(matrix):
+        matrix.sum_duplicates()
+    data = matrix.data if sp.issparse(matrix) else matrix
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise InputError(f"{name} must be square, but its shape is {matrix.shape}")
+    if matrix.shape[0] == 0:
+        raise InputError(f"{name} is empty; a model needs at least one DOF")
+    if size is not None and matrix.shape[0] != size:
+        raise InputError(f"{name} is {matrix.shape[0]} x {matrix.shape[1]}, but the other matrices are {size} x {size}")
+    if not np.isfinite(data).all():
+        row, column = _first(matrix, ~np.isfinite(data))
+        raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
+    largest = float(np.abs(data).max(initial=0.0))
+    if largest > LARGEST or (name != "D" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
+        raise InputError(f"{name}'s largest entry is {largest:.3g}. Products of such numbers leave the range of floating point. "
+                         "Choose other units")
+    return frozen(matrix)
+
+
+def _first(matrix: Matrix, mask: Array) -> tuple[int, int]:
+    where = int(np.flatnonzero(mask)[0])
+    if sp.issparse(matrix):
+        return int(np.searchsorted(matrix.indptr, where, side="right") - 1), int(matrix.indices[where])
+    row, column = np.unravel_index(where, matrix.shape)
+    return int(row), int(column)
+
+
+def same(A: Matrix, B: Matrix) -> bool:
+    """Whether two arrays, or two sparse matrices in canonical form, have equal entries in equal places."""
+    if A is B or not (sp.issparse(A) and sp.issparse(B)):
+        return A is B or (sp.issparse(A) == sp.issparse(B) and np.array_equal(A, B))
+    return A.nnz == B.nnz and all(np.array_equal(getattr(A, key), getattr(B, key)) for key in ("indptr", "indices", "data"))
+
+
+def is_symmetric(matrix: Matrix) -> bool:
+    """Whether A = Aᵀ exactly."""
+    if sp.issparse(matrix):
+        other = matrix.T.tocsr()  # canonical, as `matrix` is
+        if np.array_equal(matrix.indptr, other.indptr) and np.array_equal(matrix.indices, other.indices):
+            return np.array_equal(matrix.data, other.data)
+        return (matrix != other).nnz == 0
+    return bool(np.array_equal(matrix, matrix.T))
+
+
+def is_identity(matrix: Matrix) -> bool:
+    """Whether a sparse A in canonical form is the unit matrix."""
+    places = np.arange(matrix.shape[0])
+    return bool(matrix.shape[0] == matrix.shape[1] == matrix.nnz and np.array_equal(matrix.indices, places)
+                and np.array_equal(matrix.indptr[:-1], places) and (matrix.data == 1.0).all())
+
+
+def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:
+    """diag(A₁, A₂, …) of square matrices, sparse. That of SciPy takes twice the memory of its result beside it."""
+    blocks = [sp.csr_array(one) for one in matrices]
+    ends = np.cumsum([one.shape[0] for one in blocks])
+    wide = [sp.csr_array((one.data, one.indices + one.indices.dtype.type(end - one.shape[0]), one.indptr),
+                         shape=(one.shape[0], ends[-1])) for one, end in zip(blocks, ends, strict=True)]
+    return sp.csr_array(sp.vstack(wide, format="csr"))
+
+
+def without_rounding(matrix: Matrix) -> tuple[Matrix, bool]:
+    """(A + Aᵀ)/2 if |a_ij - a_ji| ≤ ROUNDING sqrt(|a_ii a_jj|) for all i, j, else A itself; and whether the result is symmetric.
+
+    An assembly may add up the two triangles in different order. The skew part is then rounding, but it would rule out the
+    cheaper methods for symmetric matrices.
+    """
+    if is_symmetric(matrix):
+        return matrix, True
+    scale = np.sqrt(np.abs(matrix.diagonal()))
+    skew = sp.coo_array(matrix - matrix.T)
+    if (np.abs(skew.data) > ROUNDING * scale[skew.row] * scale[skew.col]).any():
+        return matrix, False
+    mean = (matrix + matrix.T) * 0.5
+    return frozen(sp.csr_array(mean) if sp.issparse(mean) else mean), True
+
+
+def norm(matrix: Matrix) -> float:
+    """sqrt(‖A‖₁ ‖A‖_∞), which bounds the spectral norm from above (and is ‖A‖_∞ for a symmetric A)."""
+    absolute = abs(matrix)
+    return float(np.sqrt(np.max(absolute.sum(axis=0)) * np.max(absolute.sum(axis=1))))
+
+
+def equilibration(A: Matrix) -> tuple[Array, Array]:
+    """r and c, (n,) each, powers of two, with which the rows and columns of r_i a_ij c_j have sums near 1.
+
+    Matrices with deflections and rotations have entries that differ by up to the fourth power of the element length. A
+    condition number is meaningful only after scaling. A symmetric A gets r = c.
+    (Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices, RAL-TR-2001-034.)
+    """
+    size = abs(A)
+    r, c = np.ones(A.shape[0]), np.ones(A.shape[0])
+    for _ in range(5):
+        rows, columns = r * (size @ c), c * (size.T @ r)
+        r /= np.sqrt(np.where(rows > 0, rows, 1.0))
+        c /= np.sqrt(np.where(columns > 0, columns, 1.0))
+    return 2.0 ** np.rint(np.log2(r)), 2.0 ** np.rint(np.log2(c))
+
+
+def equilibrated(A: Matrix) -> tuple[Array, Array, float]:
+    """Row and column scales, and the norm of the scaled matrix, which is not formed (beside a large factor it may not fit)."""
+    rows, columns = equilibration(A)
+    size = abs(A)
+    return rows, columns, float(np.sqrt(np.max(rows * (size @ columns)) * np.max(columns * (size.T @ rows))))
+
+
+def scaled(A: Matrix, rows: Array, columns: Array) -> Matrix:
+    """r_i a_ij c_j; exact if r and c are powers of two."""
+    if not sp.issparse(A):
+        return rows[:, None] * A * columns
+    data = A.data * np.repeat(rows, np.diff(A.indptr)) * columns[A.indices]
+    return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
+
+
+def unit_length(x: Array) -> Array:
+    """The columns of x (n, k) divided by their lengths; zeros stay."""
+    size = np.linalg.norm(x, axis=0)
+    return x / np.where(size > 0, size, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """K - σM of symmetric sparse K and M, (n, n), formed only on demand: beside a large factor it may not fit in memory."""
+
+    K: Matrix
+    M: Matrix
+    sigma: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.K.shape
+
+    def diagonal(self) -> Array:
+        return self.K.diagonal() - self.sigma * self.M.diagonal()
+
+    def formed(self) -> Matrix:
+        """The matrix itself."""
+        return self.K - self.sigma * self.M if self.sigma else self.K
+
+    def upper(self) -> Matrix:
+        """Its upper triangle, from those of K and M."""
+        return upper(self.K) - self.sigma * upper(self.M) if self.sigma else upper(self.K)
+
+    def __matmul__(self, x: Array) -> Array:
+        return self.K @ x - self.sigma * (self.M @ x) if self.sigma else self.K @ x
+
+
+def upper(A: Matrix) -> Matrix:
+    """The upper triangle of a sparse A, diagonal included, as CSR."""
+    A = sp.csr_array(A)
+    keep = A.indices >= np.repeat(np.arange(A.shape[0], dtype=A.indices.dtype), np.diff(A.indptr))
+    starts = np.append(0, np.cumsum(keep, dtype=A.indptr.dtype))[A.indptr]
+    return sp.csr_array((A.data[keep], A.indices[keep], starts), shape=A.shape)
+
+
+def translations(n: int) -> Array:
+    """Uniform motions of every s-th DOF (n, k): translations of a body whose nodes have s DOF each."""
+    at = np.arange(n)
+    return np.stack([at % s == first for s in (1, 2, 3, 4, 6) if n % s == 0 for first in range(s)], axis=1).astype(float)

@@ -1,0 +1,458 @@
+"""`couple`: substructures joined to a system, which is a `Substructure` again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from femsub.algebra.elimination import congruent, eliminate, largest, product, recovered, units, without_dust, without_rounding
+from femsub.algebra.matrices import block_diagonal, is_identity, is_symmetric
+from femsub.algebra.rigid_motion import Carried, Joined, size_of_products
+from femsub.checks import Array, Matrix, choice, instance, items, mapping
+from femsub.coupling.dual import Multiplied, by_forces, check_span, finite_span, multiplied
+from femsub.coupling.joined import (
+    check_connected,
+    checked_parts,
+    equations_of,
+    joint_forces,
+    linked,
+    physical_coordinates,
+    rows_of_parts,
+    sprung,
+    units_of_energy,
+)
+from femsub.coupling.joints import End, Joint, Link, spatial
+from femsub.coupling.open_interface import distinct, listed, open_rows, unjoined, whole_sets
+from femsub.errors import InputError
+from femsub.model.dof_map import DofMap
+from femsub.model.substructure import ReducedSubstructure, Substructure, checked_sets
+
+if TYPE_CHECKING:
+    from femsub.model.estimate import Estimate
+
+FAINT = 1e-12  # mass in units of stiffness over a typical ω², of which 4e-15 (`without_dust`) is no mass
+FULL = 0.3  # of all entries that are not 0: from here on a system of full and reduced parts is kept dense
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class System(Substructure):
+    """Joined parts as one substructure: M ẍ + D ẋ + K x = f. `couple` makes it.
+
+    x, shape (n,), are the coordinates that the joints leave. A system is used like any other substructure. Its ports and
+    interface sets are those of the parts; their names begin with the part's, as 'disc.belt'.
+
+    Attributes
+    ----------
+    parts : mapping of str to Substructure
+    joints : tuple of Joint
+    L : sparse, or dense if all parts are, shape (N, n)
+        q = L x. q stacks the coordinates of all parts.
+    open : mapping of str to ndarray of int
+        The system's interface: for each part, positions in the interface of the part.
+    redundant : int
+        Equations of the joints that follow from the others. They were left out.
+    multipliers : mapping of str to matrix, shape (m, n)
+        For each joint with Lagrange multipliers, by its name: G with λ = G x. The joint acts with the forces -C_pᵀλ on the
+        interface of the part p; C_p is that of its `Link`.
+    assembly : str
+        'primal' or 'dual', as in `couple`.
+    spurious : int
+        Negative or infinite eigenvalues ω² of the assembly of dual Craig-Bampton parts. The system does not contain them.
+    estimate : Estimate, optional
+        Error estimates of its modes in the band, if its parts were reduced to a tolerance of the system.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> left, right = fs.chain(5, interface=[5]), fs.chain(6, interface=[1], fixed=False)
+    >>> system = fs.couple({"left": left, "right": right}, [fs.Rigid(("left", [4]), ("right", [0]))])
+    >>> system
+    System 'system': 10 DOF of 2 parts (left, right) and 1 joint, sparse, 28 nonzeros in K, 0 interface DOF
+    >>> {name: len(u) for name, u in system.expand([1.0] * 10).items()}
+    {'left': 5, 'right': 6}
+    >>> list(system.ports)
+    ['left.belt', 'right.belt']
+    """
+
+    dofs: DofMap | None = field(default=None, init=False)
+    parts: Mapping[str, Substructure] = field(default_factory=dict)
+    joints: tuple[Joint, ...] = ()
+    L: Matrix = None
+    open: Mapping[str, Array] = field(default_factory=dict)
+    redundant: int = 0
+    multipliers: Mapping[str, Matrix] = field(default_factory=dict)
+    spurious: int = 0
+    assembly: str = "primal"
+    estimate: Estimate | None = field(default=None, init=False)
+    rigid_motion: Carried = None
+    noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __init__(self, M: Any, K: Any, D: Any, interface: Any, ports: Mapping[str, Any], name: str, *,
+                 parts: Mapping[str, Substructure], joints: Iterable[Joint], L: Matrix, open: Mapping[str, Array],
+                 sets: Mapping[str, Array] | None = None, redundant: int = 0,
+                 multipliers: Mapping[str, Matrix] | None = None, spurious: int = 0, assembly: str = "primal",
+                 rigid_motion: Carried = None, noise: Array | None = None) -> None:
+        super().__init__(M, K, D, interface, ports, name)
+        self._set(parts=dict(parts), joints=tuple(joints), L=L, open=dict(open), redundant=redundant,
+                  multipliers=multipliers or {}, spurious=spurious, assembly=assembly,
+                  sets=checked_sets(sets, sum(map(len, open.values()))), cutoff=min(part.cutoff for part in parts.values()))
+        self._carry(rigid_motion.belonging(self.D, self.K) if isinstance(rigid_motion, Joined) else None,
+                    self.noise if noise is None or len(noise) != self.size else noise)
+
+    def __repr__(self) -> str:
+        kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
+        beside = f", {self.redundant} equations redundant" if self.redundant else ""
+        beside += f", {sum(rows.shape[0] for rows in self.multipliers.values())} multipliers" if self.multipliers else ""
+        beside += f", {self.spurious} spurious eigenvalues left out" if self.spurious else ""
+        joints = f"{len(self.joints)} joint{'s' * (len(self.joints) != 1)}"
+        return (f"System {self.name!r}: {self.size} DOF of {len(self.parts)} parts ({', '.join(self.parts)}) and "
+                f"{joints}, {kind}, {self.interface_rows.shape[0]} interface DOF{beside}")
+
+    @cached_property
+    def interface_rows(self) -> Matrix:
+        """B with u_b = B x, shape (n_b, n)."""
+        return super().interface_rows if len(self.interface) else open_rows(self.parts, self.L, self.open)
+
+    @property
+    def interface_numbers(self) -> Array:
+        """The coordinates that are the interface, shape (n_b,); -1 where it is spread over many coordinates."""
+        count = sum(map(len, self.open.values()))
+        return self.interface if len(self.interface) == count else np.full(count, -1)
+
+    @cached_property
+    def interface_dofs(self) -> DofMap | None:
+        """The maps of all parts in one, with nodes numbered anew from 1; None if a part has no map."""
+        maps = [self.parts[name].interface_dofs for name, places in self.open.items() if len(places)]
+        if not maps or any(one is None or one.points is None for one in maps):
+            return None
+        found = [one.kept(places) for one, places in zip(maps, (p for p in self.open.values() if len(p)), strict=True) if one]
+        labels = tuple(dict.fromkeys(label for one in found for label in one.labels))
+        nodes, components, start = [], [], 1
+        for one in found:
+            _, number = np.unique(one.nodes, return_inverse=True)
+            nodes.append(start + number)
+            start = int(nodes[-1].max(initial=start - 1)) + 1
+            components.append(np.array([labels.index(label) for label in one.labels])[one.components])
+        points = np.concatenate([spatial(one.points) for one in found if one.points is not None])
+        return DofMap(np.concatenate(nodes), np.concatenate(components), labels, points)
+
+    def expand(self, x: Array) -> dict[str, Array]:
+        """The displacements of each part, {name: u}, from x of shape (n,) or (n, k); u has the shape (n_p,) or (n_p, k).
+
+        For a reduced part u = V q. The parts of a system within the system are listed one by one, as 'front.disc'.
+        """
+        x = np.asarray(x)
+        if x.ndim == 0 or x.shape[0] != self.size:
+            raise InputError(f"x must have {self.size} rows, one per coordinate, but its shape is {x.shape}")
+        found: dict[str, Array] = {}
+        for (name, part), rows in zip(self.parts.items(), rows_of_parts(self.parts), strict=True):
+            q = self.L[rows] @ x
+            if isinstance(part, System):
+                found |= {f"{name}.{inner}": u for inner, u in part.expand(q).items()}
+            else:
+                found[name] = part.expand(q) if isinstance(part, ReducedSubstructure) else q
+        return found
+
+    def collected(self, u: Mapping[str, Array]) -> Array:
+        """The x whose L x comes nearest to given displacements of the parts, as `expand` lists them; shape (n,) or (n, k).
+
+        Raises
+        ------
+        InputError
+            A part is reduced, so that its coordinates are no displacements.
+        """
+        blocks = []
+        mapping("u", u, "names and displacements, as expand gives them")
+        for name, part in self.parts.items():
+            if isinstance(part, ReducedSubstructure):
+                raise InputError(f"the part {name!r} is reduced: its coordinates do not follow from displacements")
+            inner = {key.removeprefix(f"{name}."): one for key, one in u.items() if key.startswith(f"{name}.")}
+            if not isinstance(part, System) and np.shape(u.get(name, 0.0))[:1] != (part.size,):
+                raise InputError(f"u must have {part.size} rows for the part {name!r}, but {list(u)} are given, and its shape is "
+                                 f"{np.shape(u.get(name, 0.0))}")
+            blocks.append(part.collected(inner) if isinstance(part, System) else u[name])
+        L = sp.csc_array(self.L)
+        gram, load = sp.csc_array(L.T @ L), L.T @ np.concatenate(blocks)
+        diagonal = gram.diagonal()
+        if gram.nnz == np.count_nonzero(diagonal):  # equal DOF alone
+            return load / diagonal.reshape(-1, *[1] * (load.ndim - 1))
+        factor = splu(gram)
+        return factor.solve(load.real) + 1j * factor.solve(load.imag) if np.iscomplexobj(load) else factor.solve(load)
+
+    def with_parts(self, parts: Mapping[str, Substructure]) -> System:
+        """The same joints between other models of the parts, such as reduced ones; a part that is not named stays.
+
+        The interface is the same, too.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            A name that is no part; see `couple`.
+        """
+        for name in mapping("parts", parts, "names and substructures, as {'disc': rom}"):
+            choice("part", name, self.parts)
+        ends = [(name, self.parts[name].interface_numbers[places]) for name, places in self.open.items() if len(places)]
+        return couple(dict(self.parts) | dict(parts), self.joints, self.name, assembly=self.assembly, interface=ends)
+
+    def with_damping(self, D: Any) -> Self:
+        """A copy with another D, shape (n, n), and without the estimate, which is not valid for it."""
+        return super().with_damping(D).estimated_by(None)
+
+    def estimated_by(self, estimate: Estimate | None) -> Self:
+        """A copy that carries an estimate of its errors, whose cut-off is not above the system's."""
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__)
+        copy._set(estimate=None if estimate is None else replace(estimate, cutoff=min(estimate.cutoff, self.cutoff)))
+        return copy
+
+    def interface_forces(self, omega: Array, x: Array) -> dict[str, Array]:
+        """The forces g on the interface of each part in undamped motion: Bᵀg = (K - ω²M)q with u_b = Bq, {name: (n_b, k)}.
+
+        On a full part g is what its own elasticity and inertia leave to the joints. Of a reduced part whose interface is spread
+        over generalised coordinates it is the g that comes nearest.
+
+        Parameters
+        ----------
+        omega : array_like, shape (k,)
+            Radians per unit of time.
+        x : array_like, shape (n, k)
+            The system's coordinates.
+        """
+        omega, x, found = np.asarray(omega), np.asarray(x), {}
+        if x.ndim == 0 or x.shape[0] != self.size or omega.shape not in ((), x.shape[1:]):
+            raise InputError(f"x must have {self.size} rows and one column for each of omega, but the shapes are {x.shape} and "
+                             f"{omega.shape}")
+        for (name, part), rows in zip(self.parts.items(), rows_of_parts(self.parts), strict=True):
+            q = self.L[rows] @ x
+            balance = part.K @ q - (part.M @ q) * omega**2
+            B = part.interface_rows
+            if len(part.interface) == B.shape[0]:
+                found[name] = balance[part.interface]
+            else:
+                found[name] = np.linalg.lstsq((B.toarray() if sp.issparse(B) else B).T, balance, rcond=None)[0]
+        return found
+
+
+def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str = "system", *,
+           assembly: str = "primal", interface: Sequence[End] | None = None) -> System:
+    """Join substructures to a system, which is a substructure again.
+
+    M, D, K = Lᵀ diag(M_p, D_p, K_p) L + Σ Rᵀ(0, c, k)R with q = L x. L spans all motions that the joints allow; c and k are
+    dampers and springs on the motions R q.
+
+    The parts may be full, reduced by any method, or systems, in any mix. DOF that are equal become one coordinate. A DOF that
+    is equal to a sum of others is replaced by that sum. Equations between generalised coordinates alone (Craig-Chang joined
+    with Craig-Chang) are fulfilled by a basis of their null space. Parts reduced by `DualCraigBampton` are joined weakly, by
+    their interface forces.
+
+    Parameters
+    ----------
+    parts : mapping of str to Substructure
+        The parts by name. A name has no dot.
+    joints : sequence of Joint
+        `Rigid`, `Spring`, `Tied`, `Averaged`, `Kinematic`, or a subclass of `femsub.coupling.joints.Joint`.
+    name : str
+    assembly : {"primal", "dual"}
+        "dual" keeps the coordinates of the parts and adds the Lagrange multipliers λ of the joints as coordinates:
+        K = [[K, Aᵀ], [A, 0]], M = diag(M, 0). This K is indefinite. The finite eigenvalues are those of "primal":
+        `complex_modes` projects the multipliers out first.
+    interface : sequence of ends, optional
+        The interface of the system, for further joints: (part, set) or (part, list of DOF). Joined DOF are allowed. By default
+        all interface DOF of the parts that are not joined. A named set that is joined only in part stays whole.
+
+    Returns
+    -------
+    System
+        A `Substructure` again; ``.expand(x)`` gives the displacements of each part.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A part that is joined to nothing, an unknown part or set, interfaces that do not meet, an end that is not an
+        interface DOF, joints that allow no motion. The message names the part and the joint.
+
+    References
+    ----------
+    D. de Klerk, D. J. Rixen, S. N. Voormeeren, AIAA J. 46 (2008) 1169, sec. II (primal and dual assembly).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> left, right = fs.chain(5, interface=[5]), fs.chain(6, interface=[1], fixed=False)
+    >>> rom = fs.reduce(right, fs.CraigChang(modes=3))
+    >>> fs.couple({"left": left, "right": rom}, [fs.Rigid(("left", [4]), ("right", [0]))]).size
+    9
+    """
+    parts = checked_parts(parts)
+    choice("assembly", assembly, ("primal", "dual"))
+    joints = [instance("each of joints", joint, Joint, "as Rigid(('disc', 'left'), ('pad', 'right'))")  # type: ignore[type-abstract]
+              for joint in items("joints", joints, "joints")]
+    links = [linked(joint, parts) for joint in joints]
+    check_connected(parts, links)
+    weak = [bool(link.equations) and (assembly == "dual" or any(by_forces(parts[part]) for part in link.equations))
+            for link in links]
+    equations = equations_of(parts, links, units_of_energy(parts), physical_coordinates(parts))
+
+    def refuse(owner: Array, equations: int, coordinates: int) -> None:
+        """Locked coordinates are a result of too few modes, unless all parts of these joints have all of theirs."""
+        named = dict.fromkeys(owner.tolist())
+        if any(np.isfinite(parts[part].cutoff) for i in named for part in links[i].equations):
+            raise InputError(f"{', '.join(repr(joints[i]) for i in named)}: the {equations} equations leave no motion to the "
+                             f"{coordinates} coordinates they couple: keep more modes in these parts, or join fewer DOF")
+
+    dual = np.array(weak, dtype=bool)[equations.owner]
+    found = eliminate(equations.chosen(~dual), refuse)
+    joined = Multiplied(found.L, sp.csr_array((0, found.L.shape[1])), equations.A[:0], found.unit, equations.owner[:0])
+    redundant, spurious, dense = found.redundant, 0, not any(sp.issparse(part.K) for part in parts.values())
+    weakly = False
+    if dual.any() or any(map(by_forces, parts.values())):
+        forces, compliance = joint_forces(parts, links, weak, equations.unit)
+        K = sp.block_diag([sp.csr_array(part.K) for part in parts.values()], format="csr")
+        joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, sprung(parts, links), refuse)
+        redundant += int(dual.sum()) - len(joined.owner)
+        weakly = bool(forces.nnz)
+        if weakly:
+            check_span(joined.S.shape[1], name)
+    if not joined.S.shape[1]:
+        raise InputError(f"the joints of {name!r} leave nothing to move")
+    chosen = unjoined(parts, links) if interface is None else listed(parts, interface)
+    if weakly:
+        matrices = _matrices(parts, links, joined, equations.unit, True)
+        X, unit, matrices, spurious = finite_span(*matrices, joined.multipliers, open_rows(parts, joined.S, chosen))
+        joined = joined.through(X, unit)
+        if not len(unit):
+            raise InputError(f"the joints of {name!r} leave no finite mode")
+    open_, place = distinct(parts, chosen, joined.S, joined.unit)
+    T, columns = recovered(open_rows(parts, joined.S, open_), joined.unit)
+    if T is not None:
+        joined = joined.through(T, joined.unit)
+        if weakly:
+            matrices = congruent(matrices[0], T), congruent(matrices[1], T), congruent(matrices[2], T)
+    if not weakly:
+        matrices = _matrices(parts, links, joined, equations.unit, dense)
+    M, D, K = matrices if len(joined.owner) and not weakly else _settled(parts, links, joined, matrices)
+    if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
+        M, D, K = (A.toarray() for A in matrices)
+    L = joined.S if sp.issparse(K) else joined.S.toarray()
+    unit = units(M.diagonal(), K.diagonal())[0]
+    ports = {f"{part}.{port}": _port(L[rows], w, unit, equations.unit[rows])
+             for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True) for port, w in sub.ports.items()}
+    blocks, whole = dict(zip(parts, rows_of_parts(parts), strict=True)), sp.eye_array(len(equations.unit), format="csr")
+    springs = [(sp.csr_array(_moved(link, blocks, whole)), link) for link in links if link.motions]
+    motion = Joined(tuple(parts.values()), joined.S, equations.unit, equations.A,
+                    *(tuple(sp.csr_array(C) @ R for R, link in springs if np.any(C := getattr(link, key)))
+                      for key in ("stiffness", "damping")))
+    return System(M, K, D, columns, ports, name, parts=parts, joints=joints, L=L, open=open_, sets=whole_sets(parts, place),
+                  redundant=redundant, multipliers=_by_joint(joints, joined), spurious=spurious, assembly=assembly,
+                  rigid_motion=motion, noise=_noise(parts, joined.S))
+
+
+def _noise(parts: Mapping[str, Substructure], L: Matrix) -> Array:
+    """The rounding of all projections in D: that of the parts, and that of LᵀDL."""
+    found = [np.zeros((L.shape[1], 0))]
+    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
+        found += [abs(L[rows]).T @ part.noise, size_of_products(part.D, L[rows])]
+    return np.hstack(found)
+
+
+def _port(L: Matrix, w: Array, unit: Array, before: Array) -> Array:
+    """Lᵀw, exactly 0 where the joints hold the port: else it would lose its stability at a slope of 1e30."""
+    columns = w.reshape(len(w), -1)
+    whole = (np.abs(columns) * before[:, None]).max(axis=0, initial=0.0)
+    return without_rounding(columns.T @ L, unit, whole).T.reshape(-1, *w.shape[1:])
+
+
+def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
+    """The rows of G of each joint, by its name."""
+    found = {}
+    for number in dict.fromkeys(joined.owner.tolist()):
+        name = repr(joints[number])
+        if name in found:
+            raise InputError(f"two joints are called {name!r}, and their multipliers could not be told apart: give each a name=")
+        found[name] = joined.G[np.flatnonzero(joined.owner == number)]
+    return found
+
+
+def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: Multiplied,
+              unit: Array, dense: bool) -> tuple[Matrix, Matrix, Matrix]:
+    """M, D, K in the coordinates of the system, with springs and multipliers."""
+    blocks = dict(zip(parts, rows_of_parts(parts), strict=True))
+    S = joined.S.toarray() if dense else joined.S
+    alike = not dense and is_identity(S)  # nothing is joined but by springs and contacts: each product would be a copy
+    springs = []
+    for link in links:
+        if link.motions:
+            whole = np.max([largest(abs(R) * unit[blocks[part]]) for part, R in link.motions.items()], axis=0)
+            springs.append((without_rounding(_moved(link, blocks, S), joined.unit, whole), link))
+    found = []
+    for key in "MDK":
+        matrices = [getattr(part, key) for part in parts.values()]
+        if dense:
+            A = np.zeros((S.shape[1], S.shape[1]))
+            for matrix, rows in zip(matrices, blocks.values(), strict=True):
+                moving = np.unique(joined.S[rows].indices)  # few coordinates of the system move a part
+                T = joined.S[rows][:, moving]
+                A[np.ix_(moving, moving)] += product(T.T, product(matrix, T))
+        else:
+            A = block_diagonal(matrices)
+            if not alike:
+                A = sp.csr_array(S.T @ (A @ S))
+        plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for link in links if key == "D")))
+        if plain and not alike:
+            A = (A + A.T) / 2  # but for rounding it is symmetric
+        middles = [(R, {"K": link.stiffness, "D": link.damping}.get(key)) for R, link in springs]
+        added = [R.T @ (middle if dense else sp.csr_array(middle)) @ R for R, middle in middles
+                 if middle is not None and np.any(middle)]
+        if key == "K" and len(joined.owner):
+            added.append(joined.work().toarray() if dense else joined.work())
+        if added:  # summed first: they have few entries, and A has many
+            few = sum(added)
+            A = A + ((few + few.T) / 2 if plain else few)
+        found.append(A)
+    return found[0], found[1], found[2]
+
+
+def _moved(link: Link, blocks: Mapping[str, slice], S: Matrix, part_of: Callable[[Matrix], Matrix] = lambda A: A) -> Matrix:
+    """What springs act on, R q with q = S x, shape (s, n); with `abs` the sum of the sizes instead."""
+    return sum(part_of(R) @ part_of(S[blocks[part]]) for part, R in link.motions.items())
+
+
+def _settled(parts: Mapping[str, Substructure], links: Sequence[Link], joined: Multiplied,
+             matrices: tuple[Matrix, Matrix, Matrix]) -> tuple[Matrix, Matrix, Matrix]:
+    """M, D, K with 0 for what is only rounding: coordinates without mass, and those of rigid motion.
+
+    m_jj and k_jj are compared with the sums of the sizes of which they are left. Only in these sums can be seen that a
+    coordinate is free. Where each coordinate is a DOF nothing cancels.
+    """
+    blocks, S = dict(zip(parts, rows_of_parts(parts), strict=True)), sp.csc_array(joined.S)
+    mixed = np.flatnonzero(np.bincount(np.repeat(np.arange(S.shape[1]), np.diff(S.indptr)), S.data != 1.0, S.shape[1]))
+    if not len(mixed):
+        return matrices
+    S = sp.csr_array(abs(S[:, mixed]))
+    found = []
+    for key, A in zip("MDK", matrices, strict=True):
+        if key == "D":
+            found.append(A)
+            continue
+        bound = np.zeros(len(mixed))
+        for part, rows in zip(parts.values(), blocks.values(), strict=True):
+            at = np.flatnonzero(np.diff(S[rows].indptr))
+            own = S[rows][at]
+            bound += own.multiply(product(abs(getattr(part, key)[at][:, at]), own)).sum(axis=0)
+        for link in links if key == "K" else ():
+            if link.motions and np.any(link.stiffness):
+                R = _moved(link, blocks, S, abs)
+                bound = bound + R.multiply(abs(link.stiffness) @ R).sum(axis=0)
+        if key == "M":  # the square of a rounding, beside the stiffness of the coordinate
+            stiffness = np.abs(matrices[2].diagonal())
+            bound = np.maximum(bound, FAINT * stiffness[mixed] / units(A.diagonal(), stiffness)[1])
+        whole = np.zeros(A.shape[0])
+        whole[mixed] = bound
+        found.append(without_dust(A, whole))
+    return found[0], found[1], found[2]

@@ -1,0 +1,117 @@
+"""A disc brake of three meshes in one frame, of bricks of 20 nodes: disc with its hat, two pads. Gmsh is not needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from femsub.checks import Array, positive_number
+from femsub.components.grids import annulus
+from femsub.components.mesh import Mesh
+from femsub.coupling.contacts.friction_contact import contact_points
+from femsub.errors import InputError
+
+Cuts = tuple[float, ...]
+
+RADII: Cuts = (0.035, 0.075, 0.083, 0.095, 0.145, 0.15)  # of the disc: hub, wall of the hat, ring with its track, in m
+HEIGHTS: Cuts = (-0.006, 0.006, 0.036, 0.044)  # of the ring, and of the flange of the hat
+PAD_RADII: Cuts = (0.094, 0.098, 0.142, 0.146)  # the lining is between the inner two
+PAD_ANGLES: Cuts = (-33.0, -30.0, 30.0, 33.0)  # degrees
+PAD_DEPTHS: Cuts = (0.006, 0.017, 0.022)  # of the lining's face, the back plate and its back
+
+NEAR = 1e-3  # of the pad's size: springs at places nearer than this hold no turning
+
+
+def brake_meshes(size: float = 0.025) -> dict[str, Mesh]:
+    """The meshes 'disc', 'inboard' and 'outboard', in m, with the axis along z. They are those of meshes/, made without Gmsh.
+
+    Elements are about `size` long, those of the pads 0.8 of it, so that the faces of disc and pads do not match. The disc has
+    the sets hub, rim, inboard and outboard (its tracks); a pad face, back, leading and trailing, and the groups lining, plate.
+    """
+    positive_number("size", size)
+    around = (RADII[2] + RADII[-1]) / 2 * np.pi / 2
+    disc = _bricks("disc", RADII, (0.0, 90.0, 180.0, 270.0, 360.0), HEIGHTS, size, around)
+    r, z = _middles(disc)
+    ring, wall, flange = (z < HEIGHTS[1]) & (r > RADII[1]), (r > RADII[1]) & (r < RADII[2]), (z > HEIGHTS[2]) & (r < RADII[2])
+    disc = _kept(disc, ring | wall | flange)
+    r, z = np.hypot(disc.points[:, 0], disc.points[:, 1]), disc.points[:, 2]
+    track = (r > RADII[3] - 1e-9) & (r < RADII[4] + 1e-9)
+    disc = disc.with_sets(hub=r < RADII[0] + 1e-9, rim=r > RADII[-1] - 1e-9, inboard=track & (z < HEIGHTS[0] + 1e-9),
+                          outboard=track & (np.abs(z - HEIGHTS[1]) < 1e-9))
+    return {"disc": disc, **{name: _pad(name, side, 0.8 * size) for name, side in (("inboard", -1), ("outboard", 1))}}
+
+
+def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tolerance: float | None = None) -> Array:
+    """The nodes of those faces of another mesh's surface that lie opposite the faces of a set, as rows of its points.
+
+    A contact needs no others. Of a disc's track they are the few under the pad.
+    """
+    points = contact_points((mesh, name, name), (other, surface, surface), tolerance)
+    assert points.second is not None
+    on = points.second.surface
+    nodes = np.unique(on.faces[np.unique(points.second.face)])
+    rows = np.argsort(other.numbers)
+    return rows[np.searchsorted(other.numbers[rows], on.numbers[nodes])]
+
+
+def check_held(mesh: Mesh, sets: Sequence[str], what: str) -> None:
+    """Springs on the mean motions of these sets hold a pad in the plane of the disc; the contact holds it along the axis.
+
+    Raises
+    ------
+    InputError
+        The pad may move in this plane, or turn.
+    """
+    if not sets:
+        raise InputError(f"{what} is not supported: name sets of its mesh in sprung")
+    places = [mesh.points[mesh.nodes(name), :2].mean(axis=0) for name in sets]
+    size = float(np.ptp(mesh.points, axis=0).max())
+    if max(float(np.linalg.norm(place - places[0])) for place in places) < NEAR * size:
+        raise InputError(f"{what} is not supported against turning in the plane of the disc: the means of {', '.join(sets)} are "
+                         "at one place. Name sets that lie apart")
+
+
+def _pad(name: str, side: int, size: float) -> Mesh:
+    depths = PAD_DEPTHS if side > 0 else tuple(-depth for depth in reversed(PAD_DEPTHS))
+    length = (RADII[2] + RADII[-1]) / 2 * np.radians(PAD_ANGLES[2] - PAD_ANGLES[1])
+    mesh = _bricks(name, PAD_RADII, PAD_ANGLES, depths, size, length)
+    r, z = _middles(mesh)
+    angle = np.degrees(np.arctan2(*mesh.points[mesh.cells].mean(axis=1)[:, 1::-1].T))
+    plate = side * z > PAD_DEPTHS[1]
+    lining = ~plate & (r > PAD_RADII[1]) & (r < PAD_RADII[2]) & (np.abs(angle) < PAD_ANGLES[2])
+    mesh = _kept(mesh, plate | lining, lining=lining, plate=plate)
+    angle, depth = np.degrees(np.arctan2(mesh.points[:, 1], mesh.points[:, 0])), side * mesh.points[:, 2]
+    return mesh.with_sets(face=depth < PAD_DEPTHS[0] + 1e-9, back=depth > PAD_DEPTHS[2] - 1e-9,
+                          leading=angle < PAD_ANGLES[0] + 1e-6, trailing=angle > PAD_ANGLES[3] - 1e-6)
+
+
+def _bricks(name: str, radii: Cuts, angles: Cuts, heights: Cuts, size: float, length: float) -> Mesh:
+    """An annulus or a sector whose bricks end at the given cuts; `length` is that of the widest span of angles."""
+    widest = max(end - start for start, end in pairwise(angles))
+    counts = [[max(1, round((end - start) * scale / size)) for start, end in pairwise(cuts)]
+              for cuts, scale in ((radii, 1.0), (angles, length / widest), (heights, 1.0))]
+    closed = angles[-1] - angles[0] == 360
+    total = [sum(one) for one in counts]
+    sector = None if closed else (0.0, 1.0)
+    mesh = annulus(1.0, 2.0, 1.0, (total[0], total[1], total[2]), "hexahedron20", sector=sector, name=name)
+    r, z = np.hypot(mesh.points[:, 0], mesh.points[:, 1]) - 1.0, mesh.points[:, 2]
+    turn = np.arctan2(mesh.points[:, 1], mesh.points[:, 0]) / (2 * np.pi if closed else 1.0) % (1.0 if closed else np.inf)
+    r, turn, z = (np.interp(share, np.concatenate([[0.0], np.cumsum(one)]) / sum(one), cuts)
+                  for share, one, cuts in ((r, counts[0], radii), (turn, counts[1], angles), (z, counts[2], heights)))
+    angle = np.radians(turn)
+    return Mesh(np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1), mesh.cells, mesh.kind, name=name)
+
+
+def _middles(mesh: Mesh) -> tuple[Array, Array]:
+    """The mean radius and height of each cell."""
+    points = mesh.points[mesh.cells]
+    return np.hypot(points[..., 0], points[..., 1]).mean(axis=1), points[..., 2].mean(axis=1)
+
+
+def _kept(mesh: Mesh, cells: Array, **groups: Array) -> Mesh:
+    """The mesh of some cells, without the nodes of none, and groups of them."""
+    nodes, places = np.unique(mesh.cells[cells], return_inverse=True)
+    named = {name: np.flatnonzero(chosen[cells]) for name, chosen in groups.items()}
+    return Mesh(mesh.points[nodes], places.reshape(-1, mesh.cells.shape[1]), mesh.kind, groups=named, name=mesh.name)

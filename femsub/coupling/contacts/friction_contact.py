@@ -1,0 +1,440 @@
+"""`FrictionContact`: Coulomb friction between surfaces that slide on each other, integrated over meshes that need not match."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
+from femsub.components.mesh import Mesh
+from femsub.components.solid_elements import reference, skfem
+from femsub.coupling.contacts.friction_in_motion import FrictionInMotion
+from femsub.coupling.joints import GROUND, Joint, Link, Site
+from femsub.coupling.ties import Surface, areas, common_parts, reach, rows_of_nodes
+from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
+from femsub.model.dof_map import TRANSLATIONS
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
+
+KEPT = 8  # pairs of surfaces whose points are kept, since a sweep over μ makes a contact for each value
+ALONG = 0.1  # of the sliding velocity that must lie in the surface
+OBLIQUE, FLAT = 0.02, 1e-3  # angle in radians of an axis that is told, and by which normals of a flat surface may differ
+FEW = 100_000  # numbers up to which the motions of the points are dense in motion
+TOUCHING = 0.99  # of the first surface that lies on the second: below, there is a warning
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionContact(Joint):
+    """Coulomb friction between a surface and a second one, or a rigid body, that slides on it.
+
+    About steady sliding, with the unit normal n into the first body and t, the direction in which the second moves against it:
+
+    ΔK = ∫ k N Nᵀ + μ k T Nᵀ dA,  ΔD = ∫ μ' p T Tᵀ + (μ p / V) S Sᵀ dA
+
+    Nᵀu, Tᵀu and Sᵀu are the components along n, t and s = n × t of u_first - u_second. The pressure is p - k Nᵀu. It acts on the
+    first body with the force (p - k Nᵀu)(n + μ t), and on the second with the opposite one. So friction makes K unsymmetric
+    (circulatory). The last term is the damping by friction itself: a velocity along s turns the direction of sliding. It needs V.
+    With a second body that turns, K has in addition -∫ (μ p / r) S Rₛᵀ + μ' p Ω T Rₜᵀ dA, where Rₛ and Rₜ are the components of
+    ∂u₂/∂θ + e × (u₁ - u₂): the material of the second body moves through the contact.
+
+    These are the derivatives of the force (p - k Nᵀu)(n + μ(|v|) v/|v|), where v is the sliding velocity in the surface. The
+    surfaces neither part nor stick. p is the same everywhere and stays with the first surface, so no gradient of p is carried
+    along. Other terms with p but without k are left out. At a wavelength L they are about p / (k L) of those with k. A surface
+    that tilts or stretches turns n and t and changes the area (follower forces). Two bodies that move apart in the surface meet
+    at another place of the second. With a `direction` the material of the second body is not carried through the contact.
+
+    In motion (`transient`, `harmonic_balance`, `shoot`) that force acts as it stands, less its value in steady sliding, from
+    which displacements are counted. If a pressure is given, the surfaces part where it would become negative. Below 1 % of V the
+    friction is proportional to the sliding velocity, in place of sticking.
+
+    A friction contact is also a joint without equations: among the joints of `couple` it says which parts meet, and a part that
+    nothing else holds to the others is taken. The contact itself is given to the analysis.
+
+    The integrals are taken over the common parts of the faces of both surfaces. The contact acts on the interface DOF of both
+    sets, so that every basis that keeps these sets as interface represents it without error.
+
+    Parameters
+    ----------
+    first, second : str
+        Interface sets, as 'pad.face' of a system; or 'ground' as the second, for a rigid body. The integrals run over the first:
+        give the smaller one.
+    meshes : mapping of str to Mesh, or Mesh
+        The meshes of both parts by their names, 'pad'. For a single part its mesh.
+    stiffness : float
+        k, normal stiffness per area (force / length³).
+    mu : float
+        Coefficient of friction μ, not negative.
+    pressure : float
+        p, the pressure of steady sliding (force / area), for the terms of ΔD.
+    direction : array_like, shape (3,), optional
+        Direction in which the second body moves.
+    axis : array_like, shape (3,), optional
+        In its place: the axis about which the second body turns, in the sense of a right-handed screw.
+    centre : array_like, shape (3,)
+        A point of the axis; by default the origin.
+    speed : float, optional
+        V (length / time), or with an axis Ω (rad / time), where V = Ω r. Without it only the terms of k are there.
+    slope : float
+        μ' = dμ/dV (time / length), by default 0.
+    tolerance : float, optional
+        Largest distance of the surfaces, in units of length; by default 0.05 of the size of a face.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        μ < 0, p < 0, k ≤ 0; both direction and axis or neither; a velocity that is normal to the surface; surfaces that do not
+        touch or do not face each other; an unknown set, when the contact is used.
+
+    Warns
+    -----
+    PortWarning
+        Less than 99 % of the first surface touches the second, when the contact is used. The axis is oblique to the surface, so
+        that the second body moves along the normal.
+
+    References
+    ----------
+    N. Gräbner, V. Mehrmann, S. Quraishi, C. Schröder, U. von Wagner, ZAMM 96 (2016) 1155, for D₁ + D_R/Ω and K₁ + K_R; N. M.
+    Kinkaid, O. M. O'Reilly, P. Papadopoulos, J. Sound Vib. 267 (2003) 105 (mechanisms).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> steel, mesh = fs.Material(2.1e11, 0.3, 7850.0), fs.block((0.1, 0.05, 0.02), (4, 2, 1))
+    >>> pad = fs.solid(mesh, steel, supports=["top"], interface=["bottom"])
+    >>> rubbing = fs.FrictionContact("bottom", "ground", mesh, stiffness=1e12, mu=0.4, direction=(1, 0, 0))
+    >>> pencil = pad.linearised(rubbing)
+    >>> print(rubbing, pencil, sep="\\n")
+    FrictionContact: bottom on ground, mu = 0.4, stiffness 1e+12, sliding along (1, 0, 0)
+    Pencil: 156 DOF, sparse, K unsymmetric
+    """
+
+    first: str
+    second: str
+    meshes: Mapping[str, Mesh] | Mesh
+    stiffness: float
+    mu: float
+    pressure: float = 0.0
+    direction: Array | None = None
+    axis: Array | None = None
+    centre: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)
+    speed: float | None = None
+    slope: float = 0.0
+    tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        word("first", self.first)
+        word("second", self.second)
+        if not isinstance(self.meshes, Mesh):
+            for key, mesh in mapping("meshes", self.meshes, "the parts' names and meshes").items():
+                instance(f"the mesh of {key!r}", mesh, Mesh)
+        positive_number("stiffness", self.stiffness)
+        for name, instead in (("mu", "to reverse the friction, turn the direction or the axis"), ("pressure", "it presses")):
+            if finite_number(name, getattr(self, name)) < 0:
+                raise InputError(f"{name} must not be negative, but is {getattr(self, name)!r}: {instead}")
+        if (self.direction is None) == (self.axis is None):
+            raise InputError("a friction contact needs either direction=(x, y, z), in which the second body moves, or "
+                             "axis=(x, y, z), about which it turns")
+        for name in ("direction", "axis", "centre"):
+            if getattr(self, name) is None:
+                continue
+            vector = real_array(name, getattr(self, name))
+            if vector.shape != (3,) or (name != "centre" and not np.any(vector)):
+                raise InputError(f"{name} must be three numbers" + (", not all 0" if name != "centre" else "") +
+                                 f", but is {getattr(self, name)!r}")
+            object.__setattr__(self, name, vector if name == "centre" else vector / np.linalg.norm(vector))
+        if self.speed is not None:
+            positive_number("speed", self.speed)
+        finite_number("slope", self.slope)
+        if self.tolerance is not None:
+            positive_number("tolerance", self.tolerance)
+
+    def __repr__(self) -> str:
+        way, vector = ("along", self.direction) if self.axis is None else ("about", self.axis)
+        at = "" if self.speed is None else f" at {self.speed:g}"
+        return (f"FrictionContact: {self.first} on {self.second}, mu = {self.mu:g}, stiffness {self.stiffness:g}, sliding {way} "
+                f"({', '.join(f'{value:.4g}' for value in np.asarray(vector))}){at}")
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """None: the contact acts on `sets`."""
+        return ()
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """The interface sets of both surfaces."""
+        return (self.first,) if self.second == GROUND else (self.first, self.second)
+
+    @property
+    def affine(self) -> tuple[str, ...]:
+        """μ, k, p and μ' are factors, each alone; V divides a term, which is there with μ and p only."""
+        free = self.speed is None or not self.pressure or not self.mu
+        return ("mu", "stiffness", "pressure", "slope", *(("speed",) if free else ()))
+
+    def link(self, parts: Mapping[str, Substructure]) -> Link:
+        """No equation and no spring: among the joints of `couple` it says that these parts meet, and checks that they do."""
+        owners = [name.partition(".")[0] for name in self.sets]
+        for owner in owners:
+            if owner not in parts:
+                raise unknown_name("part", owner, parts)
+        self._points()
+        return Link(motions={owner: sp.csr_array((0, parts[owner].size)) for owner in owners}, grounded=self.second == GROUND)
+
+    def linearised(self, model: Substructure) -> tuple[Matrix | None, Matrix]:
+        """(C_D, C_K), sparse, shape (p, p), on the DOF of both sets."""
+        points = self._points()
+        n, t, s, r = self._directions(points)
+        move = self._motions(model, points)
+        N, T, S = (_along(vectors, move) for vectors in (n, t, s))
+        weight = sp.diags_array(points.weight)
+        normal = float(self.stiffness) * (weight @ N)
+        K = N.T @ normal + float(self.mu) * (T.T @ normal)
+        if self.speed is None or not self.pressure:
+            return None, sp.csr_array(K)
+        load, faster = self.pressure * points.weight, self.speed * r
+        turned, fallen = sp.diags_array(self.mu * load / faster), sp.diags_array(self.slope * load)
+        D = T.T @ (fallen @ T) + S.T @ (turned @ S)
+        if self.axis is not None:
+            carried = [self.speed * motion for motion in self._carried(model, points)]
+            K = K - S.T @ (turned @ _along(s, carried)) - T.T @ (fallen @ _along(t, carried))
+        return sp.csr_array(D), sp.csr_array(K)
+
+    def patch_loads(self, model: Substructure, degree: int) -> Array:
+        """Forces (n, k) of smooth tractions along n and t on the first surface: ∫ N P_j dA and ∫ T P_j dA, for all j.
+
+        P_j are the products of Legendre polynomials up to `degree` in two coordinates of the patch. As ports they bring the
+        static responses to what the second surface will do into the basis of the first body: few shapes for many DOF.
+        """
+        points = contact_points(self._mesh(self.first), None, self.tolerance)
+        move = _moved(model, self.first, points.first, points.first.N)
+        x = points.x - np.average(points.x, axis=0, weights=points.weight)
+        axes = np.linalg.eigh(x.T @ (points.weight[:, None] * x))[1]  # the last is the longest
+        legendre = [np.polynomial.legendre.legvander(2 * (at - at.min()) / np.ptp(at) - 1, degree) for at in (x @ axes[:, 1:]).T]
+        P = np.stack([legendre[0][:, i] * legendre[1][:, j] for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
+        n, t, *_ = self._directions(points)
+        forces = np.hstack([_along(way, move).T @ (points.weight[:, None] * P) for way in (n, t)])
+        return np.asarray(model.interface_rows[model.sets[self.first]].T @ forces)
+
+    def in_motion(self, model: Substructure) -> FrictionInMotion:
+        """What it exerts in motion on a model, for `transient` and limit cycles."""
+        points = self._points()
+        n, t, s, r = self._directions(points)
+        move = self._motions(model, points)
+        if len(n) * move[0].shape[1] <= FEW:  # a sparse product of few numbers takes longer
+            move = [one.toarray() for one in move]
+        turns = self.speed is not None and self.pressure > 0
+        carried = None
+        if turns and self.axis is not None:
+            moved = [float(self.speed or 0.0) * (motion if sp.issparse(move[0]) else motion.toarray())
+                     for motion in self._carried(model, points)]
+            carried = _along(t, moved), _along(s, moved)
+        N, T, S = (_along(vectors, move) for vectors in (n, t, s))
+        return FrictionInMotion(self.sets, N, T, S, carried, points.weight, float(self.speed or 0.0) * r if turns else None,
+                               float(self.stiffness), float(self.pressure), float(self.mu), float(self.slope))
+
+    def _points(self) -> Points:
+        surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]
+        points = contact_points(surfaces[0], surfaces[1], self.tolerance)
+        if points.share < TOUCHING:
+            owner, _, key = self.first.rpartition(".")
+            title = f"{key!r}{f' of {owner!r}' if owner else ''}"
+            warn(f"only {points.share:.0%} of the face {title} lies on {self.second} (straight edges). The rest has no "
+                 "contact. Move a part, refine the meshes, or give a larger tolerance", PortWarning)
+        return points
+
+    def _mesh(self, name: str) -> tuple[Mesh, str, str]:
+        owner, _, key = name.rpartition(".")
+        if isinstance(self.meshes, Mesh):
+            return self.meshes, key, name
+        if owner not in self.meshes:
+            raise unknown_name("mesh of the part", owner, self.meshes)
+        return self.meshes[owner], key, name
+
+    def _directions(self, points: Points) -> tuple[Array, Array, Array, Array]:
+        """n, t, s (q, 3), and r (q,), by which Ω is multiplied to be a velocity: 1 without an axis."""
+        n = points.normal
+        turning = self.axis is not None
+        given = np.asarray(self.axis if turning else self.direction)
+        way = np.cross(given, points.x - self.centre) if turning else np.tile(given, (len(n), 1))
+        size = np.linalg.norm(way, axis=1)
+        t = way - np.einsum("qi,qi->q", way, n)[:, None] * n
+        along = np.linalg.norm(t, axis=1)  # V/Ω with an axis; a direction has the length 1
+        if (along <= ALONG * size).any():
+            where = points.x[np.argmin(along)].round(6)
+            raise InputError(f"the second body of {self!r} does not slide along the surface at {where}: its velocity is 0 there, "
+                             "or normal to it")
+        if turning:
+            self._in_surface(points, way, n)
+        t = t / along[:, None]
+        return n, t, np.cross(n, t), along if turning else np.ones(len(n))
+
+    def _in_surface(self, points: Points, way: Array, n: Array) -> None:
+        """Warn if the turning second body moves along the normal.
+
+        The axis must be normal to a flat surface. Else the velocity is compared with the normal face by face: the normals of flat
+        faces differ from those of the curved surface that they stand for, by as much to either side.
+        """
+        e = np.asarray(self.axis)
+        if np.ptp(n, axis=0).max() < FLAT:
+            share = float(np.linalg.norm(np.cross(e, n[0])))
+            off = f"{np.degrees(np.arcsin(min(share, 1.0))):.3g} degrees from the normal of this flat surface"
+        else:
+            face = np.unique(points.first.face, return_inverse=True)[1]
+            area = np.bincount(face, points.weight)
+            away = np.bincount(face, points.weight * np.einsum("qi,qi->q", way, n)) / area
+            speed = np.bincount(face, points.weight * np.linalg.norm(way, axis=1)) / area
+            share = float(np.sqrt((area @ away**2) / (area @ speed**2)))
+            off = f"{share:.0%} of the velocity of the second body is along the normal"
+        if share > OBLIQUE:
+            warn(f"the axis ({', '.join(f'{value:.4g}' for value in e)}) is oblique to {self.first}: {off}. The second body "
+                 "parts from it on one side and presses on the other; only the velocity along the surface counts. Give axis and "
+                 "centre about which the surface is one of revolution", PortWarning)
+
+    def _motions(self, model: Substructure, points: Points) -> list[Matrix]:
+        """u_first - u_second at the points, one matrix (q, p) for each direction in space."""
+        mine = _moved(model, self.first, points.first, points.first.N)
+        if points.second is None:
+            return mine
+        theirs = _moved(model, self.second, points.second, points.second.N)
+        return [sp.csr_array(sp.hstack([a, -b])) for a, b in zip(mine, theirs, strict=True)]
+
+    def _carried(self, model: Substructure, points: Points) -> list[Matrix]:
+        """∂u₂/∂θ + e × (u₁ - u₂) at the points, one matrix (q, p) for each direction in space."""
+        apart, e = self._motions(model, points), np.asarray(self.axis)
+        turned = [e[(i + 1) % 3] * apart[(i + 2) % 3] - e[(i + 2) % 3] * apart[(i + 1) % 3] for i in range(3)]
+        if points.second is None:
+            return turned
+        way = np.cross(e, points.x - self.centre)
+        moved = _moved(model, self.second, points.second, points.second.rate(way))
+        return [a + sp.hstack([sp.csr_array((len(way), a.shape[1] - b.shape[1])), b]) for a, b in zip(turned, moved, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """Points on one of two surfaces: their faces (q,), and the faces' own coordinates there (q, 2)."""
+
+    surface: Surface
+    face: Array
+    s: Array
+
+    @property
+    def N(self) -> Matrix:
+        """Shape functions, sparse, shape (q, nodes of the surface)."""
+        return self._sparse(self.surface.tangents(self.face, self.s)[0])
+
+    @cached_property
+    def J(self) -> Array:
+        """∂x/∂s, (q, 2, 3)."""
+        return self.surface.tangents(self.face, self.s)[1]
+
+    @property
+    def x(self) -> Array:
+        """(q, 3)."""
+        corners = self.surface.points[self.surface.faces[self.face]]
+        return np.einsum("qk,qki->qi", self.surface.tangents(self.face, self.s)[0], corners)
+
+    def rate(self, way: Array) -> Matrix:
+        """dN along a velocity (q, 3) in the surface, sparse, in the shape of N."""
+        steps = np.linalg.solve(self.J @ self.J.transpose(0, 2, 1), self.J @ way[:, :, None])[:, :, 0]
+        return self._sparse(np.einsum("qks,qs->qk", self.surface.shapes(self.face, self.s)[1], steps))
+
+    def chosen(self, rows: Array) -> Side:
+        return Side(self.surface, self.face[rows], self.s[rows])
+
+    def _sparse(self, N: Array) -> Matrix:
+        at = np.repeat(np.arange(len(N)), N.shape[1]), self.surface.faces[self.face].ravel()
+        return sp.csr_array(sp.coo_array((N.ravel(), at), shape=(len(N), len(self.surface.points))))
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points of quadrature of two surfaces that touch.
+
+    Attributes
+    ----------
+    first, second : Side
+        The second is None for a rigid body.
+    x : ndarray, shape (q, 3)
+    weight : ndarray, shape (q,)
+        Areas.
+    share : float
+        The share of the first surface that touches the second.
+    """
+
+    first: Side
+    second: Side | None
+    x: Array
+    weight: Array
+    share: float = 1.0
+
+    @cached_property
+    def normal(self) -> Array:
+        """The unit normal into the first body, (q, 3)."""
+        outward = np.cross(self.first.J[:, 0], self.first.J[:, 1])
+        return -outward / np.linalg.norm(outward, axis=1)[:, None]
+
+
+@lru_cache(maxsize=KEPT)
+def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] | None, tolerance: float | None) -> Points:
+    """The points of quadrature on the common parts of two surfaces, each given as mesh, set and name.
+
+    Raises
+    ------
+    InputError
+        The surfaces do not touch, or do not face each other.
+    """
+    ours = Surface.of(*first)
+    if second is None:
+        side, w = _own_points(ours)
+        return Points(side, None, side.x, w * np.linalg.norm(np.cross(side.J[:, 0], side.J[:, 1]), axis=1))
+    theirs = Surface.of(*second)
+    face, pair, x, w = common_parts(ours, theirs)
+    far = Side(theirs, pair, theirs.place(pair, x))
+    gap = np.linalg.norm(x - far.x, axis=1)
+    near = gap <= reach(ours, face, tolerance)
+    if not near.any():
+        apart = f"they are at least {gap.min():.3g} apart" if len(gap) else "no faces of them lie opposite each other"
+        raise InputError(f"{first[2]} and {second[2]} do not touch: {apart}; move a part, or give a larger tolerance")
+    facing = np.einsum("qi,qi->q", ours.frames[face, 2], theirs.frames[pair, 2])[near]
+    if (facing > 0).any():
+        where = x[near][np.argmax(facing)].round(6)
+        raise InputError(f"{first[2]} and {second[2]} do not face each other at {where}: their outward normals agree; name the "
+                         "surfaces that touch, or turn the cells of one mesh")
+    side = Side(ours, face[near], ours.place(face[near], x[near]))
+    share = float(w[near].sum() / np.linalg.norm(areas(ours.polygons), axis=1).sum())
+    return Points(side, far.chosen(near), x[near], w[near], share)
+
+
+def _own_points(surface: Surface) -> tuple[Side, Array]:
+    """Points of quadrature on all faces of a surface, with their weights on the reference face (q,)."""
+    refdom = skfem().refdom.RefQuad if surface.corners == 4 else skfem().refdom.RefTri
+    s, w = skfem().quadrature.get_quadrature(refdom, 4 * reference(surface.kind).degree)  # the degree of N_i N_j, area and all
+    count = len(surface.faces)
+    return Side(surface, np.repeat(np.arange(count), len(w)), np.tile(s.T, (count, 1))), np.tile(w, count)
+
+
+def _moved(model: Substructure, name: str, side: Side, N: Matrix) -> list[Matrix]:
+    """N u at the points for the motions along x, y and z, each (q, p), in the DOF of an interface set."""
+    if name not in model.sets:
+        raise unknown_name(f"interface set of {model.name!r}", name, model.sets)
+    places, known = model.sets[name], model.interface_dofs
+    if known is None or known.points is None:
+        raise InputTypeError(f"the DOF of {name!r} have no known places: a friction contact needs parts made of meshes")
+    found = Site(model.name, name, model, places, known.kept(places), True)
+    moved = []
+    for label in TRANSLATIONS:
+        place = rows_of_nodes(found, side.surface, label)  # -1: held
+        nodes = np.flatnonzero(place >= 0)
+        moved.append(N @ sp.csr_array((np.ones(len(nodes)), (nodes, place[nodes])), shape=(len(place), len(places))))
+    return moved
+
+
+def _along(vectors: Array, motions: list[Matrix]) -> Matrix:
+    """Σ v_i U_i, (q, p): the component along a direction (q, 3)."""
+    found = sum(sp.diags_array(vectors[:, i]) @ motions[i] for i in range(3))
+    return sp.csr_array(found) if sp.issparse(found) else found

@@ -1,0 +1,329 @@
+"""`cut`: a mesh or a pair of matrices cut into parts, with the joints that make them whole again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from femsub.algebra.frozen import Frozen
+from femsub.algebra.partitioning import partition, runs
+from femsub.checks import Array, Matrix, choice, instance, items, whole_number
+from femsub.components.mesh import Mesh, corners_of
+from femsub.coupling.joints import Rigid
+from femsub.coupling.matrix_cut import divided, members, pattern
+from femsub.errors import InputError, InputTypeError
+from femsub.model.substructure import Substructure
+
+if TYPE_CHECKING:
+    from femsub.model.dof_map import DofMap
+
+PLACES = ("supports", "interface", "ports")  # arguments of `plate` and `solid` that name sets of nodes
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cut(Frozen):
+    """Parts of one model, and the joints between them. `cut` makes it; ``parts, joints = cut(...)`` takes it apart.
+
+    Attributes
+    ----------
+    parts : mapping of str to Substructure
+    joints : tuple of Rigid
+        One for each group of parts that meet. It joins all DOF that these parts, and no others, share.
+    rows : mapping of str to ndarray of int, shape (n_p,)
+        For each part, its DOF as rows of the model.
+    cells : mapping of str to ndarray of int
+        For each part, its cells as rows of the mesh; empty for matrices.
+    meshes : mapping of str to Mesh
+        For each part its mesh, with the model's node numbers and what it has of the sets and groups; empty for matrices.
+    size : int
+        The number of DOF of the model, n.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> halves = fs.cut(fs.chain(10), into=2)
+    >>> system = fs.couple(*halves)
+    >>> u = fs.normal_modes(system, 1).shapes
+    >>> halves.whole(system.expand(u)).shape
+    (10, 1)
+    """
+
+    parts: Mapping[str, Substructure]
+    joints: tuple[Rigid, ...]
+    rows: Mapping[str, Array]
+    size: int
+    cells: Mapping[str, Array] = field(default_factory=dict)
+    meshes: Mapping[str, Mesh] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._set(parts=self.parts, joints=self.joints, rows=self.rows, size=self.size, cells=self.cells, meshes=self.meshes)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.parts, self.joints))
+
+    def __repr__(self) -> str:
+        sizes = [len(rows) for rows in self.rows.values()]
+        shared = np.count_nonzero(np.bincount(np.concatenate(list(self.rows.values()))) > 1)
+        return (f"Cut of {self.size} DOF: {len(sizes)} parts of {min(sizes)} to {max(sizes)} DOF, {shared} DOF shared, "
+                f"{len(self.joints)} joint{'s' * (len(self.joints) != 1)}")
+
+    def whole(self, u: Mapping[str, Array]) -> Array:
+        """The displacements of the model, shape (n,) or (n, k), from those of its parts, as `System.expand` gives them."""
+        kinds = [np.asarray(u[name]) for name in self.rows]
+        found = np.zeros((self.size, *kinds[0].shape[1:]), dtype=np.result_type(*kinds))
+        for name, rows in self.rows.items():
+            found[rows] = u[name]
+        return found
+
+
+def cut(model: Mesh | Substructure, build: Callable[..., Substructure] | None = None, *, into: int | None = None,
+        sets: Sequence[str] | None = None, **arguments: Any) -> Cut:
+    """Cut a mesh, or a substructure's matrices, into parts that `couple` joins to the same model again.
+
+    K = Σ_p L_pᵀ K_p L_p with L_p (n_p, n) picking the part's DOF from the model's; M and D likewise. DOF at a cut belong to all
+    parts that meet there, and to the interface of each. Supports, ports, named sets and damping go to the parts that have them.
+
+    A mesh is cut between its cells, and K_p is the sum of the part's own elements: any reduction method may follow. Of matrices
+    the elements are not known. The entries between DOF at a cut are then divided between the parts. Craig-Bampton and Guyan use
+    their sum alone, and serve as well as for a mesh. All other methods need a K_p that is positive semidefinite, and refuse
+    another one (SingularMatrixError). K_p is so where K is diagonally dominant, as for chains of springs; else cut the mesh.
+
+    Parameters
+    ----------
+    model : Mesh or Substructure
+    build : function, for a mesh
+        Makes the component of a mesh: `plate`, `solid`, or a function of your own with their keywords. It must give the DOF
+        a map with the mesh's node numbers.
+    into : int, 2 or more
+        The number of parts. SCOTCH (of PETSc) chooses them, with little to share; without it they are halves of halves. A port
+        stays in one part. The parts are called 'p1', 'p2', ...
+    sets : sequence of str, for a mesh
+        Instead of `into`: groups of cells, each of which becomes a part of that name. Each cell must be in one.
+    **arguments
+        For `build`, with `supports`, `interface` and `ports` for the whole mesh.
+
+    Returns
+    -------
+    Cut
+        Unpacks to the parts, by name, and the joints. The DOF that some parts share are the interface set
+        'p1+p2' of each of them, called after these parts.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        More parts than cells or nodes; an unknown or empty group, groups that overlap or leave cells over; a port across
+        several parts.
+
+    References
+    ----------
+    F. Pellegrini, J. Roman, Lect. Notes Comput. Sci. 1067 (1996) 493 (SCOTCH).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> steel, bar = fs.Material(2.1e11, 0.3, 7850.0), fs.block((1.0, 0.1, 0.1), (8, 1, 1), "hexahedron")
+    >>> parts, joints = fs.cut(bar, fs.solid, into=2, material=steel, supports=["left"])
+    >>> fs.couple(parts, joints).size == fs.solid(bar, steel, supports=["left"]).size
+    True
+    >>> fs.cut(fs.chain(100), into=4)
+    Cut of 100 DOF: 4 parts of 25 to 26 DOF, 3 DOF shared, 3 joints
+    """
+    if isinstance(model, Substructure):
+        if build is not None or sets is not None or arguments:
+            raise InputTypeError("a Substructure is cut by cut(model, into=4) alone: build, sets and others are for a Mesh")
+        if into is None:
+            raise InputError("into is missing: give the number of parts, into=4")
+        return _cut_matrices(model, into)
+    instance("model", model, Mesh, "or a Substructure")
+    if not callable(build):
+        raise InputTypeError("cut needs the function that makes the component of a mesh, as cut(mesh, fs.solid, into=4, "
+                             f"material=steel), not {build!r:.60}")
+    if (into is None) == (sets is None):
+        raise InputError("give either into, the number of parts, or sets, groups of cells that become parts")
+    return _cut_mesh(model, build, into, sets, arguments)
+
+
+def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: Sequence[str] | None,
+              arguments: Mapping[str, Any]) -> Cut:
+    whole = build(mesh, **arguments)
+    if instance("what build returns", whole, Substructure).dofs is None:
+        raise InputError("the component that build returns has no map of its DOF (dofs=), by which parts find theirs")
+    cells = _pieces(mesh, whole, into) if sets is None else _groups(mesh, sets)
+    own = {key: value for key, value in arguments.items() if key not in PLACES}
+    matrices, rows, meshes = {}, {}, {}
+    for name, chosen in cells.items():
+        meshes[name], nodes = _piece(mesh, chosen, name)
+        part = build(meshes[name], **own)
+        rows[name], kept = _places(whole.dofs, part.dofs, mesh, meshes[name], nodes)
+        matrices[name] = tuple(A if len(kept) == part.size else A[kept][:, kept] for A in (part.M, part.D, part.K))
+    return replace(_joined(whole, rows, matrices), cells=cells, meshes=meshes)
+
+
+def _groups(mesh: Mesh, sets: Sequence[str]) -> dict[str, Array]:
+    """The cells of named groups, each cell in one of them."""
+    found = {name: mesh.groups[choice(f"group of cells of the mesh {mesh.name!r}:", name, mesh.groups)]
+             for name in items("sets", sets, "names of groups of cells")}
+    for name, chosen in found.items():
+        if not len(chosen):
+            raise InputError(f"sets: the group {name!r} of the mesh {mesh.name!r} is empty; leave it out")
+    times = np.bincount(np.concatenate([np.zeros(0, dtype=int), *found.values()]), minlength=len(mesh.cells))
+    if (times != 1).any():
+        raise InputError(f"sets: {np.count_nonzero(times == 0)} cells of {mesh.name!r} are in none of the groups, and "
+                         f"{np.count_nonzero(times > 1)} in several. Each cell needs exactly one")
+    return found
+
+
+def _pieces(mesh: Mesh, whole: Substructure, into: int) -> dict[str, Array]:
+    """Cells that hang together by faces (of a plane mesh by edges), in so many pieces; those under a port in one."""
+    count = len(mesh.cells)
+    into = whole_number("into, the number of parts,", into, 2, count)
+    corners = _incidence(corners_of(mesh), len(mesh.points))
+    neighbours = sp.coo_array(corners @ corners.T)
+    beside = neighbours.data >= mesh.dimension
+    graph = sp.csr_array((np.ones(beside.sum()), (neighbours.row[beside], neighbours.col[beside])), shape=(count, count))
+    nodes, numbers = _incidence(mesh.cells, len(mesh.points)), mesh.numbers
+    if mesh.kind == "triangle":  # a plate's edges have DOF, too
+        edges = _edges(mesh)
+        nodes = sp.csr_array(sp.hstack([nodes, (nodes @ _incidence(edges, len(mesh.points)).T >= 2) * 1.0]))
+        numbers = np.concatenate([numbers, numbers.max() + 1 + np.arange(len(edges))])
+    assert whole.dofs is not None
+    together = []
+    for w in whole.ports.values():
+        under = np.isin(numbers, whole.dofs.nodes[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))])
+        held = nodes @ under  # how many of its nodes each cell has
+        cell, node = sp.coo_array(nodes[:, under]).coords
+        order = np.lexsort((cell, -held[cell], node))
+        together.append(np.unique(cell[order][np.flatnonzero(np.diff(node[order], prepend=-1))]))
+    part = _partition(graph, into, together)
+    return {f"p{number + 1}": np.flatnonzero(part == number) for number in range(into)}
+
+
+def _partition(graph: Matrix, into: int, together: Sequence[Array]) -> Array:
+    """The part of each node of a graph, (n,); the nodes of each group of `together` are in one part."""
+    pairs = np.concatenate([np.stack([group, np.full(len(group), group[0])]) for group in together if len(group)]
+                           + [np.zeros((2, 0), dtype=int)], axis=1)
+    count, cluster = connected_components(sp.csr_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=graph.shape),
+                                          directed=False)
+    if count < into:
+        raise InputError(f"into={into} parts are too many: the ports leave {count} pieces that can be parts. Take fewer")
+    merged = sp.csr_array((np.ones(len(cluster)), (cluster, np.arange(len(cluster)))), shape=(count, len(cluster)))
+    return partition(merged @ graph @ merged.T, into)[cluster]
+
+
+def _incidence(cells: Array, count: int) -> Matrix:
+    """Which nodes each cell has, 1.0 each, (m, n)."""
+    return sp.csr_array((np.ones(cells.size), cells.ravel(), np.arange(0, cells.size + 1, cells.shape[1])),
+                        shape=(len(cells), count))
+
+
+def _piece(mesh: Mesh, cells: Array, name: str) -> tuple[Mesh, Array]:
+    """Some cells of a mesh as a mesh of its own with the same node numbers, and its nodes as rows of the mesh."""
+    nodes, places = np.unique(mesh.cells[cells], return_inverse=True)
+    groups = {key: np.flatnonzero(np.isin(cells, chosen)) for key, chosen in mesh.groups.items()}
+    sets = {key: here for key, chosen in mesh.sets.items() if len(here := np.flatnonzero(np.isin(nodes, chosen)))}
+    return Mesh(mesh.points[nodes], places.reshape(len(cells), -1), mesh.kind, sets, groups, mesh.numbers[nodes],
+                name=name), nodes
+
+
+def _places(whole: DofMap | None, part: DofMap | None, mesh: Mesh, piece: Mesh, nodes: Array) -> tuple[Array, Array]:
+    """For DOF of a part their rows in the whole, and which DOF of the part these are; DOF that are held are in neither."""
+    if whole is None or part is None or whole.labels != part.labels:
+        raise InputError("build gives the component of a part of the mesh another map of its DOF than that of the whole mesh")
+    numbers = part.nodes.copy()
+    beyond = np.flatnonzero(numbers > piece.numbers.max())
+    if len(beyond):  # edges of triangles, whose numbers continue those of the nodes
+        ends = np.array([len(mesh.points), 1])
+        edges = nodes[_edges(piece)[numbers[beyond] - piece.numbers.max() - 1]] @ ends
+        numbers[beyond] = mesh.numbers.max() + 1 + np.searchsorted(_edges(mesh) @ ends, edges)
+    count = len(whole.labels)
+    known, wanted = whole.nodes * count + whole.components, numbers * count + part.components
+    order = np.argsort(known)
+    place = order[np.minimum(np.searchsorted(known[order], wanted), len(order) - 1)]
+    kept = np.flatnonzero(known[place] == wanted)
+    return place[kept], kept
+
+
+def _edges(mesh: Mesh) -> Array:
+    """The edges of a mesh of triangles as pairs of nodes, in the order in which `plate` numbers them."""
+    return np.unique(np.sort(mesh.cells[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0)
+
+
+def _cut_matrices(whole: Substructure, into: int) -> Cut:
+    A = pattern(whole)
+    if whole.dofs is None:
+        node = runs(A)
+    else:
+        _, node = np.unique(whole.dofs.nodes, return_inverse=True)
+    count = int(node.max()) + 1
+    into = whole_number("into, the number of parts,", into, 2, count)
+    of_node = sp.csr_array((np.ones(len(node)), (node, np.arange(len(node)))), shape=(count, len(node)))
+    graph = sp.coo_array(of_node @ A @ of_node.T)
+    graph = sp.csr_array((np.ones(graph.nnz), graph.coords), shape=graph.shape)
+    under = [np.unique(node[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]) for w in whole.ports.values()]
+    owner = _partition(graph, into, under)
+    ported = np.zeros(count, dtype=bool)
+    ported[np.concatenate([*under, np.zeros(0, dtype=int)]).astype(int)] = True
+    member, common = members(graph, owner, ported, into)
+    member, common = member[node], [sp.csr_array(of_node.T @ one @ of_node) for one in common]
+    rows = {f"p{at + 1}": np.flatnonzero(column) for at, column in enumerate(member.T)}
+    shares = [divided(sp.csr_array(B), common, member) for B in (whole.M, whole.D, whole.K)]
+    return _joined(whole, rows, dict(zip(rows, zip(*shares, strict=True), strict=True)))
+
+
+def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, tuple[Matrix, Matrix, Matrix]]) -> Cut:
+    """The parts with their interfaces, sets and ports, and the joints between them."""
+    names, count = list(rows), whole.size
+    member = np.zeros((count, len(names)), dtype=bool)
+    for number, own in enumerate(rows.values()):
+        member[own, number] = True
+    cut_sets, joints = _meetings(names, member)
+    owner = _owners(whole, names, member)
+    named = {key: whole.interface[places] for key, places in whole.sets.items()} | cut_sets
+    if twice := set(whole.sets) & set(cut_sets):
+        raise InputError(f"the interface set {min(twice)!r} has the name of the DOF that these parts share: give it another one")
+    outer = np.concatenate([whole.interface, *(shared for shared in cut_sets.values())])
+    outer = outer[np.sort(np.unique(outer, return_index=True)[1])].astype(np.intp)
+    parts = {}
+    for number, (name, own) in enumerate(rows.items()):
+        M, D, K = matrices[name]
+        local = np.full(count, -1)
+        local[own] = np.arange(len(own))
+        interface = outer[member[outer, number]]
+        place = np.full(count, -1)
+        place[interface] = np.arange(len(interface))
+        parts[name] = Substructure(
+            M, K, D if D.nnz else None, local[interface], {key: w[own] for key, w in whole.ports.items() if owner[key] == name},
+            name, None if whole.dofs is None else whole.dofs.kept(own),
+            {key: places for key, members in named.items() if len(places := place[members[member[members, number]]])})
+    return Cut(parts, joints, rows, count)
+
+
+def _meetings(names: Sequence[str], member: Array) -> tuple[dict[str, Array], tuple[Rigid, ...]]:
+    """The DOF that the same parts share, as 'p1+p2', and a joint for each such group of parts."""
+    shared = np.flatnonzero(member.sum(axis=1) > 1)
+    groups, number = np.unique(member[shared], axis=0, return_inverse=True)
+    sets, joints = {}, []
+    for at in range(len(groups) - 1, -1, -1):  # from the first part's on
+        meeting = [names[k] for k in np.flatnonzero(groups[at])]
+        key = "+".join(meeting)
+        sets[key] = shared[number.ravel() == at]
+        joints.append(Rigid(*((name, key) for name in meeting), tolerance=np.inf, name=key))  # all list them in one order
+    return sets, tuple(joints)
+
+
+def _owners(whole: Substructure, names: Sequence[str], member: Array) -> dict[str, str]:
+    """The part that has each port: the first that has all of its DOF."""
+    found = {}
+    for key, w in whole.ports.items():
+        under = member[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]
+        if not under.all(axis=0).any():
+            touched = ", ".join(repr(names[k]) for k in np.flatnonzero(under.any(axis=0)))
+            raise InputError(f"the port {key!r} lies across the parts {touched}, and a port belongs to one part. Choose groups "
+                             "of cells that leave it whole, or fewer parts")
+        found[key] = names[int(under.all(axis=0).argmax())]
+    return found

@@ -1,0 +1,217 @@
+"""Joints by Lagrange multipliers λ: a saddle-point system, or Rixen's weak form for parts reduced by interface forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.algebra.elimination import ROUNDING, Equations, congruent, eliminate, independent, product, units
+from femsub.checks import Array, Matrix
+from femsub.errors import InputError, MissedModesError
+from femsub.model.substructure import ReducedSubstructure, Substructure
+
+FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
+STIFF = 1e-10  # relative residual flexibility at a joint below which the joint is made exact
+RIGID = 1e-8  # ω² below this share of the shift is rigid motion
+SHIFT = 1e-4  # the shift, relative to a typical ω²
+INFINITE = 1e-14  # ω² is infinite if 1/(ω² + shift) is below this share of the largest
+UNSURE = 1e-13  # relative stiffness without mass below which its sign, and so the number of finite modes, may be rounding
+MOST = 4000  # largest number of coordinates for a full decomposition
+
+
+@dataclass(frozen=True, eq=False)
+class Multiplied:
+    """q = S x and λ = G x, and the equations A q = 0 that λ belongs to, all of them independent."""
+
+    S: Matrix
+    G: Matrix
+    A: Matrix
+    unit: Array
+    owner: Array
+
+    @property
+    def multipliers(self) -> int:
+        """How many of the coordinates x are multipliers: the others have empty columns in G."""
+        return len(np.unique(sp.csr_array(self.G).indices))
+
+    def through(self, T: Matrix, unit: Array) -> Multiplied:
+        """In new coordinates, x = T z. What cancels in S T is 0: a trace of elastic motion would stiffen a rigid one."""
+        S = sp.csr_array(product(self.S, T))
+        S = sp.csr_array(S.multiply(abs(S) > ROUNDING * product(abs(self.S), abs(sp.csr_array(T)))))
+        return Multiplied(S, sp.csr_array(product(self.G, T)), self.A, unit, self.owner)
+
+    def work(self) -> Matrix:
+        """GᵀAS + (GᵀAS)ᵀ, what the multipliers add to the stiffness, sparse, shape (n, n)."""
+        half = sp.csr_array(product(self.G.T, product(self.A, self.S)))
+        return half + half.T
+
+
+def by_forces(part: Substructure) -> bool:
+    """Whether the part is reduced with interface forces as coordinates (dual Craig-Bampton), one per interface DOF."""
+    return isinstance(part, ReducedSubstructure) and part.kinds.count(FORCE) == len(part.full_interface) > 0
+
+
+def multiplied(equations: Equations, L: Matrix, forces: Matrix, compliance: Array, K: Matrix, sprung: Array,
+               refuse: Callable[[Array, int, int], None]) -> Multiplied:
+    """x = (y, λ): the coordinates that the other joints leave, but without forces that λ gives, and the multipliers.
+
+    A part reduced by interface forces g moves by u_b = Φ_b η + G g with the residual flexibility G, and g = -Cᵀλ. If two joined
+    parts have almost no residual flexibility (all modes kept), λ would have neither mass nor stiffness. Then the joint is made
+    exact by elimination. Forces on an open interface are kept if they have flexibility.
+
+    Parameters
+    ----------
+    equations : Equations
+        A q = 0 of the joints with multipliers.
+    L : sparse, shape (N, n)
+        What the other joints leave; it does not touch the coordinates g.
+    forces : sparse, shape (N, m)
+        -Cᵀ in the rows of the coordinates g, without entries where no part has such.
+    compliance : ndarray, shape (N,)
+        For each g the flexibility of its DOF by all coordinates of the part; 0 for all other coordinates.
+    K : sparse, shape (N, N)
+        The parts' stiffness.
+    sprung : ndarray of bool, shape (N,)
+        What springs move: there the force of a joint is not the only one, and g keeps a coordinate of its own.
+
+    References
+    ----------
+    D. J. Rixen, J. Comput. Appl. Math. 168 (2004) 383, eqs. (18) to (22).
+    """
+    unit = (L.multiply(L).T @ equations.unit[:, None] ** -2.0).ravel() ** -0.5  # L may have negative entries
+    size = (abs(equations.A) @ abs(L)) @ unit
+    rows = independent(Equations(sp.csr_array(equations.A @ L), unit, unit > 0, equations.owner), np.where(size > 0, size, 1.0))
+    A, F, owner = equations.A[rows], sp.csr_array(forces[:, rows]), equations.owner[rows]
+    given = np.diff(F.indptr) > 0  # forces that the multipliers give
+    stay = np.flatnonzero((given & ~sprung).astype(float) @ abs(L) == 0)
+    L, unit, own = _yielding(sp.csr_array(L[:, stay]), unit[stay], compliance, K)
+    if not given.any():
+        return _beside(L, F, sp.eye_array(len(rows), format="csr"), A, unit, owner)
+    F = _beyond(F, L[:, own], K)
+    AL = sp.csr_array(A @ L)
+    size = np.sqrt(AL.multiply(AL) @ unit**2)
+    size = 1 / np.where(size > 0, size, 1.0)
+    flexibility = product(F.T, product(K, F)).toarray() * np.outer(size, size)
+    values, turn = np.linalg.eigh((flexibility + flexibility.T) / 2)
+    turn = size[:, None] * turn
+    stiff = values <= STIFF
+    exact = eliminate(Equations(sp.csr_array(turn[:, stiff].T @ AL.toarray()), unit, np.zeros(len(unit), dtype=bool),
+                                owner[np.abs(turn[:, stiff]).argmax(axis=0)]), refuse)
+    return _beside(sp.csr_array(L @ exact.L), F, sp.csr_array(turn[:, ~stiff]), A, exact.unit, owner)
+
+
+def _beyond(F: Matrix, own: Matrix, K: Matrix) -> Matrix:
+    """F without what forces that have coordinates of their own do: FᵀK own = 0.
+
+    These take their share of λ: in their place stands their sum with it. Else a λ whose whole response they can give as well
+    would have no flexibility and no mass, up to rounding, whose sign decides about a mode. It is a stiff one instead.
+    """
+    flexibility = product(K, own)
+    share = np.linalg.solve(product(own.T, flexibility).toarray(), product(flexibility.T, F).toarray())
+    return sp.csr_array(F - product(own, sp.csr_array(share)))
+
+
+def _yielding(L: Matrix, unit: Array, compliance: Array, K: Matrix) -> tuple[Matrix, Array, slice]:
+    """L with, for its columns that are interface forces, combinations of them that have residual flexibility; and where."""
+    size = compliance @ L
+    at = np.flatnonzero(size > 0)
+    if not len(at):
+        return L, unit, slice(0, 0)
+    scale = size[at] ** -0.5
+    flexibility = congruent(K, L[:, at]).toarray() * np.outer(scale, scale)
+    values, turn = np.linalg.eigh(flexibility)
+    turn = scale[:, None] * turn[:, values > STIFF]
+    rest = np.flatnonzero(size == 0)
+    return (sp.csr_array(sp.hstack([L[:, rest], product(L[:, at], sp.csr_array(turn))])),
+            np.append(unit[rest], np.einsum("ij,ij->j", turn, congruent(K, L[:, at]) @ turn) ** -0.5), slice(len(rest), None))
+
+
+def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: Array) -> Multiplied:
+    """x = (y, μ), λ = turn μ: the multipliers beside the coordinates; a force has the unit of one over a motion."""
+    S = sp.csr_array(sp.hstack([L, product(F, turn)]))
+    G = sp.csr_array(sp.hstack([sp.csr_array((A.shape[0], L.shape[1])), turn]))
+    return Multiplied(S, G, A, np.append(unit, np.ones(turn.shape[1])), owner)
+
+
+def check_span(size: int, name: str) -> None:
+    """An InputError where a system is too large for `finite_span`, before anything is made dense for it."""
+    if size > MOST:
+        raise InputError(f"{name!r} has {size} coordinates. Dual Craig-Bampton parts take a decomposition of all of them, up to "
+                         f"{MOST}: reduce the other parts too, or reduce those by CraigChang, which spans the same space")
+
+
+def finite_span(M: Array, D: Array, K: Array, multipliers: int,
+                B: Matrix) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
+    """X = [X₁ X₀] (n, k): the eigenvectors X₁ with finite ω² ≥ 0 of K x = ω² M x, X₁ᵀMX₁ = I, and how many others there are.
+
+    X₀ are static responses without mass to forces at the open interface B x, X₀ᵀKX₀ = I: the flexibility of DOF without mass.
+
+    K is indefinite: the weak joints of dual Craig-Bampton parts give as many negative or infinite ω² as multipliers. M is
+    positive semidefinite, M = FFᵀ. With s > 0 the eigenvalues θ of Fᵀ(K + sM)⁻¹F are 1/(ω² + s), and x = (K + sM)⁻¹F v/θ.
+
+    How many columns X₁ must have is counted beside. K has one negative eigenvalue for each multiplier, since without these the
+    parts and springs are stable. N spans the null space of M; those of NᵀKN that are negative give an infinite ω², the others
+    a finite one below 0. So X₁ has rank M - multipliers + (negative eigenvalues of NᵀKN) columns. X₀ = N (NᵀKN)⁻¹NᵀBᵀ, turned.
+
+    Returns
+    -------
+    X : sparse, shape (n, k)
+    unit : ndarray, shape (k,)
+        How far each coordinate moves at unit energy.
+    matrices : (M, D, K)
+        XᵀMX, XᵀDX, XᵀKX, where rigid motion costs exactly nothing.
+    spurious : int
+
+    Raises
+    ------
+    MissedModesError
+        Another number was found, or NᵀKN is singular within rounding, so that the number is not known.
+    """
+    unit, typical = units(M.diagonal(), K.diagonal())  # free coordinates have no stiffness but rounding
+    stiffness, inertia = unit[:, None] * K * unit, unit[:, None] * M * unit
+    mass, turn = np.linalg.eigh(inertia)
+    kept = mass > INFINITE * mass[-1]
+    F = turn[:, kept] * np.sqrt(mass[kept])
+    shift = SHIFT * typical
+    back = np.linalg.solve(stiffness + shift * inertia, F)
+    small = F.T @ back
+    theta, V = np.linalg.eigh((small + small.T) / 2)
+    finite = np.abs(theta) > INFINITE * np.abs(theta).max()
+    omega2 = np.full(len(theta), -np.inf)
+    omega2[finite] = 1 / theta[finite] - shift
+    good = np.flatnonzero(omega2 > -RIGID * shift)
+    good = good[np.argsort(omega2[good], kind="stable")]
+    bare, null = np.linalg.eigh(turn[:, ~kept].T @ stiffness @ turn[:, ~kept])
+    _check_count(len(good), int(kept.sum()) - multipliers + int(np.count_nonzero(bare < -UNSURE)), int(np.count_nonzero(~finite)))
+    known = np.abs(bare) > UNSURE
+    still = _responses(turn[:, ~kept] @ null[:, known], bare[known], B @ sp.diags_array(unit))
+    X = unit[:, None] * np.hstack([(back @ V[:, good]) / theta[good], still])
+    rigid = np.flatnonzero(omega2[good] < RIGID * shift)
+    matrices = congruent(M, X), congruent(D, X), congruent(K, X)
+    matrices[2][rigid], matrices[2][:, rigid] = 0.0, 0.0
+    matrices[0][len(good):], matrices[0][:, len(good):] = 0.0, 0.0
+    far = np.append((np.maximum(omega2[good], 0.0) + typical) ** -0.5, np.ones(still.shape[1]))
+    return sp.csr_array(X), far, matrices, len(M) - X.shape[1]
+
+
+def _responses(N: Array, stiffness: Array, B: Matrix) -> Array:
+    """The span of N diag(k)⁻¹NᵀBᵀ, (n, s), with XᵀKX = I; k (m,) is not 0, and NᵀKN = diag(k)."""
+    at = (B @ N).T
+    flexibility = at.T @ (at / stiffness[:, None])
+    size, whole = flexibility.diagonal(), B.multiply(B).sum(axis=1)
+    soft = size > STIFF * whole
+    scale = np.where(soft, np.where(soft, size, 1.0) ** -0.5, 0.0)
+    values, turn = np.linalg.eigh(flexibility * np.outer(scale, scale))
+    clear = values > STIFF
+    return N @ (at / stiffness[:, None]) @ (scale[:, None] * turn[:, clear] / np.sqrt(values[clear]))
+
+
+def _check_count(found: int, expected: int, far: int) -> None:
+    """`far` more are too high for their sign to be known: they count as infinite."""
+    if not found <= expected <= found + far:
+        raise MissedModesError(f"{found} finite modes were found in a system of Dual Craig-Bampton parts, but by the rank of M "
+                               f"it has {expected}. Its joints are too stiff, or its parts too unlike, for weak joints: reduce "
+                               "the parts by CraigChang, which spans the same space")

@@ -1,0 +1,352 @@
+"""`Tied`: surfaces of solids whose meshes do not match, glued by a mortar condition."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix, instance, mapping, positive_number
+from femsub.components.mesh import Mesh
+from femsub.components.patches import patch, sides_of
+from femsub.components.solid_elements import KINDS, reference, shape_functions, skfem
+from femsub.coupling.joints import End, Joint, Link, Site, nearest, site, stacked, title
+from femsub.errors import InputError, InputTypeError
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
+
+GAP = 0.05  # of a face's size that the surfaces may lie apart, where no tolerance is given
+COVERED = 1e-3  # of a face that may lie beside the other surface
+PARALLEL = 0.5  # the cosine of the angle between two faces, at least
+SLIVER = 1e-12  # of a face: less is no common part of two
+OBLIQUE = 6  # see `Surface.excess`: what is left of N's integral is below 1e-10 of it on faces of usual shape
+STEPS = 20  # of Newton's method, for the place of a point on a face
+PLACED = 1e-12  # a step of it, in faces, after which a point is in its place: what is left is much smaller
+
+
+@dataclass(frozen=True, eq=False)
+class Tied(Joint):
+    """Two surfaces of solids whose meshes do not match, glued (mortar method).
+
+    ∫ ψ_i (u_a - u_b) dA = 0 for every node i of the first surface. The integrals are taken over the common parts of the faces
+    of both. A state of constant stress is represented exactly, and the error falls with the order of the elements. For linear
+    elements ψ are dual functions, which keep the equations sparse; for quadratic elements they are the shape functions.
+
+    Parameters
+    ----------
+    first, second : (part, set)
+        Interface sets of two solids. The nodes of the first follow the second. Give the finer surface first, or the one that
+        lies within the other: all its faces must lie on the second surface.
+    meshes : mapping of str to Mesh
+        The meshes of both parts, by the names of the parts. They have sets of nodes of the same names.
+    tolerance : float, optional
+        The largest distance of the surfaces, in units of length; by default 0.05 of the size of a face.
+    name : str
+        For messages and multipliers.
+
+    Raises
+    ------
+    InputError
+        By `couple`: surfaces that lie apart, or a first one that reaches beyond the second; nodes that are not interface.
+
+    References
+    ----------
+    B. I. Wohlmuth, SIAM J. Numer. Anal. 38 (2000) 989 (dual functions); M. A. Puso, Int. J. Numer. Meth. Eng. 59 (2004) 315
+    (common parts of faces in space).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> steel, fine, coarse = fs.Material(2.1e11, 0.3, 7850.0), fs.block((1, 1, 1), (3, 3, 3)), fs.block((1, 1, 1), (2, 2, 2))
+    >>> parts = {"a": fs.solid(fine, steel, interface=["left"]), "b": fs.solid(coarse, steel, interface=["left"])}
+    >>> system = fs.couple(parts, [fs.Tied(("a", "left"), ("b", "left"), {"a": fine, "b": coarse})])
+    >>> sum(part.size for part in parts.values()) - system.size == 3 * len(fine.sets["left"])
+    True
+    """
+
+    first: End
+    second: End
+    meshes: Mapping[str, Mesh]
+    tolerance: float | None = None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        for key, mesh in mapping("meshes", self.meshes, "the parts' names and meshes").items():
+            instance(f"the mesh of {key!r}", mesh, Mesh)
+        if self.tolerance is not None:
+            positive_number("tolerance", self.tolerance)
+
+    def __repr__(self) -> str:
+        return self.name or f"Tied({title(self.first)}, {title(self.second)})"
+
+    def link(self, parts: Mapping[str, Substructure]) -> Link:
+        """For each DOF of the first surface one equation."""
+        (one, ours), (other, theirs) = (self._surface(parts, end) for end in (self.first, self.second))
+        T = mortar(ours, theirs, self.tolerance, f"{one.title} and {other.title}")
+        assert one.dofs is not None
+        blocks = []
+        for label in dict.fromkeys(one.dofs.labels[k] for k in one.dofs.components):
+            mine, yours = rows_of_nodes(one, ours, label), rows_of_nodes(other, theirs, label)
+            if (mine < 0).any():
+                raise InputError(f"{label} of {int((mine < 0).sum())} nodes of {one.title} is held, or no interface DOF, e.g. of "
+                                 f"node {ours.numbers[int(np.argmin(mine))]}: release it, or let {other.title} come first")
+            blocks.append([(one.part, _chosen(one, mine)), (other.part, -T @ _chosen(other, yours))])
+        return Link(stacked(*blocks))
+
+    def _surface(self, parts: Mapping[str, Substructure], end: End) -> tuple[Site, Surface]:
+        found = site(parts, end)
+        if not found.named or found.dofs is None or found.dofs.points is None:
+            raise InputTypeError(f"{found.title} must be a named interface set of a solid, whose DOF have known places")
+        if found.part not in self.meshes:
+            raise InputError(f"the mesh of {found.part!r} is missing: give meshes={{{found.part!r}: mesh, ...}}")
+        return found, Surface.of(self.meshes[found.part], end[1].rpartition(".")[2], found.title)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The faces of a set of nodes of a mesh, (f,), and its nodes, (n,).
+
+    Attributes
+    ----------
+    faces : ndarray, shape (f, k)
+        Places of each face's nodes among those of the surface, corners first.
+    sides : ndarray, shape (f,)
+        Which of its cell's faces each is.
+    points : ndarray, shape (n, 3)
+    numbers : ndarray, shape (n,)
+        The nodes' numbers, for messages.
+    """
+
+    kind: str
+    faces: Array
+    sides: Array
+    points: Array
+    numbers: Array
+
+    @classmethod
+    def of(cls, mesh: Mesh, name: str, what: str) -> Surface:
+        if mesh.kind not in KINDS:
+            raise InputError(f"{what}: the mesh {mesh.name!r} has {mesh.kind} cells; ties join the surfaces of solids")
+        found = patch(mesh, name, what)
+        if found.kind != "faces":
+            raise InputError(f"{what}: the set {name!r} of the mesh {mesh.name!r} is made of {found.kind}, and a tie needs faces")
+        rows = np.take_along_axis(mesh.cells[found.cells], sides_of(mesh.kind, "faces")[found.sides], axis=1)
+        nodes, faces = np.unique(rows, return_inverse=True)
+        return cls(mesh.kind, faces.reshape(rows.shape), found.sides, mesh.points[nodes], mesh.numbers[nodes])
+
+    @property
+    def corners(self) -> int:
+        return len(reference(self.kind).faces[0])
+
+    @cached_property
+    def polygons(self) -> Array:
+        """The corners of each face, (f, 3 or 4, 3)."""
+        return self.points[self.faces[:, :self.corners]]
+
+    @cached_property
+    def centres(self) -> Array:
+        return self.polygons.mean(axis=1)
+
+    @property
+    def excess(self) -> int:
+        """By how much the degree of quadrature is raised where N is no polynomial in x: on quadrilaterals that are oblique."""
+        if self.corners == 3:
+            return 0
+        # the middles of both diagonals, which are one point in a parallelogram
+        diagonals = self.polygons[:, ::2].mean(axis=1) - self.polygons[:, 1::2].mean(axis=1)
+        return OBLIQUE if np.abs(diagonals).max() > 1e-9 * self.radii.max() else 0
+
+    @cached_property
+    def radii(self) -> Array:
+        """From its centre to its farthest corner, of each face."""
+        return np.linalg.norm(self.polygons - self.centres[:, None], axis=2).max(axis=1)
+
+    @cached_property
+    def frames(self) -> Array:
+        """Two axes in the mean plane of each face, and its normal, (f, 3, 3)."""
+        P = self.polygons
+        normal = np.cross(P[:, 1] - P[:, 0], P[:, 2] - P[:, 0])
+        if self.corners == 4:
+            normal = np.cross(P[:, 2] - P[:, 0], P[:, 3] - P[:, 1])
+        normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+        first = P[:, 1] - P[:, 0]
+        first = first - np.einsum("fi,fi->f", first, normal)[:, None] * normal
+        first = first / np.linalg.norm(first, axis=1)[:, None]
+        return np.stack([first, np.cross(normal, first), normal], axis=1)
+
+    def shapes(self, at: Array, s: Array) -> tuple[Array, Array]:
+        """N (p, k) and ∂N/∂s (p, k, 2) of the faces `at` (p,) at their own coordinates s (p, 2)."""
+        corners, table = reference(self.kind).nodes, sides_of(self.kind, "faces")
+        N, dN = np.zeros((len(at), self.faces.shape[1])), np.zeros((len(at), self.faces.shape[1], 2))
+        for side in np.unique(self.sides):
+            members = np.flatnonzero(self.sides[at] == side)
+            around = corners[list(reference(self.kind).faces[side])]
+            tangents = np.stack([around[1] - around[0], around[-1] - around[0]])
+            N[members], gradients = shape_functions(self.kind, around[0] + s[members] @ tangents, table[side])
+            dN[members] = gradients @ tangents.T
+        return N, dN
+
+    def place(self, at: Array, x: Array) -> Array:
+        """The own coordinates s (p, 2) of the faces `at` where they are nearest to the points x (p, 3), by Gauss-Newton."""
+        s = np.full((len(at), 2), 0.5 if self.corners == 4 else 1 / 3)
+        going = np.arange(len(at))
+        for _ in range(STEPS):
+            N, J = self.tangents(at[going], s[going])
+            gap = x[going] - np.einsum("pk,pki->pi", N, self.points[self.faces[at[going]]])
+            step = np.linalg.solve(J @ J.transpose(0, 2, 1), (J @ gap[:, :, None]))[:, :, 0]
+            s[going] += step
+            going = going[np.abs(step).max(axis=1) > PLACED]
+            if not len(going):
+                break
+        return s
+
+    def tangents(self, at: Array, s: Array) -> tuple[Array, Array]:
+        """N (p, k) and ∂x/∂s (p, 2, 3) of the faces `at` at s (p, 2)."""
+        N, dN = self.shapes(at, s)
+        return N, np.einsum("pks,pki->psi", dN, self.points[self.faces[at]])
+
+    def foot(self, at: Array, x: Array) -> tuple[Array, Array]:
+        """N (p, k) of the faces `at` where they are nearest to the points x (p, 3), and how far these are."""
+        N = self.shapes(at, self.place(at, x))[0]
+        return N, np.linalg.norm(x - np.einsum("pk,pki->pi", N, self.points[self.faces[at]]), axis=1)
+
+
+def mortar(ours: Surface, theirs: Surface, tolerance: float | None, what: str) -> Matrix:
+    """T (n, m), sparse, with u = T v: the motion of our nodes that glues them to the others, D u = B v.
+
+    D_ij = ∫ ψ_i N_j dA and B_ik = ∫ ψ_i N'_k dA over the common parts of our faces and theirs.
+
+    Raises
+    ------
+    InputError
+        The surfaces lie apart, or ours reaches beyond theirs.
+    """
+    face, pair, x, w = common_parts(ours, theirs)
+    N, _ = ours.foot(face, x)
+    far, gap = theirs.foot(pair, x)
+    limit = reach(ours, face, tolerance)
+    near = gap <= limit
+    area = np.linalg.norm(areas(ours.polygons), axis=1)
+    covered = np.bincount(face[near], w[near], len(area)) / area
+    if covered.min() < 1 - COVERED:
+        worst = int(covered.argmin())
+        beside = np.flatnonzero(face == worst)
+        why = (f"the surfaces are {gap[beside].min():.3g} apart, and {limit[beside].max():.3g} is allowed" if len(beside) and
+               not near[beside].any() else f"only {max(covered[worst], 0.0):.0%} of it lies on the other surface")
+        nodes = ", ".join(map(str, ours.numbers[ours.faces[worst]][:ours.corners]))
+        raise InputError(f"{what} cannot be tied: at the face with the nodes {nodes} of the first, {why}; move the part, give a "
+                         "larger tolerance, or let the surface that lies within the other come first")
+    face, pair, N, far, w = face[near], pair[near], N[near], far[near], w[near]
+    k = N.shape[1]
+    mass = np.zeros((len(area), k, k))
+    np.add.at(mass, face, w[:, None, None] * N[:, :, None] * N[:, None, :])
+    dual = reference(ours.kind).degree == 1
+    if dual:  # ψ = A N with ∫ ψ_i N_j = δ_ij ∫ N_j on each face
+        share = mass.sum(axis=2)
+        A = share[:, :, None] * np.linalg.inv(mass)
+        N, mass = np.einsum("pij,pj->pi", A[face], N), share[:, :, None] * np.eye(k)
+    size, other = len(ours.points), len(theirs.points)
+    D = _summed(mass, ours.faces, ours.faces, (size, size))
+    B = _summed(w[:, None, None] * N[:, :, None] * far[:, None, :], ours.faces[face], theirs.faces[pair], (size, other))
+    if dual:
+        return sp.csr_array(sp.diags_array(1 / D.diagonal()) @ B)
+    from scipy.sparse.linalg import splu
+
+    return sp.csr_array(splu(sp.csc_array(D)).solve(B.toarray()))
+
+
+def reach(surface: Surface, face: Array, tolerance: float | None) -> Array:
+    """How far another surface may be away from these faces."""
+    return GAP * surface.radii[face] if tolerance is None else np.full(len(face), tolerance)
+
+
+def _summed(blocks: Array, rows: Array, columns: Array, shape: tuple[int, int]) -> Matrix:
+    at, to = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
+    return sp.csr_array(sp.coo_array((blocks.ravel(), (at.ravel(), to.ravel())), shape=shape))
+
+
+def areas(polygons: Array) -> Array:
+    """Area times normal of plane polygons (f, k, 3)."""
+    rest = polygons[:, 1:] - polygons[:, :1]
+    return np.cross(rest[:, :-1], rest[:, 1:]).sum(axis=1) / 2
+
+
+def common_parts(ours: Surface, theirs: Surface) -> tuple[Array, Array, Array, Array]:
+    """Points of quadrature on the common parts of our faces and theirs: our face (p,), theirs (p,), x (p, 3), weight (p,)."""
+    from scipy.spatial import cKDTree
+
+    reach = float(ours.radii.max() + theirs.radii.max())
+    several = cKDTree(ours.centres).query_ball_tree(cKDTree(theirs.centres), reach)
+    face = np.repeat(np.arange(len(several)), [len(found) for found in several])
+    pair = np.fromiter((i for found in several for i in found), dtype=np.intp, count=len(face))
+    parallel = np.abs(np.einsum("pi,pi->p", ours.frames[face, 2], theirs.frames[pair, 2])) > PARALLEL
+    face, pair = face[parallel], pair[parallel]
+    flat = [np.einsum("pki,psi->pks", surface.polygons[at] - ours.centres[face][:, None], ours.frames[face, :2])
+            for surface, at in ((ours, face), (theirs, pair))]
+    halves = [[(0, 1, 2), (0, 2, 3)][:surface.corners - 2] for surface in (ours, theirs)]
+    faces, pairs, triangles = [face[:0]], [pair[:0]], [np.zeros((0, 3, 2))]
+    for mine in halves[0]:
+        for yours in halves[1]:
+            parts = clipped(flat[0][:, mine], flat[1][:, yours])
+            for i in range(1, parts.shape[1] - 1):
+                faces.append(face)
+                pairs.append(pair)
+                triangles.append(parts[:, [0, i, i + 1]])
+    face, pair, triangle = np.concatenate(faces), np.concatenate(pairs), np.concatenate(triangles)
+    area = np.abs(_cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])) / 2
+    keep = area > SLIVER * ours.radii[face] ** 2
+    face, pair, triangle, area = face[keep], pair[keep], triangle[keep], area[keep]
+    degree = max(4 * reference(surface.kind).degree + surface.excess for surface in (ours, theirs))  # of N_i N_j
+    s, w = skfem().quadrature.get_quadrature(skfem().refdom.RefTri, degree)
+    N = np.stack([1 - s[0] - s[1], s[0], s[1]], axis=1)
+    x = np.einsum("qk,pks->pqs", N, triangle)
+    points = ours.centres[face][:, None] + np.einsum("pqs,psi->pqi", x, ours.frames[face, :2])
+    count = len(w)
+    return (np.repeat(face, count), np.repeat(pair, count), points.reshape(-1, 3), (2 * area[:, None] * w).ravel())
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def clipped(P: Array, Q: Array) -> Array:
+    """The common part of triangles P and Q (p, 3, 2), pair by pair, as polygons (p, 6, 2), some of whose points are the same.
+
+    By I. E. Sutherland and G. W. Hodgman, Commun. ACM 17 (1974) 32: P is cut by one edge of Q after the other. No common part
+    gives a single point.
+    """
+    turned = _cross(Q[:, 1] - Q[:, 0], Q[:, 2] - Q[:, 0]) < 0
+    Q = np.where(turned[:, None, None], Q[:, ::-1], Q)
+    for i in range(3):
+        a, b = Q[:, i], Q[:, (i + 1) % 3]
+        k = P.shape[1]
+        side = _cross((b - a)[:, None], P - a[:, None])
+        after, beyond = np.roll(P, -1, axis=1), np.roll(side, -1, axis=1)
+        inside, crossing = side >= 0, (side >= 0) != (beyond >= 0)
+        share = np.divide(side, side - beyond, out=np.zeros_like(side), where=crossing)
+        points = np.stack([P, P + share[:, :, None] * (after - P)], axis=2).reshape(len(P), 2 * k, 2)
+        given = np.stack([inside, crossing], axis=2).reshape(len(P), 2 * k)
+        order = np.argsort(~given, axis=1, kind="stable")[:, :k + 1]
+        P = np.take_along_axis(points, order[:, :, None], axis=1)
+        P = np.where(np.take_along_axis(given, order, axis=1)[:, :, None], P, P[:, :1])
+    return P
+
+
+def rows_of_nodes(found: Site, surface: Surface, label: str) -> Array:
+    """The place among the DOF of a site of a motion of each node of the surface; -1 where it has none."""
+    assert found.dofs is not None and found.dofs.points is not None
+    labels = [found.dofs.labels[k] for k in found.dofs.components]
+    place, apart = nearest(surface.points, found.dofs.points, [label] * len(surface.points), labels)
+    return np.where(apart <= 1e-9 * np.abs(surface.points).max(), place, -1)
+
+
+def _chosen(found: Site, places: Array) -> Matrix:
+    """Which of the interface's DOF (columns) each row is; no entry where the place is -1: that node is held."""
+    rows = np.flatnonzero(places >= 0)
+    shape = len(places), len(found.sub.interface_numbers)
+    return sp.csr_array((np.ones(len(rows)), (rows, found.places[places[rows]])), shape=shape)

@@ -1,0 +1,152 @@
+"""Damping of a component, full or reduced: Rayleigh, modal and dashpots, all in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix, finite_number, whole_number
+from femsub.components.build import not_negative, pair, proportional
+from femsub.errors import InputError, InputTypeError
+from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.modes.normal_modes import all_modes, normal_modes
+
+FILLED = 2000  # DOF up to which modal damping may fill the D of a sparse model
+
+Model = TypeVar("Model", bound=Substructure)
+
+
+def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
+           ratios: tuple[tuple[float, float], tuple[float, float]] | None = None, modal: float | Sequence[float] | None = None,
+           dashpots: Mapping[Any, float] | None = None) -> Model:
+    """A copy of a model with more damping: Rayleigh, modal, and dashpots.
+
+    D becomes D + αM + βK + MΦ diag(2ζω) ΦᵀM + Σ c w wᵀ, all (n, n). Everything given is added to the existing damping
+    (`sub.with_damping(None)` removes that).
+
+    Parameters
+    ----------
+    sub : Substructure
+        Full or reduced.
+    rayleigh : (alpha, beta)
+        α in 1/time, β in time. A mode then has ζ = α/(2ω) + βω/2.
+    ratios : ((omega1, zeta1), (omega2, zeta2))
+        Rayleigh damping that has these ratios at these frequencies (radians per unit of time).
+    modal : float or sequence of float
+        ζ of every elastic mode, or of the lowest ones by frequency (the others get none). Rigid-body modes stay undamped. D
+        becomes a full matrix, so apply it to the reduced model if a sparse one has more than 2,000 DOF.
+    dashpots : mapping to float
+        c in force × time / length (a port's own unit), by the name of a port, by a DOF counted from 0 (to the
+        ground), or by a pair of DOF (between the two). For a reduced model the DOF are those of the component it
+        was made from, the rows of V.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        Nothing given; a negative ζ, c, α or β; two ratios that need one of these negative; an unknown port or DOF;
+        modal damping of a large sparse model.
+
+    References
+    ----------
+    Craig and Kurdila, Fundamentals of Structural Dynamics, 2006, sec. 10.3 (proportional damping; modal damping, with
+    D = MΦ diag(2ζω) ΦᵀM for ΦᵀMΦ = I).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> sub = fs.damped(fs.chain(5, damping=0.0), modal=0.01)
+    >>> fs.complex_modes(sub).damping_ratios[:2].round(4)
+    array([0.01, 0.01])
+    """
+    if not isinstance(sub, Substructure):
+        raise InputTypeError(f"damped takes a Substructure, not {type(sub).__name__}")
+    if rayleigh is None and ratios is None and modal is None and dashpots is None:
+        raise InputError("damped needs at least one of rayleigh, ratios, modal and dashpots")
+    if rayleigh is not None and ratios is not None:
+        raise InputError("rayleigh and ratios both define Rayleigh damping. Give only one of them")
+    D = sub.D
+    if ratios is not None:
+        rayleigh = _through(ratios)
+    if rayleigh is not None:
+        D = D + proportional(sub, rayleigh)
+    if modal is not None:
+        D = D + _modal(sub, modal)
+    if dashpots is not None:
+        added = _dashpots(sub, dashpots)
+        D = D + (added if sp.issparse(D) else added.toarray())
+    return sub.with_damping(D)
+
+
+def _through(ratios: Any) -> tuple[float, float]:
+    """α, β with ζ_i = α/(2ω_i) + βω_i/2."""
+    points = [pair("each point of ratios", point, "(omega, zeta)")
+              for point in pair("ratios", ratios, "((omega1, zeta1), (omega2, zeta2))")]
+    (low, zeta), (high, other) = sorted(
+        (finite_number("omega of ratios", omega), not_negative("zeta of ratios", zeta)) for omega, zeta in points)
+    if not 0 < low < high:
+        raise InputError(f"ratios needs two different positive frequencies, not {low:.6g} and {high:.6g}")
+    mass, stiffness = zeta * high - other * low, other * high - zeta * low
+    if min(mass, stiffness) < -1e-12 * max(zeta, other) * high:
+        raise InputError(f"ratios: ζ = {zeta:.4g} at ω = {low:.6g} and {other:.4g} at {high:.6g} would need a negative α or β. "
+                         f"With the first point, the second ζ can be {zeta * low / high:.4g} to {zeta * high / low:.4g}")
+    span = high**2 - low**2
+    return 2 * low * high * max(mass, 0.0) / span, 2 * max(stiffness, 0.0) / span
+
+
+def _modal(sub: Substructure, modal: Any) -> Matrix:
+    """MΦ diag(2ζω) ΦᵀM, dense."""
+    if sp.issparse(sub.K) and sub.size > FILLED:
+        raise InputError(f"modal damping makes D a full matrix, but {sub.name!r} has {sub.size} DOF (at most {FILLED}). Apply it "
+                         "to the reduced model, damped(reduce(...), modal=...), or use ratios=")
+    if isinstance(modal, str) or not isinstance(modal, (int, float, np.number, Sequence, np.ndarray)):
+        raise InputTypeError(f"modal must be a ratio or a sequence of them, not {modal!r:.80}")
+    if isinstance(modal, (Sequence, np.ndarray)):
+        zeta = np.array([not_negative(f"modal[{i}]", value) for i, value in enumerate(modal)])
+        modes = normal_modes(sub, count=len(zeta))
+    else:
+        modes = all_modes(sub.K, sub.M, carried=sub.rigid_motion)
+        zeta = np.full(len(modes.eigenvalues) - modes.rigid, not_negative("modal", modal))
+    forces = (sub.M @ modes.shapes[:, modes.rigid:]) * np.sqrt(2 * zeta * modes.frequencies[modes.rigid:])
+    return forces @ forces.T
+
+
+def _dashpots(sub: Substructure, dashpots: Any) -> Matrix:
+    """Σ c w wᵀ, sparse."""
+    if not isinstance(dashpots, Mapping):
+        raise InputTypeError(f"dashpots must map DOF, pairs of DOF or ports to numbers, not {type(dashpots).__name__}")
+    columns, sizes = [], []
+    for key, value in dashpots.items():
+        w = _column(sub, key)
+        columns.append(w)
+        sizes += [not_negative(f"dashpot {key!r}", value)] * w.shape[1]
+    if not columns:
+        return sp.csr_array((sub.size, sub.size))
+    W = sp.csr_array(sp.hstack(columns))
+    weighted = W @ sp.diags_array(np.sqrt(sizes))
+    return sp.csr_array(weighted @ weighted.T)
+
+
+def _column(sub: Substructure, key: Any) -> Matrix:
+    if isinstance(key, str):
+        return sp.csr_array(sub.port(key).reshape(sub.size, -1))
+    pair = key if isinstance(key, tuple) else (key,)
+    if not 1 <= len(pair) <= 2:
+        raise InputError(f"a dashpot acts at one DOF or between two, not at {key!r}")
+    rows = [_row(sub, whole_number("the DOF of a dashpot", dof)) for dof in pair]
+    if len(set(pair)) < len(pair):
+        raise InputError(f"the dashpot {key!r} has the same DOF at both ends. Give two different DOF")
+    return sp.csr_array((rows[0] if len(rows) == 1 else rows[0] - rows[1]).reshape(-1, 1))
+
+
+def _row(sub: Substructure, dof: int) -> Array:
+    size = len(sub.V) if isinstance(sub, ReducedSubstructure) else sub.size
+    if not 0 <= dof < size:
+        raise InputError(f"dashpot: there is no DOF {dof}. {sub.name!r} has {size}, counted from 0")
+    if isinstance(sub, ReducedSubstructure):
+        return sub.V[dof]
+    row = np.zeros(size)
+    row[dof] = 1.0
+    return row

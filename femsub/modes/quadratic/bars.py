@@ -1,0 +1,134 @@
+"""Error bars of the eigenvalues of λ²M + λD + K: residual times condition, entry by entry, from left vectors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from femsub.algebra.matrices import equilibration, scaled
+from femsub.checks import EPS, Array
+from femsub.modes.quadratic.dense import carries
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+
+SOLVED = 1e-3  # |y|ᵀ|P(λ)x|, relative to the sizes of its terms, above which (λ, x) is no solution, and first order says nothing
+STILL = 1e-8  # the same of Kx for λ = 0, up to which x is rigid-body motion
+POOR = 1e-6  # error bar relative to |λ| above which its left vector is looked at again
+WORK = 1e9  # n³ times the number of these
+CLUSTER = 1e-7  # relative distance below which eigenvalues get their left vectors as a group
+
+
+class Bars(NamedTuple):
+    """Errors of k eigenpairs; the names are those of `ComplexModes`."""
+
+    backward_error: Array
+    error_bar: Array
+    condition: Array
+
+
+def bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None = None) -> Bars:
+    """Residuals, backward errors and error bars of eigenpairs λ (k,), X (n, k) with their left vectors Y (n, k).
+
+    `known` are all computed eigenvalues, including neighbours outside the requested region; default `values`.
+    If each complex value is followed by its conjugate, only one of the two is computed.
+    """
+    gaps = _gaps(values, values if known is None else known)
+    first = np.flatnonzero(values.imag > 0)
+    in_pairs = len(first) > 0 and len(first) == np.count_nonzero(values.imag < 0) and first[-1] + 1 < len(values) \
+        and np.array_equal(values[first + 1], values[first].conj()) and np.array_equal(X[:, first + 1], X[:, first].conj())
+    if in_pairs and bool((values.imag[first] > CLUSTER * np.abs(values[first])).all()):
+        half = np.flatnonzero(values.imag >= 0)
+        double = np.sort(np.append(np.arange(len(half)), np.flatnonzero(values.imag[half])))
+        regular = len(values) == 2 * len(half)  # then a view of the left vectors is enough
+        both = _one_by_one(pencil, values[half], X[:, half], Y[:, ::2] if regular else Y[:, half], gaps[half])
+        return Bars(*(figures[double] for figures in both))
+    return _one_by_one(pencil, values, X, Y, gaps)
+
+
+def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -> Bars:
+    # |y|ᵀ|r| and not ‖y‖‖r‖: the bar then does not depend on the units of the DOF (displacements, rotations).
+    inertia = (pencil.M @ X) * values
+    rest = inertia + pencil.D @ X
+    residual = rest * values + pencil.K @ X
+    slope = inertia + rest  # P'(λ)x = 2λMx + Dx
+    whole = pencil.magnitude(values, X)
+    # twice: with the vectors off by a half, the residual is that far from the error to first order
+    doubt = 2 * np.abs(residual) + 4 * EPS * whole
+    doubt += EPS * (pencil.noise @ (pencil.noise.T @ np.abs(X))) * np.abs(values)  # the projection's rounding in D
+    sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
+    size = np.abs(Y)
+    spread, length = np.einsum("ij,ij->j", size, doubt), np.sqrt(np.einsum("ij,ij->j", size, size))
+    for group in _clusters(values):
+        # in a group of equal eigenvalues any basis is valid: take the dual left vectors
+        gram = Y[:, group].conj().T @ slope[:, group]
+        # dimensionless: vectors of unit length would depend on the units of the DOF
+        if np.linalg.cond(scaled(gram, *equilibration(gram))) < 1 / np.sqrt(EPS):
+            dual = Y[:, group] @ np.linalg.inv(gram).conj().T
+            # rounding couples them: each moves by at most the sum of its row (Gershgorin)
+            spread[group] = (np.abs(dual).T @ doubt[:, group]).sum(axis=1)
+            length[group] = np.linalg.norm(dual, axis=0)
+            sensitivity[group] = 1.0
+        else:
+            sensitivity[group] = 0.0
+    bar = np.divide(spread, sensitivity, out=np.full(len(values), np.inf), where=sensitivity > 0)
+    # With a neighbour at distance g the first-order bar b becomes d from d (g - d) = b g. If b is not small compared with
+    # g, the two eigenvalues may coalesce, and first-order theory is not valid.
+    close = bar > gap / 8
+    share = np.divide(bar, gap, out=np.zeros_like(bar), where=~close & (gap > 0))
+    bar = np.where(close, bar + gap, 2 * bar / (1 + np.sqrt(1 - 4 * share)))
+    left, terms = (np.einsum("ij,ij->j", np.abs(Y), part) for part in (np.abs(residual), whole))
+    share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
+    bar[share > SOLVED] = np.inf
+    if not pencil.is_sparse:
+        bar = np.maximum(bar, _by_better_left(pencil, values, Y, np.abs(residual), slope, bar))
+    still = np.flatnonzero(values == 0)
+    if len(still):  # K may hold nothing of a carried motion but rounding
+        bar[still if carries(pencil) else still[share[still] <= STILL]] = 0.0
+    size = np.abs(values)
+    scale = size**2 * pencil.norms[0] + size * pencil.norms[1] + pencil.norms[2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        condition = np.where(sensitivity * size > 0, scale * np.linalg.norm(X, axis=0) * length / (sensitivity * size), np.inf)
+    return Bars(pencil.backward_error(values, X, residual), bar, condition)
+
+
+def _by_better_left(pencil: Pencil, values: Array, Y: Array, residual: Array, slope: Array, bar: Array) -> Array:
+    """The first-order bars of pairs with a poor bar once more, with left vectors after a step of inverse iteration; 0 of others.
+
+    A left vector may lack a part that is small beside it, but acts where the residual is large. Then |y|ᵀ|r| is too small.
+    """
+    better = np.zeros(len(values))
+    poor = np.flatnonzero(np.isfinite(bar) & (bar > POOR * np.abs(values)) & (values != 0))
+    for k in poor[:int(WORK / pencil.size**3)]:
+        P, forces = pencil.at(complex(values[k])).conj().T, 2 * values[k].conj() * (pencil.M.T @ Y[:, k]) + pencil.D.T @ Y[:, k]
+        rows, columns = equilibration(P)
+        try:
+            y = columns * np.linalg.solve(scaled(P, rows, columns), rows * forces)
+        except np.linalg.LinAlgError:  # λ is exact
+            continue
+        if np.isfinite(y).all() and (sensitivity := abs(y.conj() @ slope[:, k])) > 0:
+            better[k] = 2 * np.abs(y) @ residual[:, k] / sensitivity
+    return better
+
+
+def _gaps(values: Array, found: Array) -> Array:
+    """The distance of each eigenvalue to the nearest other found one (its conjugate included); inf without one."""
+    if len(values) == 0:
+        return np.zeros(0)
+    from scipy.spatial import cKDTree
+
+    upper, lower = found[found.imag >= 0], found[found.imag < 0].conj()
+    upper = np.append(upper, lower[~np.isin(lower, upper)])  # one or both of a pair may be listed
+    every = np.append(upper, upper[upper.imag > 0].conj())
+    points, asked = (np.stack([part.real, part.imag], axis=1) for part in (every, values))
+    return np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])
+
+
+def _clusters(values: Array) -> list[Array]:
+    if len(values) == 0:
+        return []
+    order = np.lexsort((values.real, values.imag))
+    close = np.abs(np.diff(values[order])) <= CLUSTER * np.abs(values[order][1:])
+    groups = np.split(order, np.flatnonzero(~close) + 1)
+    return [group for group in groups if len(group) > 1]

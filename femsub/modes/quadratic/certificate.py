@@ -1,0 +1,200 @@
+"""The proof that no eigenvalue of a region is missing; how many eigenvalues to ask for; when the search may stop.
+
+The proof is a count in a disc around 0, or the winding number of det P around a rectangle. Both are independent of the
+search. The search finds the eigenvalues nearest to 0, and lists those with Im λ ≥ 0.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from femsub.algebra.factor import QUADRATIC
+from femsub.algebra.shared import shared
+from femsub.checks import Array, Tally
+from femsub.errors import SingularMatrixError
+from femsub.model.bands import beyond, in_band
+from femsub.modes.quadratic import damping_split, disc_count
+from femsub.modes.quadratic.disc_count import Count, Edge
+from femsub.modes.quadratic.multiplicity import clear_radius
+from femsub.modes.quadratic.region import Box
+from femsub.modes.quadratic.sparse import KEPT, Shifted
+from femsub.modes.quadratic.winding_count import missed_around, undamped_reference
+
+MOST = 1500  # eigenvalues computed by TOAR at most: beyond, run times reach hours and backward errors grow
+
+
+class _Disc:
+    """The count in a disc around 0, for a pencil with proportional damping except in a few columns."""
+
+    def __init__(self, problem: Shifted, wanted: bool) -> None:
+        self.problem = problem
+        self.counted: Count | None = None
+        self.tally = Tally(0)
+        self.parts = damping_split.split(problem.pencil) if wanted else None
+
+    def edge(self, radius: float) -> Edge | None:
+        """The undamped count at a radius, moved out by up to 0.1 % if a mode lies there; None if no count is possible."""
+        for share in (0.0, 1e-5, 1e-3):
+            if (parts := self.parts) is not None:
+                there = radius * (1 + share)
+                try:
+                    owners = (parts.K0, parts.M, *([] if parts.skew is None else [self.problem.pencil.D]))
+                    return shared(owners, ("edge", there, parts.W.shape[1] > 0),
+                                  partial(disc_count.edge, parts, there))
+                except SingularMatrixError:
+                    continue
+        return None
+
+    def missed_in(self, at: Edge | None, values: Array, X: Array) -> int | None:
+        """The number of missing eigenvalues in the disc; None if there is no proof."""
+        self.counted = None if at is None else self._proved(at, X[:, np.abs(values) <= at.radius])
+        if self.counted is None:
+            self.tally = Tally(_listed(values))
+            return None
+        self.tally = self.counted.tally(_listed(values[np.abs(values) < self.counted.radius]))
+        return self.counted.number - self.tally.listed
+
+    def told_again(self, values: Array, vague: int) -> None:
+        """The tally of values that are known better now, without those that may be no eigenvalues."""
+        if self.counted is not None:
+            self.tally = self.counted.tally(_listed(values[np.abs(values) < self.counted.radius]) - vague)
+        elif vague:
+            self.tally = Tally(self.tally.listed - vague, self.tally.counted, self.tally.sampled)
+
+    def _proved(self, at: Edge, inside: Array) -> Count | None:
+        problem, parts = self.problem, self.parts
+        assert parts is not None
+        if parts.K0 is problem.pencil.K:  # an existing factor may be used
+            found = None
+            if problem.shift == 0 and problem.factor.kind == "definite":
+                found = disc_count.count(parts, at, problem.factor.solve, 0.0, inside)
+            elif problem.handle is not None and problem.handle.factor.kind == "definite":
+                found = disc_count.count(parts, at, problem.handle.factor.solve, -problem.handle.sigma, inside)
+            if found is not None and found.proved:
+                return found
+        try:
+            found = disc_count.count(parts, at, *disc_count.definite(parts, at.radius), inside)
+        except SingularMatrixError:
+            return None
+        return found if found is not None and found.proved else None
+
+    def lacking(self, missed: int) -> str:
+        """The message of the error if eigenvalues are missing."""
+        if self.counted is None:
+            return (f"{missed} eigenvalues in or near the band are missing, by the winding number of det P. Shift the band a "
+                    "little, or narrow re=(a, b)")
+        return (f"{self.counted.number - missed} eigenvalues were found in |λ| < {self.counted.radius:.6g}, but an independent "
+                f"count gives {self.counted.number}. Ask for more or fewer, or for another band")
+
+
+class Nearest(_Disc):
+    """The `number` eigenvalues nearest to 0, conjugates included, and a disc that contains them."""
+
+    most = np.inf
+
+    def __init__(self, problem: Shifted, number: int, certify: bool | None) -> None:
+        super().__init__(problem, problem.pencil.size <= KEPT if certify is None else certify)
+        self.number, self.unasked = number, certify is None
+        # The eigenvalues nearest to a shift are not exactly those nearest to 0, so a few more are computed. A count needs a
+        # gap behind the last one, and therefore the next one.
+        self.ask = number + (0 if problem.shift == 0 else 12) + (0 if self.parts is None else 2)
+
+    def _sure(self, values: Array) -> Array:
+        """Indices, ascending in |λ|, of the values that are certainly nearest to 0."""
+        near = np.flatnonzero(~beyond(np.abs(values), np.abs(values - self.problem.shift).max() - self.problem.shift))
+        return near[np.argsort(np.abs(values[near]), kind="stable")]
+
+    def is_short(self, values: Array) -> bool:
+        """Whether other eigenvalues may be nearer to 0 than those found; then `ask` is increased."""
+        all_of_them = 2 * self.problem.pencil.size
+        if _listed(values[self._sure(values)]) >= self.number or _listed(values) >= all_of_them or self.ask >= all_of_them:
+            return False
+        self.ask = min(2 * self.ask, all_of_them)
+        return True
+
+    def missed(self, values: Array, X: Array) -> int | None:
+        """The number of missing eigenvalues by an independent count; None without one."""
+        if self.parts is None:
+            return None
+        radius = clear_radius(np.abs(values[self._sure(values)]), len(self.taken(values)[0]))
+        return self.missed_in(self.edge(radius), values, X)
+
+    def is_found_without_proof(self) -> bool:
+        """Whether to give up the count: if the caller did not request it, it must not make the search fail."""
+        if self.parts is None or not self.unasked:
+            return False
+        self.parts, self.ask = None, self.ask - 2
+        return True
+
+    def about(self, values: Array) -> Array:
+        """Indices of the requested eigenvalues, and of those that may belong to them once they are known better."""
+        sure = self._sure(values)
+        return sure[:len(self.taken(values)[0]) + 2]
+
+    def taken(self, values: Array) -> tuple[Array, Array]:
+        """Indices of the requested eigenvalues, and which of these stand for a pair."""
+        sure = self._sure(values)
+        listed = np.cumsum(1 + (values[sure].imag != 0))
+        sure = sure[:int(np.searchsorted(listed, self.number)) + 1]
+        return sure, np.flatnonzero(values[sure].imag)
+
+
+class Enclosed(_Disc):
+    """All eigenvalues in a rectangle, proved by the count in the disc around it, else by the winding number of det P."""
+
+    def __init__(self, problem: Shifted, box: Box, certify: bool | None, winding: bool = True) -> None:
+        super().__init__(problem, certify is not False)
+        pencil, (a, b, _, hi) = problem.pencil, box
+        self.box, self.most = box, float(min(pencil.size, MOST))
+        self.radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
+        self.at = self.edge(self.radius)
+        self.wound = winding and (pencil.size <= QUADRATIC if certify is None else certify)  # whether det P may be sampled
+        self.known = self.at is None and self.wound  # whether `reference` has its modes
+        self.reference = undamped_reference(pencil, self.radius, self.known) if self.at is None else None
+        self.ask = 2 * (self.at.below if self.at else self.reference[1].counted[1] if self.reference else 10) + 12
+
+    def is_short(self, values: Array) -> bool:
+        """Whether the disc around the rectangle may contain more eigenvalues; then `ask` is increased."""
+        pencil = self.problem.pencil
+        if np.abs(values - self.problem.shift).max() >= self.radius or _listed(values) >= 2 * pencil.size:
+            return False
+        self.ask = int(min(2 * self.ask, self.most) if self.ask < self.most else self.most + 1)
+        return True
+
+    def missed(self, values: Array, X: Array) -> int | None:
+        """As for `Nearest`."""
+        missed = self.missed_in(self.at, values, X)
+        if missed is not None or not self.wound:
+            return missed
+        if not self.known:
+            self.reference, self.known = undamped_reference(self.problem.pencil, self.radius, True), True
+        if self.reference is None:
+            return None
+        missed = missed_around(self.problem.pencil, self.box, values, self.radius, self.reference)
+        self.tally = Tally(_listed(values), _listed(values) + missed, sampled=True)
+        return missed
+
+    def is_found_without_proof(self) -> bool:
+        """Never: the proof needs no additional eigenvalues."""
+        return False
+
+    def about(self, values: Array) -> Array:
+        """As for `Nearest`: those in the rectangle and within a hundredth of its size beside it."""
+        a, b, lo, hi = self.box
+        beside = 0.01 * max(abs(a), abs(b), hi)
+        return np.flatnonzero(in_band(values, (max(lo - beside, 0.0), hi + beside), (a - beside, b + beside)))
+
+    def taken(self, values: Array) -> tuple[Array, Array]:
+        """Indices of the values in the rectangle, and which of these have conjugates in it."""
+        band, re = self.box[2:], self.box[:2]
+        taken = np.flatnonzero(in_band(values, band, re))
+        near = values[taken]
+        # a double real eigenvalue split by rounding: both are in
+        return taken, np.flatnonzero((near.imag != 0) & in_band(near.conj(), band, re))
+
+
+def _listed(values: Array) -> int:
+    """The number of eigenvalues represented: a λ with Im λ > 0 counts twice."""
+    return len(values) + int(np.count_nonzero(values.imag))

@@ -1,0 +1,279 @@
+"""Complex eigenvalue analysis (CEA): (λ²M + λD + K)x = 0 for full and reduced models, with error bars and proofs."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance
+from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
+from femsub.model.bands import beyond
+from femsub.model.pencil import Pencil
+from femsub.model.substructure import Substructure
+from femsub.modes.quadratic.bars import bars
+from femsub.modes.quadratic.dense import blurred
+from femsub.modes.quadratic.region import region_of
+from femsub.modes.quadratic.search import search
+
+if TYPE_CHECKING:
+    from femsub.model.contact import Contacts
+
+log = logging.getLogger(__name__)
+
+LOUD = 1e-9  # backward error above which there is a warning
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComplexModes:
+    """Complex modes of a model, made by `complex_modes`: k eigenpairs of λ²M + λD + K with their error bars.
+
+    Attributes
+    ----------
+    eigenvalues : ndarray of complex, shape (k,)
+        By count: nearest to 0 first, both members of a pair side by side. By band: ascending in Im λ.
+    shapes : ndarray of complex, shape (n, k) or (r, k)
+        Right eigenvectors of unit length, in the model's coordinates.
+    backward_error : ndarray, shape (k,)
+        See `Pencil.backward_error`.
+    error_bar : ndarray, shape (k,)
+        Bound of the error of the eigenvalue: |y|ᵀ(|r| + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times
+        condition number, with the left vector y (Tisseur 2000, Th. 5). It is evaluated entry by entry, so it does not depend
+        on the units of the DOF. If rounding may let two eigenvalues coalesce, their gap is added. Infinite for a defective
+        eigenvalue, and where |y|ᵀ|r| is above 1e-3 of the terms in it: then λ and x solve nothing. 0 for rigid motion.
+    condition : ndarray, shape (k,)
+        κ = (|λ|²‖M‖ + |λ|‖D‖ + ‖K‖) ‖x‖‖y‖ / (|λ| |yᴴP'(λ)x|): a relative perturbation ε of the matrices moves λ by up to
+        κ ε |λ| (Tisseur 2000, Th. 5). Unlike `error_bar` it depends on the units of the DOF. Infinite at 0 and for a
+        defective eigenvalue.
+    rigid : ndarray of bool, shape (k,)
+        Eigenvalues at 0 from rigid-body modes, Kx = 0 within rounding: neither unstable nor Hopf points.
+    above_cutoff : ndarray of bool, shape (k,)
+        Beyond the reduction's cut-off: listed, but ignored in `is_stable`.
+    searched : (re_lo, re_hi, lo, hi) or None
+        The rectangle that was searched for a band. For a reduced model it ends at the cut-off, since modes above are
+        artefacts of the reduction. Eigenvalues listed from above it are `above_cutoff`.
+    tally : Tally
+        The eigenvalues found beside their independent number (`femsub.checks`).
+    evidence : str
+        The evidence that none is missing. 'certified': all eigenvalues were computed, or the inertia gives their number.
+        'confirmed': a determinant sampled on a contour agrees with their number (the winding number around the
+        rectangle, or the count in a disc, see `counted`). 'not checked' otherwise.
+    certified : bool
+        Whether the evidence is 'certified' or 'confirmed'.
+    counted : (radius, number) or None
+        The independent count in a disc, see `disc_count.count`: `number` eigenvalues lie in |λ| < radius, conjugates included,
+        and all have been found. The disc contains the searched rectangle, or its unstable part.
+    full_growth : ndarray, shape (k, 2), or None
+        Of a model of contact modes with a tolerance, under the contacts that it was made for: the range in which Re λ of the full
+        system lies; NaN outside the band.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> modes = fs.complex_modes(fs.chain(10, belt=2), fs.Belt(slope=-0.2677), count=4)
+    >>> modes.is_stable, len(modes), modes.evidence
+    (False, 4, 'certified')
+    """
+
+    eigenvalues: Array
+    shapes: Array
+    backward_error: Array
+    error_bar: Array
+    rigid: Array
+    above_cutoff: Array
+    searched: tuple[float, float, float, float] | None = None
+    counted: tuple[float, int] | None = None
+    condition: Array = field(default_factory=lambda: np.zeros(0))
+    tally: Tally = field(default=Tally(0))
+    full_growth: Array | None = None
+
+    @property
+    def evidence(self) -> str:
+        """'certified', 'confirmed' or 'not checked'; see `femsub.checks`."""
+        return self.tally.evidence
+
+    @property
+    def certified(self) -> bool:
+        """Whether the evidence is 'certified' or 'confirmed'."""
+        return self.evidence != NOT_CHECKED
+
+    @property
+    def stable(self) -> tuple[bool | None, ...]:
+        """Per eigenvalue: True left of the axis, False right of it, None on it within the error bar (or rigid).
+
+        None as well where `full_growth` is known and does not say the same.
+        """
+        votes = [None if rigid or abs(value.real) <= bar else bool(value.real < 0)
+                 for value, bar, rigid in zip(self.eigenvalues, self.error_bar, self.rigid, strict=True)]
+        if self.full_growth is None:
+            return tuple(votes)
+        return tuple(vote if not (high >= 0 if vote else low <= 0) else None
+                     for vote, (low, high) in zip(votes, self.full_growth, strict=True))
+
+    @property
+    def is_stable(self) -> bool | None:
+        """False if a mode grows, True if all decay, None if the error bars leave it undecided.
+
+        Rigid-body modes and modes above the cut-off do not count.
+        """
+        votes = [vote for vote, rigid, beyond in zip(self.stable, self.rigid, self.above_cutoff, strict=True)
+                 if not rigid and not beyond]
+        if False in votes:
+            return False
+        return True if votes and None not in votes else None
+
+    @property
+    def unstable(self) -> Array:
+        """Indices of the modes below the cut-off that certainly grow (Re λ above its error bar)."""
+        return np.array([i for i, vote in enumerate(self.stable) if vote is False and not self.above_cutoff[i]], dtype=int)
+
+    @property
+    def frequencies(self) -> Array:
+        """|Im λ| in radians per unit of time, shape (k,)."""
+        return np.abs(self.eigenvalues.imag)
+
+    @property
+    def damping_ratios(self) -> Array:
+        """-Re λ / |λ|, shape (k,); 0 for an eigenvalue at 0."""
+        size = np.abs(self.eigenvalues)
+        return np.divide(-self.eigenvalues.real, size, out=np.zeros_like(size), where=size > 0)
+
+    @property
+    def growth(self) -> float:
+        """The largest Re λ of the modes that count for `is_stable` (-inf if there is none)."""
+        return float(self.eigenvalues.real[~self.rigid & ~self.above_cutoff].max(initial=-np.inf))
+
+    def __len__(self) -> int:
+        return len(self.eigenvalues)
+
+    def __repr__(self) -> str:
+        verdict = {True: "stable", False: f"unstable ({len(self.unstable)} of them grow)",
+                   None: "stability undecided within the error bars"}[self.is_stable]
+        worst = f"{self.backward_error.max():.0e}" if len(self) else "none"
+        beyond = f", {int(self.above_cutoff.sum())} above the cut-off" if self.above_cutoff.any() else ""
+        return (f"ComplexModes: {len(self)} eigenvalues{beyond}, {verdict}, largest Re λ {self.growth:.6g}; "
+                f"backward error {worst}, completeness {self.evidence}")
+
+
+def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
+                  count: int | None = None, band: tuple[float, float] | None = None,
+                  re: tuple[float, float] | None = None, certify: bool | None = None) -> ComplexModes:
+    """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
+
+    SLEPc's PEP (TOAR, shift-invert) solves sparse models. LAPACK finds all eigenvalues of dense models. For a narrow band or a
+    small count PEP solves a dense model above 300 DOF as well, where that is predicted to take a tenth of the time.
+
+    Parameters
+    ----------
+    model : Substructure or Pencil
+        A pencil may have any real D and K, symmetric or not.
+    contacts : Belt, LinearContact or another contact, or a sequence of them, optional
+        A belt adds F μ'(v0) w wᵀ to D; other contacts add to D and K what they say (`femsub.model.contact.Contact`). K may become
+        unsymmetric. Without a contact the model's own D and K are used. Not for a pencil.
+    count : int, optional
+        Number of eigenvalues nearest to 0, conjugates included. A pair is never split, so there may be one more.
+    band : (lo, hi), optional
+        Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. The edges belong to the band, with a
+        tolerance of 1e-9 |λ| for rounding. A double eigenvalue split by rounding (up to 1e-6 |λ|) is in as a whole or not at
+        all (`bands.in_band`). Of contact modes with a tolerance a λ beside the band is listed, too, if that of the full system
+        may be in it.
+    re : (a, b), optional
+        With `band`: a ≤ Re λ ≤ b instead.
+    certify : bool, optional
+        Whether to count the eigenvalues independently. There are two ways. If D is proportional except for at most 40 columns
+        (belts, dashpots), the count is made in a disc around 0 that contains the region. It costs one factorisation of
+        K - R²M, which a band needs anyway, and some solves (`disc_count`). If D is skew and K positive definite, as for a part
+        that turns without damping, it costs one of twice the size. This is the default for a band, and for a `count` up to
+        200,000 DOF. Otherwise a band is checked by the winding number of det P, which costs about fifty complex
+        factorisations. This is the default up to 2,000 DOF. LAPACK lists all: 2n, or as many as the ranks of M and D leave.
+
+    Returns
+    -------
+    ComplexModes
+        λ, shapes, error bars, and the evidence that none is missing.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `count` and `band` together, or neither for a sparse model above 2,000 DOF; more than 2n eigenvalues.
+    NotConvergedError, SingularMatrixError, MissedModesError
+        The eigensolver has not converged; no shift makes the pencil regular; the independent count is larger.
+
+    Warns
+    -----
+    FemsubWarning
+        A backward error is above 1e-9.
+    ConditionWarning
+        M or D has a rank that depends on rounding, so that the number of finite eigenvalues is not known: 'not checked'. Or
+        eigenvalues have an elastic energy within the rounding of a K written with few digits.
+
+    References
+    ----------
+    F. Tisseur, Linear Algebra Appl. 309 (2000) 339 (backward error and condition); C. Campos, J. E. Roman, SIAM J. Sci.
+    Comput. 38 (2016) S385 (PEP, TOAR).
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> rom = fs.reduce(fs.chain(10, belt=2), fs.CraigChang(modes=4), ports=True)
+    >>> modes = fs.complex_modes(rom, fs.Belt(slope=-0.01), count=2)
+    >>> modes.eigenvalues.imag.round(3), modes.is_stable
+    (array([ 0.149, -0.149]), True)
+    """
+    pencil, cutoff = _with_contacts(model, contacts)
+    if band is not None and (estimate := getattr(model, "estimate", None)) is not None:
+        band = estimate.reaching(check_band(band))
+    region = region_of(pencil, count, band, re)
+    found = search(pencil, region, certify)
+    at = region.listed(found.values)
+    result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, cutoff)
+    if result.backward_error.max(initial=0.0) > LOUD:
+        warn(f"a complex mode has a backward error of {result.backward_error.max():.1e} (λ = "
+             f"{result.eigenvalues[result.backward_error.argmax()]:.5g}). Ask for fewer, or scale the matrices",
+             FemsubWarning)
+    lost, unit = blurred(pencil, result.shapes)
+    if (lost := lost & ~result.rigid).any():
+        size = np.where(lost, np.abs(result.eigenvalues), 0.0)
+        result = replace(result, error_bar=np.maximum(result.error_bar, size))
+        warn(f"{int(lost.sum())} eigenvalues, up to |λ| = {size.max():.3g}, have an elastic energy within the rounding of K's "
+             f"entries, which are known to about {unit:.0e} of each. Most likely they are rigid-body motion; their stability is "
+             "undecided. Write K with all digits (17)", ConditionWarning)
+    result = replace(result, searched=None if region.box is None else (*region.box[:3], min(region.box[3], cutoff)),
+                     tally=found.tally,
+                     counted=None if found.counted is None else (found.counted.radius, found.counted.number),
+                     full_growth=_of_full(model, result.eigenvalues))
+    log.info("%r", result)
+    return result
+
+
+def _of_full(model: Substructure | Pencil, values: Array) -> Array | None:
+    estimate = getattr(model, "estimate", None)
+    if estimate is None or not len(estimate.located):
+        return None
+    found: Array = estimate.growth_of_full(values)
+    return found
+
+
+def _with_contacts(model: Substructure | Pencil, contacts: Contacts) -> tuple[Pencil, float]:
+    """The pencil with contacts linearised, and the cut-off of the model."""
+    if isinstance(model, Pencil):
+        if contacts is not None:
+            raise InputError("a Pencil has no ports for contacts. Put the contact into D, or use a Substructure")
+        pencil, cutoff = model, np.inf
+    else:
+        pencil, cutoff = instance("model", model, Substructure, "or a Pencil").linearised(contacts), model.cutoff
+    if pencil.norms[0] == 0 and pencil.norms[1] == 0:
+        raise InputError("M and D are both zero, so there are no eigenvalues")
+    return pencil, cutoff
+
+
+def with_bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None = None,
+              cutoff: float = np.inf) -> ComplexModes:
+    """`ComplexModes` of eigenpairs λ (k,), X (n, k), with error bars from their left vectors Y (n, k), see `bars`."""
+    # C order: a sparse product would copy anything else into that order, each time
+    X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
+    backward, bar, condition = bars(pencil, values, X, Y, known)
+    rigid = (values == 0) & (bar == 0)
+    return ComplexModes(values, X, backward, bar, rigid, beyond(np.abs(values.imag), cutoff), condition=condition)

@@ -1,0 +1,354 @@
+"""All eigenvalues of a small quadratic pencil, by LAPACK on a linearisation scaled to energy.
+
+With M positive definite the undamped modes come first: K_s Φ = MΦΩ² with K_s the symmetric part of K, and the state is
+(Ωq, q̇) in modal coordinates,
+
+    λ [a; b] = [[0, Ω], [-H Ω⁻¹, -C]] [a; b],   H = ΦᵀKΦ, C = ΦᵀDΦ, a = Ωq, b = λq.
+
+For a symmetric K this matrix is skew-symmetric except for the damping, hence nearly normal. So eigenvalues from 1e-5 to 1e7
+are as accurate as their condition allows. If M is not definite, see `singular_mass`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.algebra.matrices import is_symmetric, unit_length
+from femsub.algebra.rigid_motion import RigidMotion, unresisted
+from femsub.algebra.threads import FEW, one_thread
+from femsub.checks import EPS, Array
+from femsub.errors import InputError, SingularMatrixError
+from femsub.modes.dense import dense_modes
+from femsub.modes.quadratic import rigid_apart, singular_mass
+from femsub.modes.quadratic.singular_mass import REGULAR
+from femsub.modes.shift_invert import (
+    RIGID,
+    ShiftInvert,
+    costs_nothing,
+    energy_ratio,
+    motion_of,
+    rounding,
+    rounding_ratio,
+    units,
+)
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+
+SLOW = 0.1  # ‖λq‖ of a state of length 1 below which q follows from Ωq
+STILL = 1e-12  # ‖λq‖ below which the rigid part of q would be rounding
+APART = 1e-3  # relative distance of two eigenvalues that are certainly not one
+
+
+@dataclass(frozen=True, eq=False)
+class ModalForm:
+    """A dense pencil in its undamped modes: Φ (n, n), Ω > 0 (n,), H = ΦᵀKΦ, C = ΦᵀDΦ; the first `rigid` have KΦ = 0.
+
+    H is None if K is symmetric: then it is diag(±Ω²), with `sign`.
+    """
+
+    shapes: Array
+    omega: Array
+    sign: Array
+    H: Array | None
+    C: Array
+    rigid: int
+
+    def state(self, C: Array | None = None) -> Array:
+        """The state matrix, shape (2n - rigid, 2n - rigid). A rigid-body mode has no potential energy, hence no state a."""
+        damping = self.C if C is None else C
+        n, r = len(self.omega), self.rigid
+        A = np.zeros((2 * n - r, 2 * n - r))
+        A[:n - r, n:] = np.diag(self.omega[r:])
+        A[n - r:, n - r:] = -damping
+        rows = np.arange(n - r)
+        if self.H is None:
+            A[n + rows, rows] = -(self.sign * self.omega)[r:]
+        else:
+            A[n - r:, :n - r] = -self.H[:, r:] / self.omega[r:]
+        return A
+
+    def at(self, s: complex) -> Array:
+        """ΦᵀP(s)Φ, shape (n, n).
+
+        Ω² + s² is computed as (Ω + is)(Ω - is): near a resonance a difference of squares would lose the relevant digits.
+        """
+        elastic = np.arange(len(self.omega)) >= self.rigid
+        stiffness = np.diag(self.sign * self.omega**2 * elastic) if self.H is None else self.H
+        P = (stiffness + s**2 * np.eye(len(self.omega)) + s * self.C).astype(complex)
+        if self.H is None:
+            gap = (self.omega + 1j * s) * (self.omega - 1j * s) + s * self.C.diagonal()
+            np.fill_diagonal(P, np.where((self.sign > 0) & elastic, gap, P.diagonal()))
+        return P
+
+
+def definite_form(pencil: Pencil) -> ModalForm:
+    """The modal form of a pencil, made dense; an InputError if its M is not definite."""
+    form = modal_form(pencil.dense())
+    if form is None:
+        raise InputError("M is singular or nearly so (massless DOF), but the stability border needs a regular M. Condense such "
+                         "DOF, or give them a little mass. In a reduced model keep fewer modes, or take Rubin in place of "
+                         "MacNeal, whose interface has no mass. complex_modes and sweep accept a singular M")
+    return form
+
+
+def modal_form(pencil: Pencil) -> ModalForm | None:
+    """The modal form of a dense pencil, or None if M is not symmetric positive definite."""
+    with one_thread(pencil.size <= FEW):
+        return _modal_form(pencil)
+
+
+def _modal_form(pencil: Pencil) -> ModalForm | None:
+    M, K = pencil.M, pencil.K
+    if not is_symmetric(M):
+        return None
+    symmetric = is_symmetric(K)
+    with np.errstate(all="ignore"):
+        try:
+            scale = M.diagonal() ** -0.5
+            if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
+                return None
+            motion = motion_of(pencil.rigid_motion)
+            values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K, motion)
+        except la.LinAlgError:
+            return None
+    omega = np.sqrt(np.abs(values))
+    omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # where it differs from the frequency it is only a scaling
+    H = None
+    if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
+        H = shapes.T @ (K @ shapes)
+    shapes, C = _unbraked(pencil.D, shapes, rigid, units(M), motion)
+    return ModalForm(shapes, omega, np.sign(values), H, C, rigid)
+
+
+def _undamped(still: Array, M: Array, K: Array, motion: RigidMotion | None) -> tuple[Array, Array, int]:
+    """ω² (n,) and Φ (n, n) of the symmetric part of K, and the number of rigid-body modes, which come first with ω² = 0.
+
+    While LAPACK computes the others, rigid-body modes are shifted to a quarter of the lowest elastic ω², as in `normal_modes`.
+    A `motion` that the pencil carries is taken as it is.
+    """
+    if motion is not None and motion.count:
+        Z, lowest = _given(still, M, motion)
+    else:
+        values, shapes = _by_lapack(still, M)
+        low = np.abs(values) <= 1e-8 * np.abs(values).max()
+        if motion is not None or not low.any():
+            return values, shapes, 0
+        Z, lowest = _rigid(still, M, values, shapes, low)
+        if still is not K:
+            Z, loose = unresisted(K - still, Z, units(M))
+            Z = Z[:, loose]
+    r = Z.shape[1]
+    if 0 < r < len(M):
+        held = M @ Z
+        values, shapes = _by_lapack(still + 0.25 * lowest * (held @ held.T), M)
+        order = np.argsort(-np.linalg.norm(held.T @ shapes, axis=0), kind="stable")
+        rest = np.sort(order[r:])
+        values, shapes = np.append(np.zeros(r), values[rest]), np.hstack([Z, shapes[:, rest] - Z @ (held.T @ shapes[:, rest])])
+    elif r:
+        values, shapes = np.zeros(r), Z
+    return values, shapes, r
+
+
+def _by_lapack(K: Array, M: Array) -> tuple[Array, Array]:
+    try:
+        return dense_modes(K, M)
+    except SingularMatrixError:  # floating, or made indefinite by friction
+        values, shapes = la.eigh(K, M, check_finite=False)
+        return values, shapes
+
+
+def _given(K: Array, M: Array, motion: RigidMotion) -> tuple[Array, float]:
+    """The M-orthonormal rigid-body modes (n, r) of a given motion, in the same order, and the lowest elastic ω²."""
+    Z: Array = motion.shapes @ np.linalg.inv(np.linalg.qr(np.sqrt(M.diagonal())[:, None] * motion.shapes)[1])
+    Z = Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ M @ Z)).T  # triangular factors: the first motions stay the first
+    try:
+        lowest = ShiftInvert(K, M, carried=motion).lowest
+    except SingularMatrixError:  # a negative stiffness
+        own, shapes = la.eigh(K, M, check_finite=False)
+        order = np.argsort(-np.linalg.norm(Z.T @ M @ shapes, axis=0), kind="stable")
+        lowest = float(np.abs(own[order[motion.count:]]).min(initial=np.inf))
+    return Z, lowest if np.isfinite(lowest) and lowest > 0 else float((np.abs(K.diagonal()) / M.diagonal()).max()) or 1.0
+
+
+def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tuple[Array, float]:
+    """The M-orthonormal rigid-body modes Z (n, r), and the lowest elastic ω². If K is semidefinite, `ShiftInvert` decides."""
+    try:
+        handle = ShiftInvert(K, M)
+    except SingularMatrixError:  # a negative stiffness, or a large stiffness contrast
+        top = float(np.abs(values).max()) or 1.0
+        return _annihilated(K, M, _cleaned(K, M, shapes[:, low], top)), float(np.abs(values[~low]).min(initial=top))
+    return handle.rigid, handle.lowest if np.isfinite(handle.lowest) else float(np.abs(values).max())
+
+
+def _annihilated(K: Array, M: Array, x: Array) -> Array:
+    """An M-orthonormal basis of those motions in the span of x (n, k) that have Kx = 0 within rounding.
+
+    A single motion may move only DOF whose entries in K are rounding. Example: a reduced block joined at a few nodes in
+    one plane has no stiffness across the plane. Such a motion causes no large forces with which its own could be compared.
+    Combined with the other rigid-body modes it does.
+    """
+    x = x @ np.linalg.inv(np.linalg.cholesky(x.T @ M @ x)).T
+    unit = units(K)[:, None]
+    force, turn = np.linalg.svd(unit * (K @ x), full_matrices=False)[1:]
+    x = x @ turn[::-1].T
+    most = int(np.count_nonzero(force <= RIGID * np.linalg.norm(unit * (abs(K) @ abs(x)))))
+    for count in range(most, 0, -1):
+        mix = np.linalg.qr(np.random.default_rng(7).standard_normal((count, count)))[0]
+        if costs_nothing(K, x[:, :count] @ mix).all():
+            return x[:, :count]
+    return x[:, :0]
+
+
+def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
+    """Which shapes (n, k) have an elastic energy within the rounding of K's entries, where these show more than eps; and that."""
+    K = pencil.symmetric_stiffness
+    unit = rounding(K)
+    return (np.abs(energy_ratio(K, X)) <= unit) & (unit > EPS), unit
+
+
+def _unbraked(D: Array, shapes: Array, rigid: int, unit: Array, motion: RigidMotion | None) -> tuple[Array, Array]:
+    """C = ΦᵀDΦ, with exact zeros for rigid motions that D does not damp.
+
+    Each of these has a double eigenvalue at 0, which rounding in C would split.
+    """
+    C = shapes.T @ (D @ shapes)
+    if not rigid:
+        return shapes, C
+    z, free = (shapes[:, :rigid], np.arange(motion.free)) if motion is not None else unresisted(D, shapes[:, :rigid], unit)
+    shapes = np.hstack([z, shapes[:, rigid:]])
+    C = shapes.T @ (D @ shapes)
+    C[:, free] = 0.0
+    if is_symmetric(D):
+        C[free] = 0.0
+    return shapes, C
+
+
+def _cleaned(K: Array, M: Array, x: Array, top: float) -> Array:
+    # The softest modes contain rounding of the stiffest ones; two solves with K + sM remove it.
+    sigma = 1e-10 * top
+    with np.errstate(all="ignore"):
+        try:
+            factor = la.lu_factor(K + sigma * M, check_finite=False)
+        except la.LinAlgError:
+            return x
+        for _ in range(2):
+            x = la.lu_solve(factor, M @ x, check_finite=False)
+            x = x / np.sqrt(np.abs(np.einsum("ij,ij->j", x, M @ x)))
+    return x
+
+
+def eigenvalues(form: ModalForm, C: Array | None = None) -> Array:
+    """All 2n eigenvalues of the modal form, exact zeros of rigid motion included; C = ΦᵀDΦ may be replaced."""
+    with one_thread(len(form.omega) <= FEW):
+        return np.concatenate([np.zeros(form.rigid), la.eigvals(form.state(C), check_finite=False)])
+
+
+def with_energy(values: Array, q: Array, C: Array) -> Array:
+    """Re λ = -q̄ᵀCq / (2 q̄ᵀq) for the complex λ of a symmetric pencil in modal form, C (n, n), q (n, k).
+
+    It follows from q̄ᵀP(λ)q = 0 with real coefficients. It is accurate even if Re λ is smaller than the rounding of λ, as
+    for the low modes of a large model with a single dashpot.
+    """
+    decay = np.einsum("ij,ij->j", q.conj(), C @ q).real / np.maximum(np.einsum("ij,ij->j", q.conj(), q).real, 1e-300) / 2
+    return np.where(values.imag != 0, -decay + 1j * values.imag, values)
+
+
+def solve(pencil: Pencil) -> tuple[Array, Array, Array]:
+    """λ (2n,), right shapes X (n, 2n), left shapes Y (n, 2n), yᴴP(λ) = 0, of a dense pencil, without infinite λ.
+
+    Conjugates are exact conjugates. Columns have unit length.
+    """
+    with one_thread(pencil.size <= FEW):
+        return _solved(pencil)
+
+
+def _solved(pencil: Pencil) -> tuple[Array, Array, Array]:
+    if (freed := pencil.freed) is not None:
+        values, X, Y = _solved(freed.pencil)
+        return values, *freed.shapes(values, X, Y)
+    bare = singular_mass.bare(pencil)
+    form = modal_form(pencil) if not len(bare) else None
+    if form is None and (motion := motion_of(pencil.rigid_motion)) is not None and motion.count and all(pencil.symmetric):
+        return rigid_apart.solve(pencil, motion, solve)
+    if len(bare):
+        return singular_mass.condensed(pencil, bare, solve)
+    if form is None:
+        return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.companion(pencil)))
+    return _lifted(pencil, *_by_modes(pencil.size, form))
+
+
+def carries(pencil: Pencil) -> bool:
+    """Whether the rigid motion of a pencil is known from its parts."""
+    return motion_of(pencil.rigid_motion) is not None
+
+
+def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array) -> tuple[Array, Array, Array]:
+    """The same eigenpairs, but λ = 0 only where Kx = 0 within rounding: rounding has put others there.
+
+    Beside a damping 1e17 times larger, -k/d is lost. It is the smaller root of λ²yᴴMx + λyᴴDx + yᴴKx, after a step of inverse
+    iteration with P at the first of these roots.
+    """
+    at = np.flatnonzero(values == 0)
+    if not len(at) or carries(pencil):  # K may hold nothing of these coordinates but rounding
+        return values, X, Y
+    lost = ~(np.isfinite(X[:, at]).all(axis=0) & np.isfinite(Y[:, at]).all(axis=0))  # LAPACK's vectors of such a λ may overflow
+    if lost.any():
+        X, Y = X.copy(), Y.copy()
+        X[:, at[lost]] = Y[:, at[lost]] = np.eye(len(X))[:, [int(np.abs(pencil.K).max(axis=0).argmax())]]
+    at = at[rounding_ratio(pencil.K, X[:, at]) > RIGID]
+    values, X, Y = (part.copy() for part in (values, X, Y)) if len(at) else (values, X, Y)
+    for i in at:
+        value, x, y = 0.0, X[:, i], Y[:, i] if Y[:, i].any() else X[:, i].conj()
+        for _ in range(3):
+            value = _smaller_root(*(np.vdot(y, A @ x) for A in (pencil.M, pencil.D, pencil.K)))
+            try:
+                near = pencil.at(value)
+                new = np.linalg.solve(near, x), np.linalg.solve(near.T, y)
+            except np.linalg.LinAlgError:  # λ is exact
+                break
+            if not all(np.isfinite(part).all() and part.any() for part in new):
+                break
+            x, y = (unit_length((part / np.abs(part).max())[:, None])[:, 0] for part in new)  # lengths may overflow
+        if not value or not np.isfinite([x, y]).all() or rounding_ratio(pencil.K, x[:, None])[0] <= RIGID:
+            continue
+        if (np.abs(np.delete(values, i) - value) > APART * abs(value)).all():  # and not one that is listed
+            values[i], X[:, i], Y[:, i] = value, x, y
+    return values, X, Y
+
+
+def _smaller_root(m: complex, d: complex, k: complex) -> float:
+    """That of λ²m + λd + k, a real one or the real part of a pair."""
+    m, d, k = m.real, d.real, k.real
+    far = abs(d) + np.sqrt(max(d * d - 4 * m * k, 0.0))
+    return float(-2 * k / np.copysign(far, d)) if far > 0 else 0.0
+
+
+def _by_modes(n: int, form: ModalForm) -> tuple[Array, Array, Array]:
+    """By LAPACK on the state matrix of the modal form."""
+    r = form.rigid
+    plain = form.H is None and is_symmetric(form.C)
+    state = form.state()
+    if plain:
+        values, right = la.eig(state, check_finite=False)
+        left = right.conj()
+    else:
+        values, left, right = la.eig(state, left=True, right=True, check_finite=False)
+    if plain and (form.sign[r:] > 0).all():
+        values = with_energy(values, right[n - r:], form.C)
+    X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
+    # b = λq vanishes with λ, and has a relative rounding of EPS/‖b‖: for small λ the elastic part of the shape is that of a = Ωq
+    moved = np.linalg.norm(right[n - r:], axis=0)
+    slow = moved < SLOW
+    X[:, slow] = form.shapes[:, r:] @ (right[:n - r, slow] / form.omega[r:, None])
+    gliding = slow & (moved >= STILL)
+    pace = values if np.iscomplexobj(right) else values.real
+    X[:, gliding] += form.shapes[:, :r] @ (right[n - r:n, gliding] / pace[gliding])
+    values, X, Y = np.append(values, np.zeros(r)), np.hstack([X, form.shapes[:, :r]]), np.hstack([Y, form.shapes[:, :r]])
+    if plain:
+        Y = X.conj()
+    return values, unit_length(X), unit_length(Y)

@@ -1,0 +1,171 @@
+"""A⁻¹B of the full model, where A is K and a small addition: by a factor of the whole, or by the factors of a system's parts."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.algebra.factor import DenseFactor
+from femsub.algebra.matrices import Difference
+from femsub.checks import Array, Matrix
+from femsub.coupling.assembly import System
+from femsub.coupling.joined import linked, rows_of_parts, sprung
+from femsub.errors import SingularMatrixError
+from femsub.modes.shift_invert import ShiftInvert
+
+if TYPE_CHECKING:
+    from femsub.model.substructure import Substructure
+
+log = logging.getLogger(__name__)
+
+SOFT = 1e-3  # stiffness added to each DOF between the parts, relative to its own: holds what floats. With less, rounding in rigid
+# motion decides the solutions; modes far below this lose digits with more
+STATIC = 1e-9  # ‖K_ii Ψ + K_ib‖, relative to its terms, up to which columns of a basis are constraint modes
+WIDE = 5000  # DOF between the parts up to which the dense matrix of these is factorised
+COLUMNS = 64  # right-hand sides at a time
+
+
+class FullSolve(Protocol):
+    """A = K + S, symmetric positive definite, S ≥ 0 small. `whole` says why the whole was factorised, where it was.
+
+    K may hold the stiffness of contacts.
+    """
+
+    whole: str
+    factorisations: int
+
+    def product(self, X: Array) -> Array: ...
+
+    def solve(self, B: Array) -> Array: ...
+
+    def added(self, V: Array, M: Array) -> Array:
+        """VᵀSV, where M is VᵀMV."""
+
+
+class ByWhole:
+    """A = K - σM by a factor of the whole."""
+
+    def __init__(self, K: Matrix, M: Matrix, why: str) -> None:
+        handle = ShiftInvert(K, M)
+        self.whole, self.factorisations, self._handle = why, handle.factorisations, handle
+        self._A = Difference(handle.K, handle.M, handle.sigma)
+
+    def product(self, X: Array) -> Array:
+        return self._A @ X
+
+    def solve(self, B: Array) -> Array:
+        return self._handle.factor.solve(B)
+
+    def added(self, V: Array, M: Array) -> Array:
+        return -self._handle.sigma * M
+
+
+class ByParts:
+    """A = K + E diag(s) Eᵀ, E the DOF b between the parts, by the factors of the parts with their interfaces held:
+
+        A⁻¹ = Σ_p K_ii,p⁻¹ + T S_b⁻¹ Tᵀ,   T = [I; Ψ],   S_b = K_bb + K_bi Ψ + diag(s),   Ψ = -K_ii⁻¹ K_ib,
+
+    which is block elimination. Reductions by Craig-Bampton and Hurty have made the factors and Ψ. S_b (n_b, n_b) is dense.
+
+    References
+    ----------
+    J. S. Przemieniecki, AIAA J. 1 (1963) 138; B. Smith, P. Bjorstad, W. Gropp, Domain Decomposition (1996), ch. 4.
+    """
+
+    whole = ""
+
+    def __init__(self, full: System, rom: System) -> None:
+        self._K = full.K
+        self._parts: list[tuple[Array, ShiftInvert, Array, Matrix]] = []
+        L, own = sp.csr_array(full.L), _apart(full)
+        handles = {name: ShiftInvert(part.K, part.M, part.interior) for name, part in full.parts.items() if name in own}
+        self.factorisations = sum(handle.factorisations for handle in handles.values())
+        if loose := [name for name, handle in handles.items() if handle.floating]:
+            raise SingularMatrixError(f"the interface does not hold {loose[0]!r}")
+        places = {name: L[at.start + full.parts[name].interior].indices for name, at in own.items()}  # each is a coordinate
+        self._b = np.setdiff1d(np.arange(full.size), np.concatenate(list(places.values())))
+        condensed = full.K[self._b][:, self._b]
+        condensed = condensed.toarray() if sp.issparse(condensed) else condensed
+        for name, at in own.items():
+            part, handle = full.parts[name], handles[name]
+            loads = part.K[part.interior][:, part.interface]
+            static = _constraint_modes(part, rom.parts[name], handle, loads)
+            reach = L[at.start + part.interface][:, self._b]
+            condensed += reach.T @ ((loads.T @ static) @ reach)
+            self._parts.append((places[name], handle, static, reach))
+        self._soft = SOFT * np.abs(condensed.diagonal())
+        self._factor = DenseFactor((condensed + condensed.T) / 2 + np.diag(self._soft), "definite")
+
+    def product(self, X: Array) -> Array:
+        found = self._K @ X
+        found[self._b] += self._soft[:, None] * X[self._b]
+        return found
+
+    def solve(self, B: Array) -> Array:
+        found, load = np.zeros(B.shape), B[self._b]
+        for place, handle, static, reach in self._parts:
+            found[place] = handle.factor.solve(B[place])
+            load = load + reach.T @ (static.T @ B[place])
+        found[self._b] = self._factor.solve(load)
+        for place, _, static, reach in self._parts:
+            found[place] += static @ (reach @ found[self._b])
+        return found
+
+    def added(self, V: Array, M: Array) -> Array:
+        return (self._soft[:, None] * V[self._b]).T @ V[self._b]
+
+
+def solve_of(full: Substructure, rom: Any, K: Matrix) -> FullSolve:
+    """By the parts where the full model is a system whose parts can be held at their interfaces, else by the whole.
+
+    K is that of the full model, or holds the stiffness of contacts, too.
+    """
+    why = "it is no system of parts" if K is full.K else "a contact adds to its stiffness"
+    if isinstance(full, System) and isinstance(rom, System) and K is full.K:
+        why = _against(full)
+        if not why:
+            try:
+                return ByParts(full, rom)
+            except SingularMatrixError as error:
+                why = str(error)
+        log.info("%r is factorised as a whole: %s", full.name, why)
+    return ByWhole(K, full.M, why)
+
+
+def _apart(full: System) -> dict[str, slice]:
+    """The parts with an inside of their own: a physical interface and DOF that are not in it; and their rows in L."""
+    return {name: at for (name, part), at in zip(full.parts.items(), rows_of_parts(full.parts), strict=True)
+            if len(part.interior) and 0 < len(part.interface) == part.interface_rows.shape[0]}
+
+
+def _against(full: System) -> str:
+    """Why a system cannot be solved by its parts; empty if it can."""
+    if full.multipliers:
+        return "it is assembled by multipliers"
+    own = _apart(full)
+    moved = sprung(full.parts, [linked(joint, full.parts) for joint in full.joints])
+    for name, at in own.items():
+        if moved[at.start + full.parts[name].interior].any():
+            return f"a spring or damper acts on a port inside {name!r}"
+    between = full.size - sum(len(full.parts[name].interior) for name in own)
+    if between > WIDE:
+        return f"it has {between} DOF between its parts, more than {WIDE}"
+    return "" if own else "no part has DOF inside its interface"
+
+
+def _constraint_modes(part: Substructure, rom: Any, handle: ShiftInvert, loads: Matrix) -> Array:
+    """Ψ = -K_ii⁻¹ K_ib (n_i, n_b): those of the reduced part's basis if it has them, else solved for."""
+    columns, kinds = rom.interface, getattr(rom, "kinds", ())  # of a reduced part
+    if kinds and len(columns) == len(part.interface) and all(kinds[j] == "constraint" for j in columns):
+        static = rom.V[np.ix_(part.interior, columns)]
+        forces = handle.K @ static
+        if np.linalg.norm(forces + loads) <= STATIC * (np.linalg.norm(abs(handle.K) @ abs(static)) + sp.linalg.norm(loads)):
+            return static
+    static = np.empty(loads.shape, order="F")
+    for start in range(0, loads.shape[1], COLUMNS):
+        block = loads[:, start:start + COLUMNS]
+        static[:, start:start + COLUMNS] = handle.factor.solve(-(block.toarray(order="F") if sp.issparse(block) else block))
+    return static

@@ -1,0 +1,149 @@
+"""Equal and almost equal eigenvalues of a sparse search: duplicates are removed, several searches are merged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+
+from femsub.algebra.matrices import unit_length
+from femsub.checks import Array
+from femsub.errors import NotConvergedError
+from femsub.model.bands import DOUBLE
+
+SAME = 1e-10  # |Δλ| / |λ| up to which two results may be the same eigenvalue; rounding splits a defective one by more
+PARALLEL = 1e-6  # two unit vectors are the same up to this remainder; those of a double eigenvalue differ by more
+SPLIT = 1e-5  # |Δλ| / |λ| between the results of two searches for a defective eigenvalue: the root of their tolerance
+NEW = 1e-3  # a shape is new if this share of it lies outside the span of the cluster's shapes
+FETCHES = 3  # additional searches, each from another start, for missing eigenvalues
+
+
+class Search:
+    """Eigenvalues nearest to a shift, by several searches from different starts; their results are merged.
+
+    `nearest` (number, seed) → λ (k,), X (n, k) makes one search. `searches` is the number so far, `ask` the last number asked.
+    """
+
+    def __init__(self, nearest: Callable[[int, int], tuple[Array, Array]], size: int) -> None:
+        self.nearest, self.size, self.searches, self.ask = nearest, size, 1, 0
+        self.pool: tuple[Array, Array] = np.zeros(0), np.zeros((size, 0))
+
+    @property
+    def exhausted(self) -> bool:
+        return self.searches > FETCHES
+
+    def found(self, ask: int) -> tuple[Array, Array]:
+        """λ and X of a search for `ask` eigenvalues."""
+        if ask != self.ask:
+            new = self.nearest(ask, self.searches)
+            self.pool = joined(*self.pool, *new) if self.searches > 1 else new
+            self.ask = ask
+        return self.pool
+
+    def more(self, ask: int, missed: int) -> int:
+        """The number to ask for in a new search if `missed` eigenvalues are missing."""
+        self.searches, self.ask = self.searches + 1, 0
+        return min(ask + 2 * missed + 10, 2 * self.size)
+
+    def settled(self) -> bool:
+        """Whether all clusters are complete: there is none, or another search finds the same eigenvalues."""
+        values, X = self.pool
+        if self.exhausted or not clusters(values[values != 0], DOUBLE):
+            return True
+        self.searches += 1
+        with suppress(NotConvergedError):
+            self.pool = joined(values, X, *self.nearest(self.ask, self.searches))
+        return len(self.pool[0]) == len(values)
+
+
+def distinct(values: Array, X: Array) -> tuple[Array, Array]:
+    """λ (k,) and X (n, k) without duplicates: eigenpairs whose eigenvalue and shape are listed already.
+
+    A duplicate could hide a missing eigenvalue when numbers are compared. Two equal real eigenvalues that rounding has turned
+    into a pair, of which only Im λ > 0 is listed, become two again, with Re x and Im x.
+    """
+    values, X = _without_false_pairs(values, X)
+    keep = np.ones(len(values), dtype=bool)
+    for group in clusters(values, SAME):
+        if values[group[0]] == 0:
+            continue  # rigid-body motion: its number is known
+        R, order = la.qr(unit_length(X[:, group]), mode="r", pivoting=True, check_finite=False)
+        small = np.abs(R.diagonal()) <= PARALLEL
+        keep[group[order[len(small) - np.count_nonzero(small):]]] = False
+    return (values, X) if keep.all() else (values[keep], X[:, keep])
+
+
+def _without_false_pairs(values: Array, X: Array) -> tuple[Array, Array]:
+    false = np.flatnonzero((values.imag != 0) & (np.abs(values.imag) <= SAME * np.abs(values)))
+    parts = (np.column_stack([x.real, x.imag]) for x in unit_length(X[:, false]).T)
+    false = false[np.array([la.svdvals(part)[1] > PARALLEL for part in parts], dtype=bool)]
+    if not len(false):
+        return values, X
+    values, X = np.append(values, values[false].real), np.hstack([X, X[:, false].imag])
+    values[false], X[:, false] = values[false].real, X[:, false].real
+    return values, unit_length(X)
+
+
+def joined(values: Array, X: Array, more: Array, Y: Array) -> tuple[Array, Array]:
+    """The eigenpairs (λ, X) of one search together with the new ones of another search, (more, Y).
+
+    A search from one start vector finds one direction of each eigenspace, and others only by rounding. Another start finds
+    others. In a known cluster only shapes outside its span are new.
+    """
+    known = len(values)
+    both, new = np.append(values, more), np.ones(len(more), dtype=bool)
+    for group in clusters(both, SPLIT):
+        old, late = group[group < known], group[group >= known] - known
+        if not len(old) or not len(late):
+            continue
+        if both[group[0]] == 0:
+            new[late] = False
+            continue
+        Q = la.qr(X[:, old], mode="economic", check_finite=False)[0]
+        for j in late:
+            rest = Y[:, j] / np.linalg.norm(Y[:, j])
+            for _ in range(2):
+                rest = rest - Q @ (Q.conj().T @ rest)
+            length = np.linalg.norm(rest)
+            new[j] = length > NEW
+            if new[j]:
+                Q = np.column_stack([Q, rest / length])
+    return np.append(values, more[new]), np.hstack([X, Y[:, new]])
+
+
+def clusters(values: Array, radius: float) -> list[Array]:
+    """Clusters of values (k,) connected by relative distances ≤ radius: indices of groups of two or more; zeros are one group."""
+    from scipy.spatial import cKDTree
+
+    size = np.abs(values)
+    zeros, at = np.flatnonzero(size == 0), np.flatnonzero(size)
+    found = [zeros] if len(zeros) > 1 else []
+    if len(at) > 1:
+        relative = np.stack([np.log(size[at]), np.angle(values[at])], axis=1)
+        pairs = cKDTree(relative).query_pairs(radius, output_type="ndarray")
+        links = sp.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(at), len(at)))
+        label = sp.csgraph.connected_components(links, directed=False)[1]
+        order = np.argsort(label, kind="stable")
+        groups = np.split(at[order], np.flatnonzero(np.diff(label[order])) + 1)
+        found += [group for group in groups if len(group) > 1]
+    return found
+
+
+def clear_radius(size: Array, count: int) -> float:
+    """A radius at which the first `count` eigenvalues can be counted, given the sizes |λ|, ascending (k,).
+
+    It lies in the widest gap behind them. If there is no gap, because they end inside a cluster, it lies just below the
+    cluster. Then no smaller eigenvalue is missing, and any member of the cluster may be listed.
+    """
+    tail = size[count - 1:]
+    if len(tail) > 1 and tail[-1] > 0:
+        floor = np.maximum(tail, 1e-3 * tail[-1])
+        ratios = floor[1:] / floor[:-1]
+        at = int(np.argmax(ratios))
+        if ratios[at] > 1 + DOUBLE:
+            return float(np.sqrt(floor[at] * floor[at + 1]))
+    gaps = np.flatnonzero(np.diff(size[:count]) > DOUBLE * size[1:count])
+    return float(size[gaps[-1] + 1 if len(gaps) else 0] * (1 - DOUBLE / 2))

@@ -1,0 +1,137 @@
+"""Newton's method for single eigenpairs of a quadratic pencil, where the eigensolver left an error that is no rounding.
+
+A search is accurate beside the norms of M, D and K. That is worth little where a dashpot is many orders larger than all else.
+The residual shows it entry by entry, and two-sided Newton steps mend it:
+
+    x ← P(λ)⁻¹P'(λ)x,   y ← P(λ)⁻ᴴP'(λ)ᴴy,   λ ← λ - yᴴP(λ)x / yᴴP'(λ)x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import SingularMatrixError
+from femsub.modes.quadratic.bars import bars
+from femsub.modes.quadratic.multiplicity import PARALLEL
+
+if TYPE_CHECKING:
+    from femsub.algebra.factor import ComplexFactor
+    from femsub.model.pencil import Pencil
+
+POOR = 1e-8  # error bar relative to |λ| above which an eigenpair is mended,
+FLOOR = 30.0  # if it is so many times what rounding in P(λ)x alone would make it
+VAGUE = 0.1  # the same above which a pair that cannot be mended may be none
+STEPS = 7  # each with a factorisation
+NEAR = 1e-6  # |Δλ| / |λ| of two pairs that may have become one
+AROUND = 1e-2  # |Δλ| / |λ|, beside the error bar, of mended pairs whose shapes a new one must not take up,
+APART = 3  # in so many first steps: these shapes are taken out of it
+BESIDE = 1e-10  # a shift so far off λ, relatively, where P(λ) itself is singular
+
+
+class Mended(NamedTuple):
+    """λ (k,), X and Y (n, k), which of them were mended, and which are vague: they may be no eigenvalues, bool (k,) each."""
+
+    values: Array
+    X: Array
+    Y: Array
+    done: Array
+    vague: Array
+
+
+def mended(pencil: Pencil, values: Array, X: Array, Y: Array, factor: Callable[[Matrix], ComplexFactor]) -> Mended:
+    """Eigenpairs with Newton steps for those whose error bar is poor.
+
+    A pair is mended only if λ stays within its error bar and its residual falls to rounding. Pairs that are mended already are
+    kept out of it. If two still come to the same shape, the second stays as it was, so none is lost. Without a left vector (a
+    zero column) x̄ is the start.
+    """
+    values, X, Y, done = values.copy(), X.astype(complex), Y.astype(complex), np.zeros(len(values), dtype=bool)
+    if not len(values):
+        return Mended(values, X, Y, done, done)
+    bar = bars(pencil, values, X, np.where(Y.any(axis=0), Y, X.conj())).error_bar
+    poor = _is_poor(pencil, values, X, Y, bar)
+    for k in np.flatnonzero(poor):
+        around = done & (np.abs(values - values[k]) <= max(AROUND * abs(values[k]), bar[k]))
+        others = values[around], X[:, around], Y[:, around]
+        found = _newton(pencil, values[k], X[:, k], Y[:, k] if Y[:, k].any() else X[:, k].conj(), others, factor)
+        if found is None or not abs(found[0] - values[k]) <= max(bar[k], POOR * abs(values[k])):
+            continue
+        near = np.flatnonzero(np.abs(values - found[0]) <= NEAR * abs(found[0]))
+        share = np.abs(found[1].conj() @ X[:, near[near != k]]) / np.linalg.norm(X[:, near[near != k]], axis=0)
+        if (1 - share**2 <= PARALLEL).any():
+            continue
+        values[k], X[:, k], Y[:, k], done[k] = *found, True
+    return Mended(values, X, Y, done, poor & ~done & (bar > VAGUE * np.abs(values)))
+
+
+def _is_poor(pencil: Pencil, values: Array, X: Array, Y: Array, bar: Array) -> Array:
+    """Whether an error bar is large, and larger than rounding explains."""
+    size = np.abs(values)
+    poor = (bar > POOR * size) & (size > 0)
+    rounding, residual = EPS * pencil.magnitude(values, X), np.abs(pencil.residual(values, X))
+    left = np.abs(np.where(Y.any(axis=0), Y, X.conj()))
+    return poor & (np.einsum("ij,ij->j", left, residual) > FLOOR * np.einsum("ij,ij->j", left, rounding))
+
+
+def _newton(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[Array, Array, Array],
+            factor: Callable[[Matrix], ComplexFactor]) -> tuple[complex, Array, Array] | None:
+    """The eigenpair near (λ, x, y), columns of unit length; None if the residual does not fall to rounding."""
+    real, apart = value.imag == 0, APART if len(others[0]) else 0
+    for turn in range(STEPS):
+        if turn < apart:
+            x, y = _without(pencil, x, y, others)
+        solver = _solver(pencil, value, factor)
+        if solver is None:
+            return None
+        x, y = solver.solve(_slope(pencil, value, x)), solver.solve(_slope_left(pencil, value, y).conj(), transposed=True).conj()
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            return None
+        x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+        if turn < apart:
+            x, y = _without(pencil, x, y, others)
+        residual = pencil.residual(np.array([value]), x[:, None])[:, 0]
+        with np.errstate(all="ignore"):
+            step = (y.conj() @ residual) / (y.conj() @ _slope(pencil, value, x))
+        value = value - (step.real if real else step)
+        if not np.isfinite(value):
+            return None
+        if turn >= apart and abs(step) <= 4 * EPS * abs(value):
+            break
+    residual = pencil.residual(np.array([value]), x[:, None])[:, 0]
+    rounding = EPS * pencil.magnitude(np.array([value]), x[:, None])[:, 0]
+    settled = np.abs(y) @ np.abs(residual) <= FLOOR * (np.abs(y) @ rounding)
+    return (value, x, y) if settled else None
+
+
+def _solver(pencil: Pencil, value: complex, factor: Callable[[Matrix], ComplexFactor]) -> ComplexFactor | None:
+    """P(λ)⁻¹, or that of a λ beside it; None if both are singular to working precision, as beside rigid motion."""
+    for beside in (0.0, BESIDE):
+        try:
+            return factor(pencil.at(complex(value * (1 + beside))))
+        except SingularMatrixError:
+            continue
+    return None
+
+
+def _slope(pencil: Pencil, value: complex, x: Array) -> Array:
+    """P'(λ)x."""
+    return 2 * value * (pencil.M @ x) + pencil.D @ x
+
+
+def _slope_left(pencil: Pencil, value: complex, y: Array) -> Array:
+    """P'(λ)ᴴy."""
+    return 2 * np.conj(value) * (pencil.M.T @ y) + pencil.D.T @ y
+
+
+def _without(pencil: Pencil, x: Array, y: Array, others: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+    """x and y with yᵢᴴP'(λᵢ)x = 0 and yᴴP'(λᵢ)xᵢ = 0 for the eigenpairs (λᵢ, xᵢ, yᵢ) near them, and of unit length."""
+    for value, right, left in zip(others[0], others[1].T, others[2].T, strict=True):
+        slope, back = _slope(pencil, value, right), _slope_left(pencil, value, left)
+        whole = left.conj() @ slope
+        x, y = x - right * ((back.conj() @ x) / whole), y - left * (y.conj() @ slope / whole).conj()
+        x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+    return x, y

@@ -1,0 +1,87 @@
+"""The requested region of a spectrum: the eigenvalues nearest to 0, those in a rectangle, or all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from femsub.algebra.factor import QUADRATIC
+from femsub.checks import Array, check_band, interval, whole_number
+from femsub.errors import InputError
+from femsub.model.bands import in_band
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+
+Box = tuple[float, float, float, float]  # (re_lo, re_hi, lo, hi)
+
+
+@dataclass(frozen=True)
+class Region:
+    """`count` eigenvalues nearest to 0, or those in the rectangle `box`; all where both are None."""
+
+    count: int | None = None
+    box: Box | None = None
+
+    @property
+    def is_all(self) -> bool:
+        return self.count is None and self.box is None
+
+    def at_most(self, count: int) -> Region:
+        """The same region of a problem with no more than `count` eigenvalues."""
+        return self if self.count is None else replace(self, count=min(self.count, count))
+
+    def listed(self, values: Array) -> Array:
+        """Indices of the values in the region, in the order of listing."""
+        if self.box is None:
+            return _nearest(values, self.count)
+        inside = np.flatnonzero(in_band(values, self.box[2:], self.box[:2]))
+        return inside[np.argsort(values[inside].imag, kind="stable")]
+
+
+def region_of(pencil: Pencil, count: Any, band: Any, re: Any) -> Region:
+    """The region from the checked arguments of `complex_modes`."""
+    if count is not None and band is not None:
+        raise InputError("give count or band, not both")
+    if re is not None and band is None:
+        raise InputError("re=(a, b) is only valid together with band=(lo, hi)")
+    if count is not None:
+        count, most = whole_number("count", count), 2 * pencil.size
+        if not 1 <= count <= most:
+            raise InputError(f"count must be between 1 and {most}, the number of eigenvalues of {pencil.size} DOF, not {count}")
+    region = Region(count, None if band is None else _rectangle(band, re))
+    if region.is_all and pencil.is_sparse and pencil.size > QUADRATIC:
+        raise InputError(f"a sparse model of {pencil.size} DOF has {2 * pencil.size} eigenvalues: ask for count=20 or "
+                         "band=(lo, hi)")
+    return region
+
+
+def _rectangle(band: Any, re: Any) -> Box:
+    lo, hi = check_band(band)
+    if re is None:
+        return -hi, hi, lo, hi
+    return *interval("re", re), lo, hi
+
+
+def _nearest(values: Array, count: int | None) -> Array:
+    """Indices by |λ|, conjugates side by side with Im λ > 0 first; at least `count`, a pair never split."""
+    with np.errstate(divide="ignore"):
+        size = np.round(np.log(np.abs(values)), 13)  # equal up to rounding of each |λ|, however large others are
+    order = np.lexsort((-values.imag, values.real, size))
+    ordered, taken = values[order], np.zeros(len(values), dtype=bool)
+    result: list[int] = []
+    for i in range(len(order)):
+        if taken[i]:
+            continue
+        if count is not None and len(result) >= count:
+            break
+        taken[i] = True
+        result.append(int(order[i]))
+        if ordered[i].imag != 0:
+            ahead = np.flatnonzero(~taken & (ordered == ordered[i].conj()))
+            if len(ahead):
+                taken[ahead[0]] = True
+                result.append(int(order[ahead[0]]))
+    return np.array(result, dtype=int)

@@ -1,0 +1,317 @@
+"""All eigenvalues of a small pencil whose M is singular or not definite: infinite eigenvalues are removed before QZ.
+
+QZ would list them as finite, of any size and sign: if rounding fills up an M of rank r, it has 2n - 2r very large eigenvalues
+instead of infinite ones. The remaining pencil, or one that cannot be split, goes to QZ in companion form, scaled as proposed
+by Fan, Lin and Van Dooren (SIAM J. Matrix Anal. Appl. 26 (2004) 252).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import scipy.linalg as la
+
+from femsub.algebra.matrices import equilibration, scaled, unit_length
+from femsub.algebra.null_space import SINGULAR
+from femsub.checks import EPS, Array
+from femsub.model.pencil import Pencil
+
+REGULAR = 1e12  # condition up to which a matrix is inverted
+UNSURE = 8.0  # factor about the limit of a rank within which a singular value may be rounding or not
+ROUNDED = 20.0  # roundings that an entry of a product may have
+Eigenpairs: TypeAlias = tuple[Array, Array, Array]  # λ (k,), right and left shapes (n, k) of unit length
+Solver: TypeAlias = Callable[[Pencil], Eigenpairs]  # of a pencil with a regular M
+
+
+def bare(pencil: Pencil) -> Array:
+    """DOF with neither mass nor damping, if they can be condensed statically: they have no dynamics."""
+    M, D, K = pencil.M, pencil.D, pencil.K
+    bare = np.flatnonzero(~sum(part.any(axis=axis) for part in (M, D) for axis in (0, 1)).astype(bool))
+    if len(bare) in (0, pencil.size) or not _regular(K[np.ix_(bare, bare)]):
+        return bare[:0]
+    return bare
+
+
+def _regular(A: Array) -> bool:
+    """Whether A, after equilibration, is well conditioned enough to be inverted."""
+    return bool(np.linalg.cond(scaled(A, *equilibration(A))) < REGULAR) if A.size else True
+
+
+def condensed(pencil: Pencil, bare: Array, solve: Solver) -> Eigenpairs:
+    """Eigenpairs of the other DOF with K_mm - K_mb K_bb⁻¹ K_bm, extended statically to the bare DOF, right and left."""
+    rest = np.setdiff1d(np.arange(pencil.size), bare)
+    K = pencil.K
+    right = -np.linalg.solve(K[np.ix_(bare, bare)], K[np.ix_(bare, rest)])
+    left = -np.linalg.solve(K[np.ix_(bare, bare)].T, K[np.ix_(rest, bare)].T)
+    stiffness = K[np.ix_(rest, rest)] + K[np.ix_(rest, bare)] @ right
+    values, x, y = solve(Pencil(pencil.M[np.ix_(rest, rest)], pencil.D[np.ix_(rest, rest)], stiffness))
+    X, Y = (np.zeros((pencil.size, len(values)), dtype=complex) for _ in range(2))
+    X[rest], X[bare], Y[rest], Y[bare] = x, right @ x, y, left @ y
+    return values, unit_length(X), unit_length(Y)
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """UᵀMV = diag(Σ, 0, 0) and, on the null space of M, UᵀDV = diag(Δ, 0): three groups of coordinates q = (q₁, q_a, q_b).
+
+    U and V (n, n) are regular, and equal if M and D are symmetric. `clear` tells whether no rank depends on rounding.
+    """
+
+    U: Array
+    V: Array
+    mass: Array
+    drag: Array
+    clear: bool
+
+    @property
+    def groups(self) -> tuple[slice, slice, slice]:
+        rank, damped = len(self.mass), len(self.mass) + len(self.drag)
+        return slice(rank), slice(rank, damped), slice(damped, len(self.U))
+
+
+def parts_of(pencil: Pencil) -> Parts:
+    """The coordinates with mass, with damping alone, and with neither.
+
+    DOF without mass stay as they are: among their own damping, small beside that of others, no rounding of others comes in.
+    """
+    rows, columns = _units_of_mass(pencil)
+    M, D = scaled(pencil.M, rows, columns), scaled(pencil.D, rows, columns)
+    n = pencil.size
+    bare = ~M.any(axis=0) & ~M.any(axis=1)
+    own = np.flatnonzero(~bare)
+    left, mass, right = _decomposed(M[np.ix_(own, own)])
+    rank, clear = _rank(mass, np.abs(mass).max(initial=0.0), SINGULAR)
+    if rank == n:
+        return Parts(rows[:, None] * left, columns[:, None] * right, mass, mass[:0], clear)
+    U, V = (np.zeros((n, n)) for _ in range(2))
+    U[np.ix_(own, np.arange(len(own)))], V[np.ix_(own, np.arange(len(own)))] = left, right
+    U[np.flatnonzero(bare), np.arange(len(own), n)] = V[np.flatnonzero(bare), np.arange(len(own), n)] = 1.0
+    # null vectors that are DOF are exact; others are known to a rounding over the smallest mass
+    doubt = np.full((n - rank, n - rank), np.sqrt(n) * EPS * np.linalg.norm(D, 2))
+    if 0 < rank < len(own):
+        doubt *= np.abs(mass[0] / mass[rank - 1])
+    doubt[len(own) - rank:, len(own) - rank:] = EPS**2 * np.linalg.norm(D, 2)  # the square of a rounding
+    left, drag, right, damped, sure = _split(U[:, rank:], D, V[:, rank:], doubt)
+    U[:, rank:], V[:, rank:] = U[:, rank:] @ left, V[:, rank:] @ right
+    return Parts(rows[:, None] * U, columns[:, None] * V, mass[:rank], drag[:damped], clear and sure)
+
+
+def _decomposed(A: Array) -> tuple[Array, Array, Array]:
+    """A = L diag(s) Rᵀ with orthonormal L and R, |s| descending; L = R if A is symmetric, then s may be negative."""
+    if not np.array_equal(A, A.T):
+        left, size, right = la.svd(A)
+        return left, size, right.T
+    size, turn = la.eigh(A) if len(A) else (np.zeros(0), A)
+    order = np.argsort(-np.abs(size), kind="stable")
+    return turn[:, order], size[order], turn[:, order]
+
+
+def _rank(sizes: Array, whole: float, least: float) -> tuple[int, bool]:
+    """How many singular values are more than rounding of `whole`, and whether none is near that limit."""
+    limit, size = max(least, len(sizes) * EPS) * whole, np.abs(sizes)
+    return int(np.count_nonzero(size > limit)), not ((size > limit / UNSURE) & (size < limit * UNSURE)).any()
+
+
+def _between(U: Array, A: Array, V: Array, doubt: Array | float = 0.0) -> tuple[Array, Array, bool]:
+    """UᵀAV with 0 for rounding of its sum, or what is as small as `doubt`; that rounding; and whether no entry is near it."""
+    found = U.T @ A @ V
+    noise = np.maximum(doubt, EPS * (np.abs(U).T @ np.abs(A) @ np.abs(V)))
+    size, limit = np.abs(found), ROUNDED * noise
+    return np.where(size > limit, found, 0.0), noise, not ((size > limit / UNSURE) & (size < limit * UNSURE)).any()
+
+
+def _split(U: Array, A: Array, V: Array, doubt: Array | float) -> tuple[Array, Array, Array, int, bool]:
+    """L, s, R with LᵀUᵀAVR = diag(s), and how many |s|, the first, are more than rounding; whether none is near that limit.
+
+    L and R are not orthonormal: rows and columns are scaled to one size, in which small entries are no rounding of large ones.
+    """
+    block, noise, sure = _between(U, A, V, doubt)
+    r, c = equilibration(block)
+    left, size, right = _decomposed(scaled(block, r, c))
+    noise = scaled(np.where(np.outer(block.any(axis=1), block.any(axis=0)), noise, 0.0), r, c)
+    rank, clear = _rank(size, 1.0, ROUNDED * float(np.linalg.norm(noise)))
+    return r[:, None] * left, size, c[:, None] * right, rank, sure and clear
+
+
+def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
+    """All finite eigenpairs, and no others, for a singular M with any null space, by the coordinates of `Parts`.
+
+    q_b has neither mass nor damping and follows statically: 0 = K_b1 q₁ + D_b1 v₁ + K_ba q_a + K_bb q_b, v₁ = λq₁. Inserted
+    into the other rows, this gives a pencil A - λE in (q₁, v₁, q_a) with a regular E. If the massless part has no damping, the
+    result is a quadratic pencil again, with the regular Σ. If K_bb is singular, q_b holds multipliers, see `_constrained`.
+    Returns None if M is regular, or if a constraint holds velocities.
+    """
+    parts = parts_of(pencil)
+    U, V, mass = parts.U, parts.V, parts.mass
+    one, a, b = parts.groups
+    rank, damped = len(parts.mass), len(parts.drag)
+    if rank == pencil.size:
+        return None
+    D, K = _between(U, pencil.D, V)[0], U.T @ pencil.K @ V
+    D[a, a], D[a, b], D[b, a], D[b, b] = np.diag(parts.drag), 0.0, 0.0, 0.0
+    if not _regular(K[b, b]):
+        return _constrained(pencil, parts, solve)
+    G = -np.linalg.solve(K[b, b], np.hstack([K[b, one], D[b, one], K[b, a]]))
+    g1, gv, ga = G[:, :rank], G[:, rank:2 * rank], G[:, 2 * rank:]
+    if not damped and not D[one, b].any() and not D[b, one].any():
+        values, q1, w1 = solve(Pencil(np.diag(mass), D[one, one], K[one, one] + K[one, b] @ g1))
+        qa = wa = np.zeros((0, len(values)))
+        qb = g1 @ q1
+    else:
+        gamma = float(np.sqrt(np.linalg.norm(K) / np.abs(mass[0]))) if rank else 1.0  # λ = γμ, v = μq
+        E, A = np.zeros((2, 2 * rank + damped, 2 * rank + damped))
+        top, middle, low = slice(rank), slice(rank, 2 * rank), slice(2 * rank, None)
+        E[top, top] = A[top, middle] = np.eye(rank)
+        E[middle, middle] = gamma**2 * (np.diag(mass) + D[one, b] @ gv)
+        E[middle, low], E[low, low] = gamma * (D[one, a] + D[one, b] @ ga), gamma * np.diag(parts.drag)
+        A[middle, top], A[low, top] = -K[one, one] - K[one, b] @ g1, -K[a, one] - K[a, b] @ g1
+        A[middle, middle] = -gamma * (D[one, one] + D[one, b] @ g1 + K[one, b] @ gv)
+        A[low, middle] = -gamma * (D[a, one] + K[a, b] @ gv)
+        A[middle, low], A[low, low] = -K[one, a] - K[one, b] @ ga, -K[a, a] - K[a, b] @ ga
+        if not _regular(E):
+            return None
+        values, left, right = _by_qz(A, E, len(E))
+        q1, qa = right[top], right[low]
+        speed = right[middle]
+        fast = np.linalg.norm(speed, axis=0) > np.linalg.norm(q1, axis=0)
+        q1 = np.where(fast, speed / np.where(fast, values, 1.0), q1)
+        values, w1, wa = gamma * values, left[middle], left[low]
+        qb = g1 @ q1 + gv @ (q1 * values) + ga @ qa
+    wb = -np.linalg.solve(K[b, b].T, (D[one, b].T @ w1) * values.conj() + K[one, b].T @ w1 + K[a, b].T @ wa)
+    return values, unit_length(V @ np.vstack([q1, qa, qb])), unit_length(U @ np.vstack([w1, wa, wb]))
+
+
+def _constrained(pencil: Pencil, parts: Parts, solve: Solver) -> Eigenpairs | None:
+    """The same for a singular K_bb: in coordinates in which its null vectors are multipliers, see `Pencil.freed`."""
+    found = as_multipliers(pencil, parts)
+    if found is None:
+        return None
+    changed, U, V, _ = found
+    values, q, w = solve(changed)
+    return values, unit_length(V @ q), unit_length(U @ w)
+
+
+def as_multipliers(pencil: Pencil, parts: Parts) -> tuple[Pencil, Array, Array, bool] | None:
+    """UᵀP(λ)V with multipliers as the last DOF, U, V, and whether their number is clear; None if a constraint holds velocities.
+
+    Multipliers are the null vectors of K_bb.
+    """
+    *_, b = parts.groups
+    U, V = parts.U.copy(), parts.V.copy()
+    left, size, right, rank, clear = _split(U[:, b], pencil.K, V[:, b], 0.0)
+    U[:, b], V[:, b] = U[:, b] @ left, V[:, b] @ right
+    D, K, M = _between(U, pencil.D, V)[0], U.T @ pencil.K @ V, np.zeros(pencil.M.shape)
+    held = slice(b.start + rank, None)
+    if rank == len(size) or D[held].any() or D[:, held].any():
+        return None
+    M[:len(parts.mass), :len(parts.mass)] = np.diag(parts.mass)
+    K[held, b], K[b, held] = 0.0, 0.0
+    return Pencil(M, D, K), U, V, clear
+
+
+def finite(pencil: Pencil) -> int | None:
+    """The number of finite eigenvalues of a dense pencil; None if it depends on rounding, or on a constraint of velocities.
+
+    It is 2n for a regular M, else 2 rank M + rank of D on the null space of M, if K_bb is regular where both are 0, and so is
+    M₁₁ - D_1b K_bb⁻¹ D_b1 on the rest. Multipliers are projected out, and the rank r of M on the motions that they leave is
+    confirmed by rank [[M, C], [B, 0]] = r + 2 (multipliers).
+    """
+    if (freed := pencil.freed) is not None:
+        M = pencil.M + 0.0
+        M[freed.held], M[:, freed.held] = pencil.K[freed.held], pencil.K[:, freed.held]
+        rows, columns = equilibration(M)
+        sizes = la.svdvals(scaled(M, rows, columns))
+        rank, clear = _rank(sizes, 1.0, SINGULAR)
+        left = freed.pencil
+        moving = left.size if _regular(left.M) else len(parts_of(left).mass)
+        return finite(left) if clear and rank - 2 * len(freed.held) == moving else None
+    if _regular(pencil.M):
+        return 2 * pencil.size
+    parts = parts_of(pencil)
+    if not parts.clear:
+        return None
+    one, _, b = parts.groups
+    stiffness, D = parts.U[:, b].T @ pencil.K @ parts.V[:, b], _between(parts.U, pencil.D, parts.V)[0]
+    if _regular(stiffness):
+        added = D[one, b] @ np.linalg.solve(stiffness, D[b, one])
+        return 2 * len(parts.mass) + len(parts.drag) if not added.any() or _regular(np.diag(parts.mass) - added) else None
+    found = as_multipliers(pencil, parts)
+    return finite(found[0]) if found is not None and found[3] else None
+
+
+def _units_of_mass(pencil: Pencil) -> tuple[Array, Array]:
+    """Scales r and c that make the entries of M similar in size, so that its rank is clear; without mass, the pencil's scales."""
+    mass, others = equilibration(pencil.M), pencil.units
+    still = (~pencil.M.any(axis=1), ~pencil.M.any(axis=0))
+    moving = [~rest for rest in still]
+    # the common factor between the two kinds of scales comes from the DOF that have both
+    found = [np.where(rest, unit * 2.0 ** np.rint(np.median(np.log2(own[on] / unit[on]))) if on.any() else unit, own)
+             for own, unit, rest, on in zip(mass, others, still, moving, strict=True)]
+    return found[0], found[1]
+
+
+def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
+    """The `number` smallest λ of A - λB, left and right vectors; one less rather than half of a pair of conjugates."""
+    rows, columns = equilibration(abs(A) + abs(B))
+    A, B = scaled(A, rows, columns), scaled(B, rows, columns)
+    (alpha, beta), left, right = la.eig(A, B, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.abs(alpha) / np.abs(beta)
+    # LAPACK lists pairs side by side, Im λ > 0 first, conjugate up to rounding: a pair counts as a whole
+    second = np.flatnonzero(alpha.imag < 0)
+    alone = np.setdiff1d(np.arange(len(alpha)), second)
+    weight = 1 + np.isin(alone + 1, second)
+    order = np.argsort(np.where(np.isfinite(size[alone]), size[alone], np.inf), kind="stable")
+    order = order[np.isfinite(size[alone[order]])]
+    chosen = order[np.cumsum(weight[order]) <= number]
+    pairs = np.repeat(alone[chosen], weight[chosen])
+    values, left, right = alpha[pairs] / beta[pairs], left[:, pairs], right[:, pairs]
+    ends = np.cumsum(weight[chosen])[weight[chosen] == 2] - 1
+    values[ends], left[:, ends], right[:, ends] = values[ends].conj(), left[:, ends].conj(), right[:, ends].conj()
+    return values, rows[:, None] * left, columns[:, None] * right
+
+
+def companion(pencil: Pencil) -> Eigenpairs:
+    """By QZ on the companion form, all DOF with states of both kinds."""
+    return qz_of(pencil, 0)
+
+
+def qz_of(pencil: Pencil, drifting: int) -> Eigenpairs:
+    """By QZ in the states (q, q̇); the first `drifting` DOF have no stiffness, and of these q̇ alone is a state."""
+    rows, columns = pencil.units
+    M, D, K = (scaled(part, rows, columns) for part in (pencil.M, pencil.D, pencil.K))
+    mass, damping, stiffness = (np.linalg.norm(part, 2) for part in (M, D, K))
+    gamma = np.sqrt(stiffness / mass) if stiffness > 0 and mass > 0 else 1.0
+    delta = 2 / (stiffness + gamma * damping) if stiffness + gamma * damping > 0 else 1.0
+    n = pencil.size
+    eye, zero, m = np.eye(n)[drifting:], np.zeros((n, n))[:, drifting:], n - drifting
+    A = np.block([[zero[drifting:], eye], [-delta * K[:, drifting:], -delta * gamma * D]])
+    B = np.block([[np.eye(m), zero.T], [zero, delta * gamma**2 * M]])
+    number = 2 * n if _regular(M) else finite(pencil)
+    values, left, right = _by_qz(A, B, _staircase(A, B) if number is None else number - drifting)
+    top, bottom = right[:m], right[m:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        top = np.vstack([np.where(values == 0, 0.0, bottom[:drifting] / values), top])
+    X = np.where(np.linalg.norm(top, axis=0) >= np.linalg.norm(bottom, axis=0), top, bottom)
+    return gamma * values, unit_length(columns[:, None] * X), unit_length(rows[:, None] * left[m:])
+
+
+def _staircase(A: Array, B: Array) -> int:
+    """The number of finite eigenvalues of A - λB.
+
+    The null space of S = (A - σB)⁻¹B is removed until S has none (V. N. Kublanovskaya's staircase, by singular values).
+    """
+    try:
+        S = la.solve(A - 0.37 * B, B, check_finite=False)
+    except la.LinAlgError:  # singular for every σ, or for this one: QZ must decide
+        return len(A)
+    least = 10 * len(A) * EPS * np.linalg.norm(S, 2)
+    while len(S):
+        V, rank = la.svd(S)[2], int(np.count_nonzero(la.svdvals(S) > least))
+        if rank == len(S):
+            break
+        S = V[:rank] @ S @ V[:rank].T
+    return len(S)

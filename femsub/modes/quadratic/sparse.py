@@ -1,0 +1,155 @@
+"""Eigenvalues of a sparse pencil nearest to a shift, by SLEPc's PEP (TOAR), with right and left vectors."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from copy import copy
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femsub.algebra.factor import Handle, shared_factor
+from femsub.algebra.petsc import Factor, Transposed, quadratic_modes
+from femsub.checks import Array
+from femsub.errors import BreakdownError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.modes.normal_modes import lowest_modes
+from femsub.modes.quadratic.matching import match
+from femsub.modes.quadratic.multiplicity import distinct, joined
+from femsub.modes.shift_invert import ShiftInvert, motion_of
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+
+SAME = 1e-6  # |Δλ| / |λ| up to which left and right vectors belong to one eigenvalue
+# Attempts: tolerance, increment of the random seed, relative increment of the number asked for. TOAR's error estimate is
+# optimistic, by five digits at 1e-12 if K is singular. If it fails while reordering a Schur form with equal eigenvalues,
+# another start and a larger space usually succeed.
+ATTEMPTS = ((1e-14, 0, 0.0), (1e-12, 0, 0.0), (1e-12, 100, 0.15), (1e-12, 200, 0.3))
+KEPT = 200_000  # DOF up to which the count, and the memory of its second factor, is the default
+
+
+class Shifted:
+    """The factor of P(σ) of a sparse pencil and a scale for λ. σ = 0 if K is regular, else a small positive shift."""
+
+    def __init__(self, pencil: Pencil) -> None:
+        self.pencil = pencil
+        self.shift = 0.0
+        self.rigid: Array = np.zeros((pencil.size, 0))
+        self.handle: ShiftInvert | None = None  # for a floating model: K - σM, positive definite
+        symmetric = pencil.symmetric[0] and pencil.symmetric[2]
+        self.carried = motion_of(pencil.rigid_motion)
+        try:
+            if symmetric and self.carried is not None and self.carried.count:
+                raise SingularMatrixError("K has rigid motion")
+            self.factor = self._factor(0.0, symmetric)
+            self.scale = self._scale()
+        except SingularMatrixError:
+            self.shift = self.scale = self._free_shift(symmetric)
+            self.factor = self._factor(self.shift, symmetric and pencil.symmetric[1])
+
+    def _factor(self, shift: float, symmetric: bool) -> Factor | Transposed:
+        matrix = self.pencil.at(shift) if shift else self.pencil.K
+        found: Handle | None = None
+        if symmetric and matrix.diagonal().min() > 0:
+            with suppress(SingularMatrixError):
+                found = shared_factor(matrix, "definite")
+        found = found or shared_factor(matrix, "symmetric" if symmetric else "general")
+        assert isinstance(found, Factor)
+        return found
+
+    def _scale(self) -> float:
+        """The size of the smallest eigenvalues, min(‖K⁻¹M‖^-½, ‖K⁻¹D‖^-1), by a few power steps."""
+        x = np.random.default_rng(5).standard_normal((self.pencil.size, 2))
+        growth = np.ones(2)
+        for _ in range(4):
+            x = self.factor.solve(np.stack([self.pencil.M @ x[:, 0], self.pencil.D @ x[:, 1]], axis=1))
+            growth = np.linalg.norm(x, axis=0)
+            x = x / np.where(growth > 0, growth, 1.0)
+        if growth[0] * self.pencil.norms[2] > 1e15 * self.pencil.norms[0]:
+            raise SingularMatrixError("K is singular to working precision")
+        with np.errstate(divide="ignore"):
+            return float(min(growth[0] ** -0.5, 1 / growth[1]))
+
+    def _free_shift(self, symmetric: bool) -> float:
+        """Half of the first elastic frequency if K and M are symmetric; else from the smallest k_ii / m_ii."""
+        if symmetric:
+            handle = ShiftInvert(self.pencil.K, self.pencil.M, carried=self.pencil.rigid_motion)
+            self.rigid = handle.rigid
+            if self.pencil.size <= KEPT:
+                self.handle = handle
+            return 0.5 * float(lowest_modes(handle, 1).frequencies[-1])
+        stiffness, mass = np.abs(self.pencil.K.diagonal()), self.pencil.M.diagonal()
+        loaded = (stiffness > 0) & (mass > 0)
+        if not loaded.any():
+            raise SingularMatrixError("K is singular, and no DOF has both mass and stiffness, so no shift can be chosen. Check K "
+                                      "and M")
+        return 1e-2 * float(np.sqrt((stiffness[loaded] / mass[loaded]).min()))
+
+    def nearest(self, count: int, seed: int = 1) -> tuple[Array, Array]:
+        """At least `count` eigenvalues nearest to the shift, with shapes, without duplicates. Only Im λ ≥ 0 is listed."""
+        pencil = self.pencil
+        matrices = (pencil.M, pencil.D, pencil.K)
+        for tol, start, room in ATTEMPTS:
+            ask = min(count + int(np.ceil(room * count)), 2 * pencil.size)
+            try:
+                values, X = quadratic_modes(self.factor, matrices, self.shift, ask, tol=tol, scale=self.scale, seed=seed + start)
+                break
+            except BreakdownError:
+                if (tol, start, room) == ATTEMPTS[-1]:
+                    raise
+            except NotConvergedError:
+                if tol == ATTEMPTS[-1][0]:
+                    raise
+        values, X = distinct(values, X)
+        if self.rigid.shape[1]:
+            values, X = self._zeros(values, X)
+        elif self.shift:
+            still = np.flatnonzero(np.abs(values) < 1e-5 * self.shift)
+            scale = np.linalg.norm(abs(pencil.K) @ np.abs(X[:, still]), axis=0)
+            still = still[np.linalg.norm(pencil.K @ X[:, still], axis=0) <= 1e-9 * scale]
+            both = still[values[still].imag != 0]  # their conjugates are 0 as well
+            values[still] = 0.0
+            if len(both):
+                values, X = np.append(values, values[both]), np.hstack([X, X[:, both].conj()])
+        return values, X / np.linalg.norm(X, axis=0)
+
+    def _zeros(self, values: Array, X: Array) -> tuple[Array, Array]:
+        """Set the eigenvalues of rigid-body motion to exactly 0; the solver returns a multiple eigenvalue split by rounding.
+
+        Their number is n_r plus the number of rigid motions that D does not damp.
+        """
+        Z = self.rigid
+        if self.carried is not None:
+            number = self.carried.zeros
+        else:
+            braking = np.linalg.svd(Z.T @ (self.pencil.D @ Z), compute_uv=False)
+            scale = self.pencil.norms[1] * float((Z**2).sum(axis=0).max())
+            number = Z.shape[1] + int(np.count_nonzero(braking <= 1e-14 * scale))
+        order = np.argsort(np.abs(values), kind="stable")
+        listed = np.cumsum(1 + (values[order].imag != 0))
+        drop = order[:int(np.searchsorted(listed, number)) + 1]
+        if listed[len(drop) - 1] != number or np.abs(values[drop]).max() > 0.1 * self.shift:
+            raise MissedModesError(f"{number} eigenvalues must be 0 because of {Z.shape[1]} rigid-body modes, but those nearest "
+                                   f"to 0 are {values[drop]}. Ask for more eigenvalues")
+        keep = np.setdiff1d(np.arange(len(values)), drop)
+        shapes = Z[:, np.arange(number) % Z.shape[1]]
+        return np.append(values[keep], np.zeros(number)), np.hstack([X[:, keep], shapes])
+
+    def left(self, values: Array, X: Array, ask: int, searches: int) -> Array:
+        """Left vectors y, yᴴP(λ) = 0: x̄ for a symmetric pencil, else from the transposed one, matched by λ.
+
+        `ask` and `searches` are those of the search for the right vectors. If no counterpart is found, the column is zero,
+        which makes its error bar infinite.
+        """
+        if all(self.pencil.symmetric):
+            return X.conj()
+        other = copy(self)
+        other.pencil, other.factor = self.pencil.transposed(), self.factor.transposed
+        found, vectors = other.nearest(ask)
+        for seed in range(2, searches + 1):  # each from another start
+            found, vectors = joined(found, vectors, *other.nearest(ask, seed))
+        Y = np.zeros_like(X)
+        at, to = match(values, found, far=2 * SAME)
+        near = np.abs(found[to] - values[at]) <= SAME * np.maximum(np.abs(values[at]), self.shift)
+        Y[:, at[near]] = vectors[:, to[near]].conj()
+        return Y

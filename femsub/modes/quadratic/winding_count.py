@@ -1,0 +1,154 @@
+"""The number of missed eigenvalues, by the winding number of det P around a rectangle, without any eigensolver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from femsub.checks import Array, Matrix
+from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.modes.normal_modes import NormalModes, modes_below, modes_under
+
+if TYPE_CHECKING:
+    from femsub.model.pencil import Pencil
+    from femsub.modes.quadratic.region import Box
+
+MOST = 600  # largest number of contour points
+NEAR = 1e-7  # share of an edge used for the finite-difference slope of the phase
+
+
+def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix, undamped: Array) -> int:
+    """The number of eigenvalues of P in a rectangle (re_lo, re_hi, im_lo, im_hi) that are not among the known ones.
+
+    By the argument principle it is (1/2π) Δ arg g(z) around the rectangle, with
+
+        g(z) = det P(z) / det P0(z) · Π (z² + ω_k²) / Π (z - λ_j),   P0(z) = z²M + K0,
+
+    for the known λ_j and the frequencies ω_k of a symmetric reference K0 close to K, confirmed by an inertia count. Both sets
+    lie in one disc around the rectangle. After division by the known factors the phase hardly turns. So about thirty points
+    are enough, while det P alone needs one per eigenvalue. The phases come from sparse LU factors. With im_lo = 0 the
+    rectangle is mirrored at the real axis, and only half of the contour is needed, since g(z̄) is the conjugate of g(z).
+
+    Raises
+    ------
+    NotConvergedError
+        An eigenvalue lies on the contour.
+    """
+    a, b, lo, hi = box
+    corners = [b + 0j, b + 1j * hi, a + 1j * hi, a + 0j] if lo == 0 else \
+        [b + 1j * lo, b + 1j * hi, a + 1j * hi, a + 1j * lo, b + 1j * lo]
+    poles = np.concatenate([1j * undamped, -1j * undamped])
+    phases: dict[complex, float] = {}
+
+    def phase(z: complex) -> float:
+        if z not in phases:
+            if len(phases) >= MOST:
+                raise NotConvergedError(f"the phase of det P could not be traced with {MOST} points. Probably an eigenvalue lies "
+                                        "on the edge of the band. Move the edge a little, or give certify=False")
+            phases[z] = (_phase(pencil.at(z)) - _phase(z * z * pencil.M + reference)
+                         + float(np.angle(z - poles).sum() - np.angle(z - known).sum()))
+        return phases[z]
+
+    turn = sum(_turned(phase, start, end) for start, end in pairwise(corners))
+    return round(turn / np.pi) if lo == 0 else round(turn / (2 * np.pi))
+
+
+def missed_around(pencil: Pencil, box: Box, values: Array, radius: float, reference: tuple[Matrix, NormalModes]) -> int:
+    """The number of missing eigenvalues in a slightly larger rectangle, whose edges keep clear of those known (Im λ ≥ 0)."""
+    disc = values[np.abs(values) <= radius]
+    both = np.append(disc, disc[disc.imag != 0].conj())
+    return missed_eigenvalues(pencil, _clear_of(values, box), both, reference[0], reference[1].frequencies)
+
+
+def _clear_of(values: Array, box: Box) -> Box:
+    """The rectangle with each edge moved out by up to 2 %, into the widest gap between known eigenvalues."""
+    a, b, lo, hi = box
+    moves = np.linspace(0.002, 0.02, 10) * hi
+
+    def best(edges: Array, coordinates: Array) -> float:
+        return float(edges[np.argmax(np.abs(edges[:, None] - coordinates).min(axis=1))])
+
+    coordinates = values.imag
+    low = max(best(lo - moves, coordinates), lo / 2) if lo > 0 else 0.0
+    return best(a - moves, values.real), best(b + moves, values.real), low, best(hi + moves, coordinates)
+
+
+def undamped_reference(pencil: Pencil, radius: float, shapes: bool) -> tuple[Matrix, NormalModes] | None:
+    """A symmetric K0 close to K with its undamped modes below a frequency; only their number with shapes=False.
+
+    Their number is a first estimate of the number of eigenvalues in a disc. Their frequencies are the reference of the
+    winding count. K0 is the symmetric part of K without contacts, plus a multiple of M if friction has made it indefinite.
+    None if M is not symmetric positive semidefinite.
+    """
+    if not pencil.symmetric[0]:
+        return None
+    symmetric = pencil.symmetric_stiffness
+    for lift in (0.0, 1e-3, 1e-2, 1e-1, 1.0):
+        K = symmetric + lift * radius**2 * pencil.M if lift else symmetric
+        try:
+            if shapes:
+                return K, modes_below(K, pencil.M, radius)
+            count = modes_under(K, pencil.M, radius**2)
+            return K, NormalModes(np.zeros(0), np.zeros((pencil.size, 0)), 0, np.zeros(0), (radius, count))
+        except (SingularMatrixError, MissedModesError):
+            continue
+    return None
+
+
+def _turned(phase: Callable[[complex], float], start: complex, end: complex) -> float:
+    """The change of the phase from start to end, which may exceed ±π.
+
+    Modes outside the contour turn the phase evenly; with damping, by hundreds of radians. Slopes by finite differences give
+    the number of full turns between two points. Intervals are halved until slopes and phases agree.
+    """
+    def at(t: float) -> float:
+        return phase(start + (end - start) * t)
+
+    @cache
+    def slope(t: float) -> float:
+        near = t + NEAR if t < 0.5 else t - NEAR
+        return _wrapped(at(near) - at(t)) / (near - t)
+
+    def step(a: float, b: float) -> tuple[float, float]:
+        expected = (b - a) * (slope(a) + slope(b)) / 2
+        surprise = _wrapped(at(b) - at(a) - expected)
+        return expected + surprise, abs(surprise)
+
+    turn, grid = 0.0, np.linspace(0, 1, 5)
+    stack = list(pairwise(grid))
+    while stack:
+        a, b = stack.pop()
+        middle = (a + b) / 2
+        whole, first, second = step(a, b), step(a, middle), step(middle, b)
+        agree = abs(whole[0] - first[0] - second[0]) < 1.0 and max(whole[1], first[1], second[1]) < np.pi / 3
+        if agree or b - a < 1e-9:
+            turn += first[0] + second[0]
+        else:
+            stack += [(a, middle), (middle, b)]
+    return turn
+
+
+def _phase(matrix: Matrix) -> float:
+    """arg det of a complex sparse matrix: the phases of U's diagonal, and π for each odd permutation."""
+    from scipy.sparse.linalg import splu
+
+    try:
+        lu = splu(sp.csc_array(matrix, dtype=complex))
+    except RuntimeError:  # exactly singular: an eigenvalue on the contour; the step control will report it
+        return 0.0
+    return float(np.angle(lu.U.diagonal()).sum()) + np.pi * (_odd(lu.perm_r) + _odd(lu.perm_c))
+
+
+def _odd(permutation: Array) -> int:
+    cycles, _ = sp.csgraph.connected_components(
+        sp.csr_array((np.ones(len(permutation)), (np.arange(len(permutation)), permutation))), directed=False)
+    return (len(permutation) - cycles) % 2
+
+
+def _wrapped(angle: float) -> float:
+    return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,298 @@
+"""A solid that turns about its axis of symmetry, seen from a fixed frame: gyroscopic, convective and prestress terms.
+
+The mesh stands still and the material flows through it. u(x, t) is the displacement, in fixed Cartesian components, of the
+particle that would be at the place x without vibration. The time derivative that follows a particle is then ∂/∂t + Ω∂_θ, with
+∂_θ = (e × x)·∇, which acts on Cartesian components as on scalars. So
+
+    ρ(ü + 2Ω ∂_θ u̇ + Ω² ∂_θ² u) = div(σ + ∇u Ω²σ₀)
+
+where σ₀ is the stress that the centrifugal load causes at Ω = 1. Integrated by parts, without boundary terms because the body
+looks the same from every angle:
+
+    M ü + (D + Ω D_G) u̇ + (K + Ω² (K_R + K_geo)) u = f,
+    D_G = 2 ∫ρ v·∂_θ u,   K_R = -∫ρ ∂_θ v·∂_θ u,   K_geo = ∫ ∇v:(∇u σ₀).
+
+All three act on each Cartesian component alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from femsub.algebra.frozen import Frozen
+from femsub.checks import Array, Matrix, choice, finite_number, instance, real_array
+from femsub.components.fields import node_rows
+from femsub.components.mesh import Mesh, boundary_faces, corner_nodes
+from femsub.components.solid import materials_of
+from femsub.components.solid_assembly import Material, Pattern, at_points
+from femsub.components.solid_elements import KINDS
+from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
+from femsub.model.dof_map import TRANSLATIONS
+from femsub.model.substructure import Substructure
+from femsub.modes.shift_invert import ShiftInvert
+
+SLANT = 0.2  # of a surface's normal along the circumference that a coarse mesh of a rounded edge may have
+TINY = np.finfo(float).tiny
+UNBALANCED = 1e-2  # share of the centrifugal load, or of its moments, that may be unbalanced; a round body's mesh has much less
+SWIRL = 0.1  # share of the static displacement along the circumference above which supports are not round
+MOVED = 1e-6  # distance, as a share of the mesh's size, between a DOF's place and its node's that counts as rounding
+OTHER_MASS = 10.0  # ratio of the part's masses to those of mesh and material that a lumped mass does not explain
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rotor(Frozen):
+    """A part that turns about its axis of symmetry, in a fixed frame, at any speed; `rotating` makes one.
+
+    M ü + (D + Ω D_G) u̇ + (K + Ω² K_Ω) u = f, all (n, n): an affine family in Ω and Ω².
+
+    Attributes
+    ----------
+    part : Substructure
+        At rest: M, D, K, interface and ports.
+    gyroscopic : sparse, shape (n, n)
+        D_G, exactly skew, in mass.
+    centrifugal : sparse, shape (n, n)
+        K_Ω = K_R + K_geo, exactly symmetric, in mass.
+    axis : ndarray, shape (3,)
+        The unit vector e; a positive speed turns from x to y where e = z.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh, steel = fs.annulus(0.05, 0.15, 0.01, (1, 12, 1)), fs.Material(2.1e11, 0.3, 7850.0)
+    >>> rotor = fs.rotating(fs.solid(mesh, steel, supports=["inner"]), mesh, steel)
+    >>> rotor
+    Rotor 'annulus': 252 DOF, turns about (0, 0, 1)
+    >>> turning = rotor.at(50.0)  # a Substructure, to be reduced, coupled and analysed as any other
+    >>> float(abs(turning.D + turning.D.T).max())  # no damping, but a skew D
+    0.0
+    """
+
+    part: Substructure
+    gyroscopic: Matrix
+    centrifugal: Matrix
+    axis: Array
+
+    def __post_init__(self) -> None:
+        self._set(gyroscopic=self.gyroscopic, centrifugal=self.centrifugal, axis=self.axis)
+
+    def __repr__(self) -> str:
+        axis = ", ".join(f"{x:.4g}" for x in self.axis)
+        return f"Rotor {self.part.name!r}: {self.part.size} DOF, turns about ({axis})"
+
+    def at(self, speed: float) -> Substructure:
+        """The part turning at a speed Ω in rad per unit of time: K + Ω²K_Ω is symmetric, D + ΩD_G is not.
+
+        Above the lowest critical speed (where a wave's speed is that of the material, ω = mΩ) the stiffness has negative
+        eigenvalues. Complex modes are right there too, but bases for reduction need a lower speed.
+        """
+        omega = finite_number("speed", speed)
+        return replace(self.part, D=self.part.D + omega * self.gyroscopic, K=self.part.K + omega**2 * self.centrifugal)
+
+
+def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, Material], *,
+             axis: str | Sequence[float] = "z", centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Rotor:
+    """The matrices of a solid that turns about its axis of symmetry, in a fixed frame.
+
+    The mesh stands still while the material flows through it. With ∂_θ = (e × x)·∇ on Cartesian components,
+
+        D_G = 2 ∫ρ v·∂_θ u dV,   K_Ω = ∫ ∇v:(∇u σ₀) dV - ∫ρ ∂_θ v·∂_θ u dV,
+
+    where σ₀ is the stress due to the centrifugal load at Ω = 1, with the part's supports held and its interface free. D_G
+    is made exactly skew. The frequency ω of a wave with m nodal diameters in the turning frame is ω + mΩ in the fixed one for
+    a wave that runs with the material, and ω - mΩ for one that runs against it.
+
+    Supports, interface and ports are fixed in space. The part's own D is taken as damping from outside. Damping of the
+    turning material would also add ΩD∂_θ to K; that circulatory term is not included.
+
+    Parameters
+    ----------
+    part : Substructure
+        The solid at rest, as `solid` makes it from the same mesh and material. Supports should go all the way round.
+    mesh : Mesh
+        Its mesh.
+    material : Material, or mapping of str to Material
+        As for `solid`.
+    axis : str or sequence of float, shape (3,)
+        'x', 'y', 'z', or a vector, which is normalised.
+    centre : sequence of float, shape (3,)
+        A point of the axis.
+
+    Raises
+    ------
+    InputError
+        The body, or one of its materials, is not round about the axis: its surface faces along the circumference somewhere (a
+        hole, a tooth), by more than the size of its faces explains; or 1 % of the centrifugal load or of its moments is not
+        balanced. A part that is not made from this mesh and material; an axis of length 0.
+    InputTypeError
+        A part without displacements of solid elements: a beam, a plate, a reduced or coupled part.
+
+    Warns
+    -----
+    FemsubWarning
+        Supports that do not go all the way round.
+
+    References
+    ----------
+    U. Nackenhorst, The ALE-formulation of bodies in rolling contact, Comput. Methods Appl. Mech. Eng. 193 (2004) 4299-4322.
+    G. Genta, Dynamics of Rotating Systems (2005), has the same terms in the turning frame.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> mesh, steel = fs.annulus(0.05, 0.15, 0.01, (1, 16, 1)), fs.Material(2.1e11, 0.3, 7850.0)
+    >>> disc = fs.rotating(fs.solid(mesh, steel, supports=["inner"]), mesh, steel).at(100.0)
+    >>> waves = fs.complex_modes(disc, count=10).eigenvalues.imag
+    >>> waves[waves > 0].round(-1)
+    array([7000., 7170., 7200., 7770., 8170.])
+    """
+    _check_part(part, mesh)
+    parts = materials_of(mesh, material)
+    e, middle = _direction(axis), real_array("centre", centre)
+    if middle.shape != (3,):
+        raise InputError(f"centre must be three numbers, a point of the axis, not {centre!r:.60}")
+    across = np.cross(e, np.eye(3)).T  # across @ x = e × x
+    _refuse_angular(mesh, parts, across, middle)
+    rows = _rows(part, mesh)
+    load, masses = _load(mesh, parts, across, middle)
+    ratio = float(part.M.diagonal().sum() / masses[rows // 3].sum())
+    if not 1 / OTHER_MASS < ratio < OTHER_MASS:
+        raise InputError(f"the masses of {part.name!r} are {ratio:.3g} times those of the mesh {mesh.name!r} with this material. "
+                         "Give the mesh, material and units that the part was made with")
+    field = np.zeros(3 * len(mesh.points))
+    field[rows] = ShiftInvert(part.K, part.M).elastic_solve(load.ravel()[rows, None])[:, 0]
+    _tell_swirl(part, field.reshape(-1, 3), (mesh.points - middle) @ across.T)
+    gyroscopic, centrifugal = (matrix[rows][:, rows] for matrix in _turning(mesh, parts, across, middle, field.reshape(-1, 3)))
+    return Rotor(part, gyroscopic, centrifugal, e)
+
+
+def _check_part(part: Substructure, mesh: Mesh) -> None:
+    instance("mesh", mesh, Mesh)
+    instance("part", part, Substructure, "a solid at rest, see solid")
+    if type(part) is not Substructure:
+        raise InputTypeError(f"part must be a full component, but {part.name!r} is a {type(part).__name__}. Turn the components "
+                             "first, then reduce or couple what `at` gives")
+    if mesh.kind not in KINDS:
+        raise InputTypeError(f"the mesh {mesh.name!r} has {mesh.kind} cells. Only solids can turn: one of {', '.join(KINDS)}")
+    if part.dofs is None or part.dofs.labels != TRANSLATIONS:
+        found = "no DOF map" if part.dofs is None else f"the DOF {', '.join(part.dofs.labels)}"
+        raise InputTypeError(f"part must be a solid with the DOF {', '.join(TRANSLATIONS)}, but {part.name!r} has {found}. Beams "
+                             "and plates cannot turn")
+
+
+def _direction(axis: str | Sequence[float]) -> Array:
+    if isinstance(axis, str):
+        return np.eye(3)["xyz".index(choice("axis", axis, "xyz"))]
+    vector = real_array("axis", axis)
+    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
+    if not 0 < length < np.inf:
+        raise InputError(f"axis must be 'x', 'y', 'z' or three numbers that are not all 0, not {axis!r:.60}")
+    return vector / length
+
+
+def _rows(part: Substructure, mesh: Mesh) -> Array:
+    """For each DOF of the part its row among the 3n of the mesh."""
+    dofs: Any = part.dofs
+    nodes = node_rows(mesh, dofs.nodes)
+    if dofs.points is not None:
+        apart = np.abs(dofs.points - mesh.points[nodes]).max(axis=1)
+        if apart.max() > MOVED * np.ptp(mesh.points, axis=0).max():
+            raise InputError(f"node {dofs.nodes[apart.argmax()]} of {part.name!r} lies {apart.max():.3g} from its place in the "
+                             f"mesh {mesh.name!r}. Give the mesh that the part was made from")
+    return 3 * nodes + dofs.components
+
+
+def _refuse_angular(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array) -> None:
+    """Refuse a body, or a material in it, with a surface that faces along the circumference, as that of a hole does.
+
+    For a surface of revolution (e × x)·n = 0. The normal at a corner, averaged over its faces, may deviate by half the extent
+    of these faces around the axis, and by SLANT where the surface is curved and the faces are coarse.
+    """
+    for material, members in parts:
+        body = mesh if len(parts) == 1 else Mesh(mesh.points, mesh.cells[members], mesh.kind)
+        faces = corner_nodes(body, *boundary_faces(body))
+        corners = mesh.points[faces] - centre
+        areas = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
+        unit = areas / np.maximum(np.linalg.norm(areas, axis=1), TINY)[:, None]
+        normals, extent = np.zeros_like(mesh.points), np.zeros(len(mesh.points))
+        np.add.at(normals, faces, unit[:, None])
+        around = (mesh.points - centre) @ across.T
+        radius = np.linalg.norm(around, axis=1)
+        turn = corners.mean(axis=1) @ across.T
+        wide = np.ptp(np.einsum("fca,fa->fc", corners, turn), axis=1) / np.maximum(np.linalg.norm(turn, axis=1), TINY)
+        np.maximum.at(extent, faces, wide[:, None])
+        nodes = np.unique(faces)
+        along = np.abs(np.einsum("na,na->n", normals[nodes], around[nodes]))
+        sizes = np.linalg.norm(normals[nodes], axis=1) * radius[nodes]
+        bad = nodes[along * radius[nodes] > (extent[nodes] / 2 + SLANT * radius[nodes]) * sizes]
+        if len(bad):
+            place = ", ".join(f"{x:.4g}" for x in mesh.points[bad[0]])
+            which = "" if len(parts) == 1 else f" of the material {material}"
+            raise InputError(f"{mesh.name!r} is not round about the axis: at {len(bad)} of the {len(nodes)} corners on the "
+                             f"surface{which} this faces along the circumference, one of them at ({place}). In a fixed frame its "
+                             "matrices would change with time. Check axis and centre, or mesh the part without holes, slots and "
+                             "teeth")
+
+
+def _load(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array) -> tuple[Array, Array]:
+    """∫ρ N_i x_⊥ dV (n, 3), with x_⊥ the vector from the axis, and the masses ∫ρ N_i² dV (n,)."""
+    count = len(mesh.points)
+    load, masses, size = np.zeros((count, 3)), np.zeros(count), 0.0
+    for material, members, N, root, _ in at_points(mesh, parts):
+        cells = mesh.cells[members]
+        away = -((N @ mesh.points[cells] - centre) @ (across @ across).T)
+        weight = material.rho * root**2
+        forces = N.T @ (weight[..., None] * away)
+        for axis in range(3):
+            load[:, axis] += np.bincount(cells.ravel(), forces[..., axis].ravel(), count)
+        masses += np.bincount(cells.ravel(), (weight @ N**2).ravel(), count)
+        size += float((weight * np.linalg.norm(away, axis=-1)).sum())
+    force, moments = load.sum(axis=0), load.T @ (mesh.points - centre)
+    # ∫ρ x_⊥ xᵀ dV, which is the same in all directions across the axis
+    uneven = np.linalg.norm(moments + np.trace(moments) / 2 * across @ across) / np.trace(moments)
+    left = max(float(np.linalg.norm(force)) / size, float(uneven))
+    if left > UNBALANCED:
+        raise InputError(f"{mesh.name!r} is not balanced about the axis: {left:.2%} of the centrifugal load or of its moments "
+                         "are left over. Check axis, centre and materials, or whether the body is round")
+    return load, masses
+
+
+def _tell_swirl(part: Substructure, field: Array, around: Array) -> None:
+    """Warn if the centrifugal load moves nodes along the circumference, which it does not do in a body held all the way round."""
+    radius = np.maximum(np.linalg.norm(around, axis=1), TINY)
+    share = float(np.linalg.norm(np.einsum("na,na->n", field, around) / radius) / np.linalg.norm(field))
+    if share > SWIRL:
+        warn(f"{part.name!r}: {share:.0%} of the displacement under the centrifugal load is along the circumference, so "
+             "its supports do not go all the way round. They stand still in space and do not turn with the part. Hold "
+             "whole rings of nodes", FemsubWarning)
+
+
+def _turning(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array,
+             field: Array) -> tuple[Matrix, Matrix]:
+    """D_G and K_Ω (3n, 3n), with the stress of the displacements `field` (n, 3)."""
+    pattern = Pattern(mesh.cells, len(mesh.points))
+    total = np.zeros((pattern.size, 2))
+    for material, members, N, root, G in at_points(mesh, parts):
+        cells = mesh.cells[members]
+        m, q, k, _ = G.shape
+        around = (N @ mesh.points[cells] - centre) @ across.T
+        S, T = N * root[..., None], (G @ around[..., None])[..., 0]  # root times N and times ∂_θ N
+        rate = S.swapaxes(1, 2) @ T
+        gradient = field[cells].swapaxes(1, 2)[:, None] @ G / root[..., None, None]
+        pulled = (G @ _stress(material, gradient)).swapaxes(1, 2).reshape(m, k, 3 * q)
+        stiffness = pulled @ G.swapaxes(2, 3).reshape(m, 3 * q, k) - material.rho * (T.swapaxes(1, 2) @ T)
+        both = np.stack([material.rho * (rate - rate.swapaxes(1, 2)), stiffness], axis=-1)
+        keep, blocks, add = pattern.places(members)
+        total[blocks] += add @ both.reshape(-1, 2)[keep]
+    return pattern.spread_diagonal(total[:, 0], skew=True), pattern.spread_diagonal(total[:, 1])
+
+
+def _stress(material: Material, gradient: Array) -> Array:
+    """σ (..., 3, 3) of displacement gradients ∂u_a/∂x_b."""
+    lam, mu = material.lame
+    trace = np.trace(gradient, axis1=-2, axis2=-1)[..., None, None]
+    return lam * trace * np.eye(3) + mu * (gradient + gradient.swapaxes(-1, -2))
