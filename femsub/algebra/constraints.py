@@ -15,7 +15,7 @@ from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 
 @dataclass(frozen=True, eq=False)

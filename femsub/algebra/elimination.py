@@ -242,7 +242,7 @@ def _rank(R: Array) -> int:
     return int(np.count_nonzero(pivots > DEPENDENT * pivots.max(initial=0.0)))
 
 
-def without_rounding(B: Matrix, unit: Array, whole: Array) -> Matrix:
+def links_without_rounding(B: Matrix, unit: Array, whole: Array) -> Matrix:
     """Motions B x, (m, n), with 0 for rounding; `whole` (m,) is their size at unit energy before the joints."""
     keep = abs(B) * unit > ROUNDING * whole[:, None]
     return B.multiply(keep) if sp.issparse(B) else np.where(keep, B, 0.0)

@@ -19,8 +19,7 @@ from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
-    from femsub.model.substructure import Substructure
+    from femsub.model import Pencil, Substructure
 
 log = logging.getLogger(__name__)
 

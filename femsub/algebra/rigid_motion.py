@@ -20,7 +20,7 @@ from femsub.algebra.matrices import is_symmetric, same
 from femsub.checks import Array, Matrix
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 ROUNDING = 1e-13  # share of the forces that cancel in A z below which A z is rounding
 FREE = 1e-9  # a motion meets conditions that it violates by less than this, relative to the terms that cancel

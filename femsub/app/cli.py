@@ -178,7 +178,7 @@ def _run(options: argparse.Namespace) -> int:
         # Imported late: a scene that is misspelt should not wait for numpy.
         from femsub.app.record import Record, computed
         from femsub.app.report import in_units, output_folder, progress, progress_done
-        from femsub.studies.tables import fitted
+        from femsub.studies import fitted
 
         if options.no_figures:
             scene = replace(scene, figures=False)

@@ -13,10 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub
-from femsub.algebra import petsc
-from femsub.algebra.factor import inertia
-from femsub.algebra.process_memory import available
-from femsub.algebra.threads import libraries
+from femsub.algebra import available, inertia, libraries, petsc
 from femsub.errors import FemsubError
 
 OPTIONAL = {"matplotlib": "figures", "scikit-fem": "fe", "meshio": "fe", "pyyeti": "nastran"}  # by the extra that brings it

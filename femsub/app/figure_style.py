@@ -11,7 +11,7 @@ import numpy as np
 from femsub.app.units import UNKNOWN, Units
 from femsub.checks import Array
 from femsub.errors import MissingPackageError
-from femsub.reduction.reduce import METHODS
+from femsub.reduction import METHODS
 
 HERTZ = (lambda omega: omega / (2 * np.pi), lambda hertz: 2 * np.pi * hertz)
 PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one is smaller there

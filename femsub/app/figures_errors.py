@@ -11,8 +11,7 @@ import numpy as np
 from femsub.app.figure_style import PAGE, ROUNDING, few_decades, label_points, legend_below, look, new_figure, rounding_below
 
 if TYPE_CHECKING:
-    from femsub.studies.friction_sweep import FrictionRow
-    from femsub.studies.results import Row, Study
+    from femsub.studies import FrictionRow, Row, Study
 
 COMPONENT = {"error_growth": "growth rates Re λ", "error_slope": "critical slope", "error_eigenvalue": "eigenvalues λ"}
 SYSTEM = {"error_frequency": "frequencies ω", "error_growth": "growth rates Re λ", "error_slope": "critical slope",

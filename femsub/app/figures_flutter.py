@@ -9,10 +9,10 @@ import numpy as np
 
 from femsub.app.figure_style import look, new_figure
 from femsub.checks import Array
-from femsub.reduction.reduce import METHODS
+from femsub.reduction import METHODS
 
 if TYPE_CHECKING:
-    from femsub.stability.tracking import Tracked
+    from femsub.stability import Tracked
 
 COLOURS = ("#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#bcbd22", "#7f7f7f")
 OTHERS = (("#c44e00", "s"), ("#0067a5", "^"), ("#333333", "D"), ("#6a3d9a", "v"))  # of models that are no reduction

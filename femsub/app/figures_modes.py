@@ -83,7 +83,7 @@ def _surfaces(figure: Any, axes: Any, mesh: Mesh, shapes: Array, marks: Mapping[
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import PolyCollection
 
-    from femsub.components.mesh import boundary_faces, corner_nodes
+    from femsub.components import boundary_faces, corner_nodes
 
     faces = corner_nodes(mesh, *boundary_faces(mesh))
     stretch = STRETCH * np.ptp(mesh.points, axis=0).max()

@@ -10,7 +10,7 @@ import numpy as np
 
 from femsub.app.figure_style import PAGE, new_figure
 from femsub.app.figures_modes import seen, seen_from, triad
-from femsub.components.mesh import boundary_faces, corner_nodes
+from femsub.components import boundary_faces, corner_nodes
 
 if TYPE_CHECKING:
     from femsub import Mesh

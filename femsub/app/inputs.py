@@ -8,7 +8,7 @@ from typing import Any
 
 from femsub import __version__
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.io.atomic import content_hash, newest
+from femsub.io import content_hash, newest
 
 RESULTS = "results.json"
 #: keys of a results.json that femsub reads, whatever the scene

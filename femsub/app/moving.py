@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 import numpy as np
 
 from femsub.checks import Array
-from femsub.components.mesh import boundary_faces, corner_nodes
+from femsub.components import boundary_faces, corner_nodes
 from femsub.errors import InputError
-from femsub.io.matrix_files import read_arrays
+from femsub.io import read_arrays
 
 if TYPE_CHECKING:
     from femsub import Mesh

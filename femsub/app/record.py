@@ -16,7 +16,7 @@ from femsub.app.keys import item_kind, keys_of, kinds
 from femsub.app.report import machine, remove, to_json, versions, write
 from femsub.app.scene import SCENES, Progress, Result, Scene
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.io.mesh_text import including, texts_read
+from femsub.io import including, texts_read
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer

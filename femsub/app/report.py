@@ -24,7 +24,7 @@ from femsub.app.inputs import hash_of
 from femsub.app.scene import Result
 from femsub.app.units import UNKNOWN, Units
 from femsub.errors import InputError
-from femsub.io.atomic import HASHES, OURS, Writer, hashed, held, write_whole
+from femsub.io import HASHES, OURS, Writer, hashed, held, write_whole
 
 
 @contextmanager

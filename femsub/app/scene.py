@@ -13,7 +13,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
-from femsub.algebra.timing import Interruptible
+from femsub.algebra import Interruptible
 from femsub.app.keys import check_keys, key, keys_of, values_of
 from femsub.app.units import SYSTEMS, UNKNOWN, Units
 from femsub.checks import choice, shown
@@ -21,7 +21,7 @@ from femsub.errors import FemsubError, InputError, unknown_name
 
 if TYPE_CHECKING:
     from femsub import Belt
-    from femsub.io.atomic import Writer
+    from femsub.io import Writer
 
 Progress = Callable[[str], None]
 Tables: TypeAlias = dict[str, list[dict[str, Any]]]  # rows by the table's name
@@ -58,19 +58,19 @@ NO_SLOPE = {"slope": "the nonlinear model needs a friction law, i.e. law, eps an
 
 
 def _laws(_: object) -> Iterable[str]:
-    from femsub.coupling.contacts.belt import LAWS
+    from femsub.coupling import LAWS
 
     return LAWS
 
 
 def method_keys(_: object) -> Iterable[str]:
-    from femsub.reduction.reduce import METHODS
+    from femsub.reduction import METHODS
 
     return sorted(METHODS)
 
 
 def other_method_names() -> list[str]:
-    from femsub.reduction.reduce import METHODS
+    from femsub.reduction import METHODS
 
     return [*(name.upper() for name in SHORT_NAMES if "-" not in name), *sorted(method.__name__ for method in METHODS.values())]
 
@@ -106,8 +106,8 @@ class Scene:
     PAPER: ClassVar[Mapping[str, str]] = {}  #: figures of the paper, by ours that correspond to them
 
     def __post_init__(self) -> None:
-        from femsub.coupling.contacts.belt import LAWS
-        from femsub.reduction.reduce import METHODS
+        from femsub.coupling import LAWS
+        from femsub.reduction import METHODS
 
         if not set(self.outputs) - {PAGE}:
             object.__setattr__(self, "outputs", [*self.OUTPUTS, *self.outputs])
@@ -133,7 +133,7 @@ class Scene:
     @property
     def labels(self) -> str:
         """The methods' names in tables: 'Craig-Bampton and Craig-Chang'."""
-        from femsub.reduction.reduce import METHODS
+        from femsub.reduction import METHODS
 
         return " and ".join(METHODS[key].label for key in self.methods)
 
@@ -146,7 +146,7 @@ class Scene:
         InputError
             There is a slope instead of a law.
         """
-        from femsub.coupling.contacts.belt import LAWS, Belt
+        from femsub.coupling import LAWS, Belt
 
         if self.slope is not None:
             raise InputError(f"scene key 'slope': {NO_SLOPE['slope']}")

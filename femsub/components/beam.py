@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.algebra.memory import check_room
+from femsub.algebra import check_room
 from femsub.checks import Array, choice, finite_number, items, positive_number, real_array, whole_number
 from femsub.components.bending_elements import hermite_matrices
 from femsub.components.build import component, free_to_lift, gathered, optional_mapping, per_part, tell_rounding
 from femsub.errors import InputError, InputTypeError
-from femsub.model.dof_map import DofMap
+from femsub.model import DofMap
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 BYTES = 2000.0  # memory per element while the matrices are made
 ROUNDING = 0.05  # see `tell_rounding`: 540 equal elements

@@ -10,10 +10,10 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix, finite_number, mapping, real_array
 from femsub.errors import ConditionWarning, InputError, InputTypeError, warn
-from femsub.model.substructure import Substructure
+from femsub.model import Substructure
 
 if TYPE_CHECKING:
-    from femsub.model.dof_map import DofMap
+    from femsub.model import DofMap
 
 CHUNK = 4_000_000  # entries of element matrices held at a time
 TOLD = 1e-6  # relative error of the lowest frequencies by rounding above which there is a warning

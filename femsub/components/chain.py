@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.memory import check_room
+from femsub.algebra import check_room
 from femsub.checks import Array, items, truth, whole_number
 from femsub.components.build import not_negative, per_part
-from femsub.model.substructure import Substructure
+from femsub.model import Substructure
 
 BYTES = 200.0  # memory per mass while the matrices are made
 

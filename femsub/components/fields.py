@@ -7,7 +7,7 @@ import numpy as np
 from femsub.checks import Array, instance, real_array
 from femsub.components.mesh import Mesh
 from femsub.errors import InputError, InputTypeError
-from femsub.model.dof_map import DofMap
+from femsub.model import DofMap
 
 #: the coordinate of the displacement for each label; other labels (slopes) are not displacements
 COMPONENTS = {"ux": 0, "uy": 1, "uz": 2, "w": 2}

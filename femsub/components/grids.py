@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from femsub.algebra.memory import check_room
+from femsub.algebra import check_room
 from femsub.checks import Array, choice, interval, items, real_array, shown
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import box

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.algebra.frozen import Frozen
+from femsub.algebra import Frozen
 from femsub.checks import Array, choice, items, real_array, rows
 from femsub.components.solid_elements import KINDS, reference
 from femsub.errors import InputError, InputTypeError

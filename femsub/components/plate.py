@@ -25,8 +25,7 @@ from femsub.components.patches import Patch, patch, sides_of
 from femsub.components.solid_assembly import Material
 from femsub.components.solid_elements import skfem
 from femsub.errors import InputError, InputTypeError
-from femsub.model.dof_map import DofMap
-from femsub.model.substructure import Substructure
+from femsub.model import DofMap, Substructure
 
 SUPPORTS = ("free", "simply supported", "clamped")
 ROUNDING = 0.7  # see `tell_rounding`

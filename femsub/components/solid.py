@@ -15,8 +15,7 @@ from femsub.components.patches import solid_average
 from femsub.components.solid_assembly import Material, stiffness_and_mass
 from femsub.components.solid_elements import KINDS
 from femsub.errors import InputError, InputTypeError
-from femsub.model.dof_map import TRANSLATIONS, DofMap
-from femsub.model.substructure import Substructure
+from femsub.model import TRANSLATIONS, DofMap, Substructure
 
 Direction: TypeAlias = str | Sequence[float]
 #: the words for a direction: an axis, the normal of a set's surface, or against one of them

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from femsub.checks import finite_number
-from femsub.model.affine import Affine
+from femsub.model import Affine
 
 
 def two_mode(damping: tuple[float, float] = (0.0, 0.0)) -> Affine:

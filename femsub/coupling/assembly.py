@@ -11,9 +11,22 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from femsub.algebra.elimination import congruent, eliminate, largest, product, recovered, units, without_dust, without_rounding
-from femsub.algebra.matrices import block_diagonal, is_identity, is_symmetric
-from femsub.algebra.rigid_motion import Carried, Joined, size_of_products
+from femsub.algebra import (
+    Carried,
+    Joined,
+    block_diagonal,
+    congruent,
+    eliminate,
+    is_identity,
+    is_symmetric,
+    largest,
+    links_without_rounding,
+    product,
+    recovered,
+    size_of_products,
+    units,
+    without_dust,
+)
 from femsub.checks import Array, Matrix, choice, instance, items, mapping
 from femsub.coupling.dual import Multiplied, by_forces, check_span, finite_span, multiplied
 from femsub.coupling.joined import (
@@ -30,11 +43,10 @@ from femsub.coupling.joined import (
 from femsub.coupling.joints import End, Joint, Link, spatial
 from femsub.coupling.open_interface import distinct, listed, open_rows, unjoined, whole_sets
 from femsub.errors import InputError
-from femsub.model.dof_map import DofMap
-from femsub.model.substructure import ReducedSubstructure, Substructure, checked_sets
+from femsub.model import DofMap, ReducedSubstructure, Substructure, checked_sets
 
 if TYPE_CHECKING:
-    from femsub.model.estimate import Estimate
+    from femsub.model import Estimate
 
 FAINT = 1e-12  # mass in units of stiffness over a typical ω², of which 4e-15 (`without_dust`) is no mass
 FULL = 0.3  # of all entries that are not 0: from here on a system of full and reduced parts is kept dense
@@ -365,7 +377,7 @@ def _port(L: Matrix, w: Array, unit: Array, before: Array) -> Array:
     """Lᵀw, exactly 0 where the joints hold the port: else it would lose its stability at a slope of 1e30."""
     columns = w.reshape(len(w), -1)
     whole = (np.abs(columns) * before[:, None]).max(axis=0, initial=0.0)
-    return without_rounding(columns.T @ L, unit, whole).T.reshape(-1, *w.shape[1:])
+    return links_without_rounding(columns.T @ L, unit, whole).T.reshape(-1, *w.shape[1:])
 
 
 def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
@@ -389,7 +401,7 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
     for link in links:
         if link.motions:
             whole = np.max([largest(abs(R) * unit[blocks[part]]) for part, R in link.motions.items()], axis=0)
-            springs.append((without_rounding(_moved(link, blocks, S), joined.unit, whole), link))
+            springs.append((links_without_rounding(_moved(link, blocks, S), joined.unit, whole), link))
     found = []
     for key in "MDK":
         matrices = [getattr(part, key) for part in parts.values()]

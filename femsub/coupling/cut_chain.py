@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import whole_number
-from femsub.components.build import per_part
+from femsub.components import per_part
 from femsub.components.chain import chain
 from femsub.coupling.joints import Rigid
-from femsub.model.substructure import Substructure
+from femsub.model import Substructure
 
 
 def cut_chain(n: int, pieces: int, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0,

@@ -10,17 +10,16 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.algebra.frozen import Frozen
-from femsub.algebra.partitioning import partition, runs
+from femsub.algebra import Frozen, partition, runs
 from femsub.checks import Array, Matrix, choice, instance, items, whole_number
-from femsub.components.mesh import Mesh, corners_of
+from femsub.components import Mesh, corners_of
 from femsub.coupling.joints import Rigid
 from femsub.coupling.matrix_cut import divided, members, pattern
 from femsub.errors import InputError, InputTypeError
-from femsub.model.substructure import Substructure
+from femsub.model import Substructure
 
 if TYPE_CHECKING:
-    from femsub.model.dof_map import DofMap
+    from femsub.model import DofMap
 
 PLACES = ("supports", "interface", "ports")  # arguments of `plate` and `solid` that name sets of nodes
 

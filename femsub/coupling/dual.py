@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.elimination import ROUNDING, Equations, congruent, eliminate, independent, product, units
+from femsub.algebra import ROUNDING, Equations, congruent, eliminate, independent, product, units
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError, MissedModesError
-from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.model import ReducedSubstructure, Substructure
 
 FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
 STIFF = 1e-10  # relative residual flexibility at a joint below which the joint is made exact

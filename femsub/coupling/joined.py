@@ -10,12 +10,12 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.algebra.elimination import Equations, units
+from femsub.algebra import Equations, units
 from femsub.checks import Array, Matrix, instance, mapping, word
 from femsub.coupling.dual import FORCE, by_forces
 from femsub.coupling.joints import Joint, Link
 from femsub.errors import InputError, InputTypeError
-from femsub.model.substructure import Substructure
+from femsub.model import Substructure
 
 
 def checked_parts(parts: Any) -> dict[str, Substructure]:

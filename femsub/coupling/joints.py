@@ -12,8 +12,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, items, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
-from femsub.model.dof_map import DofMap
-from femsub.model.substructure import Substructure
+from femsub.model import DofMap, Substructure
 
 GROUND = "ground"
 End: TypeAlias = Any  # ("disc", "left"), ("disc", [0, 1, 2]), or "ground"

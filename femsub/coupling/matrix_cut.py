@@ -12,7 +12,7 @@ from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 DOMINANT = 1e-9  # share of the diagonal entry that the sum of the others may exceed it by, as rounding
 BALANCING = 100  # steps at most

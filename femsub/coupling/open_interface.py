@@ -8,11 +8,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.algebra.elimination import product
+from femsub.algebra import product
 from femsub.checks import Array, Matrix, items
 from femsub.coupling.joined import rows_of_parts
 from femsub.coupling.joints import End, Link, site
-from femsub.model.substructure import Substructure
+from femsub.model import Substructure
 
 SAME = 1e-9  # of a row of the interface that two rows may differ by which are the motion of one DOF
 

@@ -11,8 +11,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, real_array
 from femsub.coupling.joints import End, Joint, Link, Site, site, spatial, stacked, title
 from femsub.errors import InputError
-from femsub.model.dof_map import DofMap
-from femsub.model.substructure import Substructure
+from femsub.model import DofMap, Substructure
 
 LOST = 1e-9  # of a motion of unit size that may be missing before it counts as not determined
 TRANSLATIONS = {"ux": 0, "uy": 1, "uz": 2, "w": 2}

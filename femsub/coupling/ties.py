@@ -11,14 +11,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, instance, mapping, positive_number
-from femsub.components.mesh import Mesh
-from femsub.components.patches import patch, sides_of
-from femsub.components.solid_elements import KINDS, reference, shape_functions, skfem
+from femsub.components import KINDS, Mesh, patch, reference, shape_functions, sides_of, skfem
 from femsub.coupling.joints import End, Joint, Link, Site, nearest, site, stacked, title
 from femsub.errors import InputError, InputTypeError
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 GAP = 0.05  # of a face's size that the surfaces may lie apart, where no tolerance is given
 COVERED = 1e-3  # of a face that may lie beside the other surface

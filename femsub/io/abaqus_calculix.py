@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 from femsub.io.damage import check_end, check_extent
-from femsub.model.dof_map import LARGEST, DofMap
+from femsub.model import LARGEST, DofMap
 
 #: directions 1 to 6 of Abaqus, CalculiX and Nastran; others (8 pressure, 11 temperature, ...) are called 'dof8'
 DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")

@@ -15,8 +15,7 @@ from femsub.errors import InputError, InputTypeError
 from femsub.io.abaqus_calculix import DIRECTIONS, HELD, dof_map, read_dofs
 from femsub.io.matrix_files import read_labelled
 from femsub.io.model_folder import read_model
-from femsub.model.dof_map import DofMap
-from femsub.model.substructure import Substructure
+from femsub.model import DofMap, Substructure
 
 #: Words in the names of files, and of matrices in them, that tell what they hold; 'sti' and 'mas' are CalculiX'.
 NAMES = {"M": {"m", "mas", "mass", "masse", "maa", "mff", "mgg"}, "K": {"k", "sti", "stiff", "stiffness", "kaa", "kff", "kgg"}}

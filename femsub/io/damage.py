@@ -10,7 +10,7 @@ import zipfile
 import zlib
 from pathlib import Path
 
-from femsub.algebra.process_memory import available
+from femsub.algebra import available
 from femsub.errors import InputError, NotEnoughMemoryError
 
 #: exceptions of NumPy, SciPy, h5py, pyyeti, meshio and Python's own readers, which trust the sizes in a file

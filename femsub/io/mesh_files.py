@@ -14,8 +14,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from femsub.checks import Array, choice, instance, mapping, path_of, word
-from femsub.components.mesh import CELLS, Mesh
-from femsub.components.mesh_checks import checked
+from femsub.components import CELLS, Mesh, checked
 from femsub.errors import InputError
 from femsub.io.atomic import write_whole
 from femsub.io.foreign_meshes import meshio, quietly, read_foreign, read_tetgen

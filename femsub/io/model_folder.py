@@ -14,15 +14,14 @@ from typing import Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.rigid_motion import RigidMotion
+from femsub.algebra import RigidMotion
 from femsub.checks import Matrix, choice, instance, path_of
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
 from femsub.io.atomic import HASHES, Writer, content_hash, hashed, newest, write_whole
 from femsub.io.matrix_files import read_together
 from femsub.io.op4 import op4_module
-from femsub.model.estimate import Estimate
-from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.model import Estimate, ReducedSubstructure, Substructure
 
 FORMATS = ("mtx", "npz", "mat", "op4")
 INDEX = "model.json"

@@ -12,8 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.frozen import Frozen
-from femsub.algebra.matrices import as_matrix
+from femsub.algebra import Frozen, as_matrix
 from femsub.checks import Array, Matrix, finite_number, real_array, shown
 from femsub.errors import FemsubError, InputError, InputTypeError, unknown_name
 from femsub.model.pencil import Pencil

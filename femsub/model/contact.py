@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_ch
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.frozen import Frozen
-from femsub.algebra.matrices import as_matrix
+from femsub.algebra import Frozen, as_matrix
 from femsub.checks import Array, Matrix, items, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.algebra.frozen import Frozen
+from femsub.algebra import Frozen
 from femsub.checks import Array, items, word
 from femsub.errors import InputError, unknown_name
 

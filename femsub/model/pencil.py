@@ -9,11 +9,25 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.constraints import Freed, freed
-from femsub.algebra.elimination import units as energy_units
-from femsub.algebra.frozen import Frozen, frozen
-from femsub.algebra.matrices import as_matrix, equilibration, is_symmetric, norm, scaled, unit_length, without_rounding
-from femsub.algebra.rigid_motion import Carried, Damped, Scaled, Touched, changed
+from femsub.algebra import (
+    Carried,
+    Damped,
+    Freed,
+    Frozen,
+    Scaled,
+    Touched,
+    as_matrix,
+    changed,
+    equilibration,
+    freed,
+    is_symmetric,
+    norm,
+    scaled,
+    unit_length,
+    units as energy_units,
+    without_rounding,
+)
+from femsub.algebra.frozen import frozen
 from femsub.checks import Array, Matrix
 
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled

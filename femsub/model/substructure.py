@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.frozen import Frozen
-from femsub.algebra.matrices import translations
-from femsub.algebra.rigid_motion import Carried, RigidMotion
+from femsub.algebra import Carried, Frozen, RigidMotion, translations
 from femsub.checks import Array, Matrix, instance, mapping, real_array, shown, word
 from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name, warn
 from femsub.model.contact import Contacts, contacts_of, small_matrices

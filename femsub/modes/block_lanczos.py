@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from femsub.algebra.factor import Handle
+from femsub.algebra import Handle
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
 

@@ -9,9 +9,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, whole_number
-from femsub.components.build import not_negative, pair, proportional
+from femsub.components import not_negative, pair, proportional
 from femsub.errors import InputError, InputTypeError
-from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.model import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import all_modes, normal_modes
 
 FILLED = 2000  # DOF up to which modal damping may fill the D of a sparse model

@@ -13,11 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.factor import SMALL, inertia, negative_eigenvalues
-from femsub.algebra.matrices import Difference
-from femsub.algebra.null_space import massless_apart
+from femsub.algebra import SMALL, Difference, inertia, massless_apart, negative_eigenvalues, phase
 from femsub.algebra.shared import shared
-from femsub.algebra.timing import phase
 from femsub.checks import EPS, Array, Matrix, Tally, check_band, shown, whole_number
 from femsub.errors import (
     ConditionWarning,
@@ -29,13 +26,12 @@ from femsub.errors import (
     SingularMatrixError,
     warn,
 )
-from femsub.model.bands import EDGE, in_band, widened
-from femsub.model.substructure import Substructure
+from femsub.model import EDGE, Substructure, in_band, widened
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
 from femsub.modes.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
-    from femsub.algebra.rigid_motion import Carried
+    from femsub.algebra import Carried
 
 log = logging.getLogger(__name__)
 
@@ -185,7 +181,7 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
 
 
 def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: NormalModes | None, certify: bool) -> NormalModes:
-    from femsub.algebra.petsc import Factor, symmetric_modes
+    from femsub.algebra import Factor, symmetric_modes
     from femsub.modes.block_lanczos import block_lanczos
 
     assert isinstance(handle.factor, Factor)

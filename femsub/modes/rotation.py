@@ -23,16 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from femsub.algebra.frozen import Frozen
+from femsub.algebra import Frozen
 from femsub.checks import Array, Matrix, choice, finite_number, instance, real_array
-from femsub.components.fields import node_rows
-from femsub.components.mesh import Mesh, boundary_faces, corner_nodes
-from femsub.components.solid import materials_of
-from femsub.components.solid_assembly import Material, Pattern, at_points
-from femsub.components.solid_elements import KINDS
+from femsub.components import KINDS, Material, Mesh, Pattern, at_points, boundary_faces, corner_nodes, materials_of, node_rows
 from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
-from femsub.model.dof_map import TRANSLATIONS
-from femsub.model.substructure import Substructure
+from femsub.model import TRANSLATIONS, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 
 SLANT = 0.2  # of a surface's normal along the circumference that a coarse mesh of a rounded edge may have

@@ -13,20 +13,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.factor import Handle, factorise, factors_made, forget_factor, shared_factor
-from femsub.algebra.matrices import Difference, translations, unit_length
-from femsub.algebra.null_space import SINGULAR, rank_of_mass
-from femsub.algebra.ordering import smooth_shape
-from femsub.algebra.rigid_motion import Carried, RigidMotion, found
+from femsub.algebra import (
+    SINGULAR,
+    Carried,
+    Difference,
+    Handle,
+    RigidMotion,
+    factorise,
+    factors_made,
+    forget_factor,
+    found,
+    orthonormal,
+    phase,
+    rank_of_mass,
+    shared_factor,
+    smooth_shape,
+    translations,
+    unit_length,
+)
 from femsub.algebra.shared import shared
-from femsub.algebra.subspace import orthonormal
-from femsub.algebra.timing import phase
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import ConditionWarning, SingularMatrixError, warn
 from femsub.modes.rounding import rounding_of
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 RIGID = 1e-13  # ‖Kφ‖ ≤ RIGID ‖|K||φ|‖: φ counts as a rigid-body mode, in any system of units
 ENERGY = 4e-15  # above this energy ratio φᵀKφ / |φ|ᵀ|K||φ| a mode counts as a soft mount, not as rigid motion

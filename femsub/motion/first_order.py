@@ -39,7 +39,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
-from femsub.coupling.contacts.belt import scalar_law
+from femsub.coupling import scalar_law
 from femsub.errors import InputError, NotConvergedError
 from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State
 

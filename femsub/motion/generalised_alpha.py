@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.factor import Handle, factorise
+from femsub.algebra import Handle, factorise
 from femsub.checks import EPS, Array
 from femsub.errors import InputError, NotConvergedError, SingularMatrixError
 from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State, mass_solve

@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.factor import factorise
+from femsub.algebra import factorise
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, real_array
-from femsub.coupling.contacts.belt import Belt, asked, width_of
+from femsub.coupling import Belt, asked, width_of
 from femsub.errors import InputError, InputTypeError, NotConvergedError, SingularMatrixError
-from femsub.model.contact import columns_of, contacts_of
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.modes.shift_invert import ShiftInvert
+from femsub.model import ReducedSubstructure, Substructure, columns_of, contacts_of
+from femsub.modes import ShiftInvert
 
 NEWTON = 50  # largest number of steps to an equilibrium
 RESIDUE = 16 * EPS  # relative to the forces that cancel in an equilibrium: the rounding that remains

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array, finite_number, instance, interval, real_array, whole_number
-from femsub.coupling.contacts.belt import STICKING
+from femsub.coupling import STICKING
 from femsub.errors import InputError
 from femsub.motion.transient import Transient
 

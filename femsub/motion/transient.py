@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.timing import Interruptible
+from femsub.algebra import Interruptible
 from femsub.checks import EPS, Array, choice, finite_number, interval, items, listener, positive_number, whole_number, word
 from femsub.errors import InputError, unknown_name
 from femsub.motion.first_order import METHODS, Flow, equations
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
-    from femsub.coupling.contacts.belt import Belt
-    from femsub.model.contact import Contact
-    from femsub.model.substructure import Substructure
+    from femsub.coupling import Belt
+    from femsub.model import Contact, Substructure
     from femsub.motion.generalised_alpha import AlphaFlow
 
 log = logging.getLogger(__name__)

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.timing import phase
+from femsub.algebra import phase
 from femsub.checks import Array, Matrix
-from femsub.modes.static_shapes import independent
+from femsub.modes import independent
 from femsub.reduction.rigid import coordinates
 from femsub.reduction.statics import COLUMNS, Statics, widened
 
 if TYPE_CHECKING:
-    from femsub.model.estimate import Estimate
-    from femsub.modes.normal_modes import NormalModes
+    from femsub.model import Estimate
+    from femsub.modes import NormalModes
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.elimination import congruent
+from femsub.algebra import congruent
 from femsub.checks import Array, Matrix
-from femsub.coupling.assembly import System
-from femsub.coupling.joined import rows_of_parts, units_of_energy
+from femsub.coupling import System, rows_of_parts, units_of_energy
 from femsub.errors import InputError
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.modes.shift_invert import ShiftInvert, units
+from femsub.model import ReducedSubstructure, Substructure
+from femsub.modes import ShiftInvert, units
 from femsub.reduction.interface_modes import INSIDE, KIND, InterfaceModes
 
 ALIKE = 1e-6  # of a shape on the interface between parts: where others contain it but for less it is no shape of its own

@@ -10,14 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.factor import SMALL
-from femsub.algebra.memory import check_memory
-from femsub.algebra.threads import WORK, one_thread
+from femsub.algebra import SMALL, WORK, check_memory, one_thread
 from femsub.checks import Array, instance
 from femsub.errors import InputError, InputTypeError, PortWarning, warn
-from femsub.model.estimate import SHARE
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.modes.normal_modes import confirm
+from femsub.model import SHARE, ReducedSubstructure, Substructure
+from femsub.modes import confirm
 from femsub.reduction.basis import Basis, Kept, projected
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
@@ -26,8 +23,8 @@ from femsub.reduction.statics import Partition, Statics, square
 from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
-    from femsub.coupling.contacts.belt import Belt
-    from femsub.model.pencil import Pencil
+    from femsub.coupling import Belt
+    from femsub.model import Pencil
 
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 

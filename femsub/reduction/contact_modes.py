@@ -10,18 +10,15 @@ import numpy as np
 
 from femsub.checks import Array, word
 from femsub.errors import InputError, unknown_name
-from femsub.model.contact import contacts_at, contacts_of, small_matrices
-from femsub.model.pencil import contact_matrix
-from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.model import ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
 from femsub.reduction.basis import Basis, Kept, Responses, projected
 from femsub.reduction.free_interface import FreeInterface
 from femsub.reduction.friction_estimate import Answered, chosen_with_friction
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
-    from femsub.model.contact import Contacts
-    from femsub.model.pencil import Pencil
-    from femsub.modes.shift_invert import ShiftInvert
+    from femsub.model import Contacts, Pencil
+    from femsub.modes import ShiftInvert
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,14 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array
 from femsub.errors import ConditionWarning, InputError, warn
-from femsub.modes.shift_invert import RIGID, ShiftInvert, annihilates_a_translation, rounding, rounding_ratio, units
+from femsub.modes import RIGID, ShiftInvert, annihilates_a_translation, rounding_ratio, units
+from femsub.modes.shift_invert import rounding
 from femsub.reduction.method import Method
 from femsub.reduction.rigid import motion_of, without
 from femsub.reduction.statics import COLUMNS, Partition, Statics, square, zeros
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 DIGITS = 1e-4  # relative rounding error of the condensed stiffness above which `reduce` warns
 CLEAR = 4e-15  # below this energy ratio a motion is certainly rigid (see `rounding_ratio`)

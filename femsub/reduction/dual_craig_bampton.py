@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.checks import Array
-from femsub.coupling.dual import FORCE
+from femsub.coupling import FORCE
 from femsub.reduction.basis import Basis, Kept, Responses
 from femsub.reduction.free_interface import DUST, FreeInterface, motion_by, turned
 from femsub.reduction.statics import Statics

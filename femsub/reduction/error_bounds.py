@@ -18,20 +18,13 @@ import scipy.linalg as la
 
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
-from femsub.model.bands import beyond, in_band, moving, upper, within
-from femsub.model.estimate import SHARE, Estimate
-from femsub.model.pencil import Pencil
-from femsub.modes.normal_modes import all_modes
-from femsub.modes.quadratic.dense import solve
-from femsub.modes.quadratic.matching import match
-from femsub.modes.quadratic.region import region_of
+from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
+from femsub.modes import NOISE, RIGID, ShiftInvert, all_modes, energy_directions, match, region_of, solve
 from femsub.modes.quadratic.search import search
-from femsub.modes.shift_invert import RIGID, ShiftInvert
-from femsub.modes.static_shapes import NOISE, energy_directions
 from femsub.reduction.rigid import RigidMotion, without
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import ReducedSubstructure
+    from femsub.model import ReducedSubstructure
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each

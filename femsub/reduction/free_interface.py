@@ -16,7 +16,7 @@ from femsub.reduction.method import Method
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
-    from femsub.modes.shift_invert import ShiftInvert
+    from femsub.modes import ShiftInvert
 
 CLEAR = 1e-2  # of an interface DOF's motion at unit energy that a residual shape must have of its own to be solved for
 FAINT = 1e-5  # the same of a shape without mass: below, it moves no interface DOF at all; the energy knows the square

@@ -33,19 +33,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.memory import check_columns
-from femsub.algebra.subspace import orthonormal
+from femsub.algebra import check_columns, orthonormal
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
-from femsub.model.bands import beyond, distance_outside, upper, within
-from femsub.model.estimate import STILL, Estimate
-from femsub.model.pencil import Pencil
-from femsub.modes.normal_modes import lowest_modes
+from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
+from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, match, solve, units, unresisted
 from femsub.modes.quadratic.bars import bars
-from femsub.modes.quadratic.dense import solve, unresisted
-from femsub.modes.quadratic.matching import match
-from femsub.modes.shift_invert import RIGID, units
-from femsub.modes.static_shapes import DEPENDENT, energy_directions, independent
 from femsub.reduction.basis import Kept
 from femsub.reduction.error_bounds import FAR, MARGIN
 from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed

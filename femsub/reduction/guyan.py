@@ -11,15 +11,15 @@ import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.errors import NotConvergedError
-from femsub.model.substructure import Substructure
-from femsub.modes.normal_modes import lowest_modes
+from femsub.model import Substructure
+from femsub.modes import lowest_modes
 from femsub.reduction.basis import Basis, Kept, Responses
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.mode_selection import lowest
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 
 @dataclass(frozen=True)

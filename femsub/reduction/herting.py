@@ -10,14 +10,13 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.shift_invert import ShiftInvert
+from femsub.modes import ShiftInvert, lowest_modes
 from femsub.reduction.basis import Basis, Kept, Responses
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.statics import Statics
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 
 @dataclass(frozen=True)

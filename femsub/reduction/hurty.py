@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import Array
-from femsub.modes.shift_invert import units
+from femsub.modes import units
 from femsub.reduction.basis import Basis, Kept, Responses
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.free_interface import turned

@@ -9,19 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.elimination import DEPENDENT, ROUNDING, congruent, groups
+from femsub.algebra import DEPENDENT, ROUNDING, congruent, groups
 from femsub.checks import Array, Matrix
-from femsub.coupling.assembly import System
-from femsub.coupling.joined import rows_of_parts, units_of_energy
+from femsub.coupling import System, rows_of_parts, units_of_energy
 from femsub.errors import InputError, NotConvergedError
-from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.model import ReducedSubstructure, Substructure
 from femsub.reduction.craig_bampton import condensed_stiffness
 from femsub.reduction.error_bounds import with_rounding
 from femsub.reduction.method import Method
 from femsub.reduction.statics import Partition, Statics, square, zeros
 
 if TYPE_CHECKING:
-    from femsub.modes.shift_invert import ShiftInvert
+    from femsub.modes import ShiftInvert
     from femsub.reduction.basis import Basis, Kept, Responses
 
 KIND, INSIDE = "interface mode", "interior"  # labels of the coordinates

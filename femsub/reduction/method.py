@@ -16,10 +16,8 @@ from femsub.reduction.mode_selection import chosen, lowest
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
-    from femsub.model.contact import Contacts
-    from femsub.model.pencil import Pencil
-    from femsub.model.substructure import ReducedSubstructure, Substructure
-    from femsub.modes.shift_invert import ShiftInvert
+    from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure
+    from femsub.modes import ShiftInvert
 
 METHODS: dict[str, type[Method]] = {}  #: every method by its key
 

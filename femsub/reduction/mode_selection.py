@@ -7,22 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.algebra.memory import check_columns
+from femsub.algebra import check_columns
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import NotConvergedError
-from femsub.model.bands import in_band, within
-from femsub.model.estimate import SHARE, Estimate
-from femsub.modes.normal_modes import NormalModes, all_modes, lowest_modes
-from femsub.modes.quadratic.dense import solve
-from femsub.modes.static_shapes import independent, lightest
+from femsub.model import SHARE, Estimate, in_band, within
+from femsub.modes import NormalModes, all_modes, independent, lightest, lowest_modes, solve
 from femsub.reduction.basis import Kept, in_blocks
 from femsub.reduction.error_bounds import Nested
 from femsub.reduction.rigid import RigidMotion, coordinates, free_first
 from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
-    from femsub.algebra.rigid_motion import Carried
-    from femsub.model.pencil import Pencil
+    from femsub.algebra import Carried
+    from femsub.model import Pencil
 
 BEGIN = 10  # modes of the first search
 MOST = 1000  # modes at which the search gives up in a larger model

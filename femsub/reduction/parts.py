@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING
 
 import scipy.sparse as sp
 
-from femsub.algebra.matrices import same
-from femsub.algebra.memory import LARGE, reduction_bytes
-from femsub.algebra.threads import WORK, one_thread
-from femsub.algebra.workers import check_workers, side_by_side
+from femsub.algebra import LARGE, WORK, check_workers, one_thread, reduction_bytes, same, side_by_side
 from femsub.checks import choice, instance, shown
-from femsub.coupling.assembly import System
+from femsub.coupling import System
 from femsub.errors import InputError, InputTypeError, WorkerError
-from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.model import ReducedSubstructure, Substructure
 from femsub.reduction.common_shapes import with_common_shapes
 from femsub.reduction.component import FIRST, checked, finished_basis, model_of, reduced, whole_basis, work
 from femsub.reduction.method import Method
@@ -26,7 +23,7 @@ from femsub.reduction.wider import Wider
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from femsub.coupling.contacts.belt import Belt
+    from femsub.coupling import Belt
 
 log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
 

@@ -24,9 +24,8 @@ from femsub.reduction.rubin import Rubin
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from femsub.coupling.assembly import System
-    from femsub.coupling.contacts.belt import Belt
-    from femsub.model.substructure import ReducedSubstructure, Substructure
+    from femsub.coupling import Belt, System
+    from femsub.model import ReducedSubstructure, Substructure
 
 #: importing the methods registers them
 __all__ = ["METHODS", "PORT_LIMIT", "ContactModes", "CraigBampton", "CraigChang", "CraigChangPhysical", "DualCraigBampton",

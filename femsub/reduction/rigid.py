@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra.rigid_motion import SAME, Damped, RigidMotion, size_of_products, undamped, without
+from femsub.algebra import SAME, Damped, RigidMotion, size_of_products, undamped, without
 from femsub.checks import Array
-from femsub.modes.shift_invert import motion_of, rounding_ratio, units
+from femsub.modes import motion_of, rounding_ratio, units
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
-    from femsub.model.substructure import Substructure
+    from femsub.model import Pencil, Substructure
     from femsub.reduction.basis import Basis
     from femsub.reduction.statics import Statics
 

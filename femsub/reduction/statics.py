@@ -12,10 +12,10 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
 from femsub.errors import SingularMatrixError
-from femsub.modes.shift_invert import ShiftInvert
+from femsub.modes import ShiftInvert
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 COLUMNS = 64  # columns of V that are processed at a time
 

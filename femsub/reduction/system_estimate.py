@@ -15,14 +15,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, check_band, finite_number, instance
-from femsub.coupling.assembly import System, couple
-from femsub.coupling.joined import linked, rows_of_parts, sprung
+from femsub.coupling import System, couple, linked, rows_of_parts, sprung
 from femsub.errors import InputError
-from femsub.model.bands import upper
-from femsub.model.contact import Contacts, columns_of, contacts_of, small_matrices
-from femsub.model.estimate import SHARE
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.modes.normal_modes import all_modes
+from femsub.model import SHARE, Contacts, ReducedSubstructure, Substructure, columns_of, contacts_of, small_matrices, upper
+from femsub.modes import all_modes
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.error_bounds import ACCEPTED, Nested
@@ -31,7 +27,7 @@ from femsub.reduction.rigid import RigidMotion, motion_of
 from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
-    from femsub.model.estimate import Estimate
+    from femsub.model import Estimate
 
 SHARP = 0.3  # of the error that is judged: more of it should not be due to the model it is compared with
 FINE = 1e-4  # of the tolerance: nobody asks for smaller errors

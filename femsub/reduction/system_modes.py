@@ -19,8 +19,8 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import InputError, NotConvergedError
-from femsub.model.bands import beyond
-from femsub.modes.normal_modes import lowest_modes
+from femsub.model import beyond
+from femsub.modes import lowest_modes
 from femsub.reduction.basis import Kept
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.error_bounds import Nested
@@ -28,10 +28,8 @@ from femsub.reduction.method import Method
 from femsub.reduction.system_estimate import JoinedSearch
 
 if TYPE_CHECKING:
-    from femsub.coupling.assembly import System
-    from femsub.model.contact import Contacts
-    from femsub.model.estimate import Estimate
-    from femsub.model.substructure import ReducedSubstructure
+    from femsub.coupling import System
+    from femsub.model import Contacts, Estimate, ReducedSubstructure
     from femsub.reduction.statics import Statics
 
 ENOUGH = 0.3  # of the tolerance: the largest model is to leave some choice

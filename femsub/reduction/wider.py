@@ -18,7 +18,7 @@ from femsub.checks import Array
 from femsub.reduction.statics import Partition
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import ReducedSubstructure, Substructure
+    from femsub.model import ReducedSubstructure, Substructure
 
 KEPT = 5000  # DOF up to which the full component is kept for this; a larger one, with its factor, takes too much memory
 NEW = 1e-7  # M-norm of a shape outside V, relative: below, it is rounding

@@ -6,19 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from femsub.algebra.matrices import is_symmetric
-from femsub.algebra.rigid_motion import unresisted
-from femsub.algebra.subspace import orthonormal
-from femsub.algebra.threads import FEW, one_thread
+from femsub.algebra import FEW, is_symmetric, one_thread, orthonormal, unresisted
 from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError, UnstableModelError
-from femsub.model.bands import in_band
-from femsub.model.pencil import Pencil, contact_matrix
-from femsub.modes.normal_modes import lowest_modes, modes_below
+from femsub.model import Pencil, contact_matrix, in_band
+from femsub.modes import PortFunction, ShiftInvert, independent, lowest_modes, modes_below, port_responses, units
 from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.modes.quadratic.port_function import PortFunction, port_responses
-from femsub.modes.shift_invert import ShiftInvert, units
-from femsub.modes.static_shapes import independent
 from femsub.stability.bracketing import BESIDE, bracketed
 from femsub.stability.contact_model import MARGIN, TOGETHER, Band, Border, Model
 

@@ -23,7 +23,7 @@ from femsub.errors import FemsubError
 from femsub.stability.contact_model import Band, Border, Model
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 CLOSE = 0.1  # relative distance up to which two frequencies may be neighbours
 LARGEST = 1000  # coordinates of a model

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from femsub.checks import Array
-from femsub.model.bands import in_band
+from femsub.model import in_band
 from femsub.stability.contact_model import TOGETHER, Band, Border, Model
 
 BESIDE = 1e-2  # relative width beyond the band's edges in which pairs are followed, since Im λ moves with c

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra.matrices import is_symmetric
+from femsub.algebra import is_symmetric
 from femsub.checks import EPS, Array
-from femsub.model.bands import REAL_ROOT, in_band
-from femsub.modes.quadratic.dense import definite_form
+from femsub.model import REAL_ROOT, in_band
+from femsub.modes import definite_form
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 TOGETHER = 1e-9  # relative difference of c up to which pairs cross together
 MARGIN = 1e-3  # each border is verified on the pencil at c(1 ∓ MARGIN)

@@ -11,24 +11,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra.factor import QUADRATIC, WIDE, factorise, negative_eigenvalues
-from femsub.algebra.workers import check_workers, side_by_side
+from femsub.algebra import QUADRATIC, WIDE, check_workers, factorise, negative_eigenvalues, side_by_side
 from femsub.checks import Array, choice, instance, positive_number, real_array
-from femsub.coupling.contacts.belt import Belt
+from femsub.coupling import Belt
 from femsub.errors import CutoffWarning, FemsubWarning, InputError, SingularMatrixError, warn
-from femsub.model.bands import in_band
-from femsub.model.estimate import SHARE, usable_band
-from femsub.model.substructure import Substructure
+from femsub.model import SHARE, Substructure, in_band, usable_band
+from femsub.modes import Budget, eigenvalues, modal_form
 from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.modes.quadratic.cost import Budget
-from femsub.modes.quadratic.dense import eigenvalues, modal_form
 from femsub.stability.border import dense_border, sparse_border
 from femsub.stability.border_doubt import doubt
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from femsub.model.contact import Contacts
+    from femsub.model import Contacts
     from femsub.stability.contact_model import Border
 
 log = logging.getLogger(__name__)

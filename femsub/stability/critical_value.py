@@ -9,20 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra.factor import WIDE
-from femsub.algebra.threads import FEW, one_thread
+from femsub.algebra import FEW, WIDE, one_thread
 from femsub.checks import Tally, check_band, interval
 from femsub.errors import InputError
-from femsub.model.bands import in_band
-from femsub.model.estimate import usable_band
-from femsub.model.substructure import Substructure
+from femsub.model import Substructure, in_band, usable_band
 from femsub.stability.crossings import BESIDE, Crossing, Found, extrapolated, settled, shown_value, weight
 from femsub.stability.exclusion import Family, Part
 from femsub.stability.parameter import PencilOver, pencil_over
 
 if TYPE_CHECKING:
-    from femsub.model.affine import Affine
-    from femsub.model.contact import Contacts
+    from femsub.model import Affine, Contacts
 
 log = logging.getLogger(__name__)
 

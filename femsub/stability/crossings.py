@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from femsub.checks import EPS, Array
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
     from femsub.stability.exclusion import Family, Spectrum
 
 WIDER = 8.0  # times: how the sides move away from a window until rounding hides nothing

@@ -28,15 +28,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra.matrices import equilibration, scaled
+from femsub.algebra import equilibration, scaled
 from femsub.checks import EPS, Array
 from femsub.errors import InputError
-from femsub.modes.quadratic.dense import definite_form
-from femsub.modes.quadratic.singular_mass import REGULAR
+from femsub.modes import REGULAR, definite_form
 from femsub.stability.parameter import SAMPLES
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
     from femsub.stability.parameter import PencilOver
 
 STRAIGHT = 1e-13  # largest distance of A(p) from the chord between its ends, relative, at which A counts as affine

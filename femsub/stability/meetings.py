@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from femsub.checks import Array
-from femsub.model.bands import DOUBLE
+from femsub.model import DOUBLE
 
 APART = 4.0  # the distance of two branches beside a meeting, relative to the least
 HALF, QUARTER = 3 * np.pi / 4, np.pi / 4  # limits between half a turn, a quarter, and none

@@ -17,12 +17,10 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, instance, word
 from femsub.errors import InputError, unknown_name
-from femsub.model.affine import Affine
-from femsub.model.contact import Contacts, affine_fields, contacts_of, kinks_of, small_matrices
-from femsub.model.substructure import Substructure
+from femsub.model import Affine, Contacts, Substructure, affine_fields, contacts_of, kinks_of, small_matrices
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where a declaration is checked
 AGREES = 1e-9  # of an entry of C, and ROUNDING of the largest: how far it may be from the chord if C is affine

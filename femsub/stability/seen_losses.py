@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.checks import Tally
-from femsub.modes.quadratic.complex_modes import ComplexModes, complex_modes
+from femsub.modes import ComplexModes
+from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.stability.critical_value import LARGEST, CriticalValue, critical_value
 from femsub.stability.crossings import Crossing, fed_by
 
 if TYPE_CHECKING:
-    from femsub.model.affine import Affine
+    from femsub.model import Affine
     from femsub.stability.tracking import Tracked
 
 HALVINGS = 20  # of the step between two values of `track`

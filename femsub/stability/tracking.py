@@ -19,24 +19,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.factor import QUADRATIC, WIDE
+from femsub.algebra import QUADRATIC, WIDE
 from femsub.checks import Array, check_band, real_array
 from femsub.errors import FemsubWarning, InputError, warn
-from femsub.model.affine import Affine
-from femsub.model.bands import DOUBLE, in_band, upper
-from femsub.model.contact import Contacts
-from femsub.model.estimate import usable_band
-from femsub.model.substructure import Substructure
-from femsub.modes.quadratic.complex_modes import with_bars
-from femsub.modes.quadratic.matching import assigned
-from femsub.modes.quadratic.multiplicity import clusters
-from femsub.modes.quadratic.region import Region
+from femsub.model import DOUBLE, Affine, Contacts, Substructure, in_band, upper, usable_band
+from femsub.modes import Region, assigned, clusters, with_bars
 from femsub.modes.quadratic.search import search
 from femsub.stability.meetings import Meeting, meetings_of
 from femsub.stability.parameter import pencil_over
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 log = logging.getLogger(__name__)
 

@@ -10,19 +10,25 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.factor import QUADRATIC, SMALL, WIDE, release
-from femsub.algebra.timing import timed
+from femsub.algebra import QUADRATIC, SMALL, WIDE, release, timed
 from femsub.checks import Array, check_band, instance, items, listener, real_array, whole_number
-from femsub.coupling.assembly import System
-from femsub.coupling.contacts.belt import Belt
+from femsub.coupling import Belt, System
 from femsub.errors import CutoffWarning, FemsubError, InputError, PortWarning
-from femsub.model.bands import in_band
-from femsub.model.contact import Contact, Contacts, contacts_of
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes
-from femsub.modes.quadratic.complex_modes import ComplexModes, complex_modes
-from femsub.modes.quadratic.matching import extra_eigenvalues, frequency_error, relative_error, spectrum_errors, turnover
-from femsub.reduction.reduce import Method, reduce
+from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, contacts_of, in_band
+from femsub.modes import (
+    ComplexModes,
+    NormalModes,
+    all_modes,
+    extra_eigenvalues,
+    frequency_error,
+    relative_error,
+    spectrum_errors,
+    turnover,
+)
+from femsub.modes.normal_modes import normal_modes
+from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.reduction import Method
+from femsub.reduction.reduce import reduce
 from femsub.stability.critical_slope import critical_slope
 from femsub.studies.joint_forces import force_error
 from femsub.studies.results import PHASES, Row, Study, Timing, with_front

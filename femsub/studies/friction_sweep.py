@@ -11,12 +11,9 @@ import numpy as np
 
 from femsub.checks import Array
 from femsub.errors import NotConvergedError
-from femsub.model.affine import Affine
-from femsub.model.bands import in_band
-from femsub.model.contact import Contact
-from femsub.model.substructure import Substructure
-from femsub.modes.quadratic.complex_modes import ComplexModes, complex_modes
-from femsub.modes.quadratic.matching import match
+from femsub.model import Affine, Contact, Substructure, in_band
+from femsub.modes import ComplexModes, match
+from femsub.modes.quadratic.complex_modes import complex_modes
 
 GRID = 10  # values of μ between which the first loss is searched
 FINE = 1e-6  # of the range: how exactly a loss is located

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from femsub.checks import Array
-from femsub.coupling.assembly import System
-from femsub.model.bands import in_band
-from femsub.modes.normal_modes import NormalModes, all_modes
+from femsub.coupling import System
+from femsub.model import in_band
+from femsub.modes import NormalModes, all_modes
 
 SAME = 0.1  # a mode of the reduced system is a counterpart (perhaps of a cluster) from this fraction of the largest share on
 NEAR = 0.5  # largest relative distance in ω of a counterpart

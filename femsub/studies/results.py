@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import positive_number
-from femsub.reduction.reduce import METHODS
+from femsub.reduction import METHODS
 from femsub.studies.tables import fitted, table, yes_no
 
 APART = 1.25  # two models count as equally fast if their times, beyond the spread of the runs, differ by less

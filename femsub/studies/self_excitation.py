@@ -15,13 +15,10 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, instance, positive_number, real_array
 from femsub.errors import InputError, SingularMatrixError
-from femsub.model.bands import within
-from femsub.model.contact import Contact, Contacts, columns_of, contacts_of
-from femsub.model.substructure import ReducedSubstructure, Substructure
-from femsub.modes.quadratic.complex_modes import ComplexModes, complex_modes
-from femsub.modes.quadratic.matching import likeness, listed, match
-from femsub.modes.quadratic.port_function import port_responses
-from femsub.motion.nonlinear_model import project
+from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, columns_of, contacts_of, within
+from femsub.modes import ComplexModes, likeness, listed, match, port_responses
+from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.motion import project
 
 NEAR = 0.05  # |Δλ| / |λ| up to which a mode of a reduced model may match one of the full model
 ALIKE = 0.9  # smallest MAC of the two shapes for a match

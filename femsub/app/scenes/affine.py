@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from femsub import Affine
-from femsub.algebra.matrices import as_matrix
+from femsub.algebra import as_matrix
 from femsub.app.expressions import Expression, Factor
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
@@ -17,7 +17,7 @@ from femsub.app.scenes.flutter import FlutterScene, flutter
 from femsub.checks import Matrix, check_band
 from femsub.components.disc_pair import disc_pair
 from femsub.errors import InputError, unknown_name
-from femsub.io.component_files import read_aligned
+from femsub.io import read_aligned
 
 BETWEEN = [0.005, 0.2]  # of the example
 #: the example's factors, by its matrices

@@ -10,7 +10,7 @@ from femsub import Mesh, Substructure, beam
 from femsub.app.keys import key
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
-from femsub.components.beam import SUPPORTS
+from femsub.components import SUPPORTS
 
 
 @dataclass(frozen=True)

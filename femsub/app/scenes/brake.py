@@ -39,11 +39,10 @@ from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import least_stable, motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array, check_band, interval
-from femsub.coupling.contacts.brake import brake_meshes, check_held, opposite
+from femsub.coupling import brake_meshes, check_held, opposite
 from femsub.errors import FemsubError, FemsubWarning, InputError, NotConvergedError, PortWarning, warn
-from femsub.reduction.reduce import METHODS
-from femsub.studies.friction_sweep import FrictionRow, compared, first_loss, over_mu, same_loss
-from femsub.studies.tables import table
+from femsub.reduction import METHODS
+from femsub.studies import FrictionRow, compared, first_loss, over_mu, same_loss, table
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer

@@ -18,12 +18,11 @@ from femsub.app.moving import mode_file
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.app.scenes.outputs import NO_GROWTH, comparable, growth_cell, least_stable, slope_cell
 from femsub.checks import check_band
-from femsub.coupling.contacts.belt import LAWS
+from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
-from femsub.modes.quadratic.matching import relative_error
-from femsub.reduction.reduce import METHODS
-from femsub.studies.error_vs_time import border_or_reason
-from femsub.studies.tables import table, yes_no
+from femsub.modes import relative_error
+from femsub.reduction import METHODS
+from femsub.studies import border_or_reason, table, yes_no
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer

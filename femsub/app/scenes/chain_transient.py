@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from femsub import transient
-from femsub.algebra.factor import QUADRATIC
-from femsub.algebra.timing import Interruptible
+from femsub.algebra import QUADRATIC, Interruptible
 from femsub.app.figure_style import look
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs

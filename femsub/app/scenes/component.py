@@ -14,9 +14,9 @@ from femsub import Mesh, NormalModes, ReducedSubstructure, Substructure, displac
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Scene
 from femsub.checks import Array, check_band
-from femsub.components.fields import node_rows
+from femsub.components import node_rows
 from femsub.errors import InputError, PortWarning
-from femsub.reduction.reduce import METHODS, Method
+from femsub.reduction import METHODS, Method
 
 UP_TO, MARGIN = 8, 0.02  # the band's default: so much above that mode
 LISTED = 14  # normal modes that are listed and written

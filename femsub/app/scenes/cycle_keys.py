@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_balance, spectrum, transient
-from femsub.algebra.factor import QUADRATIC
+from femsub.algebra import QUADRATIC
 from femsub.app.figure_style import look
 from femsub.app.figures_cycles import bifurcation_figure
 from femsub.app.keys import key
@@ -18,10 +18,8 @@ from femsub.app.scene import NO_SLOPE, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
 from femsub.checks import Array, interval
 from femsub.errors import InputError, NoCycleError, NotConvergedError
-from femsub.motion.cycles.continuation import PARAMETERS, with_parameter
-from femsub.motion.cycles.initial_guess import of_signal, onsets
-from femsub.motion.nonlinear_model import sliding
-from femsub.studies.tables import table, yes_no
+from femsub.motion import PARAMETERS, of_signal, onsets, sliding, with_parameter
+from femsub.studies import table, yes_no
 
 NEAR = 0.05  # frequencies of two models that differ by less belong to the same mode
 

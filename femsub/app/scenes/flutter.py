@@ -14,8 +14,8 @@ from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.checks import interval
 from femsub.errors import InputError
-from femsub.stability.seen_losses import losses_over
-from femsub.studies.tables import table
+from femsub.stability import losses_over
+from femsub.studies import table
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
 TOLD = 5  # open intervals that are listed

@@ -21,16 +21,14 @@ from femsub import (
     sticking,
     transient,
 )
-from femsub.algebra.timing import Interruptible
+from femsub.algebra import Interruptible
 from femsub.app.figure_style import look
 from femsub.app.figures_transient import signals_figure, spectra_figure, spectrogram_figure
 from femsub.app.scene import Result
 from femsub.app.units import Units
-from femsub.modes.quadratic.matching import relative_error
-from femsub.motion.nonlinear_model import sliding
-from femsub.motion.signals import Spectrum
-from femsub.studies.self_excitation import table_rows
-from femsub.studies.tables import table
+from femsub.modes import relative_error
+from femsub.motion import Spectrum, sliding
+from femsub.studies import table, table_rows
 
 LISTED = 3  # frequencies in the table
 FAINT, STILL = 1e-6, 1e-3  # of the belt's speed: growth is followed from one to the other, where the model is linear

@@ -13,7 +13,7 @@ from femsub.app.figures import joined_figure
 from femsub.app.scene import Result
 from femsub.app.scenes.component import UP_TO, Work
 from femsub.checks import Array
-from femsub.studies.tables import table
+from femsub.studies import table
 
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of the springs to the component's own static stiffness at the interface
 

@@ -15,11 +15,9 @@ from femsub.app.figures_errors import errors_figure
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, method_keys, other_method_names
 from femsub.errors import FemsubError, InputError, PortWarning
-from femsub.modes.quadratic.matching import NEAR, match
-from femsub.reduction.reduce import METHODS, PORT_LIMIT, Method
-from femsub.studies.error_vs_time import all_frequencies, elastic
-from femsub.studies.results import Row, Study
-from femsub.studies.tables import table
+from femsub.modes import NEAR, match
+from femsub.reduction import METHODS, PORT_LIMIT, Method
+from femsub.studies import Row, Study, all_frequencies, elastic, table
 
 RIGID = 6  # rigid-body modes that a part has at most
 LISTED = 20  # frequencies that are printed; the table in the file has all

@@ -18,10 +18,9 @@ from femsub.app.scene import Progress, Result, run_outputs
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
-from femsub.model.bands import in_band
-from femsub.modes.quadratic.matching import listed, relative_error
-from femsub.studies.error_vs_time import border_or_reason
-from femsub.studies.tables import table, yes_no
+from femsub.model import in_band
+from femsub.modes import listed, relative_error
+from femsub.studies import border_or_reason, table, yes_no
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -80,7 +79,7 @@ def _modes(work: Work) -> Result:
 
 
 def vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
-    from femsub.io.mesh_files import mesh_bytes
+    from femsub.io import mesh_bytes
 
     file.write(mesh_bytes(mesh, shapes))
 
@@ -231,7 +230,7 @@ def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str 
         vtu(bare, {f"displacement {named}": (shape * np.exp(1j * omega * time)).real}, file)
 
     def series(file: BinaryIO) -> None:
-        from femsub.io.mesh_files import series_bytes
+        from femsub.io import series_bytes
 
         file.write(series_bytes(times))
 

@@ -13,9 +13,9 @@ from femsub.app.scene import Progress, Result, other_method_names, run_outputs
 from femsub.app.scenes.joined_parts import Choice, JoinedScene, compared
 from femsub.app.scenes.solid import motions
 from femsub.app.scenes.system_shapes import system_modes
-from femsub.components.solid import DIRECTIONS
+from femsub.components import DIRECTIONS
 from femsub.errors import InputError, unknown_name
-from femsub.reduction.reduce import METHODS
+from femsub.reduction import METHODS
 
 GROUND, FULL, ALL = "ground", "full", "interface"
 KINDS = ("rigid", "spring", "tied")

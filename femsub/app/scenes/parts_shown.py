@@ -12,7 +12,7 @@ from femsub import CraigBampton, Mesh, ReducedSubstructure, System, reduce
 from femsub.app.figures_parts import parts_figure
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.joined_parts import JoinedScene
-from femsub.studies.tables import table
+from femsub.studies import table
 
 
 def picture(meshes: Mapping[str, Mesh], title: str) -> Result:
@@ -25,7 +25,7 @@ def picture(meshes: Mapping[str, Mesh], title: str) -> Result:
 
 
 def _vtu(meshes: Mapping[str, Mesh], file: BinaryIO) -> None:
-    from femsub.io.mesh_files import mesh_bytes
+    from femsub.io import mesh_bytes
 
     first = next(iter(meshes.values()))
     nodes, cells = (np.cumsum([0, *(len(values) for values in each)]) for each in

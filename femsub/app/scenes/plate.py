@@ -63,7 +63,7 @@ class PlateScene(ComponentScene):
 
     def _mesh(self) -> Mesh:
         if self.mesh:
-            from femsub.io.mesh_files import read_mesh
+            from femsub.io import read_mesh
 
             return read_mesh(Path(self.folder) / self.mesh)
         made = rectangle(self.lengths, self.elements, self.cells, name=self.name)

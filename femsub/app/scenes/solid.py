@@ -12,7 +12,7 @@ from femsub import Material, Mesh, Substructure, annulus, solid
 from femsub.app.keys import key
 from femsub.app.scenes.component import ComponentScene
 from femsub.app.scenes.outputs import run_component
-from femsub.components.solid import DIRECTIONS
+from femsub.components import DIRECTIONS
 from femsub.errors import InputError
 
 
@@ -76,7 +76,7 @@ class SolidScene(ComponentScene):
 
     def _mesh(self) -> Mesh:
         if self.mesh:
-            from femsub.io.mesh_files import read_mesh
+            from femsub.io import read_mesh
 
             return read_mesh(Path(self.folder) / self.mesh, kind=self.kind or None)
         made = annulus(self.radii[0], self.radii[1], self.thickness, self.elements, self.kind or "hexahedron20", name=self.name)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub import Belt, State, complex_modes, transient
-from femsub.algebra.timing import Interruptible
+from femsub.algebra import Interruptible
 from femsub.app.figure_style import look
 from femsub.app.figures_transient import period_figure
 from femsub.app.keys import key
@@ -18,9 +18,9 @@ from femsub.app.scenes.component import Work
 from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, whole
 from femsub.app.scenes.solid import SolidScene
 from femsub.errors import InputError
-from femsub.modes.quadratic.matching import relative_error
-from femsub.motion.nonlinear_model import project
-from femsub.studies.tables import table
+from femsub.modes import relative_error
+from femsub.motion import project
+from femsub.studies import table
 
 POINTS = 40  # of the recorded grid, per period
 SETTLED = 1 / 4  # of the long run, at its end: where its spectrum is taken

@@ -13,7 +13,7 @@ from femsub.app.figures_modes import shapes_figure
 from femsub.app.scene import Result
 from femsub.app.scenes.joined_parts import LISTED, JoinedScene
 from femsub.checks import Array
-from femsub.studies.tables import table
+from femsub.studies import table
 
 DRAWN = 6  # modes
 Drawn = tuple[Mesh, Array]
@@ -61,6 +61,6 @@ def by_kind(system: System, meshes: Mapping[str, Mesh], shapes: Array) -> dict[s
 
 
 def _vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
-    from femsub.io.mesh_files import mesh_bytes
+    from femsub.io import mesh_bytes
 
     file.write(mesh_bytes(mesh, shapes))

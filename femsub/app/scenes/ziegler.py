@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.flutter import FlutterScene, flutter
-from femsub.components.ziegler import ziegler, ziegler_critical
+from femsub.components import ziegler_critical
+from femsub.components.ziegler import ziegler
 
 
 @dataclass(frozen=True)

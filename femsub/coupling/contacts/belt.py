@@ -17,10 +17,10 @@ import numpy as np
 
 from femsub.checks import EPS, Array, Matrix, finite_number, real_array, shown, word
 from femsub.errors import FemsubError, InputError, InputTypeError
-from femsub.model.pencil import contact_matrix
+from femsub.model import contact_matrix
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 Scalar = Callable[[float], float]
 NARROWEST = 1e-100  # smallest ε

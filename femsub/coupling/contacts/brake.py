@@ -8,8 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from femsub.checks import Array, positive_number
-from femsub.components.grids import annulus
-from femsub.components.mesh import Mesh
+from femsub.components import Mesh, annulus
 from femsub.coupling.contacts.friction_contact import contact_points
 from femsub.errors import InputError
 

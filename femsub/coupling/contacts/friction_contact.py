@@ -11,16 +11,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
-from femsub.components.mesh import Mesh
-from femsub.components.solid_elements import reference, skfem
+from femsub.components import Mesh, reference, skfem
 from femsub.coupling.contacts.friction_in_motion import FrictionInMotion
 from femsub.coupling.joints import GROUND, Joint, Link, Site
 from femsub.coupling.ties import Surface, areas, common_parts, reach, rows_of_nodes
 from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
-from femsub.model.dof_map import TRANSLATIONS
+from femsub.model import TRANSLATIONS
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 KEPT = 8  # pairs of surfaces whose points are kept, since a sweep over μ makes a contact for each value
 ALONG = 0.1  # of the sliding velocity that must lie in the surface

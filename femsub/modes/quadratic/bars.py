@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.algebra.matrices import equilibration, scaled
+from femsub.algebra import equilibration, scaled
 from femsub.checks import EPS, Array
 from femsub.modes.quadratic.dense import carries
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 SOLVED = 1e-3  # |y|ᵀ|P(λ)x|, relative to the sizes of its terms, above which (λ, x) is no solution, and first order says nothing
 STILL = 1e-8  # the same of Kx for λ = 0, up to which x is rigid-body motion

@@ -10,11 +10,11 @@ from functools import partial
 
 import numpy as np
 
-from femsub.algebra.factor import QUADRATIC
+from femsub.algebra import QUADRATIC
 from femsub.algebra.shared import shared
 from femsub.checks import Array, Tally
 from femsub.errors import SingularMatrixError
-from femsub.model.bands import beyond, in_band
+from femsub.model import beyond, in_band
 from femsub.modes.quadratic import damping_split, disc_count
 from femsub.modes.quadratic.disc_count import Count, Edge
 from femsub.modes.quadratic.multiplicity import clear_radius

@@ -10,16 +10,14 @@ import numpy as np
 
 from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
-from femsub.model.bands import beyond
-from femsub.model.pencil import Pencil
-from femsub.model.substructure import Substructure
+from femsub.model import Pencil, Substructure, beyond
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.region import region_of
 from femsub.modes.quadratic.search import search
 
 if TYPE_CHECKING:
-    from femsub.model.contact import Contacts
+    from femsub.model import Contacts
 
 log = logging.getLogger(__name__)
 

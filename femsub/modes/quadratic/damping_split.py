@@ -10,10 +10,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
-from femsub.model.pencil import contact_matrix
+from femsub.model import contact_matrix
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 RANK = 40  # largest number of columns of W
 JUDGES = 500  # rows on which α and β are tested

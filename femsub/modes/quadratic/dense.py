@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra.matrices import is_symmetric, unit_length
-from femsub.algebra.rigid_motion import RigidMotion, unresisted
-from femsub.algebra.threads import FEW, one_thread
+from femsub.algebra import FEW, RigidMotion, is_symmetric, one_thread, unit_length, unresisted
 from femsub.checks import EPS, Array
 from femsub.errors import InputError, SingularMatrixError
 from femsub.modes.dense import dense_modes
@@ -37,7 +35,7 @@ from femsub.modes.shift_invert import (
 )
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 SLOW = 0.1  # ‖λq‖ of a state of length 1 below which q follows from Ωq
 STILL = 1e-12  # ‖λq‖ below which the rigid part of q would be rounding

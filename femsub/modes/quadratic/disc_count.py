@@ -15,10 +15,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra.factor import counting, factorise, inertia, shared_factor
-from femsub.algebra.matrices import Difference
-from femsub.algebra.subspace import orthonormal
-from femsub.algebra.threads import one_thread
+from femsub.algebra import Difference, counting, factorise, inertia, one_thread, orthonormal, shared_factor
 from femsub.checks import Array, Matrix, Tally
 from femsub.errors import SingularMatrixError
 from femsub.modes.quadratic.damping_split import Split

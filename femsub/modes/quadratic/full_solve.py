@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.factor import DenseFactor
-from femsub.algebra.matrices import Difference
+from femsub.algebra import DenseFactor, Difference
 from femsub.checks import Array, Matrix
-from femsub.coupling.assembly import System
-from femsub.coupling.joined import linked, rows_of_parts, sprung
+from femsub.coupling import System, linked, rows_of_parts, sprung
 from femsub.errors import SingularMatrixError
 from femsub.modes.shift_invert import ShiftInvert
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
 
 log = logging.getLogger(__name__)
 

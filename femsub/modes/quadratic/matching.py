@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from femsub.checks import Array, Matrix
-from femsub.coupling.assembly import System
-from femsub.model.bands import upper, within
-from femsub.model.contact import Contacts, contacts_of, small_matrices
-from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.coupling import System
+from femsub.model import Contacts, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper, within
 
 if TYPE_CHECKING:
     from femsub.modes.quadratic.complex_modes import ComplexModes

@@ -9,10 +9,10 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra.matrices import unit_length
+from femsub.algebra import unit_length
 from femsub.checks import Array
 from femsub.errors import NotConvergedError
-from femsub.model.bands import DOUBLE
+from femsub.model import DOUBLE
 
 SAME = 1e-10  # |Δλ| / |λ| up to which two results may be the same eigenvalue; rounding splits a defective one by more
 PARALLEL = 1e-6  # two unit vectors are the same up to this remainder; those of a double eigenvalue differ by more

@@ -19,8 +19,8 @@ from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.multiplicity import PARALLEL
 
 if TYPE_CHECKING:
-    from femsub.algebra.factor import ComplexFactor
-    from femsub.model.pencil import Pencil
+    from femsub.algebra import ComplexFactor
+    from femsub.model import Pencil
 
 POOR = 1e-8  # error bar relative to |λ| above which an eigenpair is mended,
 FLOOR = 30.0  # if it is so many times what rounding in P(λ)x alone would make it

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra.factor import ComplexFactor, shared_factor
+from femsub.algebra import ComplexFactor, shared_factor
 from femsub.checks import EPS, Array
 from femsub.errors import SingularMatrixError
-from femsub.model.bands import REAL_ROOT, in_band, widened
+from femsub.model import REAL_ROOT, in_band, widened
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
     from femsub.modes.quadratic.dense import ModalForm
 
 

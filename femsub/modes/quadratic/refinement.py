@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from femsub.algebra.subspace import orthonormal
+from femsub.algebra import orthonormal
 from femsub.checks import Array, Matrix, items, positive_number, whole_number
-from femsub.coupling.assembly import System
+from femsub.coupling import System
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, SingularMatrixError, warn
-from femsub.model.contact import Contacts, contacts_at
-from femsub.model.pencil import Pencil
-from femsub.model.substructure import ReducedSubstructure, Substructure
+from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_at
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.modes.quadratic.full_solve import FullSolve, solve_of

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.algebra.factor import QUADRATIC
+from femsub.algebra import QUADRATIC
 from femsub.checks import Array, check_band, interval, whole_number
 from femsub.errors import InputError
-from femsub.model.bands import in_band
+from femsub.model import in_band
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 Box = tuple[float, float, float, float]  # (re_lo, re_hi, lo, hi)
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra.matrices import unit_length
-from femsub.model.pencil import Pencil
+from femsub.algebra import unit_length
+from femsub.model import Pencil
 from femsub.modes.quadratic.singular_mass import Eigenpairs, Solver, qz_of
 
 if TYPE_CHECKING:
-    from femsub.algebra.rigid_motion import RigidMotion
+    from femsub.algebra import RigidMotion
 
 
 ROUNDING = 1e-14  # share of the mass that moves with the rigid motion below which the rest is no mass

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from femsub.algebra.factor import QUADRATIC, SMALL, WIDE, ComplexFactor, negative_eigenvalues
-from femsub.algebra.threads import FEW, one_thread
+from femsub.algebra import FEW, QUADRATIC, SMALL, WIDE, ComplexFactor, negative_eigenvalues, one_thread
 from femsub.checks import Array, Tally
 from femsub.errors import ConditionWarning, InputError, MissedModesError, NotConvergedError, warn
 from femsub.modes.quadratic import damping_split, dense
@@ -20,7 +19,7 @@ from femsub.modes.quadratic.singular_mass import finite
 from femsub.modes.quadratic.sparse import KEPT, Shifted
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
     from femsub.modes.quadratic.disc_count import Count
     from femsub.modes.quadratic.region import Region
 

@@ -14,10 +14,9 @@ from typing import TypeAlias
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra.matrices import equilibration, scaled, unit_length
-from femsub.algebra.null_space import SINGULAR
+from femsub.algebra import SINGULAR, equilibration, scaled, unit_length
 from femsub.checks import EPS, Array
-from femsub.model.pencil import Pencil
+from femsub.model import Pencil
 
 REGULAR = 1e12  # condition up to which a matrix is inverted
 UNSURE = 8.0  # factor about the limit of a rank within which a singular value may be rounding or not

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra.factor import Handle, shared_factor
-from femsub.algebra.petsc import Factor, Transposed, quadratic_modes
+from femsub.algebra import Factor, Handle, Transposed, quadratic_modes, shared_factor
 from femsub.checks import Array
 from femsub.errors import BreakdownError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.modes.normal_modes import lowest_modes
@@ -18,7 +17,7 @@ from femsub.modes.quadratic.multiplicity import distinct, joined
 from femsub.modes.shift_invert import ShiftInvert, motion_of
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
 
 SAME = 1e-6  # |Δλ| / |λ| up to which left and right vectors belong to one eigenvalue
 # Attempts: tolerance, increment of the random seed, relative increment of the number asked for. TOAR's error estimate is

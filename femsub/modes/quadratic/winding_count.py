@@ -15,7 +15,7 @@ from femsub.errors import MissedModesError, NotConvergedError, SingularMatrixErr
 from femsub.modes.normal_modes import NormalModes, modes_below, modes_under
 
 if TYPE_CHECKING:
-    from femsub.model.pencil import Pencil
+    from femsub.model import Pencil
     from femsub.modes.quadratic.region import Box
 
 MOST = 600  # largest number of contour points

@@ -23,9 +23,8 @@ from femsub.motion.cycles.special_points import SpecialPoint, Tracer
 from femsub.motion.nonlinear_model import Sliding, sliding
 
 if TYPE_CHECKING:
-    from femsub.coupling.contacts.belt import Belt
-    from femsub.model.contact import Contact
-    from femsub.model.substructure import Substructure
+    from femsub.coupling import Belt
+    from femsub.model import Contact, Substructure
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,18 +16,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import scipy.linalg as la
 
-from femsub.algebra.factor import QUADRATIC, Handle, shared_factor
-from femsub.algebra.matrices import is_symmetric
-from femsub.algebra.subspace import orthonormal
+from femsub.algebra import QUADRATIC, Handle, is_symmetric, orthonormal, shared_factor
 from femsub.checks import Array
-from femsub.model.pencil import Pencil
-from femsub.modes.normal_modes import lowest_modes
-from femsub.modes.quadratic.dense import ModalForm, modal_form, with_energy
-from femsub.modes.quadratic.port_function import port_responses
-from femsub.modes.shift_invert import ShiftInvert
+from femsub.model import Pencil
+from femsub.modes import ModalForm, ShiftInvert, lowest_modes, modal_form, port_responses, with_energy
 
 if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
+    from femsub.model import Substructure
     from femsub.motion.nonlinear_model import Sliding
 
 AGREE = 1e-7  # largest relative difference of partial fractions from a solve

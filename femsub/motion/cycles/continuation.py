@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import Array
-from femsub.coupling.contacts.belt import Belt, with_slope
+from femsub.coupling import Belt, with_slope
 from femsub.errors import NotConvergedError
 from femsub.motion.cycles.balance import Orbit, coefficients
 from femsub.motion.cycles.compliance import Compliance

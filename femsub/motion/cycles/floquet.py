@@ -31,7 +31,7 @@ import scipy.linalg as la
 from scipy.interpolate import CubicSpline
 
 from femsub.checks import Array
-from femsub.modes.quadratic.matching import match
+from femsub.modes import match
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two, samples_of
 from femsub.motion.cycles.compliance import Fractions
 from femsub.motion.nonlinear_model import Sliding

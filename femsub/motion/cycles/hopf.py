@@ -20,7 +20,7 @@ from femsub.motion.nonlinear_model import Sliding
 from femsub.stability.critical_slope import critical_slope
 
 if TYPE_CHECKING:
-    from femsub.coupling.contacts.belt import Belt
+    from femsub.coupling import Belt
 
 SMALL = 1e-3  # amplitude of the first cycle, relative to the belt's speed
 TOGETHER = 1e-6  # relative difference of slopes up to which crossings coincide

@@ -19,9 +19,8 @@ import numpy as np
 
 from femsub.checks import Array, real_array
 from femsub.errors import InputError, NoCycleError
-from femsub.model.bands import beyond
-from femsub.modes.quadratic.dense import eigenvalues
-from femsub.modes.quadratic.port_function import PortFunction
+from femsub.model import beyond
+from femsub.modes import PortFunction, eigenvalues
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.nonlinear_model import Sliding

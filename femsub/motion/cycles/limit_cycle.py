@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.algebra.factor import shared_factor
+from femsub.algebra import shared_factor
 from femsub.checks import Array, finite_number, whole_number
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, warn
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase, power_of_two
@@ -21,9 +21,8 @@ from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
-    from femsub.coupling.contacts.belt import Belt
-    from femsub.model.contact import Contact
-    from femsub.model.substructure import Substructure
+    from femsub.coupling import Belt
+    from femsub.model import Contact, Substructure
 
 log = logging.getLogger(__name__)
 

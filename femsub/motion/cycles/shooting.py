@@ -17,14 +17,13 @@ import numpy as np
 
 from femsub.checks import Array, finite_number, whole_number
 from femsub.errors import InputError, NotConvergedError
-from femsub.modes.normal_modes import all_modes
+from femsub.modes import all_modes
 from femsub.motion.cycles.limit_cycle import LimitCycle
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
-    from femsub.coupling.contacts.belt import Belt
-    from femsub.model.contact import Contact
-    from femsub.model.substructure import Substructure
+    from femsub.coupling import Belt
+    from femsub.model import Contact, Substructure
 
 LARGEST = 60  # DOF
 TIGHTEST = 1e-13  # smallest relative tolerance of the integration; below it rounding determines the steps
