@@ -14,14 +14,14 @@ from femsub.app.scene import SCENES, scene_of
 
 #: the pages of public names: title, one line, and the rooms or modules of femsub whose names stand there
 NAMES = {
-    "model": ("Models", "What all other functions take and give: matrices with an interface and ports.", ("model",)),
-    "components": ("Components", "Functions that make a component, or read and cut a mesh.", ("components",)),
+    "model": ("Models", "What all other functions take and give: matrices with an interface and ports.", ("model", "algebra")),
+    "components": ("Components", "Functions that make a component, or read and cut a mesh.",
+                   ("components", "coupling.cutting", "modes.damping", "modes.rotation")),
     "reduction": ("Reduction", "Methods, and what they make of a component.", ("reduction",)),
     "coupling": ("Coupling and contact", "Joints that make a system of parts, belts, friction laws and contacts.",
-                 ("model.assembly", "model.joints", "model.rigid_links", "model.friction", "model.contact", "components.ties",
-                  "components.friction_contact")),
+                 ("coupling", "model.contact")),
     "stability": ("Modes and stability", "Normal and complex modes, critical slopes and values, sweeps and maps.",
-                  ("modes", "quadratic", "stability")),
+                  ("modes", "stability")),
     "motion": ("Motion", "Time integration, limit cycles, branches and signals.", ("motion",)),
     "io": ("Files", "Matrices, meshes and components from and to files.", ("io",)),
     "studies": ("Studies", "Full against reduced models: error and run time.", ("studies",)),
@@ -38,7 +38,7 @@ def names_by_page() -> dict[str, list[str]]:
     for name in fs.__all__:
         if name.startswith("__"):
             continue
-        home = fs._HOME[name].removeprefix("femsub.")
+        home = getattr(fs, name).__module__.removeprefix("femsub.")
         fits = {module: page for page, (*_, modules) in NAMES.items() for module in modules
                 if f"{home}.".startswith(f"{module}.")}
         found[fits[max(fits, key=len)]].append(name)

@@ -238,7 +238,7 @@ def test_a_load_that_moves_only_rigidly_ends_no_other_column_early() -> None:
 def test_small_reductions_use_one_blas_thread_and_give_the_others_back(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of NumPy's, SciPy's and PETSc's BLAS stand in each other's way: 0.1 s for 100 DOF, 0.005 s without."""
     fs.reduce(fs.chain(n), fs.CraigBampton(2))  # every library is loaded
-    controls = [(library.get, library.put) for library in threads.libraries()]
+    controls = [(lambda one=one: one.num_threads, one.set_num_threads) for one in threads.libraries().lib_controllers]
     if not controls:
         pytest.skip("no OpenBLAS that can be told its number of threads")
     before, seen = [get() for get, _ in controls], []

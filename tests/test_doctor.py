@@ -7,10 +7,10 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from femsub.algebra.threads import Library
 from femsub.app import cli, doctor
 from femsub.errors import MissingPackageError
 
@@ -30,8 +30,8 @@ def test_what_is_wrong_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, 
 
     monkeypatch.setattr("femsub.algebra.petsc.versions", missing)
     monkeypatch.setattr(doctor, "available", lambda: 1e8)
-    many = Library("libopenblas.so", "OpenBLAS 0.3.0 x", "Zen", lambda: 10_000, lambda count: None)
-    monkeypatch.setattr(doctor, "libraries", lambda: [many])
+    many = {"filepath": "libopenblas.so", "internal_api": "openblas", "version": "0.3.0", "num_threads": 10_000}
+    monkeypatch.setattr(doctor, "libraries", lambda: SimpleNamespace(info=lambda: [many]))
     assert cli.main(["doctor"]) == 1
     told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("WRONG")]
     assert len(told) == 3

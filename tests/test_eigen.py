@@ -44,9 +44,9 @@ def test_repeated_pairs_are_complete(m: int) -> None:
 
 
 def test_a_missed_mode_of_a_pair_is_found_and_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.algebra import petsc
+    from femsub import algebra
 
-    original, calls = petsc.symmetric_modes, []
+    original, calls = algebra.symmetric_modes, []
 
     def forgetful(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
         values, shapes = original(*arguments, **options)
@@ -57,23 +57,23 @@ def test_a_missed_mode_of_a_pair_is_found_and_fetched(monkeypatch: pytest.Monkey
         keep = np.setdiff1d(np.arange(len(values)), order[2])  # one of the pair λ_12 = λ_21
         return values[keep], shapes[:, keep]
 
-    monkeypatch.setattr("femsub.algebra.petsc.symmetric_modes", forgetful)
+    monkeypatch.setattr("femsub.algebra.symmetric_modes", forgetful)
     modes = fs.normal_modes(membrane(30), count=10)
     assert len(calls) == 2
     assert np.allclose(modes.eigenvalues, membrane_eigenvalues(30)[:10], rtol=1e-11)
 
 
 def test_a_mode_that_cannot_be_fetched_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.algebra import petsc
+    from femsub import algebra
 
-    original = petsc.symmetric_modes
+    original = algebra.symmetric_modes
 
     def blind(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
         values, shapes = original(*arguments, **options)
         keep = np.argsort(values)[1:]
         return values[keep], shapes[:, keep]
 
-    monkeypatch.setattr("femsub.algebra.petsc.symmetric_modes", blind)
+    monkeypatch.setattr("femsub.algebra.symmetric_modes", blind)
     with pytest.raises(fs.MissedModesError, match="inertia"):
         fs.normal_modes(fs.chain(300), count=10)
 

@@ -118,7 +118,7 @@ def test_no_modules_import_each_other() -> None:
 
 
 def test_the_rooms_are_few_and_each_says_what_it_is() -> None:
-    inside = {path.name.removesuffix(".py") for path in PACKAGE.iterdir() if path.name not in ("__init__.py", "__pycache__")}
+    inside = {path.name.removesuffix(".py") for path in PACKAGE.iterdir() if path.stem not in ("__init__", "__pycache__")}
     assert inside == set(LEVEL) - {"femsub"} | {"py.typed"} and len(inside) <= ROOMS
     assert not unexplained()
 
@@ -205,8 +205,8 @@ def test_import_is_cheap() -> None:
 
 def test_type_checkers_see_every_name_of_the_front_door() -> None:
     """A package with py.typed exports to them what is imported `as` itself, and nothing else (PEP 484)."""
-    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
-    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and str(node.module).startswith("femsub.")]
+    tree = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
+    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     private = [alias.name for node in froms for alias in node.names if alias.asname != alias.name]
     assert not private, f"write `{private[0]} as {private[0]}`"
 
@@ -218,7 +218,7 @@ def test_every_name_of_the_front_door_exists() -> None:
         assert getattr(fs, name) is not None
     # a room of the same name would hide the function once it is imported
     assert not {path.stem for path in PACKAGE.iterdir()} & set(fs.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'missing'"):
+    with pytest.raises(AttributeError, match="attribute .?missing"):
         fs.missing  # noqa: B018
 
 
@@ -252,7 +252,7 @@ def test_a_shortcut_to_certified_is_seen(tmp_path: Path) -> None:
 
 
 def past_the_door(path: Path, package: Path = PACKAGE) -> set[str]:
-    """Imports of another room's file where the room's own name would do. A name that is a file's as well has to be asked there."""
+    """Imports of another room's file where the room's own name would do. A name that is a file's as well is asked there."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (parts := (node.module or "").split("."))[0] == "femsub" and len(parts) > 2 \

@@ -10,7 +10,7 @@ import pytest
 
 import femsub as fs
 from benchmarks.lattices import membrane, membrane_eigenvalues
-from femsub.algebra import petsc
+from femsub import algebra
 from femsub.model import pencil
 from femsub.modes import normal_modes
 from femsub.modes.quadratic import dense, port_function, sparse
@@ -53,7 +53,7 @@ def moved(place: int, by: float) -> Callable:
 
 # normal modes: the pair λ_12 = λ_21 of a square membrane, dense (LAPACK) and sparse (Krylov-Schur)
 
-SOLVERS = {"dense": (normal_modes, "dense_modes", 6), "sparse": (petsc, "symmetric_modes", 30)}
+SOLVERS = {"dense": (normal_modes, "dense_modes", 6), "sparse": (algebra, "symmetric_modes", 30)}
 
 
 @pytest.mark.parametrize("path", SOLVERS)

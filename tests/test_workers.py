@@ -131,7 +131,7 @@ def test_any_executor_will_do_and_gets_no_matrix(threads: ThreadPoolExecutor) ->
 def surroundings() -> tuple[set[int], dict[str, str]]:
     """How many threads each BLAS of a process has, and variables that matter."""
     told = {name: value for name, value in os.environ.items() if name in workers.ONE or name == "PMIX_RANK"}
-    return {library.get() for library in libraries()}, told
+    return {one["num_threads"] for one in libraries().info()}, told
 
 
 def test_a_worker_has_one_thread_of_blas_and_is_no_child_of_mpiexec(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,17 +144,17 @@ def test_a_worker_has_one_thread_of_blas_and_is_no_child_of_mpiexec(monkeypatch:
 
 def test_a_worker_of_another_executor_has_one_thread_while_it_works(threads: ThreadPoolExecutor) -> None:
     versions()  # loads PETSc, whose BLAS is then among those whose threads are set
-    before = [(library, library.get()) for library in libraries()]
+    before = [(library, library.num_threads) for library in libraries().lib_controllers]
     try:
         for library, _ in before:
-            library.put(2)
-        given = [library.get() for library, _ in before]  # 1 of a BLAS built without threads, as in the wheel of PETSc
-        assert max(given, default=2) == 2
+            library.set_num_threads(2)
+        given = libraries().info()  # 1 of a BLAS built without threads, as in the wheel of PETSc
+        assert max(one["num_threads"] for one in given) == 2
         assert workers.side_by_side(surroundings, {"a": ()}, executor=threads)["a"][0] == {1}
-        assert [library.get() for library, _ in before] == given
+        assert libraries().info() == given
     finally:
         for library, count in before:
-            library.put(count)
+            library.set_num_threads(count)
 
 
 def test_an_executor_that_is_shut_down_is_told() -> None:

@@ -106,19 +106,20 @@ def _petsc(found: Findings) -> None:
 
 
 def _blas(found: Findings) -> None:
-    """The OpenBLAS libraries in the process, each with its kernels and threads, and whether their products are right."""
+    """The BLAS libraries in the process, each with its kernels and threads, and whether their products are right."""
     import scipy.linalg  # loads SciPy's own  # noqa: F401
 
-    told = [(Path(one.path).name, " ".join(one.config.split()[:2]), one.core, one.get()) for one in libraries()]
-    for library, version, core, threads in told:
-        found.add("BLAS", f"{library}: {version}, kernels {core}, {threads} thread(s)")
+    told = libraries().info()
+    for one in told:
+        found.add("BLAS", f"{Path(one['filepath']).name}: {one['internal_api']} {one['version']}, kernels "
+                          f"{one.get('architecture')}, {one['num_threads']} thread(s)")
     if not told:
-        found.add("BLAS", "no OpenBLAS found in the process")
+        found.add("BLAS", "no BLAS found in the process")
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    for library, _, _, threads in told:
-        if threads > processors:
-            found.wrong.append(f"{library} uses {threads} threads, but this process may use {processors} processors, which slows "
-                               f"small products down by far: set OMP_NUM_THREADS={processors}, or 1")
+    for one in told:
+        if (threads := one["num_threads"]) > processors:
+            found.wrong.append(f"{Path(one['filepath']).name} uses {threads} threads, but this process may use {processors} "
+                               f"processors, which slows small products down by far: set OMP_NUM_THREADS={processors}, or 1")
     for name in ("OPENBLAS_CORETYPE", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         if name in os.environ:
             found.add("", f"{name}={os.environ[name]}")

@@ -1,7 +1,7 @@
 """The JSON schema of scene files: editors complete, explain and check keys with it.
 
-`scene.schema.json` beside this module is what `femsub schema` prints, kept for editors to point to. What a schema cannot say is
-checked when a scene is read: bounds that depend on other keys (the belt's mass is one of n), the order within [lo, hi], NaN.
+`femsub schema > scene.schema.json` writes it beside a scene file, where editors look for it. What a schema cannot say is checked
+when a scene is read: bounds that depend on other keys (the belt's mass is one of n), the order within [lo, hi], NaN.
 """
 
 from __future__ import annotations
@@ -9,14 +9,13 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from femsub.app.keys import Declared, defaults_of, item_kind, keys_of, kinds
 from femsub.app.scene import SCENES, scene_of
 
 DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that TOML editors know
-FILE = Path(__file__).with_name("scene.schema.json")
+FILE = "scene.schema.json"  # what scene files call it
 SIMPLE = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 

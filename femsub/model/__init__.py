@@ -3,34 +3,6 @@
 In: arrays and numbers. Out: checked, frozen objects.
 """
 
-from femsub.model.affine import Affine as Affine
-from femsub.model.bands import (
-    DOUBLE as DOUBLE,
-    EDGE as EDGE,
-    REAL_ROOT as REAL_ROOT,
-    beyond as beyond,
-    distance_outside as distance_outside,
-    in_band as in_band,
-    moving as moving,
-    upper as upper,
-    widened as widened,
-    within as within,
-)
-from femsub.model.contact import (
-    Contact as Contact,
-    Contacts as Contacts,
-    affine_fields as affine_fields,
-    columns_of as columns_of,
-    contacts_at as contacts_at,
-    contacts_of as contacts_of,
-    kinks_of as kinks_of,
-    small_matrices as small_matrices,
-)
-from femsub.model.dof_map import LARGEST as LARGEST, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
-from femsub.model.estimate import SHARE as SHARE, STILL as STILL, Estimate as Estimate, usable_band as usable_band
-from femsub.model.pencil import Pencil as Pencil, contact_matrix as contact_matrix
-from femsub.model.substructure import (
-    ReducedSubstructure as ReducedSubstructure,
-    Substructure as Substructure,
-    checked_sets as checked_sets,
-)
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

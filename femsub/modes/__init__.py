@@ -3,52 +3,6 @@
 In: a model. Out: frequencies and shapes, each with its residual, and the number of modes by an independent count (inertia).
 """
 
-from femsub.modes.normal_modes import (
-    NormalModes as NormalModes,
-    all_modes as all_modes,
-    confirm as confirm,
-    lowest_modes as lowest_modes,
-    modes_below as modes_below,
-)
-from femsub.modes.quadratic.complex_modes import ComplexModes as ComplexModes, with_bars as with_bars
-from femsub.modes.quadratic.cost import Budget as Budget
-from femsub.modes.quadratic.dense import (
-    ModalForm as ModalForm,
-    definite_form as definite_form,
-    eigenvalues as eigenvalues,
-    modal_form as modal_form,
-    solve as solve,
-    unresisted as unresisted,
-    with_energy as with_energy,
-)
-from femsub.modes.quadratic.matching import (
-    NEAR as NEAR,
-    assigned as assigned,
-    extra_eigenvalues as extra_eigenvalues,
-    frequency_error as frequency_error,
-    likeness as likeness,
-    listed as listed,
-    match as match,
-    relative_error as relative_error,
-    spectrum_errors as spectrum_errors,
-    turnover as turnover,
-)
-from femsub.modes.quadratic.multiplicity import clusters as clusters
-from femsub.modes.quadratic.port_function import PortFunction as PortFunction, port_responses as port_responses
-from femsub.modes.quadratic.region import Region as Region, region_of as region_of
-from femsub.modes.quadratic.singular_mass import REGULAR as REGULAR
-from femsub.modes.shift_invert import (
-    RIGID as RIGID,
-    ShiftInvert as ShiftInvert,
-    annihilates_a_translation as annihilates_a_translation,
-    motion_of as motion_of,
-    rounding_ratio as rounding_ratio,
-    units as units,
-)
-from femsub.modes.static_shapes import (
-    DEPENDENT as DEPENDENT,
-    NOISE as NOISE,
-    energy_directions as energy_directions,
-    independent as independent,
-    lightest as lightest,
-)
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

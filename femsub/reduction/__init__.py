@@ -3,4 +3,6 @@
 In: a `Substructure`. Out: a `ReducedSubstructure`, which is a `Substructure` again.
 """
 
-from femsub.reduction.reduce import METHODS as METHODS, PORT_LIMIT as PORT_LIMIT, Method as Method
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,5 @@
 """Where friction takes the stability away. In: a model and a port. Out: the critical slope, and growth rates over the slope."""
 
-from femsub.stability.seen_losses import losses_over as losses_over
-from femsub.stability.tracking import Tracked as Tracked
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,87 @@
+__version__: str
+__all__: list[str]
+
+from .components.beam import beam as beam
+from .components.chain import chain as chain, chain_frequencies as chain_frequencies
+from .components.fields import displacements as displacements
+from .components.grids import annulus as annulus, block as block, rectangle as rectangle
+from .components.mesh import Mesh as Mesh
+from .components.plate import plate as plate
+from .components.solid import solid as solid
+from .components.solid_assembly import Material as Material
+from .coupling.assembly import System as System, couple as couple
+from .coupling.contacts.belt import Belt as Belt, StribeckArctan as StribeckArctan, StribeckArctanOdd as StribeckArctanOdd
+from .coupling.contacts.friction_contact import FrictionContact as FrictionContact
+from .coupling.cutting import Cut as Cut, cut as cut
+from .coupling.joints import Rigid as Rigid, Spring as Spring
+from .coupling.rigid_links import Averaged as Averaged, Kinematic as Kinematic
+from .coupling.ties import Tied as Tied
+from .errors import (
+    ConditionWarning as ConditionWarning,
+    CutoffWarning as CutoffWarning,
+    FemsubError as FemsubError,
+    FemsubWarning as FemsubWarning,
+    InputError as InputError,
+    InputTypeError as InputTypeError,
+    MissedModesError as MissedModesError,
+    MissingPackageError as MissingPackageError,
+    NotConvergedError as NotConvergedError,
+    NotEnoughMemoryError as NotEnoughMemoryError,
+    PortWarning as PortWarning,
+    SingularMatrixError as SingularMatrixError,
+    UnstableModelError as UnstableModelError,
+    WorkerError as WorkerError,
+)
+from .io.component_files import read_component as read_component
+from .io.matrix_files import read_matrix as read_matrix
+from .io.mesh_files import read_mesh as read_mesh, write_mesh as write_mesh
+from .io.model_folder import write_matrices as write_matrices
+from .model.affine import Affine as Affine
+from .model.contact import LinearContact as LinearContact
+from .model.dof_map import DofMap as DofMap
+from .model.estimate import Estimate as Estimate
+from .model.pencil import Pencil as Pencil
+from .model.substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure
+from .modes.damping import damped as damped
+from .modes.normal_modes import NormalModes as NormalModes, normal_modes as normal_modes
+from .modes.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
+from .modes.quadratic.refinement import Refined as Refined, refine as refine
+from .modes.rotation import Rotor as Rotor, rotating as rotating
+from .motion.cycles.branch import Branch as Branch, branch as branch
+from .motion.cycles.limit_cycle import LimitCycle as LimitCycle, harmonic_balance as harmonic_balance
+from .motion.cycles.shooting import ShotCycle as ShotCycle, shoot as shoot
+from .motion.nonlinear_model import State as State
+from .motion.signals import (
+    growth_rate as growth_rate,
+    rms as rms,
+    spectrogram as spectrogram,
+    spectrum as spectrum,
+    sticking as sticking,
+)
+from .motion.transient import Transient as Transient, transient as transient
+from .reduction.reduce import (
+    ContactModes as ContactModes,
+    CraigBampton as CraigBampton,
+    CraigChang as CraigChang,
+    CraigChangPhysical as CraigChangPhysical,
+    DualCraigBampton as DualCraigBampton,
+    Guyan as Guyan,
+    Herting as Herting,
+    Hurty as Hurty,
+    InterfaceModes as InterfaceModes,
+    MacNeal as MacNeal,
+    Rubin as Rubin,
+    reduce as reduce,
+)
+from .reduction.system_estimate import system_estimate as system_estimate
+from .stability.critical_slope import (
+    CriticalSlope as CriticalSlope,
+    StabilitySweep as StabilitySweep,
+    critical_slope as critical_slope,
+    sweep as sweep,
+)
+from .stability.critical_value import CriticalValue as CriticalValue, critical_value as critical_value
+from .stability.tracking import Tracked as Tracked, track as track
+from .studies.error_vs_time import study as study
+from .studies.results import Study as Study
+from .studies.self_excitation import SelfExcitation as SelfExcitation, self_excitation as self_excitation

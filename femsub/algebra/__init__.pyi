@@ -1,0 +1,83 @@
+from .constraints import Freed as Freed, freed as freed
+from .elimination import (
+    DEPENDENT as DEPENDENT,
+    ROUNDING as ROUNDING,
+    Equations as Equations,
+    congruent as congruent,
+    eliminate as eliminate,
+    groups as groups,
+    independent as independent,
+    largest as largest,
+    links_without_rounding as links_without_rounding,
+    product as product,
+    recovered as recovered,
+    units as units,
+    without_dust as without_dust,
+)
+from .factor import (
+    QUADRATIC as QUADRATIC,
+    SMALL as SMALL,
+    WIDE as WIDE,
+    ComplexFactor as ComplexFactor,
+    DenseFactor as DenseFactor,
+    Handle as Handle,
+    counting as counting,
+    factorise as factorise,
+    factors_made as factors_made,
+    forget_factor as forget_factor,
+    inertia as inertia,
+    negative_eigenvalues as negative_eigenvalues,
+    release as release,
+    shared_factor as shared_factor,
+)
+from .frozen import Frozen as Frozen
+from .matrices import (
+    Difference as Difference,
+    as_matrix as as_matrix,
+    block_diagonal as block_diagonal,
+    equilibration as equilibration,
+    is_identity as is_identity,
+    is_symmetric as is_symmetric,
+    norm as norm,
+    same as same,
+    scaled as scaled,
+    translations as translations,
+    unit_length as unit_length,
+    without_rounding as without_rounding,
+)
+from .memory import (
+    LARGE as LARGE,
+    check_columns as check_columns,
+    check_memory as check_memory,
+    check_room as check_room,
+    reduction_bytes as reduction_bytes,
+)
+from .null_space import SINGULAR as SINGULAR, massless_apart as massless_apart, rank_of_mass as rank_of_mass
+from .ordering import smooth_shape as smooth_shape
+from .partitioning import partition as partition, runs as runs
+from .petsc import (
+    Factor as Factor,
+    Transposed as Transposed,
+    quadratic_modes as quadratic_modes,
+    symmetric_modes as symmetric_modes,
+)
+from .process_memory import available as available
+from .rigid_motion import (
+    SAME as SAME,
+    Carried as Carried,
+    Damped as Damped,
+    Joined as Joined,
+    RigidMotion as RigidMotion,
+    Scaled as Scaled,
+    Touched as Touched,
+    changed as changed,
+    found as found,
+    size_of_products as size_of_products,
+    undamped as undamped,
+    unresisted as unresisted,
+    without as without,
+)
+from .subspace import orthonormal as orthonormal
+from .threads import FEW as FEW, WORK as WORK, libraries as libraries, one_thread as one_thread
+from .timing import Interruptible as Interruptible, phase as phase, timed as timed
+from .workers import check_workers as check_workers, side_by_side as side_by_side

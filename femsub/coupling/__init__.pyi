@@ -1,0 +1,13 @@
+from .assembly import System as System, couple as couple
+from .contacts.belt import (
+    LAWS as LAWS,
+    STICKING as STICKING,
+    Belt as Belt,
+    asked as asked,
+    scalar_law as scalar_law,
+    width_of as width_of,
+    with_slope as with_slope,
+)
+from .contacts.brake import brake_meshes as brake_meshes, check_held as check_held, opposite as opposite
+from .dual import FORCE as FORCE
+from .joined import linked as linked, rows_of_parts as rows_of_parts, sprung as sprung, units_of_energy as units_of_energy

@@ -1,0 +1,15 @@
+from .atomic import (
+    HASHES as HASHES,
+    OURS as OURS,
+    Writer as Writer,
+    content_hash as content_hash,
+    hashed as hashed,
+    held as held,
+    newest as newest,
+    write_whole as write_whole,
+)
+from .component_files import read_aligned as read_aligned
+from .matrix_files import read_arrays as read_arrays
+from .mesh_files import mesh_bytes as mesh_bytes, read_mesh as read_mesh, series_bytes as series_bytes
+from .mesh_text import including as including, texts_read as texts_read
+from .model_folder import FORMATS as FORMATS

@@ -1,0 +1,49 @@
+from .normal_modes import (
+    NormalModes as NormalModes,
+    all_modes as all_modes,
+    confirm as confirm,
+    lowest_modes as lowest_modes,
+    modes_below as modes_below,
+)
+from .quadratic.complex_modes import ComplexModes as ComplexModes, with_bars as with_bars
+from .quadratic.cost import Budget as Budget
+from .quadratic.dense import (
+    ModalForm as ModalForm,
+    definite_form as definite_form,
+    eigenvalues as eigenvalues,
+    modal_form as modal_form,
+    solve as solve,
+    unresisted as unresisted,
+    with_energy as with_energy,
+)
+from .quadratic.matching import (
+    NEAR as NEAR,
+    assigned as assigned,
+    extra_eigenvalues as extra_eigenvalues,
+    frequency_error as frequency_error,
+    likeness as likeness,
+    listed as listed,
+    match as match,
+    relative_error as relative_error,
+    spectrum_errors as spectrum_errors,
+    turnover as turnover,
+)
+from .quadratic.multiplicity import clusters as clusters
+from .quadratic.port_function import PortFunction as PortFunction, port_responses as port_responses
+from .quadratic.region import Region as Region, region_of as region_of
+from .quadratic.singular_mass import REGULAR as REGULAR
+from .shift_invert import (
+    RIGID as RIGID,
+    ShiftInvert as ShiftInvert,
+    annihilates_a_translation as annihilates_a_translation,
+    motion_of as motion_of,
+    rounding_ratio as rounding_ratio,
+    units as units,
+)
+from .static_shapes import (
+    DEPENDENT as DEPENDENT,
+    NOISE as NOISE,
+    energy_directions as energy_directions,
+    independent as independent,
+    lightest as lightest,
+)

@@ -1,0 +1,1 @@
+from .reduce import METHODS as METHODS, PORT_LIMIT as PORT_LIMIT, Method as Method
