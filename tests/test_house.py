@@ -218,7 +218,7 @@ def test_every_name_of_the_front_door_exists() -> None:
         assert getattr(fs, name) is not None
     # a room of the same name would hide the function once it is imported
     assert not {path.stem for path in PACKAGE.iterdir()} & set(fs.__all__)
-    with pytest.raises(AttributeError, match="attribute .?missing"):
+    with pytest.raises(AttributeError, match=r"attribute .?missing"):
         fs.missing  # noqa: B018
 
 

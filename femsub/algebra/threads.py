@@ -1,7 +1,7 @@
 """One thread for small dense work.
 
-NumPy, SciPy and PETSc each bring a BLAS with its own threads. These keep spinning for a while and slow down the next library. On two
-cores LAPACK's eigensolver then takes 100 ms for 100 DOF, and 1 ms with one thread.
+NumPy, SciPy and PETSc each bring a BLAS with its own threads. These keep spinning for a while and slow down the next library. On
+two cores LAPACK's eigensolver then takes 100 ms for 100 DOF, and 1 ms with one thread.
 """
 
 from __future__ import annotations
