@@ -475,6 +475,128 @@ def until(come: Any, seconds: float = 30.0) -> None:
         time.sleep(0.02)
 
 
+HOLDING = """
+import ctypes, os, sys, time
+from functools import partial
+from pathlib import Path
+from femsub.algebra import side_by_side
+
+def held(folder):
+    Path(folder, f"{os.getpid()}.pid").touch()
+    ctypes.PyDLL(None).sleep(600)  # holds Python's lock, so that no thread of Python runs beside it
+
+def main():
+    side_by_side(partial(held, sys.argv[1]), {"a": (), "b": ()}, 2)
+
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+def test_a_worker_that_holds_the_lock_of_python_ends_with_its_parent(tmp_path: Path) -> None:
+    script, marks, place = tmp_path / "script.py", tmp_path / "marks", tmp_path / "place"
+    marks.mkdir()
+    place.mkdir()
+    script.write_text(HOLDING + GUARD)
+    parent = subprocess.Popen([sys.executable, script, marks], env=environment(place), start_new_session=True)
+    pids: list[int] = []
+    try:
+        until(lambda: len(list(marks.iterdir())) == 2)
+        pids = [int(path.stem) for path in marks.iterdir()]
+        os.killpg(parent.pid, signal.SIGINT)  # the workers leave it to their parent
+        parent.kill()
+        parent.wait()
+        until(lambda: not any(map(alive, pids)))
+        until(lambda: not list(place.glob("femsub-*")))
+    finally:
+        for pid in filter(alive, pids):
+            os.kill(pid, signal.SIGKILL)
+
+
+LEAVING = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from femsub.algebra import side_by_side
+from pathlib import Path
+import os, signal
+
+def die():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+side_by_side(die, {"a": ()}, executor=ThreadPoolExecutor(1))
+"""
+
+
+def test_what_a_killed_process_left_for_an_executor_is_removed_by_the_next(tmp_path: Path, threads: ThreadPoolExecutor,
+                                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    place, foreign, elsewhere = tmp_path / "place", tmp_path / "place" / "femsub-thesis", tmp_path / "elsewhere"
+    foreign.mkdir(parents=True)
+    (foreign / "thesis.txt").touch()
+    elsewhere.mkdir()
+    (elsewhere / workers.ALIVE).touch()
+    (place / "femsub-link").symlink_to(elsewhere)
+    subprocess.run([sys.executable, "-c", LEAVING], env=environment(place), check=False)
+    (left,) = set(place.glob("femsub-*")) - {foreign, place / "femsub-link"}
+    assert (left / "call").exists()
+    monkeypatch.setattr("tempfile.tempdir", str(place))
+    whole = system(2)
+    fs.reduce(whole, methods(whole), executor=threads)
+    assert not left.exists() and (foreign / "thesis.txt").exists() and (elsewhere / workers.ALIVE).exists()
+
+
+DAEMON = """
+from multiprocessing import get_context
+import femsub as fs
+from benchmarks.joined import truss
+
+def work(_):
+    try:
+        system = truss(2, 16, 4).system()
+        fs.reduce(system, {name: fs.CraigBampton(3) for name in system.parts}, workers=2)
+    except fs.InputError as error:
+        return str(error)
+
+def main():
+    with get_context("spawn").Pool(1) as pool:
+        print(pool.map(work, [0])[0])
+
+"""
+
+
+def test_a_process_that_may_start_none_says_so(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(DAEMON + GUARD)
+    done = subprocess.run([sys.executable, tmp_path / "script.py"], env=environment(tmp_path), capture_output=True, text=True,
+                          timeout=100, check=True)
+    assert "daemonic process" in done.stdout and "ProcessPoolExecutor" in done.stdout
+
+
+LIMITED = """
+import resource, sys
+import scipy.sparse as sp
+import femsub as fs
+from femsub.algebra import factorise
+from femsub.algebra.petsc import versions
+from femsub.algebra.process_memory import available
+versions()
+side = fs.block((1.0, 1.0, 1.0), (12, 12, 12), "hexahedron")
+part = fs.solid(side, fs.Material(2e11, 0.3, 7850.0), interface=['left'])
+pages = int(open("/proc/self/statm").read().split()[0])
+limit = pages * resource.getpagesize() + 150_000_000
+resource.setrlimit(resource.{which}, (limit, limit))
+assert available() < 2e8
+try:
+    fs.reduce(part, fs.Guyan())
+except fs.NotEnoughMemoryError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads /proc")
+def test_a_limit_of_memory_is_an_error_before_the_factorisation_and_no_hang(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", LIMITED.format(which="RLIMIT_AS")],
+                          env=environment(tmp_path), capture_output=True, text=True, timeout=100, check=True)
+    assert "ulimit -v" in done.stdout and "GB" in done.stdout, done
+
+
 @pytest.mark.slow
 def test_a_script_without_a_guard_is_told_what_it_lacks(tmp_path: Path) -> None:
     script = tmp_path / "script.py"

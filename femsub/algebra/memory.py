@@ -6,12 +6,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra.ordering import layers as distance_layers, neighbours, quotient
-from femsub.algebra.process_memory import available
+from femsub.algebra.process_memory import available, left_of_limit
 from femsub.algebra.shared import FACTOR_BYTES, give_up_until, kept_bytes
 from femsub.checks import Array, Matrix
 from femsub.errors import NotEnoughMemoryError
 
 MODEL = 1.5  # empirical correction, since METIS finds better separators; within a factor of 1.7 on 14 models
+BUFFERS = 3e8  # bytes that the BLAS libraries take for their own use when they are first called
 LARGE = 50_000  # DOF from which memory is checked
 
 
@@ -84,9 +85,20 @@ def at_hand(need: float) -> float | None:
 
 
 def room_for_factor(A: Matrix) -> None:
-    """Free shared factors if the factor of a sparse A, about to be made, needs their memory."""
+    """Free shared factors if the factor of a sparse A, about to be made, needs their memory.
+
+    Raises
+    ------
+    NotEnoughMemoryError
+        The limit of this process (`ulimit -v`) leaves less than the factor takes. OpenBLAS would ask for memory for ever.
+    """
     if A.shape[0] >= LARGE and kept_bytes():
         at_hand(2 * FACTOR_BYTES * factor_nonzeros(A))
+    free = left_of_limit()
+    if free is not None and (need := BUFFERS + FACTOR_BYTES * factor_nonzeros(A)) > free:
+        raise NotEnoughMemoryError(f"a factor of {A.shape[0]} DOF needs about {need / 1e9:.2g} GB, but the limit of this process "
+                                   f"(ulimit -v or -d) leaves {max(free, 0.0) / 1e9:.2g} GB. Raise the limit, or make the model "
+                                   "smaller")
 
 
 def reduction_bytes(K: Matrix, columns: int, modes: int) -> dict[str, float]:

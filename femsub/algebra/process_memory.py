@@ -32,4 +32,17 @@ def available() -> float | None:
         found.append(float((group / "memory.max").read_text()) - float((group / "memory.current").read_text()))
     except (OSError, ValueError):
         pass
-    return min(found) if found else None
+    limit = left_of_limit()
+    return min([*found, *([] if limit is None else [limit])], default=None)
+
+
+def left_of_limit() -> float | None:
+    """Bytes left of this process' own limit of address space or data (`ulimit -v`, `ulimit -d`); None without a limit."""
+    try:
+        from resource import RLIM_INFINITY, RLIMIT_AS, RLIMIT_DATA, getrlimit
+
+        pages = [int(word) for word in Path("/proc/self/statm").read_text(encoding="ascii").split()]
+    except (ImportError, OSError, ValueError):
+        return None
+    limits = ((getrlimit(RLIMIT_AS)[0], pages[0]), (getrlimit(RLIMIT_DATA)[0], pages[5]))
+    return min((limit - used * os.sysconf("SC_PAGE_SIZE") for limit, used in limits if limit != RLIM_INFINITY), default=None)

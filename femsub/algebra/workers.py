@@ -12,17 +12,20 @@ import os
 import pickle
 import shutil
 import signal
+import subprocess
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from multiprocessing import current_process
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 from threading import RLock, Thread
 from typing import TYPE_CHECKING, Any
 
 from femsub.algebra.memory import at_hand
 from femsub.algebra.petsc import versions
+from femsub.algebra.process_memory import available
 from femsub.algebra.threads import BRINGING, one_thread
 from femsub.checks import shown, whole_number
 from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, NotEnoughMemoryError, WorkerError, warn
@@ -99,12 +102,15 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
     """
     check_workers(workers, executor)
     count = min(workers or 1, len(tasks))
+    if executor is None and count > 1 and current_process().daemon:
+        raise InputError(f"workers={workers} in a daemonic process, such as one of multiprocessing.Pool: it may start no others. "
+                         "Leave workers out here, or take concurrent.futures.ProcessPoolExecutor")
     if executor is None and count > 1:
         count = _fitting(needs or {}, count, what)
     if executor is None and count < 2:
         return {name: call(*arguments) for name, arguments in tasks.items()}
     sent = sum(_bytes((call, arguments), f"{what} {name!r}") for name, arguments in tasks.items())
-    with _folder(MEMORY if executor is None and _has_room(sent) else None) as folder:
+    with _folder(MEMORY if executor is None and _has_room(sent) else Path(gettempdir())) as folder:
         run = _Run(tasks, Path(folder), what)
         _store(Path(folder, "call"), call)
         if executor is not None:
@@ -209,6 +215,7 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
     from multiprocessing import get_context
 
     pools: dict[ProcessPoolExecutor, int] = {}
+    undertaker = _undertaker(folder)
 
     def started(count: int) -> list[Executor]:
         new = [ProcessPoolExecutor(1, get_context("spawn"), _begin, (folder,)) for _ in range(count)]
@@ -220,6 +227,9 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
             raise InputError("the worker processes ended before they began; their own message is above. A script that uses "
                              'workers must begin its work under `if __name__ == "__main__":`, since each worker imports the '
                              "script") from None
+        if undertaker is not None and undertaker.stdin is not None:
+            with suppress(BrokenPipeError):
+                undertaker.stdin.write("".join(f"{pools[pool]}\n" for pool in new))
         return [*new]
 
     try:
@@ -232,6 +242,25 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
     finally:
         for pool in pools:
             pool.shutdown(wait=True, cancel_futures=True)
+        if undertaker is not None:
+            undertaker.kill()
+            undertaker.communicate()
+
+
+def _undertaker(folder: str) -> subprocess.Popen[str] | None:
+    """A shell that outlives this process by a few seconds, to kill the workers that it was told and to remove their folder.
+
+    A worker ends with its parent by a thread of its own. That thread waits for ever where other code holds Python's lock, such as
+    an OpenBLAS that tries again and again to get memory. The shell reads until this process has died, and asks nobody.
+    """
+    if not Path("/proc/self/cmdline").exists():
+        return None
+    script = (f'while read pid; do all="$all $pid"; done; sleep {PATIENCE}; for pid in $all; do '
+              'grep -qs multiprocessing /proc/$pid/cmdline && kill -9 $pid; done; rm -rf "$0"')
+    with suppress(OSError):
+        return subprocess.Popen(["/bin/sh", "-c", script, folder], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
+                                stderr=subprocess.DEVNULL, text=True, bufsize=1, start_new_session=True)
+    return None
 
 
 @contextmanager
@@ -279,6 +308,8 @@ def _run(path: str, name: str) -> None:
         except FileNotFoundError:
             raise WorkerError(f"it cannot read {path}. All workers must see the temporary folder: set TMPDIR to one that all "
                               "machines share") from None
+        if (free := available()) is not None and free < BASE / 4:
+            raise MemoryError(f"{free / 1e6:.0f} MB are left, with which a BLAS may wait for ever")
         try:
             with one_thread(True), warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
@@ -305,25 +336,29 @@ def _bytes(thing: Any, name: str) -> int:
 
 
 @contextmanager
-def _folder(memory: Path | None) -> Iterator[str]:
+def _folder(place: Path) -> Iterator[str]:
     """A folder for the files of one run, in memory or in the temporary folder.
 
-    In memory nobody tidies up if all processes are killed at once. So the run locks a file there as long as it lives, and
-    removes folders whose file is not locked any more.
+    Nobody tidies up if all processes are killed at once. So the run locks a file there as long as it lives, and removes the
+    user's own folders whose file is not locked any more.
     """
-    with TemporaryDirectory(prefix="femsub-", dir=memory, ignore_cleanup_errors=True) as folder:
-        if memory is None:
+    with TemporaryDirectory(prefix="femsub-", dir=place, ignore_cleanup_errors=True) as folder:
+        try:
+            from fcntl import LOCK_EX, LOCK_NB, flock
+        except ImportError:  # not on Windows
             yield folder
             return
-        from fcntl import LOCK_EX, LOCK_NB, flock
-
-        for left in memory.glob(f"femsub-*/{ALIVE}"):
-            with suppress(OSError), left.open("ab") as file:
-                flock(file, LOCK_EX | LOCK_NB)
-                shutil.rmtree(left.parent)
+        for left in place.glob(f"femsub-*/{ALIVE}"):
+            with suppress(OSError):
+                if left.parent.is_symlink() or left.is_symlink() or left.parent.stat().st_uid != os.getuid():
+                    continue
+                with left.open("ab") as file:
+                    flock(file, LOCK_EX | LOCK_NB)
+                    shutil.rmtree(left.parent)
         with Path(folder, "new").open("wb") as file:
-            flock(file, LOCK_EX)
-            os.rename(file.name, Path(folder, ALIVE))
+            with suppress(OSError):  # a file system without locks: nobody else can lock it either
+                flock(file, LOCK_EX)
+                os.rename(file.name, Path(folder, ALIVE))
             yield folder
 
 
