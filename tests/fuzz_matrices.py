@@ -37,6 +37,7 @@ def read_component(path: Path) -> Any:
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:\d+\.\d*|\.\d+)[+-]\d{3}", re.ASCII)
 WHOLE = re.compile(r"[+-]?\d+", re.ASCII)
+LARGEST = 1e6  # rows: a reader may refuse what is larger, and the harness need not build it
 
 
 def _value(word: str, spelled: bool = False) -> float:
@@ -80,6 +81,8 @@ def honest_market(path: Path) -> Any:
         if field == "integer" and not all(WHOLE.fullmatch(words[-1]) for words in lines):
             return None
         if (mirror and sizes[0] != sizes[1]) or {len(words) for words in lines} != {3 if kind == "coordinate" else 1}:
+            return None
+        if max(sizes[:2]) > LARGEST:
             return None
         if kind == "coordinate":
             if len(lines) != sizes[2] or not all(WHOLE.fullmatch(word) for words in lines for word in words[:2]):
