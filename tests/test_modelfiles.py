@@ -124,6 +124,7 @@ def rehashed(folder: Path, about: dict[str, Any]) -> None:
     ("reduced/interface", [[0]], "'interface' must"), ("reduced/dropped", -1, "'dropped'"),
     ("reduced/modes", "x", "'modes' must"), ("reduced/modes", 99, "its modes"),
     ("reduced/port_error", {"nobody": 0.1}, "errors of ports"), ("reduced/port_error", {"belt": "x"}, "'port_error' must"),
+    ("reduced/noise", [[1.0], []], "rounding of its matrices"), ("reduced/noise", ["x"], "rounding of its matrices"),
     ("reduced", [], "'reduced' must be a table"), ("reduced", "x", "'reduced' must be"),
     ("interface", [0, "x"], "'interface' must"), ("interface", [3], "is not that of V"), ("interface", 5, "'interface' must"),
     ("ports", {"pad": 10 ** 12, "belt": 0}, "columns"), ("ports", {"belt": 0}, "its ports have 1 columns"),

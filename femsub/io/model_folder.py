@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import RigidMotion
-from femsub.checks import Matrix, choice, instance, path_of
+from femsub.checks import Array, Matrix, choice, instance, path_of
 from femsub.errors import InputError
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
 from femsub.io.atomic import HASHES, Writer, content_hash, hashed, newest, write_whole
@@ -195,11 +195,17 @@ def read_model(folder: Path) -> Substructure:
         factorisations=reduced["factorisations"], full_dofs=found, sets=about.get("sets"),
         estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]),
         rigid_motion=None if reduced.get("rigid_motion") is None else _motion(path, reduced["rigid_motion"], V.shape[1]),
-        noise=np.array(reduced.get("noise", []), dtype=float).reshape(V.shape[1], -1))
-
+        noise=_noise(path, reduced.get("noise", []), V.shape[1]))
     if model.interface.tolist() != about["interface"]:
         raise _damaged(path, f"its interface {about['interface']} is not that of V")
     return model
+
+
+def _noise(path: Path, rows: Any, size: int) -> Array:
+    try:
+        return np.array(rows, dtype=float).reshape(size, -1)
+    except (TypeError, ValueError):
+        raise _damaged(path, "the rounding of its matrices does not fit them") from None
 
 
 def _motion(path: Path, record: Any, size: int) -> RigidMotion:
