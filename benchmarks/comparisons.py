@@ -315,8 +315,8 @@ def reductions(counts: tuple[int, ...], kept: tuple[int, ...], slopes: np.ndarra
 def reduced_cea(model: tuple[np.ndarray, ...], slopes: np.ndarray, band: tuple[float, float]) -> Row:
     M, K, D, w = model
     laps, rom = Laps(), fs.Substructure(M, K, D, ports={"belt": w})
-    fs.sweep(rom, slopes[:2], band=band)
+    fs.sweep(rom, fs.Belt(slope=0.0), "slope", slopes[:2], band=band)
     laps.begin()
-    fs.sweep(rom, slopes, band=band)
+    fs.sweep(rom, fs.Belt(slope=0.0), "slope", slopes, band=band)
     laps("sweep")
     return laps.row()

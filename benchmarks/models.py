@@ -115,7 +115,7 @@ def half_slope(n: int) -> float:
     """Half of the largest slope at which one of the chain's 20 lowest pairs loses its stability."""
     if n <= 10_000:
         band = (0.0, float(fs.chain_frequencies(n, min(20, n))[-1]))
-        return fs.critical_slope(chain(n), band=band).slope / 2
+        return fs.critical_slope(chain(n), band=band).value / 2
     # First order in the damping: mode j moves m_k by sin(kθ_j), θ_j = (2j - 1)π/(2n + 1), and decays while
     # d1 sin²θ_j + c sin²2θ_j > 0, that is c > -d1/(4 cos²θ_j). At n = 10⁴ the exact value agrees to 6e-11.
     return -DAMPING / (4 * np.cos(np.pi / (2 * n + 1)) ** 2) / 2

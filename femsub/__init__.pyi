@@ -74,13 +74,10 @@ from .reduction.reduce import (
     reduce as reduce,
 )
 from .reduction.system_estimate import system_estimate as system_estimate
-from .stability.critical_slope import (
-    CriticalSlope as CriticalSlope,
-    StabilitySweep as StabilitySweep,
-    critical_slope as critical_slope,
-    sweep as sweep,
-)
-from .stability.critical_value import CriticalValue as CriticalValue, critical_value as critical_value
+from .stability.critical_slope import critical_slope as critical_slope
+from .stability.critical_value import critical_value as critical_value
+from .stability.question import CriticalValue as CriticalValue
+from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track
 from .studies.error_vs_time import study as study
 from .studies.results import Study as Study

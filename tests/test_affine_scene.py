@@ -21,7 +21,6 @@ from femsub.app.scene import load
 from femsub.components.disc_pair import disc_pair
 from femsub.components.two_mode import two_mode
 from femsub.errors import InputError
-from femsub.stability.seen_losses import seen_losses
 
 OWN = """
 scene = "affine"
@@ -110,8 +109,8 @@ def test_abaqus_numbers_are_brought_together(tmp_path: Path) -> None:
     assert np.array_equal(pencil.M, np.diag([1.0, 2.0])) and np.array_equal(pencil.K, [[4.0, -1.0], [-1.0, 10.0]])
 
 
-def test_a_large_model_says_what_is_not_excluded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Springs of 320 masses of their own, two of them coupled by friction: above the size that critical_value takes."""
+def test_a_large_model_is_followed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Springs of 320 masses of their own, two of them coupled by friction: above the size that discs take."""
     n = 320
     own = 10.0 + np.arange(n) ** 2
     own[:2] = 2.0
@@ -126,26 +125,11 @@ def test_a_large_model_says_what_is_not_excluded(tmp_path: Path, capsys: pytest.
     critical = fs.critical_value(two_mode((0.02, 0.02)), None, "mu", between=(0.0, 1.5)).losses[0]
     row, = data["critical-value"]
     assert row["value"] == pytest.approx(critical.value, abs=1e-6) and row["omega"] == pytest.approx(critical.omega, rel=1e-5)
-    assert (row["stability"], row["kind"], row["evidence"]) == ("lost", "flutter", "not checked")
-    assert data["not_excluded"] == {"affine": [[0.0, 1.5]]}
-    assert "so large a model has its losses from the modes tracked. Others between two values are not excluded" in \
-        " ".join(capsys.readouterr().out.split())  # lines are wrapped
+    assert (row["stability"], row["kind"], row["evidence"]) == ("lost", "flutter", "confirmed")
+    assert data["not_excluded"] == {"affine": []}
     (tmp_path / "scene.toml").write_text(text.replace("band = [0.5, 2.5]\n", ""), encoding="utf-8")
     assert main(["run", str(tmp_path / "scene.toml")]) == 2
     assert "320 DOF needs a band" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("d", [0.0, 0.05, -0.05])
-def test_losses_that_tracking_sees_are_those_of_critical_value(d: float) -> None:
-    """Flutter, negative damping, and a model that grows from the begin on: places and kinds."""
-    models = [fs.Affine(np.eye(2), [(1.0, 0.1 * np.eye(2)), ("p", -np.eye(2))], [[3.0, d], [d, 4.0]]), two_mode((0.1, 0.1))]
-    for model, name in zip(models, ("p", "mu"), strict=True):
-        exact = fs.critical_value(model, None, name, between=(0.0, 1.0))
-        seen = seen_losses(model, fs.track(model, None, name, np.linspace(0, 1, 12)))
-        assert [one.kind for one in seen.losses] == [one.kind for one in exact.losses] and seen.growing == exact.growing
-        np.testing.assert_allclose([one.value for one in seen.losses], [one.value for one in exact.losses], atol=1e-6)
-    grown = seen_losses(models[0], fs.track(models[0], None, "p", [0.2, 1.0]))
-    assert (grown.growing, grown.value) == (4, 0.2)
 
 
 @pytest.mark.parametrize(("change", "words"), [

@@ -18,7 +18,7 @@ from femsub.modes.quadratic.complex_modes import with_bars
 from femsub.modes.quadratic.matching import match
 from femsub.modes.quadratic.region import Region
 from femsub.modes.quadratic.search import Found
-from femsub.stability import critical_slope
+from femsub.stability import port_root
 from femsub.stability.border import dense_border
 
 BELT = fs.Belt(slope=-0.2677)
@@ -346,9 +346,9 @@ def test_sweep_and_border_of_a_large_dense_model_are_those_of_the_sparse_one() -
     assert rom.size > 300
     border, full = fs.critical_slope(rom, band=band), fs.critical_slope(sub, band=band)
     exact = dense_border(rom.pencil, rom.port("belt").reshape(-1, 1), band, "auto")  # of all modes, by LAPACK
-    assert border.slope == pytest.approx(exact.c, rel=1e-8) and border.omega == pytest.approx(exact.omega, rel=1e-6)
-    assert border.slope == pytest.approx(full.slope, rel=1e-3)
-    small = fs.sweep(rom, [0.5 * border.slope, 1.1 * border.slope], band=band).growth
+    assert border.value == pytest.approx(exact.c, rel=1e-8) and border.omega == pytest.approx(exact.omega, rel=1e-6)
+    assert border.value == pytest.approx(full.value, rel=1e-3)
+    small = fs.sweep(rom, fs.Belt(slope=0.0), "slope", [0.5 * border.value, 1.1 * border.value], band=band).growth
     assert small[0] < 0 < small[1]
 
 
@@ -564,7 +564,7 @@ def test_the_border_of_a_dense_model_takes_its_modes_once_unless_the_band_is_nar
     sub = fs.Substructure(pencil.M, pencil.K, pencil.D + 1e-3 * np.eye(320), ports={"belt": w / np.linalg.norm(w)})
     took = []
     for name in ("sparse_border", "dense_border"):
-        whole = getattr(critical_slope, name)
-        monkeypatch.setattr(critical_slope, name, lambda *args, whole=whole, name=name: (took.append(name), whole(*args))[1])
+        whole = getattr(port_root, name)
+        monkeypatch.setattr(port_root, name, lambda *args, whole=whole, name=name: (took.append(name), whole(*args))[1])
     found = fs.critical_slope(sub, band=(0.0, 5.0 * share))
-    assert took == ["sparse_border" if narrow else "dense_border"] and found.slope < 0
+    assert took == ["sparse_border" if narrow else "dense_border"] and found.value < 0

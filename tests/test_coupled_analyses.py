@@ -78,8 +78,9 @@ def test_complex_modes(model: fs.Substructure) -> None:
 
 def test_critical_slope_and_sweep(model: fs.Substructure) -> None:
     port = belt(model).port
-    assert fs.critical_slope(model, port).slope == pytest.approx(fs.critical_slope(whole()).slope, rel=1e-8)
-    mine, reference = fs.sweep(model, [-0.1, -0.01], port=port), fs.sweep(whole(), [-0.1, -0.01])
+    assert fs.critical_slope(model, port).value == pytest.approx(fs.critical_slope(whole()).value, rel=1e-8)
+    mine, reference = (fs.sweep(one, fs.Belt(place, slope=0.0), "slope", [-0.1, -0.01])
+                       for one, place in ((model, port), (whole(), "belt")))
     np.testing.assert_allclose(mine.growth, reference.growth, rtol=1e-8)
 
 

@@ -58,7 +58,7 @@ def test_the_slope_of_the_law_is_that_of_its_values() -> None:
 def test_the_chain_loses_its_stability_where_the_law_has_the_critical_slope() -> None:
     names = names_of("law", blocks=3)
     law, found, sub = names["law"], names["found"], names["sub"]
-    critical = fs.critical_slope(sub).slope
+    critical = fs.critical_slope(sub).value
     for one in (found.losses[0], found.regains[-1]):
         assert law.slope(one.value) == pytest.approx(critical, rel=1e-6)
     belts = [fs.Belt(speed=found.regains[-1].value * factor, law=law) for factor in (0.999, 1.001)]
@@ -152,7 +152,7 @@ def test_a_scene_is_run_by_the_command(places: Path) -> None:
     assert done.returncode == 0 and done.stdout.split("\nwritten")[0].split() == shown.split(), done.stderr
     told = json.loads((places / "out" / "results.json").read_text())
     rows = {(row["belt"], row["model"]): row["slope"] for row in told["places"]}
-    assert rows[2, "full"] == pytest.approx(fs.critical_slope(fs.chain(4, belt=2)).slope, rel=1e-9)
+    assert rows[2, "full"] == pytest.approx(fs.critical_slope(fs.chain(4, belt=2)).value, rel=1e-9)
     assert told["inputs"] | {"scene": "../places.py", "n": 4, "modes": 1} == told["inputs"]
     assert [file["path"] for file in told["files"]] == ["../places.py"]
     assert {path.name for path in (places / "out").iterdir()} == {"results.json", "places.csv"}

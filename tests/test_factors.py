@@ -101,7 +101,8 @@ def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
     assert made(lambda: fs.complex_modes(sub, BELT, band=BAND)) == 2
     assert made(lambda: fs.complex_modes(sub, fs.Belt("belt", force=2.0, slope=-1e-4), band=BAND)) == 0
     assert made(lambda: fs.normal_modes(sub, 10)) == 1
-    assert made(lambda: fs.sweep(long_chain(), np.linspace(0, -1e-3, 20), band=BAND)) <= 3  # one of them bounds Re λ
+    belt = fs.Belt(slope=0.0)
+    assert made(lambda: fs.sweep(long_chain(), belt, "slope", np.linspace(0, -1e-3, 20), band=BAND)) <= 3  # one bounds Re λ
 
 
 def test_a_border_takes_one_factor_and_one_count(monkeypatch: pytest.MonkeyPatch) -> None:

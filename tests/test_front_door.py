@@ -53,7 +53,6 @@ NONSENSE: dict[str, Any] = {
 RESULTS = {
     "Branch",
     "ComplexModes",
-    "CriticalSlope",
     "CriticalValue",
     "Cut",
     "Estimate",
@@ -230,7 +229,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                                                 "method": "auto"}),
         "critical_value": (
             fs.critical_value,
-            {"model": sub, "contacts": slope, "parameter": "slope", "between": (-0.1, 0.0), "band": (0.0, 3.0)},
+            {"model": sub, "contacts": slope, "parameter": "slope", "between": (-0.1, 0.0), "band": (0.0, 3.0),
+             "solver": "auto"},
         ),
         "damped": (fs.damped, {"sub": sub, "rayleigh": (0.1, 0.1), "ratios": None, "modal": None, "dashpots": {0: 0.1}}),
         "damped(modal)": (fs.damped, {"sub": sub, "modal": 0.01}),
@@ -326,7 +326,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "progress": None,
             },
         ),
-        "sweep": (fs.sweep, {"model": sub, "slopes": [-0.1, 0.0], "port": "belt", "force": 1.0, "band": (0.0, 3.0),
+        "sweep": (fs.sweep, {"model": sub, "contacts": slope, "parameter": "slope", "values": [-0.1, 0.0], "band": (0.0, 3.0),
                              "workers": None, "executor": None}),
         "track": (
             fs.track,

@@ -126,7 +126,7 @@ def test_a_study_takes_several_contacts() -> None:
     one, both = (fs.study(sub, [fs.CraigBampton(6)], (0.0, 0.5), belt=belts, ports=True, repeats=1) for belts in (two[0], two))
     assert both.full.slope < one.full.slope
     alone = fs.critical_slope(sub.with_damping(sub.linearised(two[1]).D), band=(0.0, 0.5))
-    assert both.full.slope == alone.slope == fs.critical_slope(sub, contacts=two[1], band=(0.0, 0.5)).slope
+    assert both.full.slope == alone.value == fs.critical_slope(sub, contacts=two[1], band=(0.0, 0.5)).value
 
 
 @dataclass(frozen=True)

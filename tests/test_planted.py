@@ -221,7 +221,7 @@ def sign_of_friction() -> None:
         damped = sub.with_damping(0.001 * sub.K)
         assert fs.complex_modes(damped, BELT, **options).is_stable is False
         assert fs.complex_modes(damped, fs.Belt(slope=0.2677), **options).is_stable is True
-    growth = fs.sweep(fs.chain(10, belt=2), [-0.05, 0.05]).growth
+    growth = fs.sweep(fs.chain(10, belt=2), fs.Belt(slope=0.0), "slope", [-0.05, 0.05]).growth
     assert growth[0] > 0 > growth[1]
     assert float(fs.critical_slope(fs.chain(10, belt=2))) == pytest.approx(-0.025567, abs=1e-6)
 

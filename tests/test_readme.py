@@ -83,7 +83,7 @@ def test_your_own_matrices_lose_their_stability_where_the_full_model_does() -> N
     exec(code, names)
     sub, rom, band = names["sub"], names["rom"], names["band"]
     exact, found = fs.critical_slope(sub, band=band), fs.critical_slope(rom, band=band)
-    assert found.slope == pytest.approx(exact.slope, rel=1e-3) and round(found.slope, 4) == -0.0235
+    assert found.value == pytest.approx(exact.value, rel=1e-3) and round(found.value, 4) == -0.0235
     assert found.omega == pytest.approx(exact.omega, rel=1e-6) and round(found.omega) == 316
     with pytest.raises(ValueError, match="cut-off"):
         fs.critical_slope(fs.reduce(sub, fs.CraigChang(modes=20)), band=band)

@@ -195,8 +195,10 @@ def test_what_needs_a_factor_later_makes_it_again(threads: ThreadPoolExecutor) -
 @pytest.mark.parametrize("band", [None, (0.0, 1.0)])
 def test_a_sweep_takes_workers(threads: ThreadPoolExecutor, band: tuple[float, float] | None) -> None:
     model, slopes = fs.chain(60, belt=3), np.linspace(-0.2, 0.01, 5)
-    alone, shared = fs.sweep(model, slopes, band=band), fs.sweep(model, slopes, band=band, executor=threads)
-    assert np.array_equal(alone.slopes, shared.slopes) and np.array_equal(alone.growth, shared.growth)
+    belt = fs.Belt(slope=0.0)
+    alone = fs.sweep(model, belt, "slope", slopes, band=band)
+    shared = fs.sweep(model, belt, "slope", slopes, band=band, executor=threads)
+    assert np.array_equal(alone.values, shared.values) and np.array_equal(alone.growth, shared.growth)
     assert np.array_equal(alone.omega, shared.omega) and alone.band == shared.band
 
 
@@ -205,8 +207,8 @@ def test_a_sparse_sweep_by_two_processes_has_the_digits_of_one() -> None:
     model, slopes = fs.chain(2400, belt=2), np.linspace(-0.04, -0.02, 5)
     versions()  # loads PETSc, whose BLAS is then among those that are held to one thread, as in the workers
     with one_thread(True):
-        alone = fs.sweep(model, slopes, band=(0.0, 0.05))
-    shared = fs.sweep(model, slopes, band=(0.0, 0.05), workers=2)
+        alone = fs.sweep(model, fs.Belt(slope=0.0), "slope", slopes, band=(0.0, 0.05))
+    shared = fs.sweep(model, fs.Belt(slope=0.0), "slope", slopes, band=(0.0, 0.05), workers=2)
     assert np.array_equal(alone.growth, shared.growth) and np.array_equal(alone.omega, shared.omega)
 
 
@@ -317,7 +319,7 @@ def test_workers_that_are_none(given: dict[str, Any], kind: type[Exception], wor
 
 def test_workers_of_a_sweep_that_are_none() -> None:
     with pytest.raises(fs.InputError, match="workers must be at least 1"):
-        fs.sweep(fs.chain(10, belt=2), [-0.1], workers=0)
+        fs.sweep(fs.chain(10, belt=2), fs.Belt(slope=0.0), "slope", [-0.1], workers=0)
 
 
 def test_workers_are_for_the_parts_of_a_system() -> None:

@@ -50,9 +50,9 @@ def attacked(kind: str, seed: int) -> str:
             found = fs.critical_slope(small, port, band=band)
         except fs.FemsubError:
             return "refused"
-    same = found.slope == exact.slope or abs(found.slope - exact.slope) <= OFF * abs(exact.slope)
+    same = found.value == exact.value or abs(found.value - exact.value) <= OFF * abs(exact.value)
     if same:
-        near = abs(found.slope - exact.slope) > 0.5 * OFF * abs(exact.slope) if np.isfinite(exact.slope) else False
+        near = abs(found.value - exact.value) > 0.5 * OFF * abs(exact.value) if np.isfinite(exact.value) else False
         return "right" if not told else "told within half the limit" if near else "needless"
     return "told" if told else f"wrong: seed {seed}: {found!r}, full {exact!r}, {small!r}"
 

@@ -150,22 +150,22 @@ def slope(build: Callable[[], fs.Substructure], known: float | None = None, with
     """
     sub = build()
     found = fs.critical_slope(sub, **options)
-    told = f"critical slope {found.slope:.6g}"
+    told = f"critical slope {found.value:.6g}"
     if known is not None:
-        error = abs(found.slope - known) / abs(known or 1.0)
+        error = abs(found.value - known) / abs(known or 1.0)
         lie = f"it is {known:.6g}" if error > within else f"it is at ω = {at:g}" if at is not None and found.omega != at else ""
         return Found(told, error, max(within, EPS), error / max(within, EPS), "known beforehand", lie=lie)
     w = sub.port(options.get("port", "belt"))
-    if found.slope == 0.0 or not np.isfinite(found.slope):
+    if found.value == 0.0 or not np.isfinite(found.value):
         return Found(told, 1.0, EPS, np.inf, "it is neither 0 nor infinite")
     exact_slope, moved = border(sub.M, sub.D, sub.K, w, found.omega) if chain is None else chain_border(*chain, found.omega)
     growing = None
     if chain is None:
-        spectrum = quadratic(sub.M, dense(sub.D) + 0.999 * found.slope * np.outer(w, w), sub.K)
+        spectrum = quadratic(sub.M, dense(sub.D) + 0.999 * found.value * np.outer(w, w), sub.K)
         size = max(abs(value) for value in spectrum)
         lo, hi = found.band[0] - mp.mpf(10) ** -30 * size, found.band[1]  # of a real λ Im λ is rounding
         growing = int(sum(lo <= value.imag <= hi and value.real > mp.mpf(10) ** -45 * size for value in spectrum))
-    error = float(abs(exact_slope - mp.mpf(found.slope)) / abs(exact_slope))
+    error = float(abs(exact_slope - mp.mpf(found.value)) / abs(exact_slope))
     bound = 10 * moved + _modal(sub, w, found.omega)
     return Found(told, error, bound, error / bound, "10 roundings per entry + those of ΦᵀDΦ", missed=growing)
 
@@ -192,8 +192,8 @@ def tiny_slope(build: Callable[[], fs.Substructure], damping: float) -> Found:
     sub = build()
     found, whole = fs.critical_slope(sub), fs.critical_slope(sub.with_damping(sub.D / damping))
     natural = 2 * float(np.sqrt(np.linalg.eigvalsh(dense(sub.K)).max()))
-    error = abs(found.slope - damping * whole.slope) / natural
-    return Found(f"critical slope {found.slope:.6g}", error, 2e-13, error / 2e-13, "a damping ratio of 1e-13 is rounding")
+    error = abs(found.value - damping * whole.value) / natural
+    return Found(f"critical slope {found.value:.6g}", error, 2e-13, error / 2e-13, "a damping ratio of 1e-13 is rounding")
 
 
 def _modal(sub: fs.Substructure, w: Array, omega: float) -> float:

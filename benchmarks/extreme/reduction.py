@@ -142,7 +142,8 @@ def above_cutoff(method: Any, ask: str) -> Found:
     rom = fs.reduce(packed(), method)
     band = (0.0, 2.0 * rom.cutoff)
     if ask in ("slope", "sweep"):
-        return answered(lambda: fs.critical_slope(rom, band=band) if ask == "slope" else fs.sweep(rom, [-0.1], band=band))
+        return answered(lambda: fs.critical_slope(rom, band=band) if ask == "slope"
+                        else fs.sweep(rom, fs.Belt(slope=0.0), "slope", [-0.1], band=band))
     answer = fs.complex_modes(rom, band=band)
     beyond = answer.eigenvalues.imag > rom.cutoff * (1 + 1e-9)
     top = answer.searched and answer.searched[3]
@@ -165,8 +166,8 @@ def without_artefact() -> Found:
     rom = fs.reduce(sub, fs.CraigChang(3))
     found = fs.critical_slope(rom)
     exact, _ = border(sub.M, sub.D, sub.K, sub.port("belt"), fs.critical_slope(sub).omega)
-    error, bound = float(abs(exact - mp.mpf(found.slope)) / abs(exact)), (found.omega / rom.cutoff) ** 4
-    return Found(f"critical slope {found.slope:.6g}", error, bound, error / bound, "(ω/ω_cut)⁴ of residual flexibility")
+    error, bound = float(abs(exact - mp.mpf(found.value)) / abs(exact)), (found.omega / rom.cutoff) ** 4
+    return Found(f"critical slope {found.value:.6g}", error, bound, error / bound, "(ω/ω_cut)⁴ of residual flexibility")
 
 
 def near_cutoff() -> Found:

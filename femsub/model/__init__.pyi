@@ -1,4 +1,4 @@
-from .affine import Affine as Affine
+from .affine import Affine as Affine, projected as projected
 from .bands import (
     DOUBLE as DOUBLE,
     EDGE as EDGE,
@@ -14,6 +14,7 @@ from .bands import (
 from .contact import (
     Contact as Contact,
     Contacts as Contacts,
+    LinearContact as LinearContact,
     affine_fields as affine_fields,
     columns_of as columns_of,
     contacts_at as contacts_at,

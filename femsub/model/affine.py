@@ -122,7 +122,7 @@ class Affine(Frozen):
         basis = real_array("V", V)
         if basis.ndim != 2 or basis.shape[0] != self.size or not basis.shape[1]:
             raise InputError(f"V must have {self.size} rows, one per DOF, and a column or more, but its shape is {basis.shape}")
-        return self._with(lambda theta, A: (theta, _projected(A, basis)))
+        return self._with(lambda theta, A: (theta, projected(A, basis)))
 
     def _with(self, change: Callable[[Theta, Matrix], tuple[Theta, Matrix]]) -> Affine:
         copy = object.__new__(Affine)
@@ -200,6 +200,7 @@ def _value(theta: Callable[..., float], known: Mapping[str, float]) -> float:
     return finite_number(f"{what}{told}", found)
 
 
-def _projected(A: Matrix, V: Array) -> Array:
+def projected(A: Matrix, V: Array) -> Array:
+    """VᵀAV (r, r), symmetric if A is."""
     found: Array = np.asarray(V.T @ (A @ V))
     return (found + found.T) / 2 if not (A != A.T).sum() else found

@@ -1,2 +1,1 @@
-from .seen_losses import losses_over as losses_over
 from .tracking import Tracked as Tracked

@@ -8,7 +8,7 @@ import numpy as np
 
 from femsub.algebra import FEW, is_symmetric, one_thread, orthonormal, unresisted
 from femsub.checks import EPS, Array
-from femsub.errors import NotConvergedError, UnstableModelError
+from femsub.errors import NotConvergedError
 from femsub.model import Pencil, contact_matrix, in_band
 from femsub.modes import PortFunction, ShiftInvert, independent, lowest_modes, modes_below, port_responses, units
 from femsub.modes.quadratic.complex_modes import complex_modes
@@ -31,6 +31,14 @@ def _dense_border(model: Model, band: Band, method: str) -> Border:
     start = _at_rest(model, band)
     if start is not None:
         return start
+    border = _first(model, band, method)
+    if not np.isfinite(border.c):
+        return border
+    beyond = model.ranked(border.c * (1 + MARGIN), band)
+    return replace(border, beyond=int((beyond > 1e2 * model.noise).sum()))
+
+
+def _first(model: Model, band: Band, method: str) -> Border:
     if method == "bracketing" or model.W.shape[1] > 1:
         border = bracketed(model, band)
         if np.isfinite(border.c) and border.omega > 0:
@@ -56,14 +64,12 @@ def _at_rest(model: Model, band: Band) -> Border | None:
         growing.append(every[(every.imag == 0) & (every.real > 1e3 * model.noise)])
     unstable = np.concatenate(growing)
     if len(unstable):
-        worst = unstable[np.argmax(unstable.real)]
-        raise UnstableModelError(f"the model is unstable before the belt acts: λ = {worst.real:.6g} {worst.imag:+.6g}i. The "
-                                 "critical slope needs a model that is stable at slope 0. Check D")
+        return replace(Border.none(model.pencil.size), unstable=unstable)
     free = np.flatnonzero(model.felt(q) & undamped)
     order = free[np.argsort(values[free].imag)]
     if band[0] == 0 and model.drift is not None and model.drift.c == 0:
-        return replace(model.drift, crossing=np.append(0.0, values[order].imag))
-    return Border(0.0, values[order].imag, form.shapes @ q[:, order[0]]) if len(free) else None
+        return model.with_others(model.drift, values[order].imag, form.shapes @ q[:, order])
+    return Border(0.0, values[order].imag, form.shapes @ q[:, order]) if len(free) else None
 
 
 def _rooted(model: Model, band: Band) -> Border:
@@ -82,12 +88,13 @@ def _rooted(model: Model, band: Band) -> Border:
                                     "dashpots, or leave the dashpots out")
         growth = _verify(model, float(c[at]), float(omega[at]))
         if growth[1] > 0:
+            group = group[np.argsort(omega[group])]
+            shapes = np.stack([model.form.shapes @ function.exact(value)[2] for value in omega[group].tolist()], axis=1)
+            shapes /= np.linalg.norm(shapes, axis=0)
             if drift is not None and abs(c[at] - drift.c) <= TOGETHER * abs(drift.c):
-                return replace(drift, crossing=np.append(0.0, np.sort(omega[group])))
-            first = group[np.argmin(omega[group])]
-            shape = model.form.shapes @ function.exact(float(omega[first]))[2]
-            return Border(float(c[at]), np.sort(omega[group]), shape / np.linalg.norm(shape), growth)
-        at = int(group[-1]) + 1
+                return model.with_others(drift, omega[group], shapes)
+            return Border(float(c[at]), omega[group], shapes, growth)
+        at = int(group.max()) + 1
     if drift is not None:
         return drift
     _check_damping(model, band)
@@ -125,7 +132,7 @@ def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") ->
     if (alike := pencil.alike()) is not pencil:
         unit = pencil.units[0][:, None]
         border = sparse_border(alike, unit * W, band, method)
-        return replace(border, shape=unit[:, 0] * border.shape)
+        return replace(border, shapes=unit * border.shapes)
     basis = _Growing(pencil, W, 1.5 * band[1])
     basis.grow(_crossed_edges(basis, band))
     previous = np.nan
@@ -138,7 +145,7 @@ def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") ->
     else:
         raise NotConvergedError(f"the border still moved from {previous:.9g} to {border.c:.9g} in the last of {ROUNDS} rounds. "
                                 "Narrow the band")
-    border = replace(border, shape=basis.V @ border.shape)
+    border = replace(border, shapes=basis.V @ border.shapes, beyond=None)
     if border.omega == 0 and border.c < 0:  # rigid motion is exact from the start; oscillating modes still need the refinement
         later = sparse_border(pencil, W, (BESIDE * float(basis.frequencies.min(initial=band[1])), band[1]), method)
         return later if later.c > border.c * (1 - TOGETHER) else border

@@ -23,7 +23,7 @@ from femsub.errors import FemsubError
 from femsub.stability.contact_model import Band, Border, Model
 
 if TYPE_CHECKING:
-    from femsub.model import Substructure
+    from femsub.model import Pencil, Substructure
 
 CLOSE = 0.1  # relative distance up to which two frequencies may be neighbours
 LARGEST = 1000  # coordinates of a model
@@ -33,15 +33,15 @@ BESIDE = 1.1  # modes up to so much above the band are looked at
 MOVED = 0.03  # relative change of the border that is told
 
 
-def doubt(model: Substructure, bare: Substructure, port: str, band: Band, found: Border,
+def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Border,
           border: Callable[[Substructure], Border]) -> str:
     """In words, how much the border moves on a wider model; nothing if it hardly does, or if no full component is left.
 
-    `bare` is the model without contacts, and `border` gives the border of a model with them.
+    `pencil` is that of the model under contacts at the begin, and `border` gives the border of a model with them.
     """
     if not np.isfinite(model.cutoff) or model.size > LARGEST or found.c == 0:
         return ""
-    form = Model(model.pencil.dense(), model.port(port).reshape(model.size, -1)).form
+    form = Model(pencil.dense(), model.port(port).reshape(model.size, -1)).form
     omega, X = form.omega[form.rigid:], form.shapes[:, form.rigid:]
     order = np.argsort(omega)
     order = order[(omega[order] >= band[0] / BESIDE) & (omega[order] <= min(band[1] * BESIDE, 0.99 * model.cutoff))]
@@ -51,7 +51,7 @@ def doubt(model: Substructure, bare: Substructure, port: str, band: Band, found:
     if _full_size(model) > SMALL or model.size + 2 * len(omega) > FEW:
         chosen = np.unique(np.concatenate([near[:MOST // 2], near[:MOST // 2] + 1]))
     try:
-        wide = _wider(bare, omega[chosen], X[:, chosen], port) if len(chosen) else None
+        wide = _wider(model, omega[chosen], X[:, chosen], port) if len(chosen) else None
         other = found if wide is None else border(wide)
     except FemsubError:  # nothing is told of a border that is not found
         return ""

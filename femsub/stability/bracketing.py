@@ -65,8 +65,8 @@ def _at(model: Model, c: float, band: Band, wide: Band, contact: float) -> Borde
     if not len(together):
         return None
     order = together[np.argsort(values[together].imag)]
-    shape: Array = model.form.shapes @ q[:, order[0]]
-    return Border(c, values[order].imag, shape / np.linalg.norm(shape), method=METHOD)
+    shapes: Array = model.form.shapes @ q[:, order]
+    return Border(c, values[order].imag, shapes / np.linalg.norm(shapes, axis=0), method=METHOD)
 
 
 def _step(model: Model, stable: float, band: Band, furthest: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -27,13 +27,18 @@ Band = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """A stability border: c, the frequencies that cross there, the shape of the first, Re λ just above and below c."""
+    """A stability border: c, the k frequencies that cross there, their shapes (n, k), Re λ of the first just above and below c.
+
+    `unstable` are the λ that grow at c = 0 already, with Im λ ≥ 0. `beyond` is the number of growing eigenvalues just below c.
+    """
 
     c: float
     crossing: Array
-    shape: Array
+    shapes: Array
     growth: tuple[float, float] = (np.nan, np.nan)
     method: str = "scalar function"
+    unstable: Array = field(default_factory=lambda: np.zeros(0, dtype=complex))
+    beyond: int | None = None
 
     @property
     def omega(self) -> float:
@@ -42,7 +47,7 @@ class Border:
     @classmethod
     def none(cls, size: int, method: str = "scalar function") -> Border:
         """The border of a model that never loses its stability (c = -inf)."""
-        return cls(-np.inf, np.zeros(0), np.zeros(size, dtype=complex), method=method)
+        return cls(-np.inf, np.zeros(0), np.zeros((size, 0), dtype=complex), method=method)
 
 
 class Model:
@@ -109,6 +114,10 @@ class Model:
         """max Re λ over the modes that move the contact."""
         return float(self.ranked(c, band).max(initial=-np.inf))
 
+    def with_others(self, border: Border, omega: Array, shapes: Array) -> Border:
+        """The border of a drift with the oscillating modes that cross with it."""
+        return replace(border, crossing=np.append(border.crossing, omega), shapes=np.hstack([border.shapes, shapes]))
+
     def undamped(self, values: Array, q: Array) -> Array:
         """Which modes are undamped: the dashpot is at a node of the mode, or the powers of two dashpots cancel.
 
@@ -144,7 +153,7 @@ class Model:
         free = damping <= NO_RATIO * lowest + 1e2 * EPS * np.einsum("ij,ij->j", z, np.abs(self.pencil.D) @ z)
         loose, braked = motions[:, free], motions[:, ~free]
         if np.linalg.norm(self.W.T @ loose) > FELT * np.linalg.norm(self.W):
-            return Border(0.0, np.zeros(1), self.form.shapes @ loose @ np.linalg.svd(self.W.T @ loose)[2][0])
+            return Border(0.0, np.zeros(1), (self.form.shapes @ loose @ np.linalg.svd(self.W.T @ loose)[2][0])[:, None])
         if not braked.shape[1]:
             return None
         fed = braked.T @ self.W
@@ -157,7 +166,7 @@ class Model:
         c, shape = -1 / float(values.real[first]), braked @ (answer @ mix[:, first].real)
         growth = self._drifting(c * (1 - MARGIN), c, shape), self._drifting(c * (1 + MARGIN), c, shape)
         shape = self.form.shapes @ shape
-        return Border(c, np.zeros(1), shape / np.linalg.norm(shape), growth) if growth[1] > 0 else None
+        return Border(c, np.zeros(1), (shape / np.linalg.norm(shape))[:, None], growth) if growth[1] > 0 else None
 
     def _drifting(self, c: float, border: float, z: Array) -> float:
         """The real λ next to the solution of zᵀ(λ + C + cWWᵀ)z = 0, for a rigid motion z near the border of its drift."""

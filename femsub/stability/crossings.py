@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import EPS, Array
+from femsub.modes import assigned
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -51,7 +51,7 @@ class Crossing:
         K. 'hopf': xᴴD_s x < 0, negative damping feeds the motion. 'flutter': a circulatory K feeds it, or two undamped modes
         coalesce.
     growth : (float, float)
-        Re λ of this mode a little below and above the value.
+        Re λ of this mode a little before and beyond the value, on the way from the begin of the range to its end.
     """
 
     value: float
@@ -101,7 +101,7 @@ class _Match(NamedTuple):
 def _matched(left: Spectrum, right: Spectrum) -> _Match:
     """Two neighbouring spectra by distance."""
     cost = np.abs(left.z[:, None] - right.z)
-    to = linear_sum_assignment(cost)[1]
+    to = assigned(cost)[1]
     moved = np.maximum(cost[np.arange(len(to)), to], np.maximum(_bars(left), _bars(right)[to]))
     after = right.z[to]
     apart = np.minimum(np.abs(left.z[:, None] - left.z), np.abs(after[:, None] - after))

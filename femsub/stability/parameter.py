@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, instance, word
+from femsub.checks import Array, Matrix, instance, word
 from femsub.errors import InputError, unknown_name
-from femsub.model import Affine, Contacts, Substructure, affine_fields, contacts_of, kinks_of, small_matrices
+from femsub.model import Affine, Contacts, Substructure, affine_fields, contacts_of, kinks_of, projected, small_matrices
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -29,6 +29,7 @@ FEW = 8  # columns of a contact up to which each entry of C is a coefficient; ab
 COMBINED = 8
 DENSE, SPARSE = 2048, 256  # samples of the coefficients over the range: of a contact of few columns, of a larger one
 IRREGULAR = (5**0.5 - 1) / 2  # samples at even distances would miss what is periodic
+KEPT = 64  # projected pencils
 MORE = 4  # places at most that are added to the usual ones of an interval
 
 
@@ -37,7 +38,8 @@ class Share:
     """What depends on the parameter: a contact, or the factors of an `Affine`.
 
     `coefficients` gives the numbers that the pencil depends on, in blocks of one unit each. `affine` is what was declared.
-    `kinks` are the values at which they are not smooth. `few` tells whether the contact has few columns.
+    `kinks` are the values at which they are not smooth. `few` tells whether the contact has few columns. `terms` gives W, C_D and
+    C_K of a contact.
     """
 
     owner: str
@@ -45,6 +47,13 @@ class Share:
     affine: bool
     kinks: tuple[float, ...] = ()
     few: bool = True
+    terms: Callable[[float], tuple[Matrix, float | Matrix, float | Matrix]] | None = None
+
+    def turned(self) -> Share:
+        """The same over the parameter with the other sign."""
+        terms = self.terms
+        return replace(self, coefficients=lambda p: self.coefficients(-p), kinks=tuple(-p for p in self.kinks),
+                       terms=None if terms is None else lambda p: terms(-p))
 
     def check(self, parameter: str, between: tuple[float, float]) -> None:
         """An error if the coefficients contradict the declaration that they are affine."""
@@ -72,6 +81,37 @@ class PencilOver:
 
     def __call__(self, p: float) -> Pencil:
         return self.at(p)
+
+    def turned(self) -> PencilOver:
+        """The same over the parameter with the other sign."""
+        return PencilOver(self.parameter, lambda p: self.at(-p), tuple(share.turned() for share in self.shares))
+
+    def projected(self, V: Array, between: tuple[float, float]) -> PencilOver:
+        """The same for the coordinates q of u = Vq; V is (n, r)."""
+        def small(p: float) -> Pencil:
+            pencil = self.at(p)
+            return type(pencil)(*(projected(A, V) for A in (pencil.M, pencil.D, pencil.K)))
+
+        at = lru_cache(maxsize=KEPT)(small)
+        if self.affine(between):
+            lo, hi = between
+            first, last = small(lo), small(hi)
+            step = [(getattr(last, name) - getattr(first, name)) / (hi - lo) for name in "MDK"]
+            return replace(self, at=lambda p: type(first)(*(getattr(first, name) + (p - lo) * slope
+                                                            for name, slope in zip("MDK", step, strict=True))))
+        return replace(self, at=at)
+
+    def port_damping(self, p: float, beside: float) -> tuple[Matrix, float] | None:
+        """W (n, k) and s if all that depends on the parameter is a term s p W Wᵀ in D, told at two values; else None."""
+        share = self.shares[0]
+        if len(self.shares) > 1 or share.terms is None or not share.affine:
+            return None
+        (W, D, K), (_, other, stiff) = share.terms(p), share.terms(beside)
+        if sp.issparse(W) or any(sp.issparse(C) for C in (D, K, other, stiff)) or np.any(np.asarray(stiff) - K):
+            return None
+        slope = (np.asarray(other) - D) / (beside - p)
+        s = float(slope.flat[0])
+        return (W, s) if s and (slope.ndim == 0 or np.array_equal(slope, s * np.eye(len(slope)))) else None
 
     def affine(self, between: tuple[float, float]) -> bool:
         """Whether M is constant, and D and K are affine, as all declare on whom they depend.
@@ -163,7 +203,8 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
     def share(contact: Any) -> Share:
         few = small_matrices(model, contact)[0].shape[1] <= FEW
         return Share(type(contact).__name__, partial(_coefficients, model, contact, parameter),
-                     parameter in affine_fields(contact), kinks_of(contact, parameter), few)
+                     parameter in affine_fields(contact), kinks_of(contact, parameter), few,
+                     lambda p: small_matrices(model, replace(contact, **{parameter: p})))
 
     return PencilOver(parameter, at, tuple(share(contact) for contact, names in zip(given, known, strict=True)
                                            if parameter in names))

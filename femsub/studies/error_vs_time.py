@@ -203,7 +203,7 @@ def border_or_reason(model: Substructure, port: str, force: float, band: tuple[f
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", CutoffWarning)  # the error is measured anyway
             found = critical_slope(model, port, force=force, contacts=others or None, band=band)
-            return found.slope, found.omega, ""
+            return found.value, found.omega, ""
     except FemsubError as error:
         return np.nan, np.nan, str(error)
 

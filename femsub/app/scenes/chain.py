@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
+from femsub import Belt, ComplexModes, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
 from femsub.app.figure_style import look
 from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, friction_figure, size_sweep_figure
 from femsub.app.figures_errors import error_time_figure
@@ -174,7 +174,8 @@ def _belt_sweep(scene: ChainScene, _: Progress) -> Result:
                 sub = scene.model(belt, widened)
                 model = sub if kind == "full" else scene.reduced(sub, kind, scene.size)
                 reached = band[1] <= model.cutoff  # else its modes above the cut-off would have a say
-                growth.append(sweep(model, slopes, force=scene.force, band=band).growth if reached else np.full(60, np.nan))
+                acts = Belt(force=scene.force, slope=0.0)
+                growth.append(sweep(model, acts, "slope", slopes, band=band).growth if reached else np.full(60, np.nan))
                 border.append(_border(scene, model)[0])
             panels.append({"model": kind, "interface": "{m1, belt}" if widened else _masses(scene.interface),
                            "growth": np.array(growth), "critical_slope": border})

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from femsub import Affine, CriticalValue, Tracked, track
+from femsub import Affine, CriticalValue, Tracked, critical_value, track
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.checks import interval
 from femsub.errors import InputError
-from femsub.stability import losses_over
 from femsub.studies import table
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
@@ -40,10 +39,7 @@ class FlutterScene(Scene):
 def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, exact: Mapping[str, float], label: str,
             data: dict[str, Any], progress: Progress, band: tuple[float, float] | None = None,
             text: Sequence[str] = ()) -> Result:
-    """Computes what `scene.outputs` names, for each of the models by its name; `exact` are the critical values that are known.
-
-    Of models too large for `critical_value` what `track` sees is located, and nothing else excluded.
-    """
+    """Computes what `scene.outputs` names, for each of the models by its name; `exact` are the critical values that are known."""
     between = (scene.between[0], scene.between[1])
 
     @cache
@@ -58,7 +54,7 @@ def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, e
     found: dict[str, CriticalValue] = {}
     for name, model in models.items():
         progress(f"{scene.name}: critical value, {name}")
-        found[name] = losses_over(model, parameter, between, band, partial(tracked, name))
+        found[name] = critical_value(model, None, parameter, between=between, band=band)
 
     def compute(output: str) -> Result:
         if output == "critical-value":
@@ -106,8 +102,6 @@ def _left_open(name: str, item: CriticalValue) -> list[str]:
     """What was not excluded, in words."""
     if not item.open:
         return []
-    if item.open == (item.searched,):
-        return [f"{name}: so large a model has its losses from the modes tracked. Others between two values are not excluded."]
     places = ", ".join(f"{lo:.9g} to {hi:.9g}" for lo, hi in item.open[:TOLD])
     more = len(item.open) - TOLD
     return [f"{name}: not excluded are further crossings in {places}{f' and {more} more intervals' if more > 0 else ''}."]

@@ -55,12 +55,12 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
             raise InputError(f"a Hopf point needs all modes, but {model.size} DOF are too many for that. Start from a cycle: "
                              "start=cycle, found from that of a reduced model")
         found = critical_slope(model, belt.port)
-        if np.isinf(found.slope):
+        if np.isinf(found.value):
             raise NoCycleError(f"{model.name!r} has no Hopf point: steady sliding is stable at every slope. Damping prevails at "
                                "this place of the belt; move the belt or reduce the damping")
-        if len(found.crossing) > 1 and found.slope < 0:
-            raise _several(found.slope, found.crossing)
-        c, omega, speeds = found.slope, found.omega, contact.W.T @ found.shape
+        if len(found.crossing) > 1 and found.value < 0:
+            raise _several(found.value, found.crossing)
+        c, omega, speeds = found.value, found.omega, contact.W.T @ found.shape
     else:
         c, omega, speeds = _nearest(contact, flexibility, near)
     if c == 0:

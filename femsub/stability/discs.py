@@ -1,0 +1,110 @@
+"""Loss of stability by an exclusion of all other crossings: discs around all eigenvalues of a small model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from femsub.algebra import FEW, WIDE, one_thread
+from femsub.checks import Tally
+from femsub.errors import InputError
+from femsub.model import in_band
+from femsub.stability.crossings import BESIDE, Found, extrapolated, settled, weight
+from femsub.stability.exclusion import Family, Part
+from femsub.stability.question import CriticalValue, Question, fastest
+
+LARGEST = WIDE  # DOF of a model
+MOST = 6000  # intervals that are tested at most
+NARROW = 1e3  # times the resolution: an interval in which a crossing is counted, and nothing else looked for
+SEEN = 1e-5  # of the range: how far beside a place in an open interval rounding may hide which modes grow
+
+
+class Discs:
+    """A range is divided into intervals, in each of which discs around the eigenvalues show that none crosses the axis.
+
+    What is left are windows of 1e-11 of the range around the crossings; the number of growing eigenvalues on both sides is known
+    from the intervals beside them. So no loss is stepped over, however short it is. The modes that cross in a window are told
+    from both of its sides, and must make up the change of that number (`femsub.stability.crossings`).
+    """
+
+    def unfit(self, question: Question) -> str:
+        if question.size > LARGEST:
+            return f"discs take models of up to {LARGEST} DOF, but this one has {question.size}"
+        return "" if np.isfinite(question.between[1]) else "discs take a finite range"
+
+    def solve(self, question: Question) -> CriticalValue:
+        over, between = question.over, question.between
+        with one_thread(question.size <= FEW):
+            family = Family(lambda p: over(p).dense(), between, over)
+            if family.floating:
+                raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports "
+                                 "or springs")
+            return _collected(question, family, family.parts(MOST))
+
+
+def _collected(question: Question, family: Family, parts: Sequence[Part]) -> CriticalValue:
+    """The crossings in the intervals that are not excluded, in the band.
+
+    Wide ones are open, and so are narrow ones in which the modes that cross do not make up the change of the number that grow, or
+    none crosses. A mode that only touches the axis at an end of the range has nothing to cross.
+    """
+    (lo, hi), limits = question.between, question.band
+    reach = BESIDE * (hi - lo)
+    found: Found = ([], [])
+    left: list[tuple[float, float]] = []
+    lost: list[float] = []  # where an interval begins in which stability is lost at an unknown place
+    begin = last = int(family.grown(lo)[0].sum())
+    listed = 0
+    windows = [i for i, part in enumerate(parts) if part.growing is None]
+    for at, i in enumerate(windows):
+        part, edge = parts[i], i in (0, len(parts) - 1)
+        below = part.begin - (parts[windows[at - 1]].end if at else -np.inf)
+        above = (parts[windows[at + 1]].begin if at + 1 < len(windows) else np.inf) - part.end
+        room = (max(lo, part.begin - min(below / 3, reach)),
+                min(hi, part.end + min(above / 3, reach)) if part.end < hi else hi + NARROW * family.least)
+        before = known if i and (known := parts[i - 1].growing) is not None else begin
+        after = parts[i + 1].growing if i + 1 < len(parts) else None
+        narrow = part.end - part.begin <= NARROW * family.least
+        told = settled(family, (part.begin, part.end), room, (before, after)) if narrow else None
+        if told is None or not (edge or any(told)):
+            heights = np.abs(np.imag(part.touching))
+            if len(heights) and not in_band(heights, limits).any():  # not listed, whatever it is
+                listed, last = listed + (0 if after is None else after - before), before
+                continue
+            left.append((part.begin, part.end))
+            told, unknown = _seen(family, part, room, before, after)
+            lost += [] if unknown is None else [unknown]
+        else:
+            change = sum(map(weight, told[0])) - sum(map(weight, told[1]))
+            listed, last = listed + change, before + change
+        for several, new in zip(found, told, strict=True):
+            several.extend(one for one in sorted(new, key=lambda one: one.omega) if in_band(np.array([one.omega]), limits)[0])
+    last = known if (known := parts[-1].growing) is not None else last
+    z = family.spectrum(lo).z[family.grown(lo)[0]]
+    z = z[in_band(np.abs(z.imag), limits)]
+    tally = Tally(listed, None if left else last - begin, sampled=not family.affine)
+    return CriticalValue.of(question, *found, tally, method="discs", growing=len(z), lost=lost, open=left,
+                            solved=family.solved, fastest=fastest(z))
+
+
+def _seen(family: Family, part: Part, room: tuple[float, float], before: int, after: int | None) -> tuple[Found, float | None]:
+    """What is certain of the crossings in an open interval, and from where on one is lost at an unknown place, if so.
+
+    The places at which the number of those that certainly grow changes are found by bisection, one after the other. A crossing is
+    told only if it is settled there.
+    """
+    after = int(family.grown(part.end)[0].sum()) if after is None else after
+    found: Found = ([], [])
+    begin, reach = part.begin, SEEN * (family.between[1] - family.between[0])
+    while before != after:
+        a, b = family.narrowed(begin, part.end, before)
+        near = max(room[0], a - reach), min(room[1], b + reach)
+        told = settled(family, (a, b), near, (None, None)) or extrapolated(family, (a, b), near)
+        change = sum(map(weight, told[0])) - sum(map(weight, told[1])) if told else 0
+        if not told or not change or b <= begin or a < begin:
+            return found, begin if after > before else None
+        for several, new in zip(found, told, strict=True):
+            several.extend(new)
+        begin, before = b, before + change
+    return found, None

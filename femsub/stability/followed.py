@@ -1,0 +1,252 @@
+"""Loss of stability of a model of any size: candidates from a small model, each refined on the full pencil, and counted.
+
+Right vectors of the full pencil at some values of the parameter span a basis V. The pencil VᵀP(λ; p)V is exact at these values,
+and `discs` finds all of its crossings. Each starts Newton's method on the full pencil, P(iω; p)x = 0, with left vectors y:
+
+    yᴴP(iω; p)x + i yᴴP'x Δω + yᴴ∂P/∂p x Δp = 0,   x ← P⁻¹P'x,   y ← P⁻ᴴP'ᴴy,   P' = ∂P/∂λ.
+
+Its vectors join V, until the crossings of the small pencil stand still. Between the values the crossings must make up the change
+of the number of growing eigenvalues of the full pencil.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femsub.algebra import ComplexFactor
+from femsub.checks import NOT_CHECKED, Array, Tally
+from femsub.errors import SingularMatrixError
+from femsub.model import in_band
+from femsub.modes import ComplexModes
+from femsub.modes.quadratic.complex_modes import complex_modes
+from femsub.stability.crossings import Crossing, Found, weight
+from femsub.stability.discs import LARGEST, Discs
+from femsub.stability.question import CriticalValue, Question, fastest
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
+    from femsub.stability.parameter import PencilOver
+
+#: Of the range: where the full pencil is solved. A loss may well be at a simple fraction, and would be hard to count there.
+SAMPLES = (0.0, 0.234, 0.486, 0.771, 1.0)
+AROUND = 0.02  # of the band's width: modes so far beside the band are in the basis as well
+KEPT = 1e-3  # singular values of the basis of modes of unit length, relative to the largest
+NEW = 1e-8  # share of a vector outside the basis with which it joins
+ROUNDS = 6  # of refining
+STILL = 1e-9  # of the range: the movement of crossings at which the rounds end
+STEPS = 6  # of Newton's method, each with a factorisation,
+FAR = 0.05  # of the range: the longest step in p,
+SETTLED = 1e-12  # and the change of ω and p, relatively, at which it ends
+EXACT, GOOD = 1e-12, 1e-8  # backward errors on the full pencil, up to which a crossing is not refined, and is accepted
+BESIDE = 1e-9  # of |λ|: a shift beside an eigenvalue at which P is singular to working precision
+
+
+class Followed:
+    """Crossings of a small model on modes of the full one, refined on the full one and counted."""
+
+    def unfit(self, question: Question) -> str:
+        if not np.isfinite(question.between[1]):
+            return "a model can be followed over a finite range"
+        if not np.isfinite(question.band[1]):
+            return f"a model of {question.size} DOF needs a band: give band=(lo, hi) in rad per unit of time"
+        return ""
+
+    def solve(self, question: Question) -> CriticalValue:
+        (lo, hi), over, band = question.between, question.over, question.band
+        kinks = [] if over.affine((lo, hi)) else over.kinks((lo, hi))
+        values = np.union1d([*(lo + share * (hi - lo) for share in SAMPLES[:-1]), hi], kinks)
+        margin = AROUND * (band[1] - band[0])
+        wide = max(0.0, band[0] - margin), band[1] + margin
+        samples = {float(p): complex_modes(over(float(p)), band=wide) for p in values}
+        found = [_refined(question, piece, samples) for piece in _pieces(band, wide, samples)]
+        losses, regains, unclear = ([one for part in found for one in getattr(part, name)] for name in
+                                    ("losses", "regains", "open"))
+        losses, regains = (sorted(several, key=lambda one: (one.value, one.omega)) for several in (losses, regains))
+        growing = {p: _growing(modes, band) for p, modes in samples.items()}
+        begin = growing[lo]
+        lost: list[float] = []
+        for a, b in pairwise(samples):
+            own = [[one for one in several if a < one.value <= b or one.value == a == lo] for several in (losses, regains)]
+            change = sum(map(weight, own[0])) - sum(map(weight, own[1]))
+            rise = _weight(growing[b]) - _weight(growing[a])
+            if change != rise or NOT_CHECKED in (samples[a].evidence, samples[b].evidence):
+                unclear.append((a, b))
+            if rise > change:
+                lost.append(a)
+        left = _union(unclear)
+        listed = sum(map(weight, losses)) - sum(map(weight, regains))
+        tally = Tally(listed, None if left else _weight(growing[hi]) - _weight(begin), sampled=True)
+        return CriticalValue.of(question, losses, regains, tally, growing=_weight(begin), fastest=fastest(begin), lost=lost,
+                                open=left, solved=len(samples), method="followed")
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A part of the band with few enough modes, and a basis (n, r) of those in it and beside it."""
+
+    band: tuple[float, float]
+    V: Array
+
+
+def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[float, ComplexModes]) -> list[_Piece]:
+    """The band in parts whose small models `discs` can take."""
+    shapes = [modes.shapes[:, in_band(modes.eigenvalues, wide) & (modes.eigenvalues.imag >= 0)] for modes in samples.values()]
+    V = _spanned(np.hstack(shapes))
+    if not V.shape[1]:
+        return []
+    room = LARGEST - 20
+    if V.shape[1] <= room:
+        return [_Piece(band, V)]
+    heights = np.sort(np.concatenate([modes.eigenvalues.imag for modes in samples.values()]))
+    heights = heights[(heights > band[0]) & (heights < band[1])]
+    half = float(np.median(heights)) if len(heights) else sum(band) / 2
+    if not band[0] < half < band[1] or min(half - band[0], band[1] - half) < 1e-3 * band[1]:
+        return [_Piece(band, V[:, :room])]
+    beside = AROUND * (band[1] - band[0])
+    return [*_pieces((band[0], half), (wide[0], half + beside), samples),
+            *_pieces((float(np.nextafter(half, np.inf)), band[1]), (half - beside, wide[1]), samples)]
+
+
+def _spanned(X: Array) -> Array:
+    """An orthonormal basis of the real and imaginary parts of shapes, each turned to be as real as it can."""
+    turn = np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", X, X)))
+    X = X * turn / np.linalg.norm(X, axis=0)
+    both = np.hstack([X.real, X.imag])
+    size, mix = np.linalg.eigh(both.T @ both)
+    order = np.argsort(-size)
+    order = order[size[order] > KEPT**2 * size.max(initial=0.0)]
+    return np.linalg.qr(both @ (mix[:, order] / np.sqrt(size[order])))[0]
+
+
+def _joined(V: Array, vectors: Array) -> Array:
+    """V with what is new in the real and imaginary parts of vectors."""
+    for part in np.hstack([vectors.real, vectors.imag]).T:
+        size = float(np.linalg.norm(part))
+        for _ in range(2):
+            part = part - V @ (V.T @ part)
+        if np.linalg.norm(part) > NEW * size:
+            V = np.hstack([V, (part / np.linalg.norm(part))[:, None]])
+    return V
+
+
+def _refined(question: Question, piece: _Piece, samples: dict[float, ComplexModes]) -> CriticalValue:
+    """The crossings in a part of the band, of the full pencil; `open` tells where a candidate could not be verified."""
+    over, (lo, hi), V = question.over, question.between, piece.V
+    places: list[float] | None = None
+    for turn in range(ROUNDS):
+        small = replace(question, over=over.projected(V, (lo, hi)), band=piece.band, falls=False)
+        found = Discs().solve(small)
+        crossings = [*found.losses, *found.regains]
+        now = [value for one in crossings for value in (one.value, one.omega / piece.band[1] * (hi - lo))]
+        if places is not None and len(now) == len(places) and np.allclose(now, places, rtol=0.0, atol=STILL * (hi - lo)):
+            break
+        places = now
+        if turn + 1 < ROUNDS:
+            starts = [(one, V @ one.shape) for one in crossings]
+            for one, shape in starts:
+                if _error(over, one, shape) > EXACT:
+                    V = _joined(V, _newton(over, (lo, hi), one, shape))
+    good: Found = ([], [])
+    poor: list[tuple[float, float]] = []
+    for several, kept in zip((found.losses, found.regains), good, strict=True):
+        for one in several:
+            shape, error = _verified(over, one, V @ one.shape)
+            if error <= GOOD:
+                kept.append(replace(one, shape=shape / np.linalg.norm(shape), width=max(one.width, error * (hi - lo))))
+            else:
+                poor.append((max(lo, one.value - FAR * (hi - lo)), min(hi, one.value + FAR * (hi - lo))))
+    return replace(found, losses=tuple(good[0]), regains=tuple(good[1]), open=(*found.open, *poor))
+
+
+def _verified(over: PencilOver, one: Crossing, x: Array) -> tuple[Array, float]:
+    """The shape of a crossing on the full pencil, and its backward error.
+
+    Where two modes coalesce the small pencil tells the shape beside the crossing only; a solution mends it.
+    """
+    error = _error(over, one, x)
+    if error > GOOD and (factor := _factor(over(one.value), 1j * one.omega)) is not None:
+        x = factor.solve(factor.solve(x.conj(), transposed=True).conj())  # (PᴴP)⁻¹x: yᴴP'x = 0 at an exceptional point
+        error = _error(over, one, x)
+    return x, error
+
+
+def _error(over: PencilOver, one: Crossing, x: Array) -> float:
+    """The backward error of a crossing on the full pencil."""
+    return float(over(one.value).backward_error(np.array([1j * one.omega]), x[:, None].astype(complex))[0])
+
+
+def _newton(over: PencilOver, between: tuple[float, float], start: Crossing, x: Array) -> Array:
+    """Right and left vectors (n, 2) at the crossing of the full pencil near a candidate.
+
+    Where two modes coalesce on the axis Newton's step fails, but its vectors are those that the small model lacks.
+    """
+    p, omega, y = start.value, start.omega, x.conj()
+    step = 1e-6 * (between[1] - between[0])
+    for _ in range(STEPS):
+        pencil = over(p)
+        factor = _factor(pencil, 1j * omega)
+        if factor is None:
+            break
+        for _ in range(2):  # the first left vector is a guess
+            x = factor.solve(_slope(pencil, omega, x))
+            y = factor.solve(_slope(pencil, omega, y, left=True), transposed=True).conj()
+            x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+        beside = over(p + step if p + step <= between[1] else p - step)
+        rest, other = (one.residual(np.array([1j * omega]), x[:, None])[:, 0] for one in (pencil, beside))
+        change = (y.conj() @ (other - rest)) / (step if p + step <= between[1] else -step)
+        turning = 1j * (y.conj() @ (2j * omega * (pencil.M @ x) + pencil.D @ x))
+        error = y.conj() @ rest
+        if start.kind == "divergence":
+            moves = np.array([0.0, -error.real / change.real if change.real else np.inf])
+        else:
+            system = np.array([[turning.real, change.real], [turning.imag, change.imag]])
+            with np.errstate(all="ignore"):
+                moves = np.linalg.lstsq(system, -np.array([error.real, error.imag]), rcond=None)[0]
+        if not np.isfinite(moves).all() or abs(moves[1]) > FAR * (between[1] - between[0]) or abs(moves[0]) > FAR * omega:
+            break
+        omega, p = omega + float(moves[0]), min(max(p + float(moves[1]), between[0]), between[1])
+        if abs(moves[0]) <= SETTLED * omega and abs(moves[1]) <= SETTLED * (between[1] - between[0]):
+            break
+    return np.stack([x, y], axis=1)
+
+
+def _factor(pencil: Pencil, value: complex) -> ComplexFactor | None:
+    for beside in (0.0, BESIDE):
+        try:
+            return ComplexFactor(pencil.sparse().at(value + beside * (abs(value) or 1.0)))
+        except SingularMatrixError:
+            continue
+    return None
+
+
+def _slope(pencil: Pencil, omega: float, x: Array, left: bool = False) -> Array:
+    """P'(iω)x, or the conjugate of P'(iω)ᴴy, as the transposed solution takes it; Mx for a real eigenvalue 0."""
+    if not omega:
+        return pencil.M @ x if not left else pencil.M.T @ x.conj()
+    if left:
+        return 2j * omega * (pencil.M.T @ x.conj()) + pencil.D.T @ x.conj()
+    return 2j * omega * (pencil.M @ x) + pencil.D @ x
+
+
+def _growing(modes: ComplexModes, band: tuple[float, float]) -> Array:
+    """λ in the band, Im λ ≥ 0, that certainly grow."""
+    z = modes.eigenvalues
+    return z[(z.imag >= 0) & (z.real > modes.error_bar) & ~modes.rigid & in_band(z, band)]
+
+
+def _weight(values: Array) -> int:
+    return int(np.where(values.imag > 0, 2, 1).sum())
+
+
+def _union(intervals: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    found: list[tuple[float, float]] = []
+    for a, b in sorted(intervals):
+        if found and a <= found[-1][1]:
+            found[-1] = found[-1][0], max(found[-1][1], b)
+        else:
+            found.append((a, b))
+    return tuple(found)

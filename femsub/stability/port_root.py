@@ -1,0 +1,121 @@
+"""Loss of stability of a model of any size under a contact that feeds one port: D + c W Wᵀ, c falling from 0 without end.
+
+On the border a pair λ = iω fulfils 1 + c·iω·wᵀ(-ω²M + iωD + K)⁻¹w = 0. Every root found is verified on the pencil.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from femsub.algebra import QUADRATIC, WIDE, negative_eigenvalues
+from femsub.checks import Array, Tally
+from femsub.errors import CutoffWarning, InputError, warn
+from femsub.model import SHARE, Pencil, Substructure, contacts_of
+from femsub.modes import Budget
+from femsub.stability.border import dense_border, sparse_border
+from femsub.stability.border_doubt import doubt
+from femsub.stability.contact_model import TOGETHER, Border
+from femsub.stability.crossings import Crossing
+from femsub.stability.question import CriticalValue, Question, fastest
+
+NEAR = 1.5  # times the end of the band: modes up to there act on its border
+SMALL = 150  # DOF up to which a sparse model is treated as dense
+
+
+class Fed(NamedTuple):
+    """A pencil at the begin of the range, and how the parameter feeds the columns W (n, k): D + s (p - begin) W Wᵀ."""
+
+    pencil: Pencil
+    W: Array
+    s: float
+
+
+class PortRoot:
+    """The first loss as a root of the scalar function (one column), or by bracketing on the complex modes (several)."""
+
+    def __init__(self, method: str = "auto") -> None:
+        self.method = method
+
+    def unfit(self, question: Question) -> str:
+        if isinstance(question.model, Substructure):
+            fed = port_fed(question)
+            if fed is not None and fed.s < 0 and all(fed.pencil.symmetric[::2]):
+                return ""
+        return ("the port's root takes a Substructure and a parameter that only takes damping from one port, as the falling "
+                "slope of a Belt, with other contacts that add to D only. See critical_value with a finite range, which takes any")
+
+    def solve(self, question: Question) -> CriticalValue:
+        model = question.model
+        assert isinstance(model, Substructure)
+        fed = _fed(question)
+        if self.method == "scalar" and fed.W.shape[1] > 1:
+            raise InputError(f"the port has {fed.W.shape[1]} columns, but the scalar function takes one. Use "
+                             "method='bracketing'")
+        if model.pencil.is_sparse and not question.limited and model.size > QUADRATIC:
+            raise InputError(f"a sparse model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time, the "
+                             "frequencies that may lose their stability")
+        found = self._border(question, fed)
+        if not len(found.unstable):
+            self._warn(question, fed, found)
+        begin, end = question.between
+        value = begin + found.c / fed.s
+        losses = [] if not value <= end else [
+            Crossing(value, 2 * TOGETHER * abs(value - begin), float(omega), shape, "hopf" if omega else "divergence",
+                     found.growth)
+            for omega, shape in zip(found.crossing, found.shapes.T, strict=True)]
+        beyond = found.beyond if losses else None
+        tally = Tally(sum(2 if one.omega else 1 for one in losses), beyond, sampled=True)
+        return CriticalValue.of(question, losses, (), tally, growing=int(np.where(found.unstable.imag, 2, 1).sum()),
+                                fastest=fastest(found.unstable), method=found.method)
+
+    def _border(self, question: Question, fed: Fed) -> Border:
+        if question.limited and (fed.pencil.size > SMALL if fed.pencil.is_sparse else is_narrow(fed.pencil, question.band[1])):
+            return sparse_border(fed.pencil.sparse(), fed.W, question.band, self.method)
+        return dense_border(fed.pencil, fed.W, question.band, self.method)
+
+    def _warn(self, question: Question, fed: Fed, found: Border) -> None:
+        model, top = question.model, question.band[1]
+        assert isinstance(model, Substructure)
+        sure = SHARE * model.cutoff
+        if found.omega > sure or (np.isinf(found.c) and top > sure):
+            what = f"the border at ω = {found.omega:.5g} lies" if np.isfinite(found.c) else \
+                f"no border was found, but the band, which ends at {top:.5g}, reaches"
+            warn(f"{what} above {SHARE:g} of the cut-off of {model.name!r} ({model.cutoff:.5g} rad/time), where modes of a "
+                 "reduced model may be inaccurate. Keep more modes", CutoffWarning)
+            return
+
+        def again(wide: Substructure) -> Border:
+            return self._border(question.of(wide), _fed(question.of(wide)))
+
+        ports = [name for contact in contacts_of(question.contacts) if hasattr(contact, question.parameter)
+                 for name in contact.ports]
+        if len(ports) == 1 and (told := doubt(model, fed.pencil, ports[0], question.band, found, again)):
+            warn(told, CutoffWarning)
+
+
+def port_fed(question: Question) -> Fed | None:
+    """How the parameter feeds a port; None if it does anything else."""
+    begin, end = question.between
+    found = question.over.port_damping(begin, min(begin + 1.0, end))
+    if found is None or not isinstance(question.model, Substructure):
+        return None
+    pencil = question.over(begin)
+    return Fed(pencil, *found) if pencil.K is question.model.pencil.K else None
+
+
+def _fed(question: Question) -> Fed:
+    fed = port_fed(question)
+    assert fed is not None
+    return fed
+
+
+def is_narrow(pencil: Pencil, top: float) -> bool:
+    """Whether PEP is predicted to find the modes of a dense pencil up to a frequency far sooner than LAPACK finds all."""
+    if pencil.size <= WIDE or not np.isfinite(top):
+        return False
+    if not pencil.M.diagonal().all():
+        return True  # only a basis of modes can do without massless motions
+    below = negative_eigenvalues(pencil.K - (NEAR * top) ** 2 * pencil.M)
+    return Budget(pencil.size, True).covers(2 * below)

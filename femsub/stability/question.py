@@ -1,0 +1,193 @@
+"""The question where stability is lost, its answer, and what a solver is: the one form that all solvers share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol, Self
+
+import numpy as np
+
+from femsub.checks import Array, Tally
+from femsub.stability.crossings import Crossing, shown_value
+from femsub.stability.parameter import PencilOver, pencil_over
+
+if TYPE_CHECKING:
+    from femsub.model import Affine, Contacts, Substructure
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """A pencil over a range of a parameter, begin < end, and the band in which crossings count.
+
+    `limited` tells whether the band was asked for. A range that falls was turned: `over` takes the parameter with the other sign.
+    """
+
+    model: Substructure | Affine
+    contacts: Contacts
+    parameter: str
+    over: PencilOver
+    between: tuple[float, float]
+    band: tuple[float, float]
+    limited: bool = True
+    falls: bool = False
+
+    @property
+    def size(self) -> int:
+        return self.model.size
+
+    def of(self, model: Substructure) -> Question:
+        """The same question of another model."""
+        over = pencil_over(model, self.contacts, self.parameter)
+        return replace(self, model=model, over=over.turned() if self.falls else over)
+
+
+class Solver(Protocol):
+    """What answers a question."""
+
+    def unfit(self, question: Question) -> str:
+        """Why this solver cannot answer it; empty if it can."""
+
+    def solve(self, question: Question) -> CriticalValue:
+        """The answer."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CriticalValue:
+    """The values of a parameter at which stability is lost, made by `critical_value`; ``float(...)`` gives the first.
+
+    "First" and "beyond" are meant on the way from the begin of the range to its end, which may be below it.
+
+    Attributes
+    ----------
+    parameter : str
+    value : float
+        The first loss. The begin of the range if a mode grows there already. If stability is never lost, inf, or -inf in a range
+        that falls. If it is first lost in an open interval, at a place that is not known, the begin of what is left of it.
+    losses, regains : tuple of Crossing
+        Where modes begin and cease to grow, in the order of the way. A loss at either end of the range belongs to it: at the
+        begin the mode grows beyond it, at the end it would beyond. A regain at the end belongs to it as well. At the begin there
+        is none, since nothing has grown in the range before. So losses less regains, a pair counting twice, are the growing
+        eigenvalues just beyond the end less those at the begin. The port's root tells the first loss only.
+    searched : (begin, end)
+        The range of the parameter.
+    band : (lo, hi)
+        The band in which crossings count; for a reduced model it ends at the cut-off.
+    growing : int
+        Number of eigenvalues in the band that grow at the begin of the range (a pair counts twice).
+    fastest : complex
+        Of these the one of largest growth; NaN if none grows.
+    open : tuple of (float, float)
+        Intervals in which a crossing, or one there and back, was not excluded: because eigenvalues pass each other on the axis or
+        touch it, because rounding hides which grow, or because the effort ends. A window is open as well if the modes found to
+        cross do not make up the change of the number of growing eigenvalues. Of crossings in a wide interval only those are
+        listed that could be verified.
+    tally : Tally
+        The eigenvalues of all losses less those of all regains, beside the change of the number that grow over the range.
+    evidence : str
+        'certified': discs around the eigenvalues exclude each crossing outside these points. 'confirmed': the same, but the
+        pencil is not declared affine in the parameter (`Contact`). It was sampled in each interval, and what depends on the
+        parameter at 2,048 values of the range (256 for contacts of more than 8 columns). A factor that is a function counts as not
+        affine. Or the model was followed: the crossings make up how many eigenvalues grow at values in the range, whose modes are
+        complete. Or, for a port's root, how many grow just beyond it. 'not checked': some intervals are open, or nothing was counted.
+    method : str
+        'discs', 'followed', 'scalar function' or 'bracketing'.
+    solved : int
+        Number of eigenproblems.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> two_mode = fs.Affine([[1, 0], [0, 1]], None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
+    >>> fs.critical_value(two_mode, None, "mu", between=(0.0, 1.0))
+    CriticalValue: mu = 0.75 (flutter at ω = 1.41421 rad/time) of 1 loss and 0 regains from 0 to 1; certified
+    """
+
+    parameter: str
+    value: float
+    losses: tuple[Crossing, ...]
+    regains: tuple[Crossing, ...]
+    searched: tuple[float, float]
+    band: tuple[float, float]
+    growing: int
+    open: tuple[tuple[float, float], ...]
+    tally: Tally
+    solved: int
+    fastest: complex
+    method: str
+
+    @classmethod
+    def of(cls, question: Question, losses: Iterable[Crossing], regains: Iterable[Crossing], tally: Tally, *, method: str,
+           growing: int = 0, fastest: complex = complex(np.nan, np.nan), lost: Iterable[float] = (),
+           open: Iterable[tuple[float, float]] = (), solved: int = 0) -> Self:
+        """The answer to a question. `lost`: values beyond which stability is lost at a place that is not known."""
+        losses, regains = tuple(losses), tuple(regains)
+        value = question.between[0] if growing else min([np.inf, *(one.value for one in losses), *lost])
+        found = cls(question.parameter, value, losses, regains, question.between, question.band, growing, tuple(open), tally,
+                    solved, fastest, method)
+        return found._turned() if question.falls else found
+
+    def _turned(self) -> Self:
+        """The same over the parameter with the other sign."""
+        losses, regains = (tuple(replace(one, value=0.0 - one.value) for one in several)
+                           for several in (self.losses, self.regains))
+        return replace(self, value=0.0 - self.value, losses=losses, regains=regains,
+                       searched=(0.0 - self.searched[0], 0.0 - self.searched[1]),
+                       open=tuple((0.0 - hi, 0.0 - lo) for lo, hi in reversed(self.open)))
+
+    @property
+    def first(self) -> tuple[Crossing, ...]:
+        """All modes that are lost together at the first loss; empty if there is none, or its place is not known."""
+        return tuple(one for one in self.losses
+                     if abs(one.value - self.value) <= max(one.width, self.losses[0].width)) if self.losses else ()
+
+    @property
+    def omega(self) -> float:
+        """The (lowest) frequency at the first loss, in radians per unit of time; 0 for divergence, NaN without a loss."""
+        return self.first[0].omega if self.first else np.nan
+
+    @property
+    def shape(self) -> Array:
+        """The shape of the mode of `omega`, in the model's coordinates; empty without a loss."""
+        return self.first[0].shape if self.first else np.zeros(0)
+
+    @property
+    def crossing(self) -> Array:
+        """The frequencies of all modes that are lost together at the first loss, ascending."""
+        return np.array([one.omega for one in self.first])
+
+    @property
+    def growth(self) -> tuple[float, float]:
+        """Re λ of the first of them before and beyond the value."""
+        return self.first[0].growth if self.first else (np.nan, np.nan)
+
+    @property
+    def evidence(self) -> str:
+        return self.tally.evidence
+
+    def __float__(self) -> float:
+        return self.value
+
+    def __repr__(self) -> str:
+        counts = [f"{len(several)} {name}{ending * (len(several) != 1)}"
+                  for several, name, ending in ((self.losses, "loss", "es"), (self.regains, "regain", "s"))]
+        where = f"{' and '.join(counts)} from {self.searched[0]:g} to {self.searched[1]:g}; {self.evidence}"
+        where += f", {len(self.open)} intervals open" if self.open else ""
+        if self.growing:
+            return f"CriticalValue: {self.parameter}: {self.growing} eigenvalues grow from the begin on; {where}"
+        if not np.isfinite(self.value):
+            return f"CriticalValue: {self.parameter}: stability is never lost; {where}"
+        if not self.first:
+            return f"CriticalValue: {self.parameter}: lost beyond {self.value:.9g}, at a place not known; {where}"
+        one = self.first[0]
+        told = [one.kind + ("" if one.kind == "divergence" else f" at ω = {one.omega:.6g} rad/time"),
+                *([f"{len(self.first) - 1} more cross with it"] if len(self.first) > 1 else [])]
+        return f"CriticalValue: {self.parameter} = {shown_value(one.value, one.width)} ({', '.join(told)}) of {where}"
+
+
+def fastest(values: Array) -> complex:
+    """Of growing eigenvalues the one of largest growth, with Im λ ≥ 0; NaN if there is none."""
+    if not len(values):
+        return complex(np.nan, np.nan)
+    top = complex(values[np.argmax(values.real)])
+    return complex(top.real, abs(top.imag))
