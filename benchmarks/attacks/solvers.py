@@ -1,7 +1,8 @@
 """One question, several solvers: losses by discs, followed, by the port's root, `critical_slope`, and the Hopf start of a branch.
 
-Random models of 4 to 12 DOF. 'flutter': a circulatory K grows with the parameter. 'hopf': the slope of a belt.
-'divergence': a load takes stiffness away. 'undamped': flutter without damping, where two modes coalesce. Values, frequencies and kinds must agree.
+Random models of 4 to 12 DOF. 'flutter': a circulatory K grows with the parameter. 'hopf': the slope of a belt. 'divergence': a
+load takes stiffness away. 'undamped': flutter without damping, where two modes coalesce. Values, frequencies and kinds must
+agree.
 """
 
 from __future__ import annotations

@@ -87,9 +87,10 @@ class CriticalValue:
     evidence : str
         'certified': discs around the eigenvalues exclude each crossing outside these points. 'confirmed': the same, but the
         pencil is not declared affine in the parameter (`Contact`). It was sampled in each interval, and what depends on the
-        parameter at 2,048 values of the range (256 for contacts of more than 8 columns). A factor that is a function counts as not
-        affine. Or the model was followed: the crossings make up how many eigenvalues grow at values in the range, whose modes are
-        complete. Or, for a port's root, how many grow just beyond it. 'not checked': some intervals are open, or nothing was counted.
+        parameter at 2,048 values of the range (256 for contacts of more than 8 columns). A factor that is a function counts as
+        not affine. Or the model was followed: the crossings make up how many eigenvalues grow at values in the range, whose
+        modes are complete. Or, for a port's root, how many grow just beyond it. 'not checked': some intervals are open, or
+        nothing was counted.
     method : str
         'discs', 'followed', 'scalar function' or 'bracketing'.
     solved : int
