@@ -48,6 +48,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = [item for item in items if not item.get_closest_marker("slow")]
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _imported_before_anything_is_patched() -> None:
+    """Names are lazy: a module that is first imported while a test has patched another one would keep what was patched."""
+    for name in fs.__all__:
+        getattr(fs, name)
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20261120)

@@ -251,6 +251,43 @@ def test_a_shortcut_to_certified_is_seen(tmp_path: Path) -> None:
     assert of_evidence(path) == {"module.py:1", "module.py:2"} and counts_what_it_lists(path) == {"module.py:3"}
 
 
+#: Names that `evidence` stands for: no attribute, field, argument, method or text that is one word says it otherwise.
+OF_PROOF = re.compile(r"_?(is_)?(certified|confirmed|confirm|proved|proven|proof)")
+
+
+def names_of(tree: ast.AST) -> set[tuple[str, int]]:
+    """The names of attributes, fields, arguments, functions and classes, with their lines; local variables are free."""
+    found = set()
+    for node in ast.walk(tree):
+        field = {ast.Attribute: "attr", ast.arg: "arg", ast.keyword: "arg", ast.FunctionDef: "name", ast.ClassDef: "name"}
+        if name := getattr(node, field.get(type(node), ""), None):
+            found.add((name, node.lineno))
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            found.add((node.target.id, node.lineno))
+        if isinstance(node, ast.Dict):
+            found |= {(key.value, key.lineno) for key in node.keys
+                      if isinstance(key, ast.Constant) and isinstance(key.value, str)}
+    return found
+
+
+def other_words_for_proof(path: Path) -> set[str]:
+    return {f"{path.name}:{line} {name}" for name, line in names_of(ast.parse(path.read_text(encoding="utf-8")))
+            if OF_PROOF.fullmatch(name)}
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_evidence_is_the_only_word_for_proof(path: Path) -> None:
+    assert not other_words_for_proof(path)
+
+
+def test_another_word_for_proof_is_seen(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text("class A:\n    certified: bool\n    def proved(self):\n        proof = f(confirmed=1)\n"
+                    "        return {'proven': 1}\nx.is_confirmed\n")
+    assert {one.split(":")[1] for one in other_words_for_proof(path)} == {
+        "2 certified", "3 proved", "4 confirmed", "5 proven", "6 is_confirmed"}
+
+
 def past_the_door(path: Path, package: Path = PACKAGE) -> set[str]:
     """Imports of another room's file where the room's own name would do. A name that is a file's as well is asked there."""
     found = set()

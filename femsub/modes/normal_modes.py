@@ -68,7 +68,7 @@ class NormalModes:
     unlisted : int
         Modes that were found but not listed, since they lie outside the requested band.
     tally : Tally
-        The modes found below the limit, and their number by the inertia count, if it has been made; see `confirm`.
+        The modes found below the limit, and their number by the inertia count, if it has been made; see `count_deferred`.
     factorisations : int
         Factorisations made for the modes, without that of the count: 0 if an earlier call had made it.
     rounding : ndarray, shape (k,)
@@ -116,8 +116,8 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
                  certify: bool = True) -> NormalModes:
     """The rigid-body modes and the `count` lowest elastic ones, certified by an inertia count.
 
-    With `defer`, the inertia count of a large model is left to `confirm`: it needs a second factorisation, and the first one
-    may have to be freed before. `known` modes are deflated instead of computed again. Without `certify` there is no count.
+    With `defer`, the inertia count of a large model is left to `count_deferred`: it needs a second factorisation, and the first
+    one may have to be freed before. `known` modes are deflated instead of computed again. Without `certify` there is no count.
     """
     n, rigid, finite = handle.K.shape[0], handle.rigid.shape[1], handle.finite
     if not 0 <= count <= handle.elastic:
@@ -231,7 +231,7 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
 
 
 @phase("certificate")
-def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
+def count_deferred(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     """Make the inertia count that `lowest_modes` deferred; the handle may have been released.
 
     Raises

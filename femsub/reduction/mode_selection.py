@@ -135,7 +135,8 @@ class Search:
 
 
 def lowest(statics: Statics, count: int) -> Kept:
-    """The `count` lowest modes, and one more for the cut-off if there is one. In a large model `confirm` must still run."""
+    """The `count` lowest modes, and one more for the cut-off if there is one. In a large model `count_deferred` must still
+    run."""
     more = count < statics.handle.elastic
     found = lowest_modes(statics.handle, count + more, defer=True)
     return Kept(found, count, float(found.frequencies[-1]) if more else np.inf)

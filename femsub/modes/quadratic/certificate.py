@@ -49,7 +49,7 @@ class _Disc:
 
     def missed_in(self, at: Edge | None, values: Array, X: Array) -> int | None:
         """The number of missing eigenvalues in the disc; None if there is no proof."""
-        self.counted = None if at is None else self._proved(at, X[:, np.abs(values) <= at.radius])
+        self.counted = None if at is None else self._counted(at, X[:, np.abs(values) <= at.radius])
         if self.counted is None:
             self.tally = Tally(_listed(values))
             return None
@@ -63,7 +63,7 @@ class _Disc:
         elif vague:
             self.tally = Tally(self.tally.listed - vague, self.tally.counted, self.tally.sampled)
 
-    def _proved(self, at: Edge, inside: Array) -> Count | None:
+    def _counted(self, at: Edge, inside: Array) -> Count | None:
         problem, parts = self.problem, self.parts
         assert parts is not None
         if parts.K0 is problem.pencil.K:  # an existing factor may be used
@@ -72,13 +72,13 @@ class _Disc:
                 found = disc_count.count(parts, at, problem.factor.solve, 0.0, inside)
             elif problem.handle is not None and problem.handle.factor.kind == "definite":
                 found = disc_count.count(parts, at, problem.handle.factor.solve, -problem.handle.sigma, inside)
-            if found is not None and found.proved:
+            if found is not None and found.is_valid:
                 return found
         try:
             found = disc_count.count(parts, at, *disc_count.definite(parts, at.radius), inside)
         except SingularMatrixError:
             return None
-        return found if found is not None and found.proved else None
+        return found if found is not None and found.is_valid else None
 
     def lacking(self, missed: int) -> str:
         """The message of the error if eigenvalues are missing."""
@@ -121,7 +121,7 @@ class Nearest(_Disc):
         radius = clear_radius(np.abs(values[self._sure(values)]), len(self.taken(values)[0]))
         return self.missed_in(self.edge(radius), values, X)
 
-    def is_found_without_proof(self) -> bool:
+    def is_found_uncounted(self) -> bool:
         """Whether to give up the count: if the caller did not request it, it must not make the search fail."""
         if self.parts is None or not self.unasked:
             return False
@@ -176,7 +176,7 @@ class Enclosed(_Disc):
         self.tally = Tally(_listed(values), _listed(values) + missed, sampled=True)
         return missed
 
-    def is_found_without_proof(self) -> bool:
+    def is_found_uncounted(self) -> bool:
         """Never: the proof needs no additional eigenvalues."""
         return False
 

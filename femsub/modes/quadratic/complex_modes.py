@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance
+from femsub.checks import Array, Tally, check_band, instance
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
 from femsub.model import Pencil, Substructure, beyond
 from femsub.modes.quadratic.bars import bars
@@ -58,8 +58,6 @@ class ComplexModes:
         The evidence that none is missing. 'certified': all eigenvalues were computed, or the inertia gives their number.
         'confirmed': a determinant sampled on a contour agrees with their number (the winding number around the
         rectangle, or the count in a disc, see `counted`). 'not checked' otherwise.
-    certified : bool
-        Whether the evidence is 'certified' or 'confirmed'.
     counted : (radius, number) or None
         The independent count in a disc, see `disc_count.count`: `number` eigenvalues lie in |λ| < radius, conjugates included,
         and all have been found. The disc contains the searched rectangle, or its unstable part.
@@ -91,11 +89,6 @@ class ComplexModes:
     def evidence(self) -> str:
         """'certified', 'confirmed' or 'not checked'; see `femsub.checks`."""
         return self.tally.evidence
-
-    @property
-    def certified(self) -> bool:
-        """Whether the evidence is 'certified' or 'confirmed'."""
-        return self.evidence != NOT_CHECKED
 
     @property
     def stable(self) -> tuple[bool | None, ...]:

@@ -154,7 +154,7 @@ def _by_pep(pencil: Pencil, region: Region, certify: bool | None, budget: Budget
         except NotConvergedError:
             if pencil.size <= QUADRATIC:
                 return None
-            if not certificate.is_found_without_proof():
+            if not certificate.is_found_uncounted():
                 raise
             continue
         if missed is None and proof:
