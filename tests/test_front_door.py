@@ -144,7 +144,6 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "CraigBampton": (fs.CraigBampton, {"modes": 3, "band": None, "tol": None}),
         "CraigBampton(tol)": (fs.CraigBampton, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2}),
         "CraigChang": (fs.CraigChang, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2}),
-        "CraigChangPhysical": (fs.CraigChangPhysical, {"modes": 3, "band": None, "tol": None}),
         "DofMap": (fs.DofMap, {"nodes": [1, 1], "components": [0, 1], "labels": ("ux", "uy"), "points": None}),
         "DualCraigBampton": (fs.DualCraigBampton, {"modes": 3, "band": None, "tol": None}),
         "ContactModes": (fs.ContactModes, {"modes": 3, "band": None, "tol": None, "contacts": sliding, "parameter": "mu",

@@ -32,7 +32,6 @@ MAKE: dict[str, Callable[[], Any]] = {
     "ContactModes": lambda: fs.ContactModes(modes=3, contacts=made("FrictionContact")),
     "CraigBampton": lambda: fs.CraigBampton(band=(0.0, 0.5), tol=1e-2),
     "CraigChang": lambda: fs.CraigChang(modes=3),
-    "CraigChangPhysical": lambda: fs.CraigChangPhysical(modes=3),
     "CriticalSlope": lambda: fs.critical_slope(full()),
     "CriticalValue": lambda: fs.critical_value(full(), fs.Belt(slope=0.0), "slope", between=(-0.1, 0.0)),
     "Cut": lambda: fs.cut(full(), into=2),
