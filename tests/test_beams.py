@@ -171,6 +171,7 @@ def test_a_slender_beam_that_is_held_keeps_its_stiffness() -> None:
     assert abs(tip(1000)) < 1e-5 and abs(tip(2000)) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_entries_of_a_fine_beam_hold_its_lowest_frequency() -> None:
     """The Rayleigh quotient of the cantilever's first mode, in exact arithmetic, from the entries as they are stored."""
     mode = wave_numbers("clamped-free", 1)[0]

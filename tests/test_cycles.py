@@ -95,6 +95,7 @@ def test_both_sides_of_an_unsymmetric_mobility_come_from_one_factor(monkeypatch:
         assert np.abs(slope[at] - (exact[1] - exact[2]) / (2 * h)).max() < 1e-6 * np.abs(slope[at]).max()
 
 
+@pytest.mark.slow
 def test_responses_of_a_sparse_model_are_reused_nearby() -> None:
     contact = sliding(fs.chain(2500, belt=2), BELT)
     found = compliance(contact)

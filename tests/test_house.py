@@ -9,6 +9,7 @@ import sys
 import time
 import tomllib
 from collections import Counter
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -25,6 +26,16 @@ ROOMS = 15  # entries of the package beside its __init__, at most
 ACROSS = 299  # later work does not move it
 DRAWERS = ("figure_style.py", "figures.py", "figures_modes.py", "figures_parts.py", "figures_cycles.py",  # import matplotlib
            "figures_errors.py", "figures_flutter.py", "figures_transient.py")
+
+
+@cache
+def _nodes(text: str) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(text)))
+
+
+def nodes(path: Path) -> list[ast.AST]:
+    """All nodes of a file's syntax tree, which several rules read."""
+    return _nodes(path.read_text(encoding="utf-8"))
 
 
 def modules(package: Path = PACKAGE) -> list[Path]:
@@ -44,13 +55,13 @@ def name_of(path: Path, package: Path = PACKAGE) -> str:
 
 def imported(path: Path, package: Path = PACKAGE) -> set[str]:
     """Modules of femsub that a file imports at run time (not under TYPE_CHECKING): in any spelling, in functions as well."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    skipped = {id(node) for test in ast.walk(tree) if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.dump(test.test)
+    tree = nodes(path)
+    skipped = {id(node) for test in tree if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.dump(test.test)
                for child in test.body for node in ast.walk(child)}
     here = name_of(path, package).split(".")
     here = here if path.name == "__init__.py" else here[:-1]
     names = set()
-    for node in ast.walk(tree):
+    for node in tree:
         if id(node) in skipped:
             continue
         if isinstance(node, ast.ImportFrom):
@@ -66,9 +77,8 @@ def imported(path: Path, package: Path = PACKAGE) -> set[str]:
 
 
 def external(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     return {(alias.name if isinstance(node, ast.Import) else node.module or "").split(".")[0]
-            for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names}
+            for node in nodes(path) if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names}
 
 
 def upward(path: Path, package: Path = PACKAGE) -> set[str]:
@@ -205,8 +215,7 @@ def test_import_is_cheap() -> None:
 
 def test_type_checkers_see_every_name_of_the_front_door() -> None:
     """A package with py.typed exports to them what is imported `as` itself, and nothing else (PEP 484)."""
-    tree = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
-    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    froms = [node for node in nodes(PACKAGE / "__init__.pyi") if isinstance(node, ast.ImportFrom)]
     private = [alias.name for node in froms for alias in node.names if alias.asname != alias.name]
     assert not private, f"write `{private[0]} as {private[0]}`"
 
@@ -224,8 +233,7 @@ def test_every_name_of_the_front_door_exists() -> None:
 
 def of_evidence(path: Path) -> set[str]:
     """Where code says that a result is certified or confirmed without a Tally: lines with the words, or with their names."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return {f"{path.name}:{node.lineno}" for node in ast.walk(tree)
+    return {f"{path.name}:{node.lineno}" for node in nodes(path)
             if (isinstance(node, ast.Constant) and node.value in {"certified", "confirmed"})
             or (isinstance(node, ast.Name) and node.id in {"CERTIFIED", "CONFIRMED"})
             or (isinstance(node, ast.alias) and node.name in {"CERTIFIED", "CONFIRMED"})}
@@ -233,8 +241,7 @@ def of_evidence(path: Path) -> set[str]:
 
 def counts_what_it_lists(path: Path) -> set[str]:
     """Tallies that are given one and the same expression as what is listed and what was counted; (0, 0) is an empty list."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Tally")]
+    calls = [node for node in nodes(path) if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Tally")]
     return {f"{path.name}:{node.lineno}" for node in calls if len(node.args) > 1
             and ast.unparse(node.args[0]) == ast.unparse(node.args[1]) != "0"}
 
@@ -255,10 +262,10 @@ def test_a_shortcut_to_certified_is_seen(tmp_path: Path) -> None:
 OF_PROOF = re.compile(r"_?(is_)?(certified|confirmed|confirm|proved|proven|proof)")
 
 
-def names_of(tree: ast.AST) -> set[tuple[str, int]]:
+def names_of(path: Path) -> set[tuple[str, int]]:
     """The names of attributes, fields, arguments, functions and classes, with their lines; local variables are free."""
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes(path):
         field = {ast.Attribute: "attr", ast.arg: "arg", ast.keyword: "arg", ast.FunctionDef: "name", ast.ClassDef: "name"}
         if name := getattr(node, field.get(type(node), ""), None):
             found.add((name, node.lineno))
@@ -271,7 +278,7 @@ def names_of(tree: ast.AST) -> set[tuple[str, int]]:
 
 
 def other_words_for_proof(path: Path) -> set[str]:
-    return {f"{path.name}:{line} {name}" for name, line in names_of(ast.parse(path.read_text(encoding="utf-8")))
+    return {f"{path.name}:{line} {name}" for name, line in names_of(path)
             if OF_PROOF.fullmatch(name)}
 
 
@@ -291,7 +298,7 @@ def test_another_word_for_proof_is_seen(tmp_path: Path) -> None:
 def past_the_door(path: Path, package: Path = PACKAGE) -> set[str]:
     """Imports of another room's file where the room's own name would do. A name that is a file's as well is asked there."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and (parts := (node.module or "").split("."))[0] == "femsub" and len(parts) > 2 \
                 and parts[1] not in (room(name_of(path, package)), "app"):
             files = {file.stem for file in (package / parts[1]).rglob("*.py")}

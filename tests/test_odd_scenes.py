@@ -136,7 +136,7 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs Linux' /dev/full")
-@pytest.mark.parametrize("words", ["scenes", "run chain --no-figures"])
+@pytest.mark.parametrize("words", ["scenes", "run two-mode --no-figures"])
 def test_a_full_disk_is_told(words: str) -> None:
     done = _femsub(words, out="/dev/full")
     assert done.returncode == 1 and done.stderr.startswith("femsub: the results could not be printed") and \

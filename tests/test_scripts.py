@@ -145,7 +145,7 @@ def test_the_readmes_test_command_is_what_a_change_must_pass() -> None:
 
 
 @pytest.mark.parametrize(("given", "passed"), [
-    ([], "-m pytest -n 2"), (["-q", "tests/test_x.py"], "-m pytest -q tests/test_x.py")])
+    ([], "-m pytest -n 2 --dist loadfile"), (["-q", "tests/test_x.py"], "-m pytest -q tests/test_x.py")])
 def test_all_tests_run_in_two_processes_and_named_ones_as_asked(given: list[str], passed: str, tmp_path: Path) -> None:
     python = tmp_path / "python"
     python.write_text('#!/bin/sh\necho "$@"\n')
