@@ -1,6 +1,7 @@
 """Random models and the same ones with each DOF in another unit, a power of two: not one eigenvalue may depend on that.
 
-`python tests/scaledmodels.py 200` tries seeds 0 to 199 and counts the outcomes; `tests/test_scaling.py` takes a few of them.
+`python tests/scaledmodels.py 200` tries seeds 0 to 199 and counts the outcomes;
+`tests/test_badly_scaled_models.py` takes a few of them.
 """
 
 from __future__ import annotations
