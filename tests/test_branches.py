@@ -176,7 +176,7 @@ def test_a_branch_from_a_cycle_uses_no_more_harmonics_than_allowed() -> None:
     model = fs.chain(10, belt=2)
     belt = fs.Belt(speed=0.3, law=fs.StribeckArctan(eps=1e-2))
     found = fs.harmonic_balance(model, belt, start=1.0)
-    path = fs.branch(model, belt, "speed", (0.29, 0.31), start=found, harmonics=20, points=6, tolerance=1e-1, stability=False)
+    path = fs.branch(model, belt, "speed", (0.29, 0.31), start=found, harmonics=20, points=6, tol=1e-1, stability=False)
     assert found.orbit.harmonics > 20 >= max(point.orbit.harmonics for point in path.points)
 
 

@@ -191,7 +191,7 @@ def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() ->
     few = next(row for row in found.rows if row.modes == 4)
     assert few.cutoff < 8500 and few not in fit
     assert found.recommended(1e-16) is None and "none of these models" in found.recommendation(1e-16)
-    with pytest.raises(ValueError, match="tolerance must be positive"):
+    with pytest.raises(ValueError, match="tol must be positive"):
         found.recommended(0)
 
 

@@ -295,6 +295,25 @@ def test_another_word_for_proof_is_seen(tmp_path: Path) -> None:
         "2 certified", "3 proved", "4 confirmed", "5 proven", "6 is_confirmed"}
 
 
+def other_words_for_tolerance(path: Path) -> set[str]:
+    """Arguments and fields called `tolerance` or `rtol`, where `tol` is the word; scene files have a key `tolerance`."""
+    return {f"{path.name}:{node.lineno}" for node in nodes(path)
+            if (isinstance(node, ast.arg) and node.arg in ("tolerance", "rtol"))
+            or (isinstance(node, ast.AnnAssign) and ast.unparse(node.target) in ("tolerance", "rtol"))}
+
+
+@pytest.mark.parametrize("path", [path for path in modules() if "app" not in path.parts],
+                         ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_tol_is_the_only_word_for_tolerances(path: Path) -> None:
+    assert not other_words_for_tolerance(path)
+
+
+def test_another_word_for_tolerances_is_seen(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text("def f(tolerance):\n    return solve(rtol=tolerance)\nclass A:\n    rtol: float = 1\n    tol: float = 1\n")
+    assert other_words_for_tolerance(path) == {"module.py:1", "module.py:4"}
+
+
 def past_the_door(path: Path, package: Path = PACKAGE) -> set[str]:
     """Imports of another room's file where the room's own name would do. A name that is a file's as well is asked there."""
     found = set()

@@ -179,7 +179,7 @@ def test_shooting_ends_where_it_would_never_have_come_back() -> None:
     rom = fs.reduce(fs.chain(6, belt=2), fs.CraigChang(modes=3), ports=True)
     belt = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-2))
     start = fs.State(np.zeros(rom.size), np.zeros(rom.size))
-    for keys, said in (({"rtol": 0.0}, "rtol"), ({"period": 1e308}, "period"), ({"rounds": -1}, "rounds")):
+    for keys, said in (({"tol": 0.0}, "tol"), ({"period": 1e308}, "period"), ({"rounds": -1}, "rounds")):
         with pytest.raises(fs.InputError, match=said):
             fs.shoot(rom, belt, start, **{"period": 8.0, **keys})
 

@@ -199,7 +199,7 @@ def _joints(random: Random, parts: list[Part], kind: str) -> tuple[list[fs.Rigid
         ends = (f"p{i - 1}", a), (f"p{i}", b)
         size = float(min(np.abs(parts[i].sub.K.diagonal()[b]).min(), np.abs(parts[i - 1].sub.K.diagonal()[a]).min()))
         if random.random() < 0.6:
-            joints.append(fs.Rigid(*ends, tolerance=np.inf))
+            joints.append(fs.Rigid(*ends, tol=np.inf))
         else:
             damped = random.random() < 0.3
             omega = np.sqrt(np.median(parts[i].sub.K.diagonal() / parts[i].sub.M.diagonal()))

@@ -87,7 +87,7 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
     --------
     >>> import femsub as fs
     >>> found = fs.study(fs.chain(10, belt=1), [fs.CraigBampton(3), fs.CraigChang(3)], band=(0.0, 0.5), repeats=1)
-    >>> [row.label for row in found.rows], found.recommended(tolerance=0.1) is not None
+    >>> [row.label for row in found.rows], found.recommended(tol=0.1) is not None
     (['Craig-Bampton', 'Craig-Chang'], True)
     """
     instance("sub", sub, Substructure)
