@@ -185,9 +185,9 @@ def scipy_bases(sub: fs.Substructure, modes: int, laps: Laps, **options: Any) ->
 
 
 def slepc_bases(sub: fs.Substructure, modes: int, laps: Laps, package: str) -> tuple[Any, ...]:
-    from femsub.algebra.petsc import _load
+    from femsub.algebra.petsc import load as solvers
 
-    PETSc, SLEPc = _load()
+    PETSc, SLEPc = solvers()
 
     laps.begin()
     K, M, load = partitioned(sub)

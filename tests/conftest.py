@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.algebra import petsc
+from femsub.algebra import memory, petsc
 
 pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values as those in tests do
 
@@ -53,6 +55,18 @@ def _imported_before_anything_is_patched() -> None:
     """Names are lazy: a module that is first imported while a test has patched another one would keep what was patched."""
     for name in fs.__all__:
         getattr(fs, name)
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """machine(free, large): a machine with so many bytes free (a number, a function, or None: unknown), looked at from
+    models of `large` DOF on."""
+    def set_to(free: Any, large: int | None = None) -> None:
+        monkeypatch.setattr(memory, "available", free if callable(free) else lambda: free)
+        if large is not None:
+            monkeypatch.setattr(memory, "LARGE", large)
+
+    return set_to
 
 
 @pytest.fixture

@@ -541,7 +541,7 @@ def test_a_dense_model_in_a_band_takes_one_decomposition(share: float, monkeypat
     every = dense.solve
     monkeypatch.setattr("femsub.modes.quadratic.dense.solve", solved)
     monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", by_pep)
-    monkeypatch.setattr("femsub.modes.quadratic.winding_count._phase", by_pep)
+    monkeypatch.setattr("femsub.modes.quadratic.winding_count.phase_of", by_pep)
     found = fs.complex_modes(pencil, band=(0.0, 5.0 * share))
     assert asked == [320] and found.evidence == "certified"
     assert abs(len(found) - 320 * (5 * share - 0.1) / 4.9) <= 1

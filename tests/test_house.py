@@ -24,6 +24,7 @@ ORDER = (("errors", "checks"), ("algebra",), ("model",), ("components",), ("coup
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
 ROOMS = 15  # entries of the package beside its __init__, at most
 ACROSS = 299  # later work does not move it
+PRIVATE = 19  # uses of private names of femsub's modules in tests, at most
 DRAWERS = ("figure_style.py", "figures.py", "figures_modes.py", "figures_parts.py", "figures_cycles.py",  # import matplotlib
            "figures_errors.py", "figures_flutter.py", "figures_transient.py")
 
@@ -312,6 +313,21 @@ def test_another_word_for_tolerances_is_seen(tmp_path: Path) -> None:
     path = tmp_path / "module.py"
     path.write_text("def f(tolerance):\n    return solve(rtol=tolerance)\nclass A:\n    rtol: float = 1\n    tol: float = 1\n")
     assert other_words_for_tolerance(path) == {"module.py:1", "module.py:4"}
+
+
+def private_names_in(folder: Path) -> list[str]:
+    """Where tests reach for a module's private names."""
+    own = {path.stem for path in modules()}
+    return [f"{path.name}:{node.lineno} {ast.unparse(node)}" for path in sorted(folder.glob("test_*.py")) for node in nodes(path)
+            if isinstance(node, ast.Attribute) and re.match(r"_[a-z]", node.attr) and isinstance(node.value, ast.Name)
+            and node.value.id in own]
+
+
+def test_tests_use_few_private_names(tmp_path: Path) -> None:
+    found = private_names_in(PACKAGE.parent / "tests")
+    assert len(found) <= PRIVATE, found
+    (tmp_path / "test_x.py").write_text("petsc._load()\npetsc.load()\nself._x\nmemory.__doc__\n")
+    assert private_names_in(tmp_path) == ["test_x.py:1 petsc._load"]
 
 
 def past_the_door(path: Path, package: Path = PACKAGE) -> set[str]:

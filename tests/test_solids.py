@@ -43,7 +43,7 @@ def test_entries_equal_those_of_scikit_fem(kind: str, monkeypatch: pytest.Monkey
     used, cells = np.unique(mesh.cells[:, :corners], return_inverse=True)
     cells = cells.reshape(-1, corners)
     linear = "hexahedron" if corners == 8 else "tetra"
-    order = solid_elements._skfem_element(linear)[1].argsort()
+    order = solid_elements.skfem_element(linear)[1].argsort()
     kinds = {"hexahedron": skfem.MeshHex, "tetra": skfem.MeshTet}
     other = kinds[linear](mesh.points[used].T.copy(), cells[:, order].T.copy())
     X, w = solid_elements.quadrature(kind, int(solid_assembly.exact_degree(mesh, np.arange(1))[0]))
