@@ -281,7 +281,7 @@ def full_cea(counts: tuple[int, ...], slopes: np.ndarray, band: tuple[float, flo
     sub = pad(counts)
     laps.begin()
     for slope in slopes:
-        modes = fs.complex_modes(sub, fs.Belt(slope=float(slope)), band=band, certify=False)
+        modes = fs.complex_modes(sub, fs.Belt(slope=float(slope)), band=band, evidence=False)
         laps(f"slope {slope:.4g}")
         spectra.append(replace(modes, shapes=np.zeros((0, len(modes)))))
     return laps.row() | {"spectra": spectra}

@@ -161,7 +161,7 @@ def test_a_missed_eigenvalue_is_noticed(by: str, monkeypatch: pytest.MonkeyPatch
     assert whole.evidence == "certified" and np.allclose(whole.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
     monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 200)
     with pytest.raises(fs.MissedModesError, match=by):
-        fs.complex_modes(sub, BELT, band=(0.0, 0.2), certify=True)
+        fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
 
 
 @pytest.mark.parametrize("n", [10, 300, 3000, pytest.param(100_000, marks=pytest.mark.slow)])
@@ -359,7 +359,7 @@ def test_another_search_takes_the_place_of_one_step(monkeypatch: pytest.MonkeyPa
     ours = [fs.complex_modes(sub, BELT, **ask) for ask in asks]
     asked = []
 
-    def by_scipy(pencil: fs.Pencil, region: Region, certify: bool | None) -> Found:
+    def by_scipy(pencil: fs.Pencil, region: Region, evidence: bool | None) -> Found:
         asked.append(region)
         P, n = pencil.dense(), pencil.size
         companion = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(P.M, P.K), -np.linalg.solve(P.M, P.D)]])

@@ -132,7 +132,7 @@ def test_a_large_model_is_counted_and_a_removed_eigenvalue_noticed(ask: dict[str
                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
     sub = fs.chain(3000, belt=2)
     ask = ask if "band" not in ask else {key: tuple(0.1 * edge for edge in pair) for key, pair in ask.items()}
-    modes = fs.complex_modes(sub, BELT, certify=True, **ask)
+    modes = fs.complex_modes(sub, BELT, evidence=True, **ask)
     assert modes.evidence == "confirmed" and modes.counted is not None and modes.counted[1] % 2 == 0
     original = sparse.quadratic_modes
 
@@ -143,7 +143,7 @@ def test_a_large_model_is_counted_and_a_removed_eigenvalue_noticed(ask: dict[str
 
     monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", forgetful)
     with pytest.raises(fs.MissedModesError, match="independent count"):
-        fs.complex_modes(sub, BELT, certify=True, **ask)
+        fs.complex_modes(sub, BELT, evidence=True, **ask)
 
 
 def test_what_is_missing_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,23 +209,23 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
         patched.setattr(sparse.Shifted, "nearest", stubborn)
         assert fs.complex_modes(sub, BELT, count=12).evidence == "not checked"
         with pytest.raises(fs.NotConvergedError):
-            fs.complex_modes(sub, BELT, count=12, certify=True)
+            fs.complex_modes(sub, BELT, count=12, evidence=True)
     monkeypatch.setattr("femsub.modes.quadratic.certificate.KEPT", 400)  # beyond it only if asked
     assert fs.complex_modes(sub, BELT, count=12).evidence == "not checked"
-    assert fs.complex_modes(sub, BELT, count=12, certify=True).evidence == "confirmed"
+    assert fs.complex_modes(sub, BELT, count=12, evidence=True).evidence == "confirmed"
 
 
 def test_the_count_costs_one_factorisation_and_a_few_solves() -> None:
     made = {}
     for name, ask in (("count", {"count": 20}), ("band", {"band": (0.0, 0.01)})):
-        for certify in (False, True):
+        for evidence in (False, True):
             sub, before = fs.chain(3000, belt=2), Factor.made
-            fs.complex_modes(sub, BELT, certify=certify, **ask)
-            made[name, certify] = Factor.made - before
+            fs.complex_modes(sub, BELT, evidence=evidence, **ask)
+            made[name, evidence] = Factor.made - before
     assert made == {("count", False): 1, ("count", True): 2, ("band", False): 2, ("band", True): 2}
     parts = damping_split.split(sub.linearised(BELT))
     at = disc_count.edge(parts, 0.0105)
-    modes = fs.complex_modes(sub, BELT, band=(0.0, 0.012), certify=False)
+    modes = fs.complex_modes(sub, BELT, band=(0.0, 0.012), evidence=False)
     found = disc_count.count(parts, at, factorise(parts.K0, "definite").solve, 0.0, modes.shapes)
     assert found is not None and found.is_valid and found.solves <= modes.shapes.shape[1] + 2 * parts.W.shape[1]
 
@@ -360,7 +360,7 @@ def test_one_word_for_each_quality_of_evidence() -> None:
             (proportional, belt, {"band": band}, "confirmed"),  # a contact: a determinant on a circle
             (sub, belt, {"count": 12}, "confirmed"),
             (everywhere, belt, {"band": band}, "confirmed"),  # the winding number of det P
-            (sub, belt, {"band": band, "certify": False}, "not checked")):
+            (sub, belt, {"band": band, "evidence": False}, "not checked")):
         modes = fs.complex_modes(model, contact, **ask)
         assert modes.evidence == word
         assert f"completeness {word}" in repr(modes)

@@ -173,7 +173,7 @@ def test_a_ghost_does_not_make_up_for_a_missed_pair(way: str, ask: dict, monkeyp
     monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 100)  # not for LAPACK
     after(monkeypatch, sparse, "quadratic_modes", twice(3))
     with pytest.raises(fs.MissedModesError, match=way):
-        fs.complex_modes(fs.chain(200, damping=0.0).with_damping(0.01 * fs.chain(200).K), certify=True,
+        fs.complex_modes(fs.chain(200, damping=0.0).with_damping(0.01 * fs.chain(200).K), evidence=True,
                          **{key: value if key == "count" else (0.0, 0.1) for key, value in ask.items()})
 
 

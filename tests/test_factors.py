@@ -349,8 +349,8 @@ def test_one_factor_solves_with_the_transpose() -> None:
 
 def test_left_vectors_take_no_factor_of_their_own() -> None:
     pencil = unsymmetric()
-    assert made(lambda: fs.complex_modes(pencil, count=8, certify=False)) == 1
-    found = fs.complex_modes(pencil, count=8, certify=False)
+    assert made(lambda: fs.complex_modes(pencil, count=8, evidence=False)) == 1
+    found = fs.complex_modes(pencil, count=8, evidence=False)
     true = np.linalg.eigvals(np.block([[np.zeros((300, 300)), np.eye(300)], [-pencil.K.toarray(), -pencil.D.toarray()]]))
     off = np.abs(found.eigenvalues[:, None] - true).min(axis=1)
     assert np.isfinite(found.error_bar).all() and (off <= found.error_bar + 1e-12).all()

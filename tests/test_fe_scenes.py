@@ -131,7 +131,7 @@ def test_a_complex_mode_s_period_is_a_series_of_phases(runs: Runs, name: str) ->
 def test_recovered_shapes_fulfil_the_full_pencil_better_with_more_modes(tmp_path: Path, name: str) -> None:
     work = Work(load(scene_file(tmp_path, SMALL[name]))[0], lambda text: None)
     pencil = work.sub.linearised(work.belt)
-    exact = fs.complex_modes(work.sub, work.belt, band=work.band[0], certify=False)
+    exact = fs.complex_modes(work.sub, work.belt, band=work.band[0], evidence=False)
     at = int(np.argmax(exact.eigenvalues.real))
     errors, angles = [], []
     for modes in (10, 30):

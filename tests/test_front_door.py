@@ -222,7 +222,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "chain_frequencies": (fs.chain_frequencies, {"n": 5, "count": 3}),
         "complex_modes": (
             fs.complex_modes,
-            {"model": sub, "contacts": slope, "count": 4, "band": None, "re": None, "certify": None},
+            {"model": sub, "contacts": slope, "count": 4, "band": None, "re": None, "evidence": None},
         ),
         "complex_modes(band)": (fs.complex_modes, {"model": rom, "contacts": slope, "band": (0.0, 0.5), "re": (-1.0, 1.0)}),
         "critical_slope": (fs.critical_slope, {"model": sub, "port": "belt", "force": 1.0, "contacts": None, "band": (0.0, 3.0),

@@ -260,7 +260,7 @@ def test_a_shortcut_to_certified_is_seen(tmp_path: Path) -> None:
 
 
 #: Names that `evidence` stands for: no attribute, field, argument, method or text that is one word says it otherwise.
-OF_PROOF = re.compile(r"_?(is_)?(certified|confirmed|confirm|proved|proven|proof)")
+OF_PROOF = re.compile(r"_?(is_)?(certified|certify|confirmed|confirm|proved|proven|proof)")
 
 
 def names_of(path: Path) -> set[tuple[str, int]]:

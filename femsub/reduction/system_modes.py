@@ -209,7 +209,7 @@ def _counted(search: JoinedSearch, counts: Array) -> dict[str, Kept]:
         handle, more = one.statics.handle, count < one.most
         found = lowest_modes(handle, count + more, known=one.found, defer=True)
         if not np.array_equal(found.eigenvalues, one.found.eigenvalues[:len(found.eigenvalues)]):
-            one.replace(lowest_modes(handle, one.modes, known=found, certify=False))
+            one.replace(lowest_modes(handle, one.modes, known=found, evidence=False))
             missed = True
         kept[name] = Kept(found, count, float(found.frequencies[-1]) if more else np.inf)
     return {} if missed else kept

@@ -203,7 +203,7 @@ def sweep(model: Substructure, slopes: Sequence[float] | Array, port: str = "bel
     untold = fast & model.pencil.is_sparse
     for i in np.flatnonzero(~whole):
         searched = None if few or (fast[i] and not untold[i]) else limits
-        modes = complex_modes(model, Belt(port, force=force, slope=float(values[i])), band=searched, certify=False)
+        modes = complex_modes(model, Belt(port, force=force, slope=float(values[i])), band=searched, evidence=False)
         growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     if untold.any():
         warn(f"at slopes of {values[untold].max():.4g} and below, max Re λ may be larger than reported. In a large "

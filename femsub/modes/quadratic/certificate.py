@@ -94,9 +94,9 @@ class Nearest(_Disc):
 
     most = np.inf
 
-    def __init__(self, problem: Shifted, number: int, certify: bool | None) -> None:
-        super().__init__(problem, problem.pencil.size <= KEPT if certify is None else certify)
-        self.number, self.unasked = number, certify is None
+    def __init__(self, problem: Shifted, number: int, evidence: bool | None) -> None:
+        super().__init__(problem, problem.pencil.size <= KEPT if evidence is None else evidence)
+        self.number, self.unasked = number, evidence is None
         # The eigenvalues nearest to a shift are not exactly those nearest to 0, so a few more are computed. A count needs a
         # gap behind the last one, and therefore the next one.
         self.ask = number + (0 if problem.shift == 0 else 12) + (0 if self.parts is None else 2)
@@ -144,13 +144,13 @@ class Nearest(_Disc):
 class Enclosed(_Disc):
     """All eigenvalues in a rectangle, proved by the count in the disc around it, else by the winding number of det P."""
 
-    def __init__(self, problem: Shifted, box: Box, certify: bool | None, winding: bool = True) -> None:
-        super().__init__(problem, certify is not False)
+    def __init__(self, problem: Shifted, box: Box, evidence: bool | None, winding: bool = True) -> None:
+        super().__init__(problem, evidence is not False)
         pencil, (a, b, _, hi) = problem.pencil, box
         self.box, self.most = box, float(min(pencil.size, MOST))
         self.radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
         self.at = self.edge(self.radius)
-        self.wound = winding and (pencil.size <= QUADRATIC if certify is None else certify)  # whether det P may be sampled
+        self.wound = winding and (pencil.size <= QUADRATIC if evidence is None else evidence)  # whether det P may be sampled
         self.known = self.at is None and self.wound  # whether `reference` has its modes
         self.reference = undamped_reference(pencil, self.radius, self.known) if self.at is None else None
         self.ask = 2 * (self.at.below if self.at else self.reference[1].counted[1] if self.reference else 10) + 12

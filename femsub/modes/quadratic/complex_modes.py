@@ -150,7 +150,7 @@ class ComplexModes:
 
 def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
                   count: int | None = None, band: tuple[float, float] | None = None,
-                  re: tuple[float, float] | None = None, certify: bool | None = None) -> ComplexModes:
+                  re: tuple[float, float] | None = None, evidence: bool | None = None) -> ComplexModes:
     """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
 
     SLEPc's PEP (TOAR, shift-invert) solves sparse models. LAPACK finds all eigenvalues of dense models. For a narrow band or a
@@ -172,7 +172,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
         may be in it.
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
-    certify : bool, optional
+    evidence : bool, optional
         Whether to count the eigenvalues independently. There are two ways. If D is proportional except for at most 40 columns
         (belts, dashpots), the count is made in a disc around 0 that contains the region. It costs one factorisation of
         K - R²M, which a band needs anyway, and some solves (`disc_count`). If D is skew and K positive definite, as for a part
@@ -217,7 +217,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     if band is not None and (estimate := getattr(model, "estimate", None)) is not None:
         band = estimate.reaching(check_band(band))
     region = region_of(pencil, count, band, re)
-    found = search(pencil, region, certify)
+    found = search(pencil, region, evidence)
     at = region.listed(found.values)
     result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, cutoff)
     if result.backward_error.max(initial=0.0) > LOUD:

@@ -49,7 +49,7 @@ def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix
         if z not in phases:
             if len(phases) >= MOST:
                 raise NotConvergedError(f"the phase of det P could not be traced with {MOST} points. Probably an eigenvalue lies "
-                                        "on the edge of the band. Move the edge a little, or give certify=False")
+                                        "on the edge of the band. Move the edge a little, or give evidence=False")
             phases[z] = (phase_of(pencil.at(z)) - phase_of(z * z * pencil.M + reference)
                          + float(np.angle(z - poles).sum() - np.angle(z - known).sum()))
         return phases[z]
