@@ -185,9 +185,9 @@ def scipy_bases(sub: fs.Substructure, modes: int, laps: Laps, **options: Any) ->
 
 
 def slepc_bases(sub: fs.Substructure, modes: int, laps: Laps, package: str) -> tuple[Any, ...]:
-    from femsub.algebra.petsc import _load
+    from femsub.algebra.petsc import load as solvers
 
-    PETSc, SLEPc = _load()
+    PETSc, SLEPc = solvers()
 
     laps.begin()
     K, M, load = partitioned(sub)
@@ -281,7 +281,7 @@ def full_cea(counts: tuple[int, ...], slopes: np.ndarray, band: tuple[float, flo
     sub = pad(counts)
     laps.begin()
     for slope in slopes:
-        modes = fs.complex_modes(sub, fs.Belt(slope=float(slope)), band=band, certify=False)
+        modes = fs.complex_modes(sub, fs.Belt(slope=float(slope)), band=band, evidence=False)
         laps(f"slope {slope:.4g}")
         spectra.append(replace(modes, shapes=np.zeros((0, len(modes)))))
     return laps.row() | {"spectra": spectra}

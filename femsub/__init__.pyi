@@ -63,7 +63,6 @@ from .reduction.reduce import (
     ContactModes as ContactModes,
     CraigBampton as CraigBampton,
     CraigChang as CraigChang,
-    CraigChangPhysical as CraigChangPhysical,
     DualCraigBampton as DualCraigBampton,
     Guyan as Guyan,
     Herting as Herting,

@@ -108,17 +108,16 @@ def measure(name: str, repeats: int) -> Row:
     kind, size, way = MODELS[name]
     if way in METHODS:
         sub = models.build(kind, size)
-        return summary({"model": name, "dof": sub.size, "eigenvalues": METHODS[way].modes, "certified": True,
-                        "evidence": "certified"},
+        return summary({"model": name, "dof": sub.size, "eigenvalues": METHODS[way].modes, "evidence": "certified"},
                        [reduction(sub, way) for _ in range(repeats)])
     sub, belt = models.build(kind, size), fs.Belt(slope=models.KINDS[kind].slope or -0.02)
     count = 20 + 2 * models.KINDS[kind].rigid
-    ask: Row = {"all": {}, "count": {"count": count, "certify": True}, "band": {}}[way]
+    ask: Row = {"all": {}, "count": {"count": count, "evidence": True}, "band": {}}[way]
     top = 0.0
     if way == "band":
         omega = fs.normal_modes(sub, count=count // 2 + 1 - models.KINDS[kind].rigid).frequencies
         top = float(omega[-2:].mean())
-        ask = {"band": (0.0, top), "re": (-0.1 * top, 0.1 * top), "certify": True}
+        ask = {"band": (0.0, top), "re": (-0.1 * top, 0.1 * top), "evidence": True}
     runs: list[Row] = []
     once(sub, belt, ask) if sub.size < 1000 else None
     for _ in range(repeats if sub.size >= 1000 else 50 * repeats):
@@ -126,8 +125,7 @@ def measure(name: str, repeats: int) -> Row:
         runs.append(seconds)
         if sum(seconds.values()) > LONG:
             break
-    row = summary({"model": name, "dof": sub.size, "eigenvalues": len(found), "certified": found.certified,
-                   "evidence": found.evidence}, runs)
+    row = summary({"model": name, "dof": sub.size, "eigenvalues": len(found), "evidence": found.evidence}, runs)
     return row | refinement(sub, belt, top) if way == "band" else row
 
 
@@ -156,7 +154,7 @@ def main() -> None:
     folder = report.check_folder(given.out)
     warnings.simplefilter("ignore", fs.FemsubWarning)
     for first in (20, 200):  # everything loaded
-        fs.complex_modes(fs.chain(first, belt=2), fs.Belt(slope=-0.02), count=2, certify=True)
+        fs.complex_modes(fs.chain(first, belt=2), fs.Belt(slope=-0.02), count=2, evidence=True)
     rows: list[Row] = []
     for name in given.models:
         report.progress(name)

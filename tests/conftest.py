@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice
-from femsub.algebra import petsc
+from femsub.algebra import memory, petsc
 
 pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values as those in tests do
 
@@ -21,6 +25,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if config.option.mumps:
         petsc.CHOLMOD = False
+    if getattr(config.option, "numprocesses", None):  # each of several processes (-n) gets one BLAS thread
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -41,6 +48,25 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     left_out = [item for item in items if item.get_closest_marker("slow")]
     config.hook.pytest_deselected(items=left_out)
     items[:] = [item for item in items if not item.get_closest_marker("slow")]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _imported_before_anything_is_patched() -> None:
+    """Names are lazy: a module that is first imported while a test has patched another one would keep what was patched."""
+    for name in fs.__all__:
+        getattr(fs, name)
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """machine(free, large): a machine with so many bytes free (a number, a function, or None: unknown), looked at from
+    models of `large` DOF on."""
+    def set_to(free: Any, large: int | None = None) -> None:
+        monkeypatch.setattr(memory, "available", free if callable(free) else lambda: free)
+        if large is not None:
+            monkeypatch.setattr(memory, "LARGE", large)
+
+    return set_to
 
 
 @pytest.fixture

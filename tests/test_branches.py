@@ -46,6 +46,7 @@ def test_a_branch_starts_at_the_hopf_point(sub: fs.Substructure, parameter: str,
     assert belt(found.hopf.limit[0]) == pytest.approx(float(border), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_next_mode_has_a_branch_of_its_own_which_becomes_the_attractor() -> None:
     found = fs.branch(reduced(fs.CraigBampton(4)), BELT, "slope", (-0.2677, -0.01), start=0.73)
     assert found.hopf is not None and found.hopf.omega == pytest.approx(0.7321, abs=1e-4) and found.hopf.error < 1e-6
@@ -100,6 +101,7 @@ def test_points_of_a_branch_are_cycles_of_their_own(over_speed: Branch) -> None:
     assert rows[0].keys() >= {"speed", "omega", "rms", "peak", "is_stable"} and len(rows) == len(over_speed.points)
 
 
+@pytest.mark.slow
 def test_period_doubling_is_named() -> None:
     sub = reduced(fs.CraigBampton(4))
     cycle = fs.harmonic_balance(sub, BELT, start=0.44)
@@ -174,7 +176,7 @@ def test_a_branch_from_a_cycle_uses_no_more_harmonics_than_allowed() -> None:
     model = fs.chain(10, belt=2)
     belt = fs.Belt(speed=0.3, law=fs.StribeckArctan(eps=1e-2))
     found = fs.harmonic_balance(model, belt, start=1.0)
-    path = fs.branch(model, belt, "speed", (0.29, 0.31), start=found, harmonics=20, points=6, tolerance=1e-1, stability=False)
+    path = fs.branch(model, belt, "speed", (0.29, 0.31), start=found, harmonics=20, points=6, tol=1e-1, stability=False)
     assert found.orbit.harmonics > 20 >= max(point.orbit.harmonics for point in path.points)
 
 

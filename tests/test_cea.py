@@ -63,7 +63,7 @@ def test_dense_against_qz(seed: int, symmetric: bool) -> None:
     pencil = fs.Pencil(np.diag(rng.uniform(0.5, 2, 12)), D + D.T if symmetric else D, K)
     modes = fs.complex_modes(pencil)
     agree(modes.eigenvalues, reference(pencil), modes.error_bar)
-    assert modes.certified and modes.backward_error.max() < 1e-13
+    assert modes.evidence == "certified" and modes.backward_error.max() < 1e-13
     assert np.abs(pencil.residual(modes.eigenvalues, modes.shapes)).max() < 1e-10
 
 
@@ -128,7 +128,7 @@ def test_brake_like_pencil_by_count_and_by_band(seed: int) -> None:
         else:
             exact_inside = exact[inside]
         agree(modes.eigenvalues, exact_inside, modes.error_bar)
-        assert modes.searched == (a, b, *band) and modes.certified
+        assert modes.searched == (a, b, *band) and modes.evidence == "confirmed"
         assert (np.diff(modes.eigenvalues.imag) >= 0).all()
 
 
@@ -155,13 +155,13 @@ def test_a_missed_eigenvalue_is_noticed(by: str, monkeypatch: pytest.MonkeyPatch
 
     sub = fs.chain(300, belt=2)
     exact = fs.complex_modes(sub, BELT, band=(0.0, 0.2))
-    assert exact.certified
+    assert exact.evidence == "confirmed"
     monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", forgetful)
     whole = fs.complex_modes(sub, BELT, band=(0.0, 0.2))  # by LAPACK, which can do a model as small as this
-    assert whole.certified and np.allclose(whole.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
+    assert whole.evidence == "certified" and np.allclose(whole.eigenvalues, exact.eigenvalues, rtol=1e-9, atol=1e-12)
     monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 200)
     with pytest.raises(fs.MissedModesError, match=by):
-        fs.complex_modes(sub, BELT, band=(0.0, 0.2), certify=True)
+        fs.complex_modes(sub, BELT, band=(0.0, 0.2), evidence=True)
 
 
 @pytest.mark.parametrize("n", [10, 300, 3000, pytest.param(100_000, marks=pytest.mark.slow)])
@@ -255,7 +255,7 @@ def test_a_band_high_up_goes_to_lapack_or_is_refused() -> None:
     modes = fs.complex_modes(sub, BELT, band=(1.9, 2.1))
     exact = reference(sub.linearised(BELT))
     agree(modes.eigenvalues, exact[(exact.imag >= 1.9) & (exact.imag <= 2.1)], modes.error_bar)
-    assert modes.certified
+    assert modes.evidence == "certified"
     with pytest.raises(ValueError, match="the disc around 0 that holds the band has about"):
         fs.complex_modes(fs.chain(5000, belt=2), BELT, band=(1.9, 2.1))
 
@@ -319,7 +319,7 @@ def test_a_large_dense_model_is_solved_for_what_is_asked(ask: dict, monkeypatch:
     found = fs.complex_modes(rom, belt, **ask)
     near = every[(every.imag >= 0) & (every.imag <= 0.05) & (np.abs(every.real) <= 0.05)] if "band" in ask else \
         every[np.argsort(np.abs(every))][:16]
-    assert found.certified and found.counted and len(found) == len(near)
+    assert found.evidence == "confirmed" and found.counted and len(found) == len(near)
     distance = np.abs(found.eigenvalues[:, None] - near).min(axis=1)
     assert (distance <= found.error_bar + 1e-12).all()
 
@@ -359,7 +359,7 @@ def test_another_search_takes_the_place_of_one_step(monkeypatch: pytest.MonkeyPa
     ours = [fs.complex_modes(sub, BELT, **ask) for ask in asks]
     asked = []
 
-    def by_scipy(pencil: fs.Pencil, region: Region, certify: bool | None) -> Found:
+    def by_scipy(pencil: fs.Pencil, region: Region, evidence: bool | None) -> Found:
         asked.append(region)
         P, n = pencil.dense(), pencil.size
         companion = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(P.M, P.K), -np.linalg.solve(P.M, P.D)]])
@@ -372,7 +372,7 @@ def test_another_search_takes_the_place_of_one_step(monkeypatch: pytest.MonkeyPa
         assert len(found) == len(own) > 0 and found.searched == own.searched
         at, to = match(own.eigenvalues, found.eigenvalues)
         assert (np.abs(found.eigenvalues[to] - own.eigenvalues[at]) <= found.error_bar[to] + own.error_bar[at]).all()
-        assert own.certified and not found.certified and found.evidence == "not checked"
+        assert own.evidence == "confirmed" and found.evidence == "not checked"
     assert [region.count for region in asked] == [9, None, None] and asked[2].box == (-1e-3, 1e-3, 0.1, 0.3)
 
 
@@ -509,7 +509,7 @@ def test_newton_steps_merge_no_two_eigenvalues() -> None:
     M, D = (sp.csr_array(sp.block_diag((getattr(one, key), getattr(other, key)))) for key in "MD")
     pencil = fs.Pencil(M, D, sp.csr_array(sp.block_diag((one.K, other.K * (1 + 1e-6)))))
     found = fs.complex_modes(pencil, band=(0.0, 0.2))
-    assert found.certified and (found.error_bar <= 1e-8 * np.abs(found.eigenvalues)).all()
+    assert found.evidence == "confirmed" and (found.error_bar <= 1e-8 * np.abs(found.eigenvalues)).all()
     alone = fs.Pencil(other.M, other.D, other.K * (1 + 1e-6))
     for part in (one, alone):  # each λ of one chain is listed once
         mine = [value for value in found.eigenvalues if abs(root_near(part, value) - value) <= 1e-8 * abs(value)]
@@ -541,7 +541,7 @@ def test_a_dense_model_in_a_band_takes_one_decomposition(share: float, monkeypat
     every = dense.solve
     monkeypatch.setattr("femsub.modes.quadratic.dense.solve", solved)
     monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", by_pep)
-    monkeypatch.setattr("femsub.modes.quadratic.winding_count._phase", by_pep)
+    monkeypatch.setattr("femsub.modes.quadratic.winding_count.phase_of", by_pep)
     found = fs.complex_modes(pencil, band=(0.0, 5.0 * share))
     assert asked == [320] and found.evidence == "certified"
     assert abs(len(found) - 320 * (5 * share - 0.1) / 4.9) <= 1

@@ -60,7 +60,7 @@ def test_the_count_is_lapack_s_and_moves_with_the_contact(held: bool, flutter: f
         for radius in (0.5 * (omega[9] + omega[10]), 0.9 * omega[20] + 0.1 * omega[21]):
             near = (np.abs(values) < 1.1 * radius) & (values.imag >= 0)
             found = counted(pencil, radius, shapes[:, near])
-            assert found is not None and found.proved
+            assert found is not None and found.is_valid
             assert found.number == np.count_nonzero(np.abs(values) < radius)
             shifted += found.number != 2 * np.count_nonzero(omega < radius)
     assert shifted, "the contact is too weak to say anything about the determinant"
@@ -73,7 +73,7 @@ def test_the_count_does_not_need_what_it_counts() -> None:
     near = np.flatnonzero((np.abs(values) < 0.24) & (values.imag >= 0))
     for left_out in ([], [0], [3, 4, 5], list(range(len(near)))):
         found = counted(pencil, 0.2081, shapes[:, np.delete(near, left_out)])
-        assert found is not None and found.proved and found.number == 20 == in_disc(pencil, 0.2081)
+        assert found is not None and found.is_valid and found.number == 20 == in_disc(pencil, 0.2081)
 
 
 def test_an_unproved_count_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,7 +83,7 @@ def test_an_unproved_count_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     pencil = contact(sub, 3, 30.0, 0.0, (0.0, 0.0))
     omega = fs.normal_modes(sub, count=60).frequencies
     found = counted(pencil, 0.5 * (omega[50] + omega[51]))
-    assert found is not None and not found.proved and found.margin > 1
+    assert found is not None and not found.is_valid and found.margin > 1
 
 
 @pytest.mark.parametrize(("mu", "rayleigh"), [(0.0, (0.0, 0.0)), (0.01, (0.02, 0.03))])
@@ -132,8 +132,8 @@ def test_a_large_model_is_counted_and_a_removed_eigenvalue_noticed(ask: dict[str
                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
     sub = fs.chain(3000, belt=2)
     ask = ask if "band" not in ask else {key: tuple(0.1 * edge for edge in pair) for key, pair in ask.items()}
-    modes = fs.complex_modes(sub, BELT, certify=True, **ask)
-    assert modes.certified and modes.counted is not None and modes.counted[1] % 2 == 0
+    modes = fs.complex_modes(sub, BELT, evidence=True, **ask)
+    assert modes.evidence == "confirmed" and modes.counted is not None and modes.counted[1] % 2 == 0
     original = sparse.quadratic_modes
 
     def forgetful(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +143,7 @@ def test_a_large_model_is_counted_and_a_removed_eigenvalue_noticed(ask: dict[str
 
     monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", forgetful)
     with pytest.raises(fs.MissedModesError, match="independent count"):
-        fs.complex_modes(sub, BELT, certify=True, **ask)
+        fs.complex_modes(sub, BELT, evidence=True, **ask)
 
 
 def test_what_is_missing_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,7 +169,7 @@ def test_the_sign_of_friction_is_seen_by_the_count() -> None:
     assert values[0].real.max() > 2.2 and values[1].real.max() < 0
     radius = 0.5 * (np.abs(values[0]).max() + np.abs(values[1]).max())
     numbers = [counted(pencil, radius) for pencil in pencils]
-    assert all(found is not None and found.proved for found in numbers)
+    assert all(found is not None and found.is_valid for found in numbers)
     assert [found.number for found in numbers] == [in_disc(pencil, radius) for pencil in pencils] == [120, 119]
 
 
@@ -196,7 +196,7 @@ def test_stored_zeros_are_no_contact() -> None:
 def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
     sub = fs.chain(500, belt=2)
     found = fs.complex_modes(sub, BELT, count=12)
-    assert found.certified and found.counted is not None and found.counted[1] >= 12 == len(found)
+    assert found.evidence == "confirmed" and found.counted is not None and found.counted[1] >= 12 == len(found)
     monkeypatch.setattr("femsub.modes.quadratic.search.QUADRATIC", 400)  # not for LAPACK
     nearest = sparse.Shifted.nearest
     with monkeypatch.context() as patched:  # what is not asked for must not be what fails
@@ -207,26 +207,27 @@ def test_what_is_asked_by_count_is_certified_unasked(monkeypatch: pytest.MonkeyP
             return nearest(self, count, seed)
 
         patched.setattr(sparse.Shifted, "nearest", stubborn)
-        assert not fs.complex_modes(sub, BELT, count=12).certified
+        assert fs.complex_modes(sub, BELT, count=12).evidence == "not checked"
         with pytest.raises(fs.NotConvergedError):
-            fs.complex_modes(sub, BELT, count=12, certify=True)
+            fs.complex_modes(sub, BELT, count=12, evidence=True)
     monkeypatch.setattr("femsub.modes.quadratic.certificate.KEPT", 400)  # beyond it only if asked
-    assert not fs.complex_modes(sub, BELT, count=12).certified and fs.complex_modes(sub, BELT, count=12, certify=True).certified
+    assert fs.complex_modes(sub, BELT, count=12).evidence == "not checked"
+    assert fs.complex_modes(sub, BELT, count=12, evidence=True).evidence == "confirmed"
 
 
 def test_the_count_costs_one_factorisation_and_a_few_solves() -> None:
     made = {}
     for name, ask in (("count", {"count": 20}), ("band", {"band": (0.0, 0.01)})):
-        for certify in (False, True):
+        for evidence in (False, True):
             sub, before = fs.chain(3000, belt=2), Factor.made
-            fs.complex_modes(sub, BELT, certify=certify, **ask)
-            made[name, certify] = Factor.made - before
+            fs.complex_modes(sub, BELT, evidence=evidence, **ask)
+            made[name, evidence] = Factor.made - before
     assert made == {("count", False): 1, ("count", True): 2, ("band", False): 2, ("band", True): 2}
     parts = damping_split.split(sub.linearised(BELT))
     at = disc_count.edge(parts, 0.0105)
-    modes = fs.complex_modes(sub, BELT, band=(0.0, 0.012), certify=False)
+    modes = fs.complex_modes(sub, BELT, band=(0.0, 0.012), evidence=False)
     found = disc_count.count(parts, at, factorise(parts.K0, "definite").solve, 0.0, modes.shapes)
-    assert found is not None and found.proved and found.solves <= modes.shapes.shape[1] + 2 * parts.W.shape[1]
+    assert found is not None and found.is_valid and found.solves <= modes.shapes.shape[1] + 2 * parts.W.shape[1]
 
 
 # condition ------------------------------------------------------------------------------------------------------------
@@ -359,9 +360,9 @@ def test_one_word_for_each_quality_of_evidence() -> None:
             (proportional, belt, {"band": band}, "confirmed"),  # a contact: a determinant on a circle
             (sub, belt, {"count": 12}, "confirmed"),
             (everywhere, belt, {"band": band}, "confirmed"),  # the winding number of det P
-            (sub, belt, {"band": band, "certify": False}, "not checked")):
+            (sub, belt, {"band": band, "evidence": False}, "not checked")):
         modes = fs.complex_modes(model, contact, **ask)
-        assert modes.evidence == word and modes.certified == (word != "not checked")
+        assert modes.evidence == word
         assert f"completeness {word}" in repr(modes)
     assert fs.normal_modes(sub, count=5).evidence == "certified"
 

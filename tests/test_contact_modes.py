@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -110,13 +111,11 @@ def test_the_first_loss_of_the_full_model_follows_from_that_of_the_reduced_one()
         assert np.sign(near.real.max()) == sign
 
 
-def test_a_large_interface_without_shapes_of_its_own_asks_for_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_large_interface_without_shapes_of_its_own_asks_for_no_memory(machine: Callable[..., None]) -> None:
     steel, mesh = fs.Material(2.1e11, 0.3, 7850.0), fs.block((0.2, 0.2, 0.01), (8, 8, 1), "hexahedron")
     wide = fs.solid(mesh, steel, supports=["top"], interface=["bottom"])
     contact = FrictionContact("bottom", "ground", mesh, 1e12, 0.3, direction=(1, 0, 0))
-    free = 1.1 * sum(memory.reduction_bytes(wide.K, 2, 2).values())
-    monkeypatch.setattr(memory, "LARGE", 100)
-    monkeypatch.setattr(memory, "available", lambda: free)
+    machine(free=1.1 * sum(memory.reduction_bytes(wide.K, 2, 2).values()), large=100)
     with pytest.raises(fs.NotEnoughMemoryError, match="fewer interface DOF"):
         fs.reduce(wide, fs.CraigBampton(2))
     assert fs.reduce(wide, fs.ContactModes(2, contacts=contact)).size == 4

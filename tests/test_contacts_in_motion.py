@@ -384,6 +384,7 @@ def test_a_cycle_under_friction_between_surfaces() -> None:
         fs.harmonic_balance(model, contacts, start=bare)
 
 
+@pytest.mark.slow
 def test_two_friction_contacts_and_a_belt_by_two_integrators() -> None:
     """A block held by springs at its end, rubbing below and above: the generalised-α method on the sparse model, and LSODA."""
     mesh = fs.block((0.1, 0.05, 0.02), (1, 1, 1), "hexahedron")

@@ -192,7 +192,7 @@ def beams(count: int, elements: int, how: Mapping[int, str]) -> tuple[dict[str, 
     parts = {f"b{i}": fs.beam(1.0 / count, elements, **STEEL, interface=["left", "right"][i == 0:], ports={"tip": "right"},
                               supports={"left": "clamped"} if i == 0 else None) for i in range(count)}
     parts = {name: HOW[how.get(i, "full")](part) for i, (name, part) in enumerate(parts.items())}
-    return parts, [fs.Rigid((f"b{i}", "right"), (f"b{i + 1}", "left"), tolerance=np.inf) for i in range(count - 1)]
+    return parts, [fs.Rigid((f"b{i}", "right"), (f"b{i + 1}", "left"), tol=np.inf) for i in range(count - 1)]
 
 
 @pytest.mark.parametrize("how", [{}, {0: "craig-bampton", 1: "craig-chang"}, {0: "craig-chang", 2: "craig-chang"},
@@ -212,7 +212,7 @@ def test_units_change_nothing(method: object) -> None:
         parts = {"a": fs.beam(length, 8, **steel, supports={"left": "clamped"}, interface=["right"]),
                  "b": fs.beam(length, 10, **steel, interface=["left", "right"])}
         parts = parts if method is None else {name: fs.reduce(part, method) for name, part in parts.items()}
-        found.append(fs.couple(parts, [fs.Rigid(("a", "right"), ("b", "left"), tolerance=np.inf)]))
+        found.append(fs.couple(parts, [fs.Rigid(("a", "right"), ("b", "left"), tol=np.inf)]))
     assert found[0].size == found[1].size and found[0].spurious == found[1].spurious
     modes = [fs.normal_modes(system, count=6).frequencies for system in found]
     np.testing.assert_allclose(modes[1], modes[0], rtol=1e-8)
@@ -280,7 +280,7 @@ def test_parts_on_springs_keep_their_matrices() -> None:
 def test_a_spring_takes_no_side() -> None:
     parts = {"a": fs.beam(1.0, 3, **STEEL, interface=["left", "right"]), "b": fs.beam(1.0, 4, **STEEL, interface=["left"])}
     k = np.array([[2e3, 40.0], [40.0, 10.0]])
-    one, other = (fs.couple(parts, [fs.Spring(*ends, stiffness=k, tolerance=1.5)]) for ends in
+    one, other = (fs.couple(parts, [fs.Spring(*ends, stiffness=k, tol=1.5)]) for ends in
                   itertools.permutations([("a", "right"), ("b", "left")]))
     assert not (one.K != other.K).nnz
     d = np.zeros(one.size)
@@ -349,7 +349,7 @@ def test_what_cannot_be_joined_is_named(joints: list, words: str) -> None:
 @pytest.mark.parametrize(("make", "words"), [
     (lambda: fs.Rigid(("disc", "left")), "two or more ends"),
     (lambda: fs.Rigid("ground", "ground"), "joins the ground to itself"),
-    (lambda: fs.Rigid(("a", "b"), "ground", tolerance=0.0), "tolerance must be positive"),
+    (lambda: fs.Rigid(("a", "b"), "ground", tol=0.0), "tol must be positive"),
     (lambda: fs.Spring(("a", "b")), "needs a stiffness or a damping"),
     (lambda: fs.Spring("ground", ("a", "b"), stiffness=1.0), "the ground is the second"),
     (lambda: fs.Spring(("a", "b"), stiffness=-1.0), "must not be negative"),

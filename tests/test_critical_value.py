@@ -165,6 +165,7 @@ class Heir(Straight):
     """A subclass that declares nothing."""
 
 
+@pytest.mark.slow
 def test_a_law_that_falls_between_all_samples_of_the_pencil_is_seen() -> None:
     """Damping is the same at all places where the form of the pencil was once judged; at a speed of 0.71 all modes grow."""
     chain = fs.chain(3, belt=2, damping=0.1)
@@ -407,6 +408,7 @@ def test_no_more_digits_are_shown_than_the_window_has() -> None:
     assert "Crossing: 0 (hopf" in repr(Crossing(-4e-12, 1e-11, 1.0, shape, "hopf", (-1.0, 1.0)))
 
 
+@pytest.mark.slow
 def test_what_is_told_of_an_open_interval_holds() -> None:
     """Tiny damping: rounding hides which of two close modes grow. A crossing is told as wide as it is known, or not at all."""
     checked = 0

@@ -84,6 +84,7 @@ def large(model: fs.Substructure, guide: Branch) -> tuple[Branch, list[dict[str,
     return cycle_keys._large(SPEED, [{"branch": guide, "family": 1.0}], 1.0, model, lambda _: None)
 
 
+@pytest.mark.slow
 def test_a_large_model_follows_the_reduced_one_s_branch_to_its_end(oscillator: tuple[fs.Substructure, Branch]) -> None:
     model, guide = oscillator
     found, missed = large(model, guide)
@@ -124,6 +125,7 @@ def test_a_cycle_that_does_not_converge_is_told_and_the_others_are_kept(oscillat
         large(model, guide)
 
 
+@pytest.mark.slow
 def test_the_scene_tells_which_cycles_of_the_large_model_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str],
                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
     failing(monkeypatch, lambda belt: belt.slope < -0.059)

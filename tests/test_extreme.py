@@ -21,9 +21,16 @@ from benchmarks.extreme.verdict import evaluate
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 
+#: Of the quick ones, those that take longest; a case like each of them remains.
+LONGEST = {"critical damping, 25 models", "alpha, tiny blows", "study beyond the border, half of them",
+           "study at the border, half of them", "CEA, 5 floating with friction, by count", "CEA, sixfold on edges, sparse",
+           "ring of 240, a pair cut", *(f"alpha, 320 masses, blow of {blow:g}" for blow in (1e-9, 1e-3, 0.1))}
+
+assert set(CASES) >= LONGEST
 
 
-@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.quick])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in LONGEST else ())
+                                  for name, case in CASES.items() if case.quick])
 def test_case(name: str) -> None:
     row = evaluate(name)
     assert row["verdict"] == ("right" if CASES[name].expect == "right" else "refused"), row["reason"]
@@ -118,6 +125,7 @@ def test_what_is_wrong_is_called_wrong(worse: dict, reason: str, monkeypatch: py
     assert evaluate("planted")["verdict"] == "wrong"
 
 
+@pytest.mark.slow
 def test_script(tmp_path: Path) -> None:
     command = [sys.executable, str(SCRIPTS / "extreme.py"), "--cases", "just restraining", "a negative spring", "triple",
                "--out", str(tmp_path)]

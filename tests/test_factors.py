@@ -59,7 +59,7 @@ def nothing_shared(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
 
 
-class Forgetful(type(shared._kept)):  # type: ignore[misc]
+class Forgetful(shared.Kept):
     """Keeps nothing."""
 
     def __contains__(self, key: object) -> bool:
@@ -201,13 +201,12 @@ def test_a_factor_is_released_by_the_name_of_its_model() -> None:
     assert np.linalg.norm(sub.K @ in_use.solve(sub.port("belt")) - sub.port("belt")) < 1e-6  # nobody closed it
 
 
-def test_what_is_kept_gives_way_before_memory_is_said_to_be_short(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_kept_gives_way_before_memory_is_said_to_be_short(machine: Callable[..., None]) -> None:
     sub = lattice(40, 30, held=True)
     shared.drop()
     shared_factor(sub.K, "definite")
     need = sum(memory.reduction_bytes(sub.K, 2, 5).values())
-    monkeypatch.setattr(memory, "LARGE", 1000)
-    monkeypatch.setattr(memory, "available", lambda: 2 * need - shared.kept_bytes() * 2 * need)
+    machine(free=lambda: 2 * need - shared.kept_bytes() * 2 * need, large=1000)
     memory.check_memory("lattice", sub.K, 2, 5, 2)
     assert shared.kept_bytes() == 0
 
@@ -351,8 +350,8 @@ def test_one_factor_solves_with_the_transpose() -> None:
 
 def test_left_vectors_take_no_factor_of_their_own() -> None:
     pencil = unsymmetric()
-    assert made(lambda: fs.complex_modes(pencil, count=8, certify=False)) == 1
-    found = fs.complex_modes(pencil, count=8, certify=False)
+    assert made(lambda: fs.complex_modes(pencil, count=8, evidence=False)) == 1
+    found = fs.complex_modes(pencil, count=8, evidence=False)
     true = np.linalg.eigvals(np.block([[np.zeros((300, 300)), np.eye(300)], [-pencil.K.toarray(), -pencil.D.toarray()]]))
     off = np.abs(found.eigenvalues[:, None] - true).min(axis=1)
     assert np.isfinite(found.error_bar).all() and (off <= found.error_bar + 1e-12).all()

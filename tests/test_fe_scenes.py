@@ -131,7 +131,7 @@ def test_a_complex_mode_s_period_is_a_series_of_phases(runs: Runs, name: str) ->
 def test_recovered_shapes_fulfil_the_full_pencil_better_with_more_modes(tmp_path: Path, name: str) -> None:
     work = Work(load(scene_file(tmp_path, SMALL[name]))[0], lambda text: None)
     pencil = work.sub.linearised(work.belt)
-    exact = fs.complex_modes(work.sub, work.belt, band=work.band[0], certify=False)
+    exact = fs.complex_modes(work.sub, work.belt, band=work.band[0], evidence=False)
     at = int(np.argmax(exact.eigenvalues.real))
     errors, angles = [], []
     for modes in (10, 30):
@@ -191,7 +191,7 @@ def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() ->
     few = next(row for row in found.rows if row.modes == 4)
     assert few.cutoff < 8500 and few not in fit
     assert found.recommended(1e-16) is None and "none of these models" in found.recommendation(1e-16)
-    with pytest.raises(ValueError, match="tolerance must be positive"):
+    with pytest.raises(ValueError, match="tol must be positive"):
         found.recommended(0)
 
 

@@ -100,3 +100,40 @@ def test_a_law_must_give_numbers() -> None:
 
     with pytest.raises(fs.InputTypeError, match=r"Empty.slope\(v\), of .* must be a number at v = 0.5, but is None"):
         fs.Belt(speed=0.5, law=Empty())
+
+
+def test_a_very_wide_stick_slip_transition_is_no_overflow() -> None:
+    for law in (fs.StribeckArctan(eps=1e308), fs.StribeckArctanOdd(eps=1e308)):
+        assert fs.Belt(speed=0.2, law=law).slope == pytest.approx(law.scalar()[1](0.2))
+
+
+class Sloped:
+    def __init__(self, slope: float) -> None:
+        self._slope = slope
+
+    def value(self, v: float) -> float:
+        return 0.3 - 0.1 * v
+
+    def slope(self, v: float) -> float:
+        return self._slope
+
+
+class OnlySlope:
+    def slope(self, v: float) -> float:
+        return -0.1
+
+
+def test_a_law_whose_slope_is_not_that_of_its_values_is_refused() -> None:
+    assert fs.Belt(speed=0.2, law=Sloped(-0.1)).slope == -0.1
+    for wrong in (0.1, -0.2, 0.0):
+        with pytest.raises(fs.InputError, match="contradict"):
+            fs.Belt(speed=0.2, law=Sloped(wrong))
+    with pytest.raises(fs.InputTypeError, match=r"value\(v\)"):
+        fs.Belt(speed=0.2, law=OnlySlope())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("eps", [1e-12, 1e-3, 1.0, 1e6])
+@pytest.mark.parametrize("speed", [1e-9, 1e-3, 0.19113, 1.0, 1e4, -0.2])
+@pytest.mark.parametrize("law", [fs.StribeckArctan, fs.StribeckArctanOdd])
+def test_the_laws_own_slopes_pass_at_every_scale(eps: float, speed: float, law: type[fs.StribeckArctan]) -> None:
+    assert np.isfinite(fs.Belt(speed=speed, law=law(eps=eps)).slope)

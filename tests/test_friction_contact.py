@@ -190,6 +190,7 @@ def test_pads_on_both_sides_are_dragged_along_and_brake_the_disc() -> None:
     assert resultant(system, force, "below")[2] == pytest.approx(-K * 1e-6 * 0.06 * 0.05, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_sets_kept_as_interface_carry_the_contact_into_reduced_models() -> None:
     system, meshes = pair()
     contact = rubbing(meshes, pressure=P / 100, speed=V, **ABOUT)

@@ -128,6 +128,7 @@ def test_too_few_modes_are_not_counted() -> None:
     assert found.coercivity < 0 and not found.counted and np.isinf(found.radii).all()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 def test_what_cannot_be_met_or_counted_is_refused_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     one = brake(EASY)

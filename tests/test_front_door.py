@@ -37,7 +37,7 @@ NONSENSE: dict[str, Any] = {
     "[None]": [None],
     "(3, 1)": (3, 1),
     "(-inf, inf)": (-np.inf, np.inf),
-    "too long": list(range(1000)),
+    "too long": list(range(100)),
     "ragged": [[1.0], [1.0, 2.0]],
     "{1: 2}": {1: 2},
     "{'x': None}": {"x": None},
@@ -104,8 +104,8 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
 
     sliding = fs.FrictionContact("top", "ground", mesh, 1.0, 0.4, direction=(1.0, 0.0, 0.0))
 
-    def rigid(end: Any, tolerance: Any, name: Any) -> fs.Rigid:
-        return fs.Rigid(end, ("b", [0]), tolerance=tolerance, name=name)
+    def rigid(end: Any, tol: Any, name: Any) -> fs.Rigid:
+        return fs.Rigid(end, ("b", [0]), tol=tol, name=name)
 
     def coupled(**given: Any) -> fs.System:
         """A joint's own arguments, where they are used."""
@@ -124,15 +124,15 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     return {
         "Affine": (fs.Affine, {"M": np.eye(2), "D": None, "K": [(1.0, np.eye(2)), ("mu", [[0.0, 1.0], [0.0, 0.0]])]}),
         "FrictionContact": (rubbing, {"stiffness": 1.0, "mu": 0.4, "pressure": 0.0, "direction": (1.0, 0.0, 0.0), "axis": None,
-                                      "centre": (0.0, 0.0, 0.0), "speed": None, "slope": 0.0, "tolerance": None, "first": "top",
+                                      "centre": (0.0, 0.0, 0.0), "speed": None, "slope": 0.0, "tol": None, "first": "top",
                                       "second": "ground", "meshes": mesh}),
         "LinearContact": (fs.LinearContact, {"ports": ("belt",), "stiffness": [[1.0]], "damping": None}),
         "Averaged": (fs.Averaged, {"reference": ("a", [3]), "surface": ("b", [0]), "weights": None, "name": ""}),
         "Kinematic": (fs.Kinematic, {"reference": ("a", [3]), "surface": ("b", [0]), "name": ""}),
-        "Rigid": (rigid, {"end": ("a", [3]), "tolerance": None, "name": ""}),
+        "Rigid": (rigid, {"end": ("a", [3]), "tol": None, "name": ""}),
         "Spring": (coupled, {"first": ("a", [3]), "second": ("b", [0]), "stiffness": 1.0, "damping": 0.1,
-                             "tolerance": None, "name": ""}),
-        "Tied": (fs.Tied, {"first": ("a", "right"), "second": ("b", "left"), "meshes": {"a": mesh, "b": mesh}, "tolerance": None,
+                             "tol": None, "name": ""}),
+        "Tied": (fs.Tied, {"first": ("a", "right"), "second": ("b", "left"), "meshes": {"a": mesh, "b": mesh}, "tol": None,
                            "name": ""}),
         "system_estimate": (fs.system_estimate, {"full": pair, "rom": fs.reduce(pair, {"b": fs.CraigBampton(1)}),
                                                  "band": (0.0, 1.0), "contacts": None, "tol": 1e-2}),
@@ -143,7 +143,6 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "CraigBampton": (fs.CraigBampton, {"modes": 3, "band": None, "tol": None}),
         "CraigBampton(tol)": (fs.CraigBampton, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2}),
         "CraigChang": (fs.CraigChang, {"modes": None, "band": (0.0, 1.0), "tol": 1e-2}),
-        "CraigChangPhysical": (fs.CraigChangPhysical, {"modes": 3, "band": None, "tol": None}),
         "DofMap": (fs.DofMap, {"nodes": [1, 1], "components": [0, 1], "labels": ("ux", "uy"), "points": None}),
         "DualCraigBampton": (fs.DualCraigBampton, {"modes": 3, "band": None, "tol": None}),
         "ContactModes": (fs.ContactModes, {"modes": 3, "band": None, "tol": None, "contacts": sliding, "parameter": "mu",
@@ -210,7 +209,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "port": None,
                 "points": 3,
                 "harmonics": 40,
-                "tolerance": 1e-2,
+                "tol": 1e-2,
                 "stability": False,
                 "progress": None,
             },
@@ -222,7 +221,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "chain_frequencies": (fs.chain_frequencies, {"n": 5, "count": 3}),
         "complex_modes": (
             fs.complex_modes,
-            {"model": sub, "contacts": slope, "count": 4, "band": None, "re": None, "certify": None},
+            {"model": sub, "contacts": slope, "count": 4, "band": None, "re": None, "evidence": None},
         ),
         "complex_modes(band)": (fs.complex_modes, {"model": rom, "contacts": slope, "band": (0.0, 0.5), "re": (-1.0, 1.0)}),
         "critical_slope": (fs.critical_slope, {"model": sub, "port": "belt", "force": 1.0, "contacts": None, "band": (0.0, 3.0),
@@ -239,7 +238,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "growth_rate": (fs.growth_rate, {"t": t, "signal": y, "between": (0.0, 10.0), "below": None}),
         "harmonic_balance": (
             fs.harmonic_balance,
-            {"model": rom, "belts": soft, "harmonics": 40, "start": None, "tolerance": 1e-3},
+            {"model": rom, "belts": soft, "harmonics": 40, "start": None, "tol": 1e-3},
         ),
         "normal_modes": (fs.normal_modes, {"model": sub, "count": 3, "band": None}),
         "normal_modes(band)": (fs.normal_modes, {"model": sub, "band": (0.0, 1.0)}),
@@ -296,7 +295,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             fs.self_excitation,
             {"full": sub, "reduced": rom, "belts": belt, "band": (0.0, 2.0), "count": None, "omega": None, "harmonics": 3.0},
         ),
-        "shoot": (fs.shoot, {"model": rom, "belts": soft, "start": cycle, "period": None, "rtol": 1e-6, "rounds": 3}),
+        "shoot": (fs.shoot, {"model": rom, "belts": soft, "start": cycle, "period": None, "tol": 1e-6, "rounds": 3}),
         "solid": (
             fs.solid,
             one

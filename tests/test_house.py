@@ -9,6 +9,7 @@ import sys
 import time
 import tomllib
 from collections import Counter
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -23,8 +24,19 @@ ORDER = (("errors", "checks"), ("algebra",), ("model",), ("components",), ("coup
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
 ROOMS = 15  # entries of the package beside its __init__, at most
 ACROSS = 299  # later work does not move it
+PRIVATE = 19  # uses of private names of femsub's modules in tests, at most
 DRAWERS = ("figure_style.py", "figures.py", "figures_modes.py", "figures_parts.py", "figures_cycles.py",  # import matplotlib
            "figures_errors.py", "figures_flutter.py", "figures_transient.py")
+
+
+@cache
+def _nodes(text: str) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(text)))
+
+
+def nodes(path: Path) -> list[ast.AST]:
+    """All nodes of a file's syntax tree, which several rules read."""
+    return _nodes(path.read_text(encoding="utf-8"))
 
 
 def modules(package: Path = PACKAGE) -> list[Path]:
@@ -44,13 +56,13 @@ def name_of(path: Path, package: Path = PACKAGE) -> str:
 
 def imported(path: Path, package: Path = PACKAGE) -> set[str]:
     """Modules of femsub that a file imports at run time (not under TYPE_CHECKING): in any spelling, in functions as well."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    skipped = {id(node) for test in ast.walk(tree) if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.dump(test.test)
+    tree = nodes(path)
+    skipped = {id(node) for test in tree if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.dump(test.test)
                for child in test.body for node in ast.walk(child)}
     here = name_of(path, package).split(".")
     here = here if path.name == "__init__.py" else here[:-1]
     names = set()
-    for node in ast.walk(tree):
+    for node in tree:
         if id(node) in skipped:
             continue
         if isinstance(node, ast.ImportFrom):
@@ -66,9 +78,8 @@ def imported(path: Path, package: Path = PACKAGE) -> set[str]:
 
 
 def external(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     return {(alias.name if isinstance(node, ast.Import) else node.module or "").split(".")[0]
-            for node in ast.walk(tree) if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names}
+            for node in nodes(path) if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names}
 
 
 def upward(path: Path, package: Path = PACKAGE) -> set[str]:
@@ -205,8 +216,7 @@ def test_import_is_cheap() -> None:
 
 def test_type_checkers_see_every_name_of_the_front_door() -> None:
     """A package with py.typed exports to them what is imported `as` itself, and nothing else (PEP 484)."""
-    tree = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
-    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    froms = [node for node in nodes(PACKAGE / "__init__.pyi") if isinstance(node, ast.ImportFrom)]
     private = [alias.name for node in froms for alias in node.names if alias.asname != alias.name]
     assert not private, f"write `{private[0]} as {private[0]}`"
 
@@ -224,8 +234,7 @@ def test_every_name_of_the_front_door_exists() -> None:
 
 def of_evidence(path: Path) -> set[str]:
     """Where code says that a result is certified or confirmed without a Tally: lines with the words, or with their names."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return {f"{path.name}:{node.lineno}" for node in ast.walk(tree)
+    return {f"{path.name}:{node.lineno}" for node in nodes(path)
             if (isinstance(node, ast.Constant) and node.value in {"certified", "confirmed"})
             or (isinstance(node, ast.Name) and node.id in {"CERTIFIED", "CONFIRMED"})
             or (isinstance(node, ast.alias) and node.name in {"CERTIFIED", "CONFIRMED"})}
@@ -233,8 +242,7 @@ def of_evidence(path: Path) -> set[str]:
 
 def counts_what_it_lists(path: Path) -> set[str]:
     """Tallies that are given one and the same expression as what is listed and what was counted; (0, 0) is an empty list."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Tally")]
+    calls = [node for node in nodes(path) if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("Tally")]
     return {f"{path.name}:{node.lineno}" for node in calls if len(node.args) > 1
             and ast.unparse(node.args[0]) == ast.unparse(node.args[1]) != "0"}
 
@@ -251,10 +259,81 @@ def test_a_shortcut_to_certified_is_seen(tmp_path: Path) -> None:
     assert of_evidence(path) == {"module.py:1", "module.py:2"} and counts_what_it_lists(path) == {"module.py:3"}
 
 
+#: Names that `evidence` stands for: no attribute, field, argument, method or text that is one word says it otherwise.
+OF_PROOF = re.compile(r"_?(is_)?(certified|certify|confirmed|confirm|proved|proven|proof)")
+
+
+def names_of(path: Path) -> set[tuple[str, int]]:
+    """The names of attributes, fields, arguments, functions and classes, with their lines; local variables are free."""
+    found = set()
+    for node in nodes(path):
+        field = {ast.Attribute: "attr", ast.arg: "arg", ast.keyword: "arg", ast.FunctionDef: "name", ast.ClassDef: "name"}
+        if name := getattr(node, field.get(type(node), ""), None):
+            found.add((name, node.lineno))
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            found.add((node.target.id, node.lineno))
+        if isinstance(node, ast.Dict):
+            found |= {(key.value, key.lineno) for key in node.keys
+                      if isinstance(key, ast.Constant) and isinstance(key.value, str)}
+    return found
+
+
+def other_words_for_proof(path: Path) -> set[str]:
+    return {f"{path.name}:{line} {name}" for name, line in names_of(path)
+            if OF_PROOF.fullmatch(name)}
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_evidence_is_the_only_word_for_proof(path: Path) -> None:
+    assert not other_words_for_proof(path)
+
+
+def test_another_word_for_proof_is_seen(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text("class A:\n    certified: bool\n    def proved(self):\n        proof = f(confirmed=1)\n"
+                    "        return {'proven': 1}\nx.is_confirmed\n")
+    assert {one.split(":")[1] for one in other_words_for_proof(path)} == {
+        "2 certified", "3 proved", "4 confirmed", "5 proven", "6 is_confirmed"}
+
+
+def other_words_for_tolerance(path: Path) -> set[str]:
+    """Arguments and fields called `tolerance` or `rtol`, where `tol` is the word; scene files have a key `tolerance`."""
+    return {f"{path.name}:{node.lineno}" for node in nodes(path)
+            if (isinstance(node, ast.arg) and node.arg in ("tolerance", "rtol"))
+            or (isinstance(node, ast.AnnAssign) and ast.unparse(node.target) in ("tolerance", "rtol"))}
+
+
+@pytest.mark.parametrize("path", [path for path in modules() if "app" not in path.parts],
+                         ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_tol_is_the_only_word_for_tolerances(path: Path) -> None:
+    assert not other_words_for_tolerance(path)
+
+
+def test_another_word_for_tolerances_is_seen(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text("def f(tolerance):\n    return solve(rtol=tolerance)\nclass A:\n    rtol: float = 1\n    tol: float = 1\n")
+    assert other_words_for_tolerance(path) == {"module.py:1", "module.py:4"}
+
+
+def private_names_in(folder: Path) -> list[str]:
+    """Where tests reach for a module's private names."""
+    own = {path.stem for path in modules()}
+    return [f"{path.name}:{node.lineno} {ast.unparse(node)}" for path in sorted(folder.glob("test_*.py")) for node in nodes(path)
+            if isinstance(node, ast.Attribute) and re.match(r"_[a-z]", node.attr) and isinstance(node.value, ast.Name)
+            and node.value.id in own]
+
+
+def test_tests_use_few_private_names(tmp_path: Path) -> None:
+    found = private_names_in(PACKAGE.parent / "tests")
+    assert len(found) <= PRIVATE, found
+    (tmp_path / "test_x.py").write_text("petsc._load()\npetsc.load()\nself._x\nmemory.__doc__\n")
+    assert private_names_in(tmp_path) == ["test_x.py:1 petsc._load"]
+
+
 def past_the_door(path: Path, package: Path = PACKAGE) -> set[str]:
     """Imports of another room's file where the room's own name would do. A name that is a file's as well is asked there."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and (parts := (node.module or "").split("."))[0] == "femsub" and len(parts) > 2 \
                 and parts[1] not in (room(name_of(path, package)), "app"):
             files = {file.stem for file in (package / parts[1]).rglob("*.py")}

@@ -16,7 +16,7 @@ import pytest
 import test_cycle_scenes
 import test_fe_scenes
 import test_matrix_scene
-import test_odd_scenes
+import test_runs_that_fail
 import test_scene
 import test_transient_scenes
 
@@ -54,7 +54,7 @@ def wrong_texts() -> list[str]:
                                test_transient_scenes.test_bad_scenes_are_refused) for text, _ in listed(test)]
     texts += [f'scene = "chain-limit-cycle"\n{text}' for text, _ in listed(test_cycle_scenes.test_a_bad_scene_ends_in_one_line)]
     texts += [test_matrix_scene.SCENE.replace(*change) for change, _ in listed(test_matrix_scene.test_a_scene_with_bad_names)]
-    return [*texts, *test_odd_scenes.ODD]
+    return [*texts, *test_runs_that_fail.ODD]
 
 
 #: What no schema can see, by a piece of the text: bounds that depend on other keys, what is in files and meshes, the order

@@ -263,7 +263,7 @@ def test_nothing_outside_of_the_folder_is_ever_taken_away(tmp_path: Path) -> Non
     assert mine.read_text() == "mine"
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "beam" else pytest.mark.slow) for name in SMALL])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "two-mode" else pytest.mark.slow) for name in SMALL])
 def test_a_run_changes_nothing_outside_of_its_folder(tmp_path: Path, name: str) -> None:
     """Under an audit hook: what is opened for writing, moved or deleted lies in DIR, the temporary folder or /dev/shm."""
     (tmp_path / "temporary").mkdir()

@@ -150,8 +150,8 @@ def test_what_is_rounding_of_the_stiffness_beside_it_is_none() -> None:
     assert form.rigid == 2 and (form.sign < 0).sum() == 1
 
 
-NINE = {one.key: one for one in (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.CraigChangPhysical, fs.Rubin, fs.MacNeal,
-                                 fs.Herting, fs.DualCraigBampton, fs.Guyan)}
+EIGHT = {one.key: one for one in (fs.CraigBampton, fs.Hurty, fs.CraigChang, fs.Rubin, fs.MacNeal, fs.Herting,
+                                  fs.DualCraigBampton, fs.Guyan)}
 
 
 def damped(sub: fs.Substructure, beta: float, interface: list[int]) -> fs.Substructure:
@@ -165,29 +165,29 @@ def verdict(model: fs.Substructure) -> tuple[int, int, bool]:
     return int(modes.rigid.sum()), fs.normal_modes(model, count=0).rigid, modes.is_stable is (True if votes else None)
 
 
-@pytest.mark.parametrize("key", NINE)
+@pytest.mark.parametrize("key", EIGHT)
 def test_damped_parts_keep_the_rigid_motion_of_the_full_one(key: str) -> None:
     """VᵀDV keeps rounding where D annuls rigid motion: Guyan's guided beam grew by 1.2e-17, beyond its bar."""
     guided = damped(fs.beam(1.0, 5, E=1.0, I=1.0, rho=1.0, A=1.0), 1e-4, [0, 1, 11])
     free = damped(fs.beam(1.0, 5, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4), 1e-5, [0, 1, 10, 11])
     for sub, held, expected in ((guided, [1], (2, 1, True)), (free, [], (4, 2, True))):
         joints = [fs.Rigid(("a", held), "ground")] if held else []
-        for part in (sub, fs.reduce(sub, NINE[key](2))):
+        for part in (sub, fs.reduce(sub, EIGHT[key](2))):
             assert verdict(fs.couple({"a": part}, joints) if held else part) == expected
             assert verdict(fs.couple({"a": part}, joints)) == expected
-    rom = fs.reduce(free, NINE[key](2))
+    rom = fs.reduce(free, EIGHT[key](2))
     pair = fs.couple({"a": rom, "b": rom}, [fs.Rigid(("a", [11]), ("b", [1]))])  # by slopes alone
     assert verdict(pair) == (6, 3, True)
 
 
-@pytest.mark.parametrize("key", NINE)
+@pytest.mark.parametrize("key", EIGHT)
 def test_a_dashpot_to_the_ground_leaves_one_eigenvalue_at_0(key: str) -> None:
     """That of the motion it brakes is negative, and no rounding of 0; of MacNeal's, with DOF without mass, too."""
     sub = fs.beam(1.0, 5, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4)
     D = 1e-5 * sub.K.toarray()
     D[4, 4] += 1e-2
     sub = fs.Substructure(sub.M, sub.K, D, [0, 1, 10, 11])
-    for model in (sub, fs.reduce(sub, NINE[key](2))):
+    for model in (sub, fs.reduce(sub, EIGHT[key](2))):
         modes = fs.complex_modes(model)
         assert modes.rigid.sum() == 3 and modes.is_stable is not False
         slow = modes.eigenvalues[~modes.rigid & (np.abs(modes.eigenvalues) < 1.0)]

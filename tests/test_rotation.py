@@ -84,7 +84,7 @@ def turning_frame(mesh: fs.Mesh, rotor: fs.Rotor, speed: float) -> fs.Pencil:
     part, nodes = rotor.part, rotor.part.size // 3
     soft = fs.Material(1e-20 * STEEL.E, STEEL.nu, STEEL.rho)
     assert part.dofs is not None
-    convective = rotation._turning(  # type: ignore[attr-defined]
+    convective = rotation.turning(  # type: ignore[attr-defined]
         mesh, [(soft, np.arange(len(mesh.cells)))], ACROSS, np.zeros(3), np.zeros((len(mesh.points), 3)))[1]
     rows = 3 * (part.dofs.nodes - 1) + part.dofs.components
     geometric = rotor.centrifugal - convective[rows][:, rows]

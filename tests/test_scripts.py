@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -104,7 +105,7 @@ def test_certificates_cost_less_than_what_they_certify(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert {path.name for path in tmp_path.iterdir()} == {"certificates.csv", "certificates.json"}
     rows = {row["model"]: row for row in json.loads((tmp_path / "certificates.json").read_text())["rows"]}
-    assert all(row["certified"] and 0 < row["ratio"] < 1 for row in rows.values())
+    assert all(row["evidence"] in ("certified", "confirmed") and 0 < row["ratio"] < 1 for row in rows.values())
     assert rows["chain 10"]["inertia"] == 0 < rows["solid 3,000"]["inertia"]
 
 
@@ -135,6 +136,23 @@ def test_what_a_change_must_pass_runs_without_the_variables_of_a_machine(tmp_pat
     subprocess.run([str(run)], capture_output=True, check=True)
     own = {"PWD", "SHLVL", "_"}  # of bash itself
     assert set(told.read_text().split()) - own == {"PATH", "HOME", "LANG"}
+
+
+def test_the_readmes_test_command_is_what_a_change_must_pass() -> None:
+    command = "scripts/test"
+    assert f"\n{command}\n" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"\nstep {command}\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("given", "passed"), [
+    ([], "-m pytest -n 2 --dist loadfile"), (["-q", "tests/test_x.py"], "-m pytest -q tests/test_x.py")])
+def test_all_tests_run_in_two_processes_and_named_ones_as_asked(given: list[str], passed: str, tmp_path: Path) -> None:
+    python = tmp_path / "python"
+    python.write_text('#!/bin/sh\necho "$@"\n')
+    python.chmod(0o755)
+    done = subprocess.run([str(ROOT / "scripts" / "test"), *given], env={**os.environ, "FEMSUB_PYTHON": str(python)},
+                          capture_output=True, text=True, check=True)
+    assert done.stdout.split() == passed.split()
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ def resident() -> int:
 
 
 def test_one_factor_serves_solves_modes_and_complex_modes() -> None:
-    PETSc, _ = petsc._load()
+    PETSc, _ = petsc.load()
     PETSc.Log.begin()
     event = PETSc.Log.Event("MatCholFctrNum")
     sub = fs.chain(500, belt=2)
@@ -145,7 +145,7 @@ def test_the_wheels_own_module_comes_before_its_petsc4py(places: dict[str, str],
     monkeypatch.setattr(petsc, "find_spec", lambda name: ModuleSpec(name, None, origin=f"{places[name]}/__init__.py")
                         if name in places else None)
     monkeypatch.setattr(petsc, "import_module", imported.append)
-    petsc._load_wheel()
+    petsc.load_wheel()
     assert imported == ["dolfinx_solver"] * loaded
 
 

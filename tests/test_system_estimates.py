@@ -234,7 +234,7 @@ def plates() -> fs.System:
     parts = {f"p{i}": fs.plate(fs.rectangle((0.5, 0.4), (10, 6)), E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01 + 0.002 * i,
                                interface=["left", "right"] if i else ["right"], supports={} if i else {"left": "clamped"},
                                rayleigh=(2.0, 1e-6), name=f"p{i}") for i in range(3)}
-    return fs.couple(parts, [fs.Rigid((f"p{i}", "right"), (f"p{i + 1}", "left"), tolerance=np.inf) for i in range(2)])
+    return fs.couple(parts, [fs.Rigid((f"p{i}", "right"), (f"p{i + 1}", "left"), tol=np.inf) for i in range(2)])
 
 
 def test_refinement_factorises_nothing_large(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -265,7 +265,7 @@ def test_where_the_parts_cannot_serve_the_whole_does_and_that_is_said() -> None:
     sprung = fs.couple(full.parts, [*full.joints, fs.Spring(("p1", "belt"), stiffness=1.0)])
     loose = fs.couple({"a": fs.beam(1.0, 9, E=1.0, I=1.0, rho=1.0, A=1.0, supports={"left": "clamped"}, interface=["right"]),
                        "b": fs.beam(1.0, 9, E=1.0, I=1.0, rho=1.0, A=1.0, interface=["left"])},
-                      [fs.Rigid(("a", "right"), ("b", "left"), tolerance=np.inf)])
+                      [fs.Rigid(("a", "right"), ("b", "left"), tol=np.inf)])
     pinned = fs.Substructure(loose.parts["b"].M, loose.parts["b"].K, interface=[0])
     loose = fs.couple({"a": loose.parts["a"], "b": pinned}, [fs.Rigid(("a", [16]), ("b", [0]))])
     for one, words in ((sprung, "port inside 'p1'"), (loose, "does not hold 'b'")):

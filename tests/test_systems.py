@@ -165,7 +165,7 @@ def test_the_recommended_system_has_the_full_one_s_critical_slope(kind: str) -> 
         held = fs.beam(1.0, 20, **steel, supports={"left": "clamped"}, interface=["right"], rayleigh=(2.0, 1e-6),
                        ports={"belt": 0.5})
         loose = fs.beam(0.5, 12, **steel, interface=["left"], rayleigh=(2.0, 1e-6))
-        full = fs.couple({"a": held, "b": loose}, [fs.Rigid(("a", "right"), ("b", "left"), tolerance=float("inf"))])
+        full = fs.couple({"a": held, "b": loose}, [fs.Rigid(("a", "right"), ("b", "left"), tol=float("inf"))])
         omega = fs.normal_modes(full, count=6).frequencies
         band, port, force = (0.0, float(omega[4] + omega[5]) / 2), "a.belt", 100.0
     methods = [dict.fromkeys(full.parts, method(count)) for method in (fs.CraigBampton, fs.Rubin, fs.DualCraigBampton)

@@ -156,3 +156,11 @@ def test_bad_map_and_names(tmp_path: Path, arguments: dict[str, Any], words: str
     with pytest.raises(fs.InputError, match=words) as caught:
         fs.read_component(tmp_path / "K.sti", tmp_path / "K.sti", **arguments)
     assert "\n" not in str(caught.value)
+
+
+def test_swapped_abaqus_matrices_are_told_by_what_holds_a_dof(tmp_path: Path) -> None:
+    for name, rows in (("K", "1,1,1,1,1e36\n1,1,2,1,0.0\n2,1,2,1,2.0\n"), ("M", "1,1,1,1,1.0\n2,1,2,1,1.0\n")):
+        (tmp_path / f"{name}.mtx").write_text(rows, encoding="utf-8")
+    assert fs.read_component(tmp_path / "M.mtx", tmp_path / "K.mtx").size == 1
+    with pytest.raises(fs.InputError, match="swapped"):
+        fs.read_component(tmp_path / "K.mtx", tmp_path / "M.mtx")

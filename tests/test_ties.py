@@ -110,7 +110,7 @@ def test_the_first_surface_may_be_a_part_of_the_second() -> None:
 def test_surfaces_that_lie_apart_are_told(gap: float, tolerance: float | None, words: str | None) -> None:
     a, mesh_a = box("hexahedron", (1, 2, 2), 0.0, interface=["right"])
     b, mesh_b = box("hexahedron", (1, 2, 2), 1.0 + gap, interface=["left"])
-    tie = fs.Tied(("a", "right"), ("b", "left"), {"a": mesh_a, "b": mesh_b}, tolerance=tolerance)
+    tie = fs.Tied(("a", "right"), ("b", "left"), {"a": mesh_a, "b": mesh_b}, tol=tolerance)
     if words is None:
         assert fs.couple({"a": a, "b": b}, [tie]).size == a.size + b.size - 27
         return

@@ -197,9 +197,9 @@ def test_one_factorisation_and_one_count(kind: type, monkeypatch: pytest.MonkeyP
 def test_modes_are_added_to_and_not_sought_again() -> None:
     sub = fs.chain(3000)
     handle = ShiftInvert(sub.K, sub.M)
-    first = lowest_modes(handle, 10, certify=False)
+    first = lowest_modes(handle, 10, evidence=False)
     before = handle.factor.columns
-    more = lowest_modes(handle, 14, known=first, certify=False)
+    more = lowest_modes(handle, 14, known=first, evidence=False)
     assert np.array_equal(more.shapes[:, :10], first.shapes) and more.tally.counted is None
     assert handle.factor.columns - before <= 20  # the deflation, and the step of inverse iteration, in one block
     assert np.allclose(more.frequencies, fs.chain_frequencies(3000, 14), rtol=1e-12)

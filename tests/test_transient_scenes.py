@@ -61,6 +61,7 @@ def test_only_what_is_named_is_computed(tmp_path: Path) -> None:
     assert "growth" not in data and "spectrogram" not in data and len(data["models"]) == 2
 
 
+@pytest.mark.slow
 def test_a_disc_in_time_compares_full_and_reduced_from_one_state(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["run", scene_file(tmp_path, DISC), "--out", str(out)]) == 0

@@ -265,9 +265,9 @@ def test_files_are_in_memory_where_it_has_room(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(workers, "MEMORY", tmp_path)
     monkeypatch.setenv("TMPDIR", place)
     monkeypatch.setattr(workers.shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
-    assert workers._has_room(1000) is in_memory
+    assert workers.has_room(1000) is in_memory
     monkeypatch.setattr(workers, "MEMORY", tmp_path / "none")
-    assert not workers._has_room(1000)
+    assert not workers.has_room(1000)
 
 
 def test_what_a_killed_run_left_in_memory_is_removed(tmp_path: Path) -> None:
@@ -276,9 +276,9 @@ def test_what_a_killed_run_left_in_memory_is_removed(tmp_path: Path) -> None:
         folder.mkdir()
         (folder / "0.result").write_bytes(b"x")
     (left / workers.ALIVE).touch()
-    with workers._folder(tmp_path) as first:
+    with workers.task_folder(tmp_path) as first:
         assert not left.exists() and foreign.exists()
-        with workers._folder(tmp_path) as second:
+        with workers.task_folder(tmp_path) as second:
             assert Path(first, workers.ALIVE).exists() and first != second
     assert list(tmp_path.iterdir()) == [foreign]
 
@@ -348,7 +348,7 @@ def test_as_many_workers_run_as_fit(monkeypatch: pytest.MonkeyPatch, free: float
     monkeypatch.setattr(workers, "at_hand", lambda need: free)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.FemsubWarning)
-        assert workers._fitting({"a": 1e9, "b": 5e9, "c": 3e9, "d": 1e9}, 3, "part") == fits
+        assert workers.fitting({"a": 1e9, "b": 5e9, "c": 3e9, "d": 1e9}, 3, "part") == fits
 
 
 def twins() -> fs.System:

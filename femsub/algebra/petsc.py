@@ -45,7 +45,7 @@ INSTALL = ('With Python 3.12 or later: pip install "femsub[solvers]". With root 
 BLOCK = 64  # right-hand sides solved at once: more gains little and costs 16 n bytes each
 
 
-def _load_wheel() -> None:
+def load_wheel() -> None:
     """Imports the module of the `dolfinx-solver` wheels, which loads MPI; their petsc4py fails to import without it."""
     ours, wheel = (find_spec(name) for name in ("petsc4py", WHEEL))
     if ours and wheel and Path(str(ours.origin)).parent.parent == Path(str(wheel.origin)).parent.parent:
@@ -53,14 +53,14 @@ def _load_wheel() -> None:
 
 
 @cache
-def _load() -> tuple[Any, Any]:
+def load() -> tuple[Any, Any]:
     # Debian's PETSc is linked to OpenMPI, which would start a helper process for each Python process.
     os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
     # All such processes share one folder in /tmp, and the first to end takes it from those that start: MPI_Init aborts.
     os.environ.setdefault("OMPI_MCA_orte_create_session_dirs", "0")
     os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")  # more threads give other parts at each call
     try:
-        _load_wheel()
+        load_wheel()
         import petsc4py
         import slepc4py
     except ImportError as error:
@@ -89,14 +89,14 @@ def _load() -> tuple[Any, Any]:
 
 def versions() -> dict[str, str]:
     """The versions of PETSc and SLEPc at work, and what makes their Cholesky factors."""
-    PETSc, SLEPc = _load()
+    PETSc, SLEPc = load()
     found = {name: ".".join(map(str, module.Sys.getVersion())) for name, module in (("PETSc", PETSc), ("SLEPc", SLEPc))}
     return found | {"Cholesky": "CHOLMOD" if has_cholmod() else "MUMPS"}
 
 
 def has(name: str) -> bool:
     """Whether PETSc was built with a package, by PETSc's own name of it."""
-    return bool(_load()[0].Sys.hasExternalPackage(name))
+    return bool(load()[0].Sys.hasExternalPackage(name))
 
 
 def has_cholmod() -> bool:
@@ -127,7 +127,7 @@ def scotch_parts(graph: Matrix, count: int) -> Array | None:
 
     Few edges lead from part to part. Parts have about the same size. The same graph always gives the same parts.
     """
-    PETSc, _ = _load()
+    PETSc, _ = load()
     if not has("ptscotch"):
         return None
     try:  # SCOTCH goes on with the random numbers of the call before; the name is searched in all that petsc4py is linked to
@@ -154,7 +154,7 @@ def _destroy(objects: list[Any]) -> None:
 
 def _matrix(A: Matrix | Difference, kind: Kind = "general") -> Any:
     """A as PETSc has it; for a symmetric factor the upper triangle alone."""
-    (PETSc, _), half = _load(), kind != "general"
+    (PETSc, _), half = load(), kind != "general"
     if not half:
         A = sp.csr_array(A.formed() if isinstance(A, Difference) else A)
     elif isinstance(A, Difference):
@@ -189,7 +189,7 @@ class Factor:
     packages: ClassVar[set[str]] = set()  #: by which packages
 
     def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True) -> None:
-        PETSc, _ = _load()
+        PETSc, _ = load()
         self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
         pattern = A.K if isinstance(A, Difference) else A
         self.package = package(kind, pattern)
@@ -227,7 +227,7 @@ class Factor:
 
     def _set_up(self, mat: Any, room: int) -> Any:
         """Makes the KSP with its factor; returns its PC."""
-        self._ksp = self._hold(_load()[0].KSP().create(comm=_load()[0].COMM_SELF))
+        self._ksp = self._hold(load()[0].KSP().create(comm=load()[0].COMM_SELF))
         self._ksp.setType("preonly")
         self._ksp.setOperators(mat)
         pc = self._hold(self._ksp.getPC())
@@ -313,7 +313,7 @@ class Factor:
         """A⁻¹B, or A⁻ᵀB, in blocks of right-hand sides."""
         if not self.keep:
             raise InputError("this factor was made to count pivots and not kept: it cannot solve")
-        PETSc, _ = _load()
+        PETSc, _ = load()
         right = np.asarray(B, dtype=np.float64).reshape(self.size, -1)
         result = np.empty(right.shape, order="F")
         with self._lock, ExitStack() as turned:
@@ -358,7 +358,7 @@ class Transposed:
 
     def lend(self, st: Any, stack: ExitStack) -> None:
         """As `Factor.lend`, by a PC that solves with the transpose."""
-        PETSc, _ = _load()
+        PETSc, _ = load()
         ksp = _until(stack, PETSc.KSP().create(PETSc.COMM_SELF))
         ksp.setType("preonly")
         ksp.getPC().setType("python")
@@ -372,7 +372,7 @@ class Transposed:
 
 
 def _lend(ksp: Any, st: Any, stack: ExitStack) -> None:
-    PETSc, _ = _load()
+    PETSc, _ = load()
     st.setKSP(ksp)
     spare = _until(stack, PETSc.KSP().create(PETSc.COMM_SELF))
     # EPS, PEP and ST reset the KSP when they are destroyed, which would throw the factor away: take it back before.
@@ -392,7 +392,7 @@ def _until(stack: ExitStack, thing: Any) -> Any:
 
 def _solve(solver: Any, count: int, tol: float, wanted: str, advice: str) -> int:
     """How many have converged, which must be `count` at least."""
-    PETSc, _ = _load()
+    PETSc, _ = load()
     try:
         solver.solve()
     except (PETSc.Error, SystemError) as error:  # slepc4py 3.25 raises the second from the first
@@ -423,7 +423,7 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
 
     `known` (n, m), M-orthonormal, is kept out of the search. Φ is M-normalised.
     """
-    PETSc, SLEPc = _load()
+    PETSc, SLEPc = load()
     with ExitStack() as stack:
         mats = [_until(stack, _matrix(part)) for part in (K, M)]
         st = _until(stack, SLEPc.ST().create(PETSc.COMM_SELF))
@@ -469,7 +469,7 @@ def quadratic_modes(factor: Factor | Transposed, matrices: Sequence[Matrix], shi
     with it the backward error at 10⁵ DOF is 1e-12, with SLEPc's own scaling 5e-11, and Re λ keeps its leading digits.
     Of a conjugate pair only the member with Im λ > 0 is returned.
     """
-    PETSc, SLEPc = _load()
+    PETSc, SLEPc = load()
     M, D, K = matrices
     with ExitStack() as stack:
         mats = [_until(stack, _matrix(part)) for part in (K, scale * D, scale**2 * M)]

@@ -106,11 +106,11 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
         raise InputError(f"workers={workers} in a daemonic process, such as one of multiprocessing.Pool: it may start no others. "
                          "Leave workers out here, or take concurrent.futures.ProcessPoolExecutor")
     if executor is None and count > 1:
-        count = _fitting(needs or {}, count, what)
+        count = fitting(needs or {}, count, what)
     if executor is None and count < 2:
         return {name: call(*arguments) for name, arguments in tasks.items()}
     sent = sum(_bytes((call, arguments), f"{what} {name!r}") for name, arguments in tasks.items())
-    with _folder(MEMORY if executor is None and _has_room(sent) else Path(gettempdir())) as folder:
+    with task_folder(MEMORY if executor is None and has_room(sent) else Path(gettempdir())) as folder:
         run = _Run(tasks, Path(folder), what)
         _store(Path(folder, "call"), call)
         if executor is not None:
@@ -119,7 +119,7 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
             return run.results(started(count), started, advice)
 
 
-def _fitting(needs: Mapping[str, float], count: int, what: str) -> int:
+def fitting(needs: Mapping[str, float], count: int, what: str) -> int:
     """So many workers that the largest tasks fit into memory side by side, `count` at most, and 1 at least."""
     sizes = sorted(needs.values(), reverse=True)
     fits = count
@@ -336,7 +336,7 @@ def _bytes(thing: Any, name: str) -> int:
 
 
 @contextmanager
-def _folder(place: Path) -> Iterator[str]:
+def task_folder(place: Path) -> Iterator[str]:
     """A folder for the files of one run, in memory or in the temporary folder.
 
     Nobody tidies up if all processes are killed at once. So the run locks a file there as long as it lives, and removes the
@@ -362,7 +362,7 @@ def _folder(place: Path) -> Iterator[str]:
             yield folder
 
 
-def _has_room(sent: int) -> bool:
+def has_room(sent: int) -> bool:
     """Whether the folder in memory will do; a TMPDIR overrules it."""
     return not os.environ.get("TMPDIR") and MEMORY.is_dir() and os.access(MEMORY, os.W_OK | os.X_OK) and \
         shutil.disk_usage(MEMORY).free > ROOM * sent

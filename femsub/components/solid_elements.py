@@ -84,7 +84,7 @@ def reference(kind: str) -> Reference:
 
 
 @cache
-def _skfem_element(kind: str) -> tuple[Any, Array]:
+def skfem_element(kind: str) -> tuple[Any, Array]:
     element = getattr(skfem(), _TABLE[kind][0])()
     apart = np.abs(reference(kind).nodes[:, None, :] - element.doflocs[None, :, :]).max(axis=2)
     return element, apart.argmin(axis=1)
@@ -92,7 +92,7 @@ def _skfem_element(kind: str) -> tuple[Any, Array]:
 
 def shape_functions(kind: str, X: Array, nodes: Sequence[int] | Array | None = None) -> tuple[Array, Array]:
     """N (q, k) and ∂N/∂X (q, k, 3) at q reference points X (q, 3), of some nodes or all, in the order of mesh files."""
-    element, order = _skfem_element(kind)
+    element, order = skfem_element(kind)
     points = np.ascontiguousarray(X.T)
     values = [element.lbasis(points, int(i)) for i in (order if nodes is None else order[nodes])]
     return (np.stack([np.broadcast_to(value, len(X)) for value, _ in values], axis=1),
@@ -101,7 +101,7 @@ def shape_functions(kind: str, X: Array, nodes: Sequence[int] | Array | None = N
 
 def quadrature(kind: str, degree: int) -> tuple[Array, Array]:
     """Points (q, 3) and positive weights (q,), exact for polynomials of `degree` (in each direction, for hexahedra)."""
-    X, w = skfem().quadrature.get_quadrature(_skfem_element(kind)[0].refdom, degree)
+    X, w = skfem().quadrature.get_quadrature(skfem_element(kind)[0].refdom, degree)
     if w.min() < 0:  # some rules for tetrahedra have a negative weight, which may give a negative mass
         return quadrature(kind, degree + 1)
     return X.T, w

@@ -311,7 +311,7 @@ def _meetings(names: Sequence[str], member: Array) -> tuple[dict[str, Array], tu
         meeting = [names[k] for k in np.flatnonzero(groups[at])]
         key = "+".join(meeting)
         sets[key] = shared[number.ravel() == at]
-        joints.append(Rigid(*((name, key) for name in meeting), tolerance=np.inf, name=key))  # all list them in one order
+        joints.append(Rigid(*((name, key) for name in meeting), tol=np.inf, name=key))  # all list them in one order
     return sets, tuple(joints)
 
 

@@ -133,7 +133,7 @@ def title(end: End) -> str:
     return str(end)
 
 
-def matched(one: Site, other: Site, tolerance: float | None) -> Site:
+def matched(one: Site, other: Site, tol: float | None) -> Site:
     """The DOF of `other` in the order of `one`: by motion and place where both are known, else as they are listed.
 
     Raises
@@ -144,24 +144,24 @@ def matched(one: Site, other: Site, tolerance: float | None) -> Site:
     if len(one) != len(other):
         raise InputError(f"{one.title} has {len(one)} DOF, but {other.title} {len(other)}: name sets of the same DOF, or join "
                          "meshes that do not match by Tied")
-    if not (one.named and other.named) or tolerance == np.inf:
+    if not (one.named and other.named) or tol == np.inf:
         return other
     if one.dofs is None or other.dofs is None or one.dofs.points is None or other.dofs.points is None:
         return other
     ours, theirs = spatial(one.dofs.points), spatial(other.dofs.points)
     size = max(float(np.abs(where).max(initial=0.0)) for where in (ours, theirs))
-    limit = NEAR * size if tolerance is None else tolerance
+    limit = NEAR * size if tol is None else tol
     order, apart = nearest(ours, theirs, [one.dofs.labels[k] for k in one.dofs.components],
                            [other.dofs.labels[k] for k in other.dofs.components])
     worst = int(np.argmax(apart))
     if not apart[worst] <= limit:
         far = (f"no DOF of {other.title} moves in this way" if apart[worst] == np.inf else
                f"the nearest such DOF of {other.title} is {apart[worst]:.4g} away")
-        raise InputError(f"{one.title} and {other.title} do not meet at {one.name(worst)}: {far}, and tolerance={limit:.3g} is "
-                         "allowed; move the part, give a larger tolerance, or tolerance=inf to join DOF in their order")
+        raise InputError(f"{one.title} and {other.title} do not meet at {one.name(worst)}: {far}, and tol={limit:.3g} is "
+                         "allowed; move the part, give a larger tolerance, or tol=inf to join DOF in their order")
     if len(np.unique(order)) < len(order):
         twice = int(np.flatnonzero(np.bincount(order) > 1)[0])
-        raise InputError(f"{other.name(twice)} meets two DOF of {one.title}: tolerance={limit:.3g} is larger than the distance "
+        raise InputError(f"{other.name(twice)} meets two DOF of {one.title}: tol={limit:.3g} is larger than the distance "
                          "of nodes")
     return Site(other.part, other.title, other.sub, other.places[order], other.dofs.kept(order), True)
 
@@ -185,10 +185,10 @@ def nearest(points: Array, others: Array, labels: Sequence[str], kinds: Sequence
     return order, apart
 
 
-def allowed(tolerance: Any) -> float | None:
+def allowed(tol: Any) -> float | None:
     """A distance above 0, inf (places do not count), or None (a default)."""
-    return tolerance if tolerance is None or (isinstance(tolerance, float) and tolerance == np.inf) else \
-        positive_number("tolerance", tolerance)
+    return tol if tol is None or (isinstance(tol, float) and tol == np.inf) else \
+        positive_number("tol", tol)
 
 
 class Rigid(Joint):
@@ -201,7 +201,7 @@ class Rigid(Joint):
     ----------
     *ends : (part, set), (part, list of DOF) or 'ground'
         Two or more.
-    tolerance : float, optional
+    tol : float, optional
         The largest distance of DOF that meet, in units of length; by default 1e-6 of the largest coordinate. With inf, DOF are
         matched in their order, wherever they are.
     name : str
@@ -215,21 +215,21 @@ class Rigid(Joint):
     Examples
     --------
     >>> import femsub as fs
-    >>> fs.Rigid(("disc", "rim"), ("pad", "back"), tolerance=1e-4)
+    >>> fs.Rigid(("disc", "rim"), ("pad", "back"), tol=1e-4)
     Rigid(disc.rim, pad.back)
     """
 
     ends: tuple[End, ...]
-    tolerance: float | None
+    tol: float | None
     name: str
 
-    def __init__(self, *ends: End, tolerance: float | None = None, name: str = "") -> None:
+    def __init__(self, *ends: End, tol: float | None = None, name: str = "") -> None:
         self.ends, self.name = ends, word("name", name)
         if len(ends) < 2:
             raise InputError(f"Rigid joins two or more ends, as Rigid(('disc', 'left'), ('pad', 'right')), not {len(ends)}")
         if all(_is_ground(end) for end in ends):
             raise InputError("Rigid joins the ground to itself: name an end, ('disc', 'left')")
-        self.tolerance = allowed(tolerance)
+        self.tol = allowed(tol)
 
     def __repr__(self) -> str:
         return self.name or f"Rigid({', '.join(title(end) for end in self.ends)})"
@@ -246,7 +246,7 @@ class Rigid(Joint):
             if (other.part, *other.places.tolist()) in seen:
                 raise InputError(f"{other.title} is joined to itself")
             seen.add((other.part, *other.places.tolist()))
-        pairs = [((centre.part, centre.chosen()), (other.part, matched(centre, other, self.tolerance).chosen(-1.0)))
+        pairs = [((centre.part, centre.chosen()), (other.part, matched(centre, other, self.tol).chosen(-1.0)))
                  for other in others]
         return Link(equations=stacked(*pairs, *([((centre.part, centre.chosen()),)] if grounded else [])), grounded=grounded)
 
@@ -277,7 +277,7 @@ class Spring(Joint):
     stiffness, damping : float or array_like, shape (p, p)
         A number for each of the p motions, or a matrix. The stiffness is symmetric and not negative; the damping is any real
         matrix.
-    tolerance : float, optional
+    tol : float, optional
         As in `Rigid`.
     name : str
         For messages.
@@ -299,7 +299,7 @@ class Spring(Joint):
     second: End = GROUND
     stiffness: Any = 0.0
     damping: Any = 0.0
-    tolerance: float | None = None
+    tol: float | None = None
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -307,7 +307,7 @@ class Spring(Joint):
             value = real_array(key, getattr(self, key))
             if value.ndim not in (0, 2) or (value.ndim == 2 and value.shape[0] != value.shape[1]):
                 raise InputError(f"{key} of a Spring must be a number or a square matrix, but its shape is {value.shape}")
-        allowed(self.tolerance)
+        allowed(self.tol)
         if _is_ground(self.first):
             raise InputError("the first end of a Spring must be a part's, ('disc', 'left'); the ground is the second")
         stiffness = real_array("stiffness", self.stiffness)
@@ -336,7 +336,7 @@ class Spring(Joint):
             if S.shape[0] != R.shape[0]:
                 raise InputError(f"{title(self.first)} has {R.shape[0]} motions, but {title(self.second)} {S.shape[0]}")
             if one is not None and other is not None:
-                S = sp.csr_array(matched(one, other, self.tolerance).chosen() @ sp.csr_array(parts[name].interface_rows))
+                S = sp.csr_array(matched(one, other, self.tol).chosen() @ sp.csr_array(parts[name].interface_rows))
             rows[name] = rows[name] - S if name in rows else -S
             if not sum(abs(one).sum() for one in rows.values()):
                 raise InputError(f"{title(self.first)} is joined to itself")

@@ -42,7 +42,7 @@ class Tied(Joint):
         lies within the other: all its faces must lie on the second surface.
     meshes : mapping of str to Mesh
         The meshes of both parts, by the names of the parts. They have sets of nodes of the same names.
-    tolerance : float, optional
+    tol : float, optional
         The largest distance of the surfaces, in units of length; by default 0.05 of the size of a face.
     name : str
         For messages and multipliers.
@@ -70,14 +70,14 @@ class Tied(Joint):
     first: End
     second: End
     meshes: Mapping[str, Mesh]
-    tolerance: float | None = None
+    tol: float | None = None
     name: str = ""
 
     def __post_init__(self) -> None:
         for key, mesh in mapping("meshes", self.meshes, "the parts' names and meshes").items():
             instance(f"the mesh of {key!r}", mesh, Mesh)
-        if self.tolerance is not None:
-            positive_number("tolerance", self.tolerance)
+        if self.tol is not None:
+            positive_number("tol", self.tol)
 
     def __repr__(self) -> str:
         return self.name or f"Tied({title(self.first)}, {title(self.second)})"
@@ -85,7 +85,7 @@ class Tied(Joint):
     def link(self, parts: Mapping[str, Substructure]) -> Link:
         """For each DOF of the first surface one equation."""
         (one, ours), (other, theirs) = (self._surface(parts, end) for end in (self.first, self.second))
-        T = mortar(ours, theirs, self.tolerance, f"{one.title} and {other.title}")
+        T = mortar(ours, theirs, self.tol, f"{one.title} and {other.title}")
         assert one.dofs is not None
         blocks = []
         for label in dict.fromkeys(one.dofs.labels[k] for k in one.dofs.components):
@@ -214,7 +214,7 @@ class Surface:
         return N, np.linalg.norm(x - np.einsum("pk,pki->pi", N, self.points[self.faces[at]]), axis=1)
 
 
-def mortar(ours: Surface, theirs: Surface, tolerance: float | None, what: str) -> Matrix:
+def mortar(ours: Surface, theirs: Surface, tol: float | None, what: str) -> Matrix:
     """T (n, m), sparse, with u = T v: the motion of our nodes that glues them to the others, D u = B v.
 
     D_ij = ∫ ψ_i N_j dA and B_ik = ∫ ψ_i N'_k dA over the common parts of our faces and theirs.
@@ -227,7 +227,7 @@ def mortar(ours: Surface, theirs: Surface, tolerance: float | None, what: str) -
     face, pair, x, w = common_parts(ours, theirs)
     N, _ = ours.foot(face, x)
     far, gap = theirs.foot(pair, x)
-    limit = reach(ours, face, tolerance)
+    limit = reach(ours, face, tol)
     near = gap <= limit
     area = np.linalg.norm(areas(ours.polygons), axis=1)
     covered = np.bincount(face[near], w[near], len(area)) / area
@@ -258,9 +258,9 @@ def mortar(ours: Surface, theirs: Surface, tolerance: float | None, what: str) -
     return sp.csr_array(splu(sp.csc_array(D)).solve(B.toarray()))
 
 
-def reach(surface: Surface, face: Array, tolerance: float | None) -> Array:
+def reach(surface: Surface, face: Array, tol: float | None) -> Array:
     """How far another surface may be away from these faces."""
-    return GAP * surface.radii[face] if tolerance is None else np.full(len(face), tolerance)
+    return GAP * surface.radii[face] if tol is None else np.full(len(face), tol)
 
 
 def _summed(blocks: Array, rows: Array, columns: Array, shape: tuple[int, int]) -> Matrix:

@@ -1,7 +1,7 @@
 from .normal_modes import (
     NormalModes as NormalModes,
     all_modes as all_modes,
-    confirm as confirm,
+    count_deferred as count_deferred,
     lowest_modes as lowest_modes,
     modes_below as modes_below,
 )

@@ -68,7 +68,7 @@ class NormalModes:
     unlisted : int
         Modes that were found but not listed, since they lie outside the requested band.
     tally : Tally
-        The modes found below the limit, and their number by the inertia count, if it has been made; see `confirm`.
+        The modes found below the limit, and their number by the inertia count, if it has been made; see `count_deferred`.
     factorisations : int
         Factorisations made for the modes, without that of the count: 0 if an earlier call had made it.
     rounding : ndarray, shape (k,)
@@ -113,11 +113,11 @@ class NormalModes:
 
 
 def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: NormalModes | None = None,
-                 certify: bool = True) -> NormalModes:
+                 evidence: bool = True) -> NormalModes:
     """The rigid-body modes and the `count` lowest elastic ones, certified by an inertia count.
 
-    With `defer`, the inertia count of a large model is left to `confirm`: it needs a second factorisation, and the first one
-    may have to be freed before. `known` modes are deflated instead of computed again. Without `certify` there is no count.
+    With `defer`, the inertia count of a large model is left to `count_deferred`: it needs a second factorisation, and the first
+    one may have to be freed before. `known` modes are deflated instead of computed again. Without `evidence` there is no count.
     """
     n, rigid, finite = handle.K.shape[0], handle.rigid.shape[1], handle.finite
     if not 0 <= count <= handle.elastic:
@@ -125,7 +125,7 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
                          + (f" (and {rigid} rigid-body modes)" if rigid else ""))
     if n <= SMALL or not sp.issparse(handle.K) or (count > 0.3 * n and n <= DENSE):
         return _dense(handle, count)
-    return _sparse(handle, count, finite, defer, known, certify)
+    return _sparse(handle, count, finite, defer, known, evidence)
 
 
 def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED, carried: Carried = None) -> NormalModes:
@@ -180,7 +180,7 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
     return _result(handle, values[keep], shapes, (np.inf, len(values)), tally, accepted)
 
 
-def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: NormalModes | None, certify: bool) -> NormalModes:
+def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: NormalModes | None, evidence: bool) -> NormalModes:
     from femsub.algebra import Factor, symmetric_modes
     from femsub.modes.block_lanczos import block_lanczos
 
@@ -190,7 +190,7 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
     if known is not None:
         values, shapes = known.eigenvalues[rigid:], known.shapes[:, rigid:]
     # two more than requested show where a cluster ends
-    ask = min(count + 2 if certify and known is None else count, finite - rigid) - len(values)
+    ask = min(count + 2 if evidence and known is None else count, finite - rigid) - len(values)
     heavy = handle.factor.fill > HEAVY and finite > 20 * max(count, 1)
     if ask > 0:
         beside = np.hstack([handle.rigid, shapes])
@@ -201,7 +201,7 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
         values, shapes = np.append(values, more[0]), np.hstack([shapes, more[1]])
     if len(values) == 0:
         return _result(handle, values, shapes, (0.0, 0), Tally(0, 0))
-    if not certify:
+    if not evidence:
         order = np.argsort(values, kind="stable")[:count]
         return _result(handle, values[order], shapes[:, order], (0.0, 0), Tally(0))
     for attempt in range(4):
@@ -231,7 +231,7 @@ def _sparse(handle: ShiftInvert, count: int, finite: int, defer: bool, known: No
 
 
 @phase("certificate")
-def confirm(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
+def count_deferred(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
     """Make the inertia count that `lowest_modes` deferred; the handle may have been released.
 
     Raises
@@ -352,7 +352,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
             last = MissedModesError(f"{below} modes were counted below ω = {reach:.9g}, but the model has only "
                                     f"{handle.elastic + handle.rigid.shape[1]}. K or M is indefinite, or has few correct digits")
             continue
-        modes = lowest_modes(handle, max(0, count), certify=False)
+        modes = lowest_modes(handle, max(0, count), evidence=False)
         if count > 0 and modes.frequencies[-1] > reach:  # one was missed, or lies on the edge: a second count decides
             modes = lowest_modes(handle, count, known=modes)
         highest = float(modes.frequencies.max(initial=0.0))

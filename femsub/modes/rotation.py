@@ -161,7 +161,7 @@ def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, M
     field = np.zeros(3 * len(mesh.points))
     field[rows] = ShiftInvert(part.K, part.M).elastic_solve(load.ravel()[rows, None])[:, 0]
     _tell_swirl(part, field.reshape(-1, 3), (mesh.points - middle) @ across.T)
-    gyroscopic, centrifugal = (matrix[rows][:, rows] for matrix in _turning(mesh, parts, across, middle, field.reshape(-1, 3)))
+    gyroscopic, centrifugal = (matrix[rows][:, rows] for matrix in turning(mesh, parts, across, middle, field.reshape(-1, 3)))
     return Rotor(part, gyroscopic, centrifugal, e)
 
 
@@ -266,7 +266,7 @@ def _tell_swirl(part: Substructure, field: Array, around: Array) -> None:
              "whole rings of nodes", FemsubWarning)
 
 
-def _turning(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array,
+def turning(mesh: Mesh, parts: list[tuple[Material, Array]], across: Array, centre: Array,
              field: Array) -> tuple[Matrix, Matrix]:
     """D_G and K_Ω (3n, 3n), with the stress of the displacements `field` (n, 3)."""
     pattern = Pattern(mesh.cells, len(mesh.points))

@@ -14,7 +14,7 @@ from femsub.algebra import SMALL, WORK, check_memory, one_thread
 from femsub.checks import Array, instance
 from femsub.errors import InputError, InputTypeError, PortWarning, warn
 from femsub.model import SHARE, ReducedSubstructure, Substructure
-from femsub.modes import confirm
+from femsub.modes import count_deferred
 from femsub.reduction.basis import Basis, Kept, projected
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.mode_selection import unreduced
@@ -116,8 +116,8 @@ def finished_basis(task: Task, statics: Statics, kept: Kept) -> Basis:
     """The last two steps, and the count of the modes."""
     method = task.method
     responses = method.responses(statics, kept, task.ports)
-    statics.handle.release()  # frees memory before `confirm` makes a factor of its own
-    confirm(statics.handle, kept.found)
+    statics.handle.release()  # frees memory before `count_deferred` makes a factor of its own
+    count_deferred(statics.handle, kept.found)
     return method.basis(statics, kept, responses, task.ports)
 
 

@@ -36,7 +36,7 @@ class Search:
     def __init__(self, statics: Statics, pencil: Pencil | None, begin: int = BEGIN, top: float = np.inf) -> None:
         self.statics, self.pencil, self.limit = statics, pencil, BEYOND * top
         self.most = statics.handle.elastic
-        self.found = lowest_modes(statics.handle, min(begin, self.most), certify=False)
+        self.found = lowest_modes(statics.handle, min(begin, self.most), evidence=False)
         self.loads = np.hstack([statics.forces, statics.inertia[statics.part.rows]])
         self.rest = statics.handle.elastic_solve(self.loads, self.found.shapes)
 
@@ -59,7 +59,7 @@ class Search:
         count = min(count, self.most)
         # columns needed: modes twice, Krylov vectors for the new modes, loads and static shapes (twice, for the residuals)
         check_columns(sub.name, sub.size, 5 * (count - self.modes) + 4 * count + 4 * self.loads.shape[1])
-        self.replace(lowest_modes(handle, count, known=self.found, certify=False))
+        self.replace(lowest_modes(handle, count, known=self.found, evidence=False))
 
     def replace(self, found: NormalModes) -> None:
         self.found = found
@@ -135,7 +135,8 @@ class Search:
 
 
 def lowest(statics: Statics, count: int) -> Kept:
-    """The `count` lowest modes, and one more for the cut-off if there is one. In a large model `confirm` must still run."""
+    """The `count` lowest modes, and one more for the cut-off if there is one. In a large model `count_deferred` must still
+    run."""
     more = count < statics.handle.elastic
     found = lowest_modes(statics.handle, count + more, defer=True)
     return Kept(found, count, float(found.frequencies[-1]) if more else np.inf)
@@ -176,7 +177,7 @@ def chosen(statics: Statics, band: Any, tol: Any, pencil: Pencil | None) -> Kept
         if np.array_equal(found.eigenvalues, search.found.eigenvalues[:len(found.eigenvalues)]):
             return Kept(found, best.modes, best.cutoff, best)
         counted = True  # the inertia count has found a mode that had been missed
-        search.replace(lowest_modes(statics.handle, search.modes, known=found, certify=False))
+        search.replace(lowest_modes(statics.handle, search.modes, known=found, evidence=False))
 
 
 def _smallest(nested: Nested, band: tuple[float, float], tol: float, complete: bool, least: int = 0) -> Estimate:

@@ -10,7 +10,6 @@ from femsub.reduction.component import PORT_LIMIT, reduced
 from femsub.reduction.contact_modes import ContactModes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.craig_chang import CraigChang
-from femsub.reduction.craig_chang_physical import CraigChangPhysical
 from femsub.reduction.dual_craig_bampton import DualCraigBampton
 from femsub.reduction.guyan import Guyan
 from femsub.reduction.herting import Herting
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
     from femsub.model import ReducedSubstructure, Substructure
 
 #: importing the methods registers them
-__all__ = ["METHODS", "PORT_LIMIT", "ContactModes", "CraigBampton", "CraigChang", "CraigChangPhysical", "DualCraigBampton",
-           "Guyan", "Herting", "Hurty", "InterfaceModes", "MacNeal", "Method", "Rubin", "reduce"]
+__all__ = ["METHODS", "PORT_LIMIT", "ContactModes", "CraigBampton", "CraigChang", "DualCraigBampton", "Guyan",
+           "Herting", "Hurty", "InterfaceModes", "MacNeal", "Method", "Rubin", "reduce"]
 
 
 @overload

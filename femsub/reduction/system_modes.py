@@ -106,7 +106,7 @@ def chosen_together(system: System, statics: Mapping[str, Statics], given: Mappi
             search.grow(2.0)
             continue
         counts, found = fewest(nested, np.where(fixed >= 0, fixed, _below(nested, band[1])), most, band, tol)
-        if kept := _confirmed(search, counts):
+        if kept := _counted(search, counts):
             return kept, found
 
 
@@ -202,14 +202,14 @@ def _estimate(nested: Nested, counts: Array, band: tuple[float, float], tol: flo
     return replace(nested.estimate(counts, band, tol), share=1.0)
 
 
-def _confirmed(search: JoinedSearch, counts: Array) -> dict[str, Kept]:
+def _counted(search: JoinedSearch, counts: Array) -> dict[str, Kept]:
     """The modes kept of each part, once the inertia counts them; empty if a mode had been missed, which is then found."""
     kept, missed = {}, False
     for (name, one), count in zip(search.searches.items(), counts.tolist(), strict=True):
         handle, more = one.statics.handle, count < one.most
         found = lowest_modes(handle, count + more, known=one.found, defer=True)
         if not np.array_equal(found.eigenvalues, one.found.eigenvalues[:len(found.eigenvalues)]):
-            one.replace(lowest_modes(handle, one.modes, known=found, certify=False))
+            one.replace(lowest_modes(handle, one.modes, known=found, evidence=False))
             missed = True
         kept[name] = Kept(found, count, float(found.frequencies[-1]) if more else np.inf)
     return {} if missed else kept

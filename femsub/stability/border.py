@@ -246,7 +246,7 @@ def _verified(pencil: Pencil, W: Array, border: Border, band: Band) -> Border:
     followed = (min(band[0], (1 - BESIDE) * border.omega), max(band[1], (1 + BESIDE) * border.omega))
     for factor in (1 - MARGIN, 1 + MARGIN):
         modes = complex_modes(pencil.with_damping(contact_matrix(W, border.c * factor)), band=followed,
-                              re=(-0.2 * band[1], 0.2 * band[1]), certify=False)
+                              re=(-0.2 * band[1], 0.2 * band[1]), evidence=False)
         values, bars = modes.eigenvalues, modes.error_bar
         if modes.rigid.all():
             raise NotConvergedError(f"the border c = {border.c:.9g} at ω = {border.omega:.6g} could not be verified on the full "

@@ -140,7 +140,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     untold = fast & pencil.is_sparse
     for i in np.flatnonzero(~whole):
         searched = None if few or (fast[i] and not untold[i]) else limits
-        modes = complex_modes(question.over(-p[i]), band=searched, certify=False)
+        modes = complex_modes(question.over(-p[i]), band=searched, evidence=False)
         growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     if untold.any():
         warn(f"at {parameter} of {p[untold].max():.4g} and below, max Re λ may be larger than reported. In a large "

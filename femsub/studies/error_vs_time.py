@@ -87,7 +87,7 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
     --------
     >>> import femsub as fs
     >>> found = fs.study(fs.chain(10, belt=1), [fs.CraigBampton(3), fs.CraigChang(3)], band=(0.0, 0.5), repeats=1)
-    >>> [row.label for row in found.rows], found.recommended(tolerance=0.1) is not None
+    >>> [row.label for row in found.rows], found.recommended(tol=0.1) is not None
     (['Craig-Bampton', 'Craig-Chang'], True)
     """
     instance("sub", sub, Substructure)
@@ -158,13 +158,13 @@ def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]
                 models[i], seconds = _clocked(reduce, sub, method, ports=ports, contacts=contacts or None if tolerance else None)
             phases[i + 1].append(spent | {"basis": seconds - sum(spent.values())})
         tell(f"{sub.name}: run {turn + 1} of {repeats}, full model")
-        found, seconds = _clocked(complex_modes, sub, contacts, band=band, certify=False)
+        found, seconds = _clocked(complex_modes, sub, contacts, band=band, evidence=False)
         spectra[0] = found if spectra[0] is None else spectra[0]
         solving[0].append(seconds)
         for i, model in enumerate(models, start=1):  # for a small dense model the whole spectrum costs no more than the band
             for _ in range(SHORT_RUNS):  # waking BLAS threads may cost as much as the work
                 spectra[i], seconds = _clocked(complex_modes, model, contacts, band=None if model.size <= WIDE else band,
-                                                certify=False)
+                                                evidence=False)
                 solving[i].append(seconds)
     return models, spectra, phases, solving
 

@@ -174,29 +174,29 @@ class Study:
         told = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.label} with {best.size} DOF"
         return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{told}"
 
-    def recommended(self, tolerance: float = 1e-3) -> Row | None:
+    def recommended(self, tol: float = 1e-3) -> Row | None:
         """The smallest reduced model that may replace the full one, or None.
 
-        The conditions are: fewer DOF than the full model; error_growth ≤ tolerance; no missing and no spurious eigenvalue in
+        The conditions are: fewer DOF than the full model; error_growth ≤ tol; no missing and no spurious eigenvalue in
         the band; the whole band below the cut-off. Of these models the one with the fewest DOF is taken: it is solved fastest,
         and the choice does not depend on timing noise. Among models of equal size the one with the smallest error is taken,
         unless its fastest run is slower than the slowest run of another one by a quarter.
         """
-        positive_number("tolerance", tolerance)
-        fit = [row for row in self.rows if row.size < self.full.size and row.error_growth <= tolerance and row.sound
+        positive_number("tol", tol)
+        fit = [row for row in self.rows if row.size < self.full.size and row.error_growth <= tol and row.sound
                and row.cutoff >= self.band[1]]
         least = min((row.size for row in fit), default=0)
         fit = [row for row in fit if row.size == least]
         return min((row for row in fit if not any(other.quicker(row) for other in fit)), key=lambda row: row.error_growth,
                    default=None)
 
-    def recommendation(self, tolerance: float = 1e-3) -> str:
+    def recommendation(self, tol: float = 1e-3) -> str:
         """`recommended` in words."""
-        row = self.recommended(tolerance)
-        where = (f"{100 * tolerance:.3g} % of the rates of damping and growth from {self.band[0]:.4g} to {self.band[1]:.4g} "
+        row = self.recommended(tol)
+        where = (f"{100 * tol:.3g} % of the rates of damping and growth from {self.band[0]:.4g} to {self.band[1]:.4g} "
                  "rad/time")
         if row is None:
-            whole = [row for row in self.rows if row.sound and row.error_growth > tolerance]
+            whole = [row for row in self.rows if row.sound and row.error_growth > tol]
             near = min(whole, key=lambda row: row.error_growth, default=None)
             nearest = "" if near is None else f"; {near.label} {_extent(near)} comes nearest with {100 * near.error_growth:.2g} %"
             return f"for {where} none of these models is accurate enough{nearest}. Keep more modes, or lower the band"

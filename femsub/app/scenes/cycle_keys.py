@@ -224,7 +224,7 @@ def _large(scene: CycleKeys, found: list[dict[str, Any]], family: float, model: 
         belt = with_parameter(scene.rubbing, scene.parameter, value)
         begin = LimitCycle(points[-1].contact, cycle.orbit, points[-1].flexibility, 0.0, 0.0, 0.0) if points else cycle
         try:
-            points.append(harmonic_balance(model, belt, start=begin, tolerance=1e-3))
+            points.append(harmonic_balance(model, belt, start=begin, tol=1e-3))
         except NotConvergedError as error:
             missed.append({scene.parameter: value, "why": str(error)})
             continue

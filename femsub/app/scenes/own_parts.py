@@ -96,9 +96,9 @@ class JointKeys:
     def made(self, parts: dict[str, Substructure], meshes: dict[str, Mesh]) -> Rigid | Spring | Tied:
         """The joint between the parts."""
         ends = [_end(one, parts) for one in self.between]
-        tolerance = self.tolerance or None
+        tol = self.tolerance or None
         if self.kind == "rigid":
-            return Rigid(*ends, tolerance=tolerance)
+            return Rigid(*ends, tol=tol)
         if len(ends) != 2:
             raise InputError(f"a {self.kind} joint has two ends, but between names {len(ends)}: {', '.join(self.between)}")
         if self.kind == "spring":
@@ -106,7 +106,7 @@ class JointKeys:
         for end in ends:
             if end == GROUND or end[0] not in meshes:
                 raise InputError(f"a tied joint glues surfaces of meshes, but {self.between[ends.index(end)]!r} is none")
-        return Tied(ends[0], ends[1], {end[0]: meshes[end[0]] for end in ends}, tolerance=tolerance)
+        return Tied(ends[0], ends[1], {end[0]: meshes[end[0]] for end in ends}, tol=tol)
 
 
 @dataclass(frozen=True)

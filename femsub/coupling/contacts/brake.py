@@ -42,12 +42,12 @@ def brake_meshes(size: float = 0.025) -> dict[str, Mesh]:
     return {"disc": disc, **{name: _pad(name, side, 0.8 * size) for name, side in (("inboard", -1), ("outboard", 1))}}
 
 
-def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tolerance: float | None = None) -> Array:
+def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tol: float | None = None) -> Array:
     """The nodes of those faces of another mesh's surface that lie opposite the faces of a set, as rows of its points.
 
     A contact needs no others. Of a disc's track they are the few under the pad.
     """
-    points = contact_points((mesh, name, name), (other, surface, surface), tolerance)
+    points = contact_points((mesh, name, name), (other, surface, surface), tol)
     assert points.second is not None
     on = points.second.surface
     nodes = np.unique(on.faces[np.unique(points.second.face)])

@@ -81,7 +81,7 @@ class FrictionContact(Joint):
         V (length / time), or with an axis Ω (rad / time), where V = Ω r. Without it only the terms of k are there.
     slope : float
         μ' = dμ/dV (time / length), by default 0.
-    tolerance : float, optional
+    tol : float, optional
         Largest distance of the surfaces, in units of length; by default 0.05 of the size of a face.
 
     Raises
@@ -124,7 +124,7 @@ class FrictionContact(Joint):
     centre: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)
     speed: float | None = None
     slope: float = 0.0
-    tolerance: float | None = None
+    tol: float | None = None
 
     def __post_init__(self) -> None:
         word("first", self.first)
@@ -150,8 +150,8 @@ class FrictionContact(Joint):
         if self.speed is not None:
             positive_number("speed", self.speed)
         finite_number("slope", self.slope)
-        if self.tolerance is not None:
-            positive_number("tolerance", self.tolerance)
+        if self.tol is not None:
+            positive_number("tol", self.tol)
 
     def __repr__(self) -> str:
         way, vector = ("along", self.direction) if self.axis is None else ("about", self.axis)
@@ -209,7 +209,7 @@ class FrictionContact(Joint):
         P_j are the products of Legendre polynomials up to `degree` in two coordinates of the patch. As ports they bring the
         static responses to what the second surface will do into the basis of the first body: few shapes for many DOF.
         """
-        points = contact_points(self._mesh(self.first), None, self.tolerance)
+        points = contact_points(self._mesh(self.first), None, self.tol)
         move = _moved(model, self.first, points.first, points.first.N)
         x = points.x - np.average(points.x, axis=0, weights=points.weight)
         axes = np.linalg.eigh(x.T @ (points.weight[:, None] * x))[1]  # the last is the longest
@@ -238,7 +238,7 @@ class FrictionContact(Joint):
 
     def _points(self) -> Points:
         surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]
-        points = contact_points(surfaces[0], surfaces[1], self.tolerance)
+        points = contact_points(surfaces[0], surfaces[1], self.tol)
         if points.share < TOUCHING:
             owner, _, key = self.first.rpartition(".")
             title = f"{key!r}{f' of {owner!r}' if owner else ''}"
@@ -379,7 +379,7 @@ class Points:
 
 
 @lru_cache(maxsize=KEPT)
-def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] | None, tolerance: float | None) -> Points:
+def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] | None, tol: float | None) -> Points:
     """The points of quadrature on the common parts of two surfaces, each given as mesh, set and name.
 
     Raises
@@ -395,7 +395,7 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
     face, pair, x, w = common_parts(ours, theirs)
     far = Side(theirs, pair, theirs.place(pair, x))
     gap = np.linalg.norm(x - far.x, axis=1)
-    near = gap <= reach(ours, face, tolerance)
+    near = gap <= reach(ours, face, tol)
     if not near.any():
         apart = f"they are at least {gap.min():.3g} apart" if len(gap) else "no faces of them lie opposite each other"
         raise InputError(f"{first[2]} and {second[2]} do not touch: {apart}; move a part, or give a larger tolerance")

@@ -49,7 +49,7 @@ class _Disc:
 
     def missed_in(self, at: Edge | None, values: Array, X: Array) -> int | None:
         """The number of missing eigenvalues in the disc; None if there is no proof."""
-        self.counted = None if at is None else self._proved(at, X[:, np.abs(values) <= at.radius])
+        self.counted = None if at is None else self._counted(at, X[:, np.abs(values) <= at.radius])
         if self.counted is None:
             self.tally = Tally(_listed(values))
             return None
@@ -63,7 +63,7 @@ class _Disc:
         elif vague:
             self.tally = Tally(self.tally.listed - vague, self.tally.counted, self.tally.sampled)
 
-    def _proved(self, at: Edge, inside: Array) -> Count | None:
+    def _counted(self, at: Edge, inside: Array) -> Count | None:
         problem, parts = self.problem, self.parts
         assert parts is not None
         if parts.K0 is problem.pencil.K:  # an existing factor may be used
@@ -72,13 +72,13 @@ class _Disc:
                 found = disc_count.count(parts, at, problem.factor.solve, 0.0, inside)
             elif problem.handle is not None and problem.handle.factor.kind == "definite":
                 found = disc_count.count(parts, at, problem.handle.factor.solve, -problem.handle.sigma, inside)
-            if found is not None and found.proved:
+            if found is not None and found.is_valid:
                 return found
         try:
             found = disc_count.count(parts, at, *disc_count.definite(parts, at.radius), inside)
         except SingularMatrixError:
             return None
-        return found if found is not None and found.proved else None
+        return found if found is not None and found.is_valid else None
 
     def lacking(self, missed: int) -> str:
         """The message of the error if eigenvalues are missing."""
@@ -94,9 +94,9 @@ class Nearest(_Disc):
 
     most = np.inf
 
-    def __init__(self, problem: Shifted, number: int, certify: bool | None) -> None:
-        super().__init__(problem, problem.pencil.size <= KEPT if certify is None else certify)
-        self.number, self.unasked = number, certify is None
+    def __init__(self, problem: Shifted, number: int, evidence: bool | None) -> None:
+        super().__init__(problem, problem.pencil.size <= KEPT if evidence is None else evidence)
+        self.number, self.unasked = number, evidence is None
         # The eigenvalues nearest to a shift are not exactly those nearest to 0, so a few more are computed. A count needs a
         # gap behind the last one, and therefore the next one.
         self.ask = number + (0 if problem.shift == 0 else 12) + (0 if self.parts is None else 2)
@@ -121,7 +121,7 @@ class Nearest(_Disc):
         radius = clear_radius(np.abs(values[self._sure(values)]), len(self.taken(values)[0]))
         return self.missed_in(self.edge(radius), values, X)
 
-    def is_found_without_proof(self) -> bool:
+    def is_found_uncounted(self) -> bool:
         """Whether to give up the count: if the caller did not request it, it must not make the search fail."""
         if self.parts is None or not self.unasked:
             return False
@@ -144,13 +144,13 @@ class Nearest(_Disc):
 class Enclosed(_Disc):
     """All eigenvalues in a rectangle, proved by the count in the disc around it, else by the winding number of det P."""
 
-    def __init__(self, problem: Shifted, box: Box, certify: bool | None, winding: bool = True) -> None:
-        super().__init__(problem, certify is not False)
+    def __init__(self, problem: Shifted, box: Box, evidence: bool | None, winding: bool = True) -> None:
+        super().__init__(problem, evidence is not False)
         pencil, (a, b, _, hi) = problem.pencil, box
         self.box, self.most = box, float(min(pencil.size, MOST))
         self.radius = 1.03 * float(np.hypot(max(abs(a), abs(b)), hi)) + problem.shift  # the contour may move out by 2 %
         self.at = self.edge(self.radius)
-        self.wound = winding and (pencil.size <= QUADRATIC if certify is None else certify)  # whether det P may be sampled
+        self.wound = winding and (pencil.size <= QUADRATIC if evidence is None else evidence)  # whether det P may be sampled
         self.known = self.at is None and self.wound  # whether `reference` has its modes
         self.reference = undamped_reference(pencil, self.radius, self.known) if self.at is None else None
         self.ask = 2 * (self.at.below if self.at else self.reference[1].counted[1] if self.reference else 10) + 12
@@ -176,7 +176,7 @@ class Enclosed(_Disc):
         self.tally = Tally(_listed(values), _listed(values) + missed, sampled=True)
         return missed
 
-    def is_found_without_proof(self) -> bool:
+    def is_found_uncounted(self) -> bool:
         """Never: the proof needs no additional eigenvalues."""
         return False
 

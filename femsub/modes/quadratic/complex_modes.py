@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import NOT_CHECKED, Array, Tally, check_band, instance
+from femsub.checks import Array, Tally, check_band, instance
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
 from femsub.model import Pencil, Substructure, beyond
 from femsub.modes.quadratic.bars import bars
@@ -58,8 +58,6 @@ class ComplexModes:
         The evidence that none is missing. 'certified': all eigenvalues were computed, or the inertia gives their number.
         'confirmed': a determinant sampled on a contour agrees with their number (the winding number around the
         rectangle, or the count in a disc, see `counted`). 'not checked' otherwise.
-    certified : bool
-        Whether the evidence is 'certified' or 'confirmed'.
     counted : (radius, number) or None
         The independent count in a disc, see `disc_count.count`: `number` eigenvalues lie in |λ| < radius, conjugates included,
         and all have been found. The disc contains the searched rectangle, or its unstable part.
@@ -91,11 +89,6 @@ class ComplexModes:
     def evidence(self) -> str:
         """'certified', 'confirmed' or 'not checked'; see `femsub.checks`."""
         return self.tally.evidence
-
-    @property
-    def certified(self) -> bool:
-        """Whether the evidence is 'certified' or 'confirmed'."""
-        return self.evidence != NOT_CHECKED
 
     @property
     def stable(self) -> tuple[bool | None, ...]:
@@ -157,7 +150,7 @@ class ComplexModes:
 
 def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
                   count: int | None = None, band: tuple[float, float] | None = None,
-                  re: tuple[float, float] | None = None, certify: bool | None = None) -> ComplexModes:
+                  re: tuple[float, float] | None = None, evidence: bool | None = None) -> ComplexModes:
     """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
 
     SLEPc's PEP (TOAR, shift-invert) solves sparse models. LAPACK finds all eigenvalues of dense models. For a narrow band or a
@@ -179,7 +172,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
         may be in it.
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
-    certify : bool, optional
+    evidence : bool, optional
         Whether to count the eigenvalues independently. There are two ways. If D is proportional except for at most 40 columns
         (belts, dashpots), the count is made in a disc around 0 that contains the region. It costs one factorisation of
         K - R²M, which a band needs anyway, and some solves (`disc_count`). If D is skew and K positive definite, as for a part
@@ -224,7 +217,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
     if band is not None and (estimate := getattr(model, "estimate", None)) is not None:
         band = estimate.reaching(check_band(band))
     region = region_of(pencil, count, band, re)
-    found = search(pencil, region, certify)
+    found = search(pencil, region, evidence)
     at = region.listed(found.values)
     result = with_bars(pencil, found.values[at], found.X[:, at], found.Y[:, at], found.known, cutoff)
     if result.backward_error.max(initial=0.0) > LOUD:

@@ -95,7 +95,7 @@ class Count:
         return Tally(listed, self.number, sampled=self.size > 0)
 
     @property
-    def proved(self) -> bool:
+    def is_valid(self) -> bool:
         return self.margin < 1
 
 

@@ -41,37 +41,37 @@ class Found(NamedTuple):
     counted: Count | None = None
 
 
-def search(pencil: Pencil, region: Region, certify: bool | None) -> Found:
+def search(pencil: Pencil, region: Region, evidence: bool | None) -> Found:
     """Search by LAPACK if that is faster, or if most eigenvalues are wanted; else by PEP. Multipliers are projected out first.
 
     A dense model is searched by PEP only where that is predicted to take a tenth of LAPACK's time (`cost`).
     """
     if (freed := pencil.freed) is not None:
-        found = _searched(freed.pencil, region.at_most(2 * freed.pencil.size), certify, pencil)
+        found = _searched(freed.pencil, region.at_most(2 * freed.pencil.size), evidence, pencil)
         X, Y = freed.shapes(found.values, found.X, found.Y)
         return found._replace(X=X, Y=Y)
-    return _searched(pencil, region, certify, pencil)
+    return _searched(pencil, region, evidence, pencil)
 
 
-def _searched(pencil: Pencil, region: Region, certify: bool | None, given: Pencil) -> Found:
+def _searched(pencil: Pencil, region: Region, evidence: bool | None, given: Pencil) -> Found:
     """The same without multipliers; `given` is the pencil with them."""
     small = pencil.size <= (SMALL if pencil.is_sparse else WIDE)
     many = (region.count or 0) > pencil.size / 2 and pencil.size <= QUADRATIC
     if region.is_all or (not pencil.is_sparse and (small or many)):
         return _by_lapack(pencil, given)
     if pencil.is_sparse:
-        found = None if small or many else _in_units(pencil, region, certify, Budget(pencil.size, False))
+        found = None if small or many else _in_units(pencil, region, evidence, Budget(pencil.size, False))
         return found or _mended_by_lapack(pencil, given, region)
     budget = Budget(pencil.size, True)
     if not budget.covers(_least(pencil, region)):
         return _by_lapack(pencil, given)
-    return _in_units(pencil.sparse(), region, certify, budget) or _by_lapack(pencil, given)
+    return _in_units(pencil.sparse(), region, evidence, budget) or _by_lapack(pencil, given)
 
 
-def _in_units(pencil: Pencil, region: Region, certify: bool | None, budget: Budget) -> Found | None:
+def _in_units(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget) -> Found | None:
     """By PEP on a sparse pencil, whose DOF it scales to similar size."""
     alike = pencil.alike()
-    found = _by_pep(alike, region, certify, budget)
+    found = _by_pep(alike, region, evidence, budget)
     if found is None or alike is pencil:
         return found
     X, Y = pencil.restored(found.X, found.Y)
@@ -122,18 +122,18 @@ def _by_lapack(pencil: Pencil, given: Pencil) -> Found:
     return Found(values, X, Y, values, Tally(len(values), number))
 
 
-def _by_pep(pencil: Pencil, region: Region, certify: bool | None, budget: Budget) -> Found | None:
+def _by_pep(pencil: Pencil, region: Region, evidence: bool | None, budget: Budget) -> Found | None:
     """Search for more and more eigenvalues nearest to 0, until the certificate shows that the region is complete.
 
     None where LAPACK is to find all: the budget does not last, a dense model can only be certified so, or PEP fails on a model
     that is small enough.
     """
-    proof = budget.is_limited and (region.box is not None if certify is None else certify)
+    proof = budget.is_limited and (region.box is not None if evidence is None else evidence)
     if proof and damping_split.split(pencil) is None:
         return None  # the winding number of a full matrix would cost more than all eigenvalues
     problem = Shifted(pencil)
-    certificate = Nearest(problem, region.count or 0, certify) if region.box is None else \
-        Enclosed(problem, region.box, certify, not budget.is_limited)
+    certificate = Nearest(problem, region.count or 0, evidence) if region.box is None else \
+        Enclosed(problem, region.box, evidence, not budget.is_limited)
     columns = 0 if certificate.parts is None else certificate.parts.W.shape[1]
     searched = Search(problem.nearest, pencil.size)
     while True:
@@ -154,7 +154,7 @@ def _by_pep(pencil: Pencil, region: Region, certify: bool | None, budget: Budget
         except NotConvergedError:
             if pencil.size <= QUADRATIC:
                 return None
-            if not certificate.is_found_without_proof():
+            if not certificate.is_found_uncounted():
                 raise
             continue
         if missed is None and proof:

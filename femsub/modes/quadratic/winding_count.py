@@ -49,8 +49,8 @@ def missed_eigenvalues(pencil: Pencil, box: Box, known: Array, reference: Matrix
         if z not in phases:
             if len(phases) >= MOST:
                 raise NotConvergedError(f"the phase of det P could not be traced with {MOST} points. Probably an eigenvalue lies "
-                                        "on the edge of the band. Move the edge a little, or give certify=False")
-            phases[z] = (_phase(pencil.at(z)) - _phase(z * z * pencil.M + reference)
+                                        "on the edge of the band. Move the edge a little, or give evidence=False")
+            phases[z] = (phase_of(pencil.at(z)) - phase_of(z * z * pencil.M + reference)
                          + float(np.angle(z - poles).sum() - np.angle(z - known).sum()))
         return phases[z]
 
@@ -133,7 +133,7 @@ def _turned(phase: Callable[[complex], float], start: complex, end: complex) -> 
     return turn
 
 
-def _phase(matrix: Matrix) -> float:
+def phase_of(matrix: Matrix) -> float:
     """arg det of a complex sparse matrix: the phases of U's diagonal, and π for each odd permutation."""
     from scipy.sparse.linalg import splu
 

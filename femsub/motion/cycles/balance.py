@@ -157,7 +157,7 @@ class Balance:
         alias = float(np.linalg.norm(np.einsum("kij,kj->ki", Y[:H], coarse - f[:H]))) / size
         return truncation, alias, int(enough[0]) if len(enough) else top
 
-    def solve(self, orbit: Orbit, *, rounds: int = 40, tolerance: float = STEP) -> tuple[Orbit, float, int]:
+    def solve(self, orbit: Orbit, *, rounds: int = 40, tol: float = STEP) -> tuple[Orbit, float, int]:
         """Newton's method with a line search and the phase condition Σ k Im(v̄_k δv_k) = 0; returns ‖R‖/‖v‖ and the steps, too.
 
         Raises
@@ -180,14 +180,14 @@ class Balance:
             if orbit.norm < 1e-3 * start or not orbit.omega > 0:
                 raise NotConvergedError("the iteration fell back to steady sliding: there is no cycle near the initial guess. "
                                         "Give another start, e.g. a transient's signal: start=(t, v)")
-            if size <= tolerance or (size <= 1e-6 and turn > 12):
+            if size <= tol or (size <= 1e-6 and turn > 12):
                 return orbit, float(np.linalg.norm(parts[0]) / np.linalg.norm(orbit.v)), turn
             if size < 0.1:
                 needed = self.samples(orbit)
                 if needed != count:
                     count, parts = needed, self.residual(orbit, needed)
         raise NotConvergedError(f"harmonic balance with {orbit.harmonics} harmonics did not converge: after {rounds} steps the "
-                                f"last relative step was {size:.1e}, above {tolerance:g}. Give a better start, e.g. a "
+                                f"last relative step was {size:.1e}, above {tol:g}. Give a better start, e.g. a "
                                 "transient's signal: start=(t, v)")
 
     def size(self, orbit: Orbit, step: Array) -> float:

@@ -104,7 +104,7 @@ class Branch:
 
 def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], parameter: str = "slope",
            between: tuple[float, float] | None = None, *, start: float | LimitCycle | None = None, port: str | None = None,
-           points: int = 150, harmonics: int = 400, tolerance: float = 1e-3, stability: bool = True,
+           points: int = 150, harmonics: int = 400, tol: float = 1e-3, stability: bool = True,
            progress: Callable[[str], None] | None = None) -> Branch:
     """Follow a branch of limit cycles over a parameter of a belt, from a Hopf point or a known cycle on.
 
@@ -127,7 +127,7 @@ def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact]
         Largest number of cycles.
     harmonics : int
         Largest number of harmonics.
-    tolerance : float
+    tol : float
         Largest effect of the neglected harmonics, relative to the cycle, before more are used.
     stability : bool
         Whether to compute multipliers (dense models) and to name special points other than folds. False also holds for the
@@ -166,8 +166,8 @@ def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact]
     whole_number("points", points, least=1)
     whole_number("harmonics", harmonics, least=1)
     truth("stability", stability)
-    if not 0 < finite_number("tolerance", tolerance) < 1:
-        raise InputError(f"tolerance must lie between 0 and 1, such as 1e-3, not {tolerance!r}")
+    if not 0 < finite_number("tol", tol) < 1:
+        raise InputError(f"tol must lie between 0 and 1, such as 1e-3, not {tol!r}")
     ports = [belt.port for belt in contact.belts]
     at = 0 if port is None else ports.index(choice("belt's port", port, ports))
     belt = contact.belts[at]
@@ -180,7 +180,7 @@ def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact]
     if isinstance(start, LimitCycle):
         value = float(getattr(belt, parameter))
         limits = limits_of(between, parameter, value, belt)
-        path = _path(contact, flexibility, parameter, at, limits, start.omega, tolerance, harmonics)
+        path = _path(contact, flexibility, parameter, at, limits, start.omega, tol, harmonics)
         first = path.at_value(start.orbit.with_harmonics(min(start.orbit.harmonics, harmonics)), value, value)
         back, ahead = (Tracer(path, sign, limits, stability).walk(first, points // 2, tell) for sign in (-1.0, 1.0))
         return Branch(parameter, np.array([*back.values[:0:-1], *ahead.values]), (*back.cycles[:0:-1], *ahead.cycles),
@@ -192,13 +192,13 @@ def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact]
                          "fs.harmonic_balance")
     hopf, shape = hopf_point(contact, flexibility, parameter, between, start)
     limits = within(limits_of(between, parameter, hopf.value, belt), parameter, hopf)
-    path = _path(contact, flexibility, parameter, at, limits, hopf.omega, tolerance, harmonics)
+    path = _path(contact, flexibility, parameter, at, limits, hopf.omega, tol, harmonics)
     hopf, first = begun(path, hopf, shape)
     traced = Tracer(path, 1.0, limits, stability).walk(first, points, tell)
     return Branch(parameter, np.array(traced.values), tuple(traced.cycles), tuple(traced.special), hopf, traced.ended)
 
 
 def _path(contact: Sliding, flexibility: Compliance, parameter: str, at: int, limits: tuple[float, float], omega: float,
-          tolerance: float, harmonics: int) -> Path:
+          tol: float, harmonics: int) -> Path:
     speed = abs(contact.belts[at].speed or 0.0) or max(map(abs, limits))
-    return Path(contact, flexibility, parameter, at, (speed, omega, limits[1] - limits[0]), tolerance, harmonics)
+    return Path(contact, flexibility, parameter, at, (speed, omega, limits[1] - limits[0]), tol, harmonics)

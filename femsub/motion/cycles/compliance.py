@@ -190,7 +190,7 @@ class Solved:
     def _first(self) -> Array:
         """The first basis: the lowest modes, which nearby responses cannot distinguish, and the first moments of h about 0."""
         handle = ShiftInvert(self.pencil.K, self.pencil.M, carried=self.pencil.rigid_motion)
-        modes = lowest_modes(handle, MODES, certify=False)
+        modes = lowest_modes(handle, MODES, evidence=False)
         moments = [self.static.solve(self.W)]
         for _ in range(MOMENTS):
             moments.append(self.static.solve(self.pencil.M @ moments[-1]))

@@ -56,9 +56,9 @@ class Path:
     """Cycles of one model over one parameter of one of its belts, with the scales of the steps."""
 
     def __init__(self, contact: Sliding, flexibility: Compliance, parameter: str, at: int, scales: tuple[float, float, float],
-                 tolerance: float, most: int) -> None:
+                 tol: float, most: int) -> None:
         self.base, self.flexibility, self.parameter, self.at = contact, flexibility, parameter, at
-        self.scales, self.tolerance, self.most = scales, tolerance, most
+        self.scales, self.tol, self.most = scales, tol, most
 
     def contact(self, value: float) -> Sliding:
         """The contact at a value of the parameter."""
@@ -152,7 +152,7 @@ class Path:
             found, turns = self.correct(orbit, value, place.tangent, float(place.tangent @ x) + length)
             left_out = self.left_out(found)
             H = found.orbit.harmonics
-            if left_out[0] <= self.tolerance or self.most <= H:
+            if left_out[0] <= self.tol or self.most <= H:
                 return replace(found, left_out=left_out), turns
             place = self.resized(place, min(self.most, max(H + 4, int(1.5 * H))))
             # the old place with more harmonics, corrected so that they are not zero

@@ -161,7 +161,7 @@ class LimitCycle:
 
 
 def harmonic_balance(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], *, harmonics: int | None = None,
-                     start: Any = None, tolerance: float = 1e-4) -> LimitCycle:
+                     start: Any = None, tol: float = 1e-4) -> LimitCycle:
     """A limit cycle of a full or reduced model under its belts, by harmonic balance.
 
     M q̈ + D q̇ + K q = W f(Wᵀq̇) is solved for its periodic speed under the belts: v_k = Y(ikω) f_k(v), k = 1 … H, with the
@@ -180,7 +180,7 @@ def harmonic_balance(model: Substructure, belts: Belt | Contact | Sequence[Belt 
         The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
         sliding that grows fastest. A frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under
         the same belts. A `Transient`, or (t, v) with v the speed under the belts, shape (m,) or (p, m).
-    tolerance : float
+    tol : float
         Largest effect of the neglected harmonics, relative to the cycle.
 
     Returns
@@ -216,13 +216,13 @@ def harmonic_balance(model: Substructure, belts: Belt | Contact | Sequence[Belt 
     contact = sliding(model, belts, "harmonic balance", others=True)
     if harmonics is not None:
         whole_number("harmonics", harmonics, least=1, most=MOST_ASKED)
-    if not 0 < finite_number("tolerance", tolerance) < 1:
-        raise InputError(f"tolerance must lie between 0 and 1, such as 1e-4, not {tolerance!r}")
+    if not 0 < finite_number("tol", tol) < 1:
+        raise InputError(f"tol must lie between 0 and 1, such as 1e-4, not {tol!r}")
     if not contact.others and all(belt.force == 0 for belt in contact.belts):
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
     flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
-    cycle = refined(contact, flexibility, orbit, harmonics, tolerance, steps)
+    cycle = refined(contact, flexibility, orbit, harmonics, tol, steps)
     log.info("limit cycle at ω = %.6g with %d harmonics after %d Newton steps", cycle.omega, cycle.orbit.harmonics, cycle.newton)
     return cycle
 
@@ -245,7 +245,7 @@ def flexibility_of(contact: Sliding, start: Any) -> Compliance:
     return start.flexibility if known.model is contact.model and np.array_equal(known.W, contact.W) else compliance(contact)
 
 
-def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: int | None, tolerance: float,
+def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: int | None, tol: float,
             steps: int = 0) -> LimitCycle:
     """Newton's method from a nearby orbit, with a given number of harmonics, or as many as needed."""
     balance = balance_of(contact, flexibility)
@@ -253,12 +253,12 @@ def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: 
     while True:
         orbit, residual, turns = balance.solve(orbit)
         steps += turns
-        truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tolerance)
-        if harmonics is not None or truncation <= tolerance or orbit.harmonics >= MOST:
+        truncation, aliasing, enough = balance.unresolved(orbit, 0.0 if harmonics else 0.5 * tol)
+        if harmonics is not None or truncation <= tol or orbit.harmonics >= MOST:
             break
         orbit = orbit.with_harmonics(min(MOST, max(int(1.05 * orbit.harmonics) + 2, min(enough, int(1.6 * orbit.harmonics)))))
     if max(truncation, aliasing) > ROUGH:
-        target = 0.1 * truncation if harmonics else 0.5 * tolerance  # the truncation with `enough` harmonics
+        target = 0.1 * truncation if harmonics else 0.5 * tol  # the truncation with `enough` harmonics
         warn(f"{orbit.harmonics} harmonics leave out {truncation:.1e} of the cycle (aliasing {aliasing:.0e}). "
              f"harmonics={enough} would leave out about {target:.1e} of it", FemsubWarning)
     return LimitCycle(contact, in_phase(orbit), flexibility, residual, truncation, aliasing, steps)

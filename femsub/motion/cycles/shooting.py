@@ -93,7 +93,7 @@ class ShotCycle:
 
 
 def shoot(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], start: LimitCycle | State,
-          period: float | None = None, *, rtol: float = 1e-10, rounds: int = 12) -> ShotCycle:
+          period: float | None = None, *, tol: float = 1e-10, rounds: int = 12) -> ShotCycle:
     """A limit cycle by shooting: y(T) = y(0) of M q̈ + D q̇ + K q = W f(Wᵀq̇), y = (q, q̇). A check of `harmonic_balance`.
 
     Parameters
@@ -106,7 +106,7 @@ def shoot(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact],
         A cycle of the same model, or a state near the cycle.
     period : float, optional
         The approximate period, needed with a state.
-    rtol : float
+    tol : float
         Relative tolerance of the time integration.
     rounds : int
         Largest number of Newton steps.
@@ -136,8 +136,8 @@ def shoot(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact],
     True
     """
     contact = sliding(model, belts, "shooting", others=True)
-    if not TIGHTEST <= finite_number("rtol", rtol) <= 1e-2:
-        raise InputError(f"rtol must lie between {TIGHTEST:g} and 0.01, not {rtol!r}")
+    if not TIGHTEST <= finite_number("tol", tol) <= 1e-2:
+        raise InputError(f"tol must lie between {TIGHTEST:g} and 0.01, not {tol!r}")
     whole_number("rounds", rounds, least=1)
     if model.size > LARGEST:
         raise InputError(f"shooting is for models of up to {LARGEST} DOF, but this one has {model.size}. Use fs.harmonic_balance")
@@ -149,7 +149,7 @@ def shoot(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact],
         raise InputError(f"shooting from a state needs a positive period, not {period!r}")
     _check_period(model, period)
     y = np.concatenate([start.displacement, start.velocity])
-    flow = _Flow(contact, rtol)
+    flow = _Flow(contact, tol)
     for turn in range(1, rounds + 1):  # noqa: B007 - told in the result
         end, Phi, _ = flow.run(y, period)
         slope = flow.rate(y)
@@ -183,10 +183,10 @@ def _check_period(model: Substructure, period: float) -> None:
 class _Flow:
     """ẏ and the variational equation of one contact, dense."""
 
-    def __init__(self, contact: Sliding, rtol: float) -> None:
+    def __init__(self, contact: Sliding, tol: float) -> None:
         pencil, n = contact.model.pencil.dense(), contact.model.size
         inverse = np.linalg.inv(pencil.M)
-        self.contact, self.rtol = contact, rtol
+        self.contact, self.tol = contact, tol
         self.A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ pencil.K, -inverse @ pencil.D]])
         self.B = np.vstack([np.zeros_like(contact.W), inverse @ contact.W])
         none = np.zeros_like(contact.W)
@@ -203,7 +203,7 @@ class _Flow:
         m = len(y)
         if samples:
             t = period * np.arange(samples) / samples
-            found = solve_ivp(lambda _, x: self.rate(x), (0, period), y, "DOP853", t, rtol=self.rtol, atol=1e-3 * self.rtol)
+            found = solve_ivp(lambda _, x: self.rate(x), (0, period), y, "DOP853", t, rtol=self.tol, atol=1e-3 * self.tol)
             return found.y[:, -1], np.zeros((0, 0)), self.C @ found.y
 
         def both(_: float, x: Array) -> Array:
@@ -212,8 +212,8 @@ class _Flow:
             change = whole[1:] @ (self.A + self.B @ (of_u @ self.U + of_v @ self.C)).T
             return np.concatenate([self.rate(whole[0]), change.ravel()])
 
-        found = solve_ivp(both, (0, period), np.concatenate([y, np.eye(m).ravel()]), "DOP853", rtol=self.rtol,
-                          atol=1e-3 * self.rtol)
+        found = solve_ivp(both, (0, period), np.concatenate([y, np.eye(m).ravel()]), "DOP853", rtol=self.tol,
+                          atol=1e-3 * self.tol)
         if not found.success:
             raise NotConvergedError(f"the time integration over one period failed: {found.message}. Start nearer to the cycle")
         last = found.y[:, -1].reshape(m + 1, m)

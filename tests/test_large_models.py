@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import scipy.linalg as la
@@ -116,21 +118,19 @@ def test_nonzeros_of_chains_and_of_pieces() -> None:
     assert memory.factor_nonzeros(two) == pytest.approx(2 * memory.factor_nonzeros(one), rel=0.3)
 
 
-def test_a_reduction_that_does_not_fit_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reduction_that_does_not_fit_is_refused_before_it_begins(machine: Callable[..., None]) -> None:
     sub = lattice(40, 30, held=True)
-    monkeypatch.setattr(memory, "LARGE", 1000)
-    monkeypatch.setattr(memory, "available", lambda: 1e6)
+    machine(free=1e6, large=1000)
     before = Factor.made
     with pytest.raises(NotEnoughMemoryError, match=r"'lattice' needs about .* but only 0 GB are available. Use .*, or a"):
         fs.reduce(sub, fs.CraigBampton(5))
     assert Factor.made == before
-    monkeypatch.setattr(memory, "available", lambda: None)
+    machine(free=None)
     fs.reduce(sub, fs.CraigBampton(5), ports=True)
 
 
-def test_the_advice_fits_what_is_largest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "LARGE", 100)
-    monkeypatch.setattr(memory, "available", lambda: 1.0)
+def test_the_advice_fits_what_is_largest(machine: Callable[..., None]) -> None:
+    machine(free=1.0, large=100)
     K = lattice(20, 20, held=True).K
     with pytest.raises(NotEnoughMemoryError, match="fewer interface DOF"):
         memory.check_memory("part", K, 600, 5, 600)
