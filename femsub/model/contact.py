@@ -41,8 +41,9 @@ class Contact(Protocol):
     tangents(u, v)         (∂f/∂u, ∂f/∂v), (p, p) each. At the operating point they are -C_K and -C_D. None for one that is 0
                            everywhere: limit cycles of forces that depend on v alone take less time, and have multipliers.
     in_motion(model)       instead of the last two: an object that has them, for contacts whose force needs to know the model
-    vectorised             True if these two take u and v (p, m) at m times as well, and give (p, m) and (p, p, m)
-    scalar()               f and ∂f/∂v as fast functions of one float v: of one column alone, if f does not depend on u
+    columnwise             True if each column acts by itself and like the others: exerted takes u and v of any shape, entry by
+                           entry, and tangents takes (p, m) at m times as well and gives (p, p, m)
+    scalar()               f and ∂f/∂v of a single column as fast functions of one float v, if f does not depend on u
     affine                 names of the fields in which C_D and C_K are affine, a + b p with all other fields as they are: a tuple
                            of str, an attribute of the class or a property. Without it `critical_value` is at most 'confirmed'.
                            Samples check it. A subclass declares anew, since it may change the matrices.

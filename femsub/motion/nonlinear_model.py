@@ -121,19 +121,30 @@ class Sliding:
         none = np.zeros(self.columns)
         return all(one.tangents(none[rows], none[rows])[0] is None for rows, one in zip(self.blocks, self.moving, strict=True))
 
+    @cached_property
+    def _asked(self) -> tuple[tuple[int | slice, Any, bool], ...]:
+        """Where the columns of each contact are, what exerts, and whether at all times at once; a number is faster than one in an
+        array.
+        """
+        return tuple((rows.start if at_once and rows.stop == rows.start + 1 else rows, one, at_once)
+                     for rows, one in zip(self.blocks, self.moving, strict=True) for at_once in [columnwise(one)])
+
     def exerted(self, u: Array, v: Array) -> Array:
         """f of all contacts at displacements u and speeds v of the columns, in their shape, (p,) or (p, m) at m times."""
-        parts = [_exerted(one, u[rows], v[rows]) for rows, one in zip(self.blocks, self.moving, strict=True)]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        found = np.empty(v.shape)
+        for at, one, asked in self._asked:
+            found[at] = one.exerted(u[at], v[at]) if asked or v.ndim == 1 else \
+                np.array([one.exerted(*pair) for pair in zip(u[at].T, v[at].T, strict=True)]).T
+        return found
 
     def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
         """(∂f/∂u, ∂f/∂v) of all contacts, shape (p, p) or (p, p, m) each, block by block."""
-        found = np.zeros((2, len(v), *v.shape))
+        whole = of_u, of_v = np.zeros((len(v), *v.shape)), np.zeros((len(v), *v.shape))
         for rows, one in zip(self.blocks, self.moving, strict=True):
-            for whole, part in zip(found, _tangents(one, u[rows], v[rows]), strict=True):
+            for found, part in zip(whole, _tangents(one, u[rows], v[rows]), strict=True):
                 if part is not None:
-                    whole[rows, rows] = part
-        return found[0], found[1]
+                    found[rows, rows] = part
+        return of_u, of_v
 
     def resting(self, displacement: Array) -> Array:
         """f at rest at a displacement q (n,), shape (p,)."""
@@ -300,16 +311,14 @@ def in_motion(contact: Any, model: Substructure) -> Any:
     return made(model) if callable(made := getattr(contact, "in_motion", None)) else contact
 
 
-def _exerted(contact: Any, u: Array, v: Array) -> Array:
-    """f (p,), or (p, m) at m times."""
-    if v.ndim == 1 or getattr(contact, "vectorised", False):
-        return np.asarray(contact.exerted(u, v))
-    return np.array([contact.exerted(*pair) for pair in zip(u.T, v.T, strict=True)]).T
+def columnwise(contact: Any) -> bool:
+    """Whether each column acts by itself, and arrays of any shape may be given."""
+    return bool(getattr(contact, "columnwise", False))
 
 
 def _tangents(contact: Any, u: Array, v: Array) -> Sequence[Array | None]:
     """(∂f/∂u, ∂f/∂v), (p, p) each, or (p, p, m) at m times; None for one that is 0."""
-    if v.ndim == 1 or getattr(contact, "vectorised", False):
+    if v.ndim == 1 or columnwise(contact):
         return contact.tangents(u, v)
     both = zip(*(contact.tangents(*pair) for pair in zip(u.T, v.T, strict=True)), strict=True)
     return [None if parts[0] is None else np.moveaxis(np.array(parts), 0, -1) for parts in both]

@@ -273,7 +273,7 @@ class Belt:
     law: FrictionLaw | None = None
     slope: float | None = None
 
-    vectorised: ClassVar[bool] = True
+    columnwise: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         word("port", self.port)

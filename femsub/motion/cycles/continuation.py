@@ -87,8 +87,8 @@ class Path:
         terms = balance.residual(orbit, count)
         J = balance.derivative(orbit, terms)
         h = DIFFERENCE * size
-        ahead, behind = (self.balance(value + sign * h).force(orbit, count) for sign in (1, -1))
-        change = -np.einsum("kij,kj->ki", terms.Y, coefficients((ahead - behind) / (2 * h), orbit.harmonics)[1:])
+        ahead, behind = (coefficients(self.balance(value + side).force(orbit, count), orbit.harmonics)[1:] for side in (h, -h))
+        change = -np.einsum("kij,kj->ki", terms.Y, (ahead - behind) / (2 * h))
         column = np.concatenate([change.real.ravel(), change.imag.ravel()]) * (size / speed)
         scaled = np.hstack([J[:, :-1], J[:, -1:] * (omega / speed), column[:, None]])
         R = np.concatenate([terms.R.real.ravel(), terms.R.imag.ravel()]) / speed

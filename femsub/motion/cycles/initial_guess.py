@@ -58,12 +58,12 @@ def harmonics_for(contact: Sliding, most: int) -> int:
 def gain(contact: Sliding, shape: Array, amplitudes: Array, samples: int = 4096) -> Array:
     """N_c(a) (m, p): first harmonic of f over that of v = Re(a shape e^{iωt}), column by column; shape (p,), a (m,)."""
     wave = np.cos(2 * np.pi * np.arange(samples) / samples)
-    found = np.empty((len(amplitudes), len(shape)))
+    found, steady = np.empty((len(amplitudes), len(shape))), slopes_of(contact)
     for i, a in enumerate(amplitudes):
         size = np.abs(a * shape)
         v = size[:, None] * wave
         f = coefficients(contact.exerted(v, v), 1)[1].real
-        found[i] = np.where(size > 0, 2 * f / np.where(size > 0, size, 1.0), slopes_of(contact))
+        found[i] = np.where(size > 0, 2 * f / np.where(size > 0, size, 1.0), steady)
     return found
 
 
