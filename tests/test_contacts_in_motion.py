@@ -227,6 +227,75 @@ class VanDerPolAt:
         return VanDerPol(0.3, 0.4).tangents(u, v)
 
 
+def test_an_evaluation_does_not_depend_on_what_was_evaluated_before() -> None:
+    contact, rng = sliding(part(5), CONTACTS), np.random.default_rng(1)
+    balance = Balance(contact, compliance(contact))
+    orbits = [Orbit(size * (rng.standard_normal((3, 4)) + 1j * rng.standard_normal((3, 4))), 0.6) for size in (0.02, 0.3)]
+    first = [balance.residual(orbit, 64) for orbit in orbits]
+    again = [balance.residual(orbit, 64) for orbit in reversed(orbits)][::-1]
+    for one, other in zip(first, again, strict=True):
+        assert np.array_equal(one.R, other.R) and np.array_equal(one.course.mean, other.course.mean)
+    assert np.abs(first[0].course.mean - first[1].course.mean).max() > 1e-3
+
+
+def test_contacts_stand_in_the_order_given_and_the_motion_is_the_same() -> None:
+    model, start = part(6), fs.State(0.1 * np.sin(np.arange(6.0)), np.zeros(6))
+    turned = (CONTACTS[2], CONTACTS[1], CONTACTS[0])
+    one, other = (fs.transient(model, contacts, (0.0, 10.0), start=start, samples=20) for contacts in (CONTACTS, turned))
+    assert one.contact.ports == ["belt", "other", "normal", "tangential"]
+    assert other.contact.ports == ["normal", "tangential", "other", "belt"]
+    np.testing.assert_allclose(one.velocity("belt"), other.velocity("belt"), atol=1e-7)
+
+
+def test_contacts_that_depend_on_speeds_alone_are_shifted_and_have_multipliers() -> None:
+    """Dashpots between two ports beside a belt, as a contact and in D; their tangent is no diagonal."""
+    model, belt = part(10), fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    C, names = 1e-3 * np.array([[3.0, 2.0], [-2.0, 1.0]]), ("other", "tangential")
+    dashpots, W = fs.LinearContact(names, damping=C), np.column_stack([model.port(name) for name in names])
+    inside = fs.Substructure(model.M, model.K, model.D + W @ C @ W.T, ports=model.ports)
+    alone, contacts = fs.harmonic_balance(inside, belt, harmonics=25), (dashpots, belt)
+    contact = sliding(model, contacts)
+    speeds = np.array([alone.state(at).velocity for at in alone.period * np.arange(64) / 64]) @ contact.W
+    start = replace(alone, contact=contact, orbit=Orbit(np.fft.rfft(speeds, axis=0)[1:26] / 64, alone.omega),
+                    flexibility=compliance(contact))
+    cycle = fs.harmonic_balance(model, contacts, start=start, harmonics=25)
+    assert cycle.omega == pytest.approx(alone.omega, rel=1e-7)
+    assert cycle.floquet is not None and alone.floquet is not None
+    np.testing.assert_allclose(np.abs(cycle.floquet.values[:4]), np.abs(alone.floquet.values[:4]), atol=1e-4)
+    one, other = (fs.transient(sub, given, (0.0, 20.0), samples=10, impulse={"belt": 1e-3}) for sub, given in (
+        (model, contacts), (inside, belt)))
+    np.testing.assert_allclose(one.velocity("belt"), other.velocity("belt"), atol=1e-9)
+
+
+@dataclass(frozen=True)
+class AskedOneByOne(fs.Belt):
+    columnwise: ClassVar[bool] = False
+
+
+def test_a_contact_is_asked_at_all_times_at_once_or_time_by_time() -> None:
+    model, given = part(5), {"port": "pair", "force": 0.7, "speed": 0.2, "law": LAW}
+    pair = fs.Substructure(model.M, model.K, model.D, ports={"pair": np.eye(5)[:, [1, 3]]})
+    v = np.random.default_rng(0).uniform(-0.3, 0.3, (2, 9))
+    one, other = (sliding(pair, kind(**given)) for kind in (fs.Belt, AskedOneByOne))
+    np.testing.assert_allclose(one.exerted(v, v), other.exerted(v, v), rtol=1e-15)
+    np.testing.assert_allclose(one.tangents(v, v), other.tangents(v, v), rtol=1e-14)
+
+
+def test_a_branch_over_a_parameter_of_a_contact_of_ones_own() -> None:
+    """Van der Pol's ε: against shooting at one end, and the period at ε = 1, 6.6632868593, at the other."""
+    model = fs.Substructure([[1.0]], [[1.0]], ports={"mass": [1.0]})
+    start = fs.State(np.array([1.0]), np.array([0.0]))
+    run = fs.transient(model, VanDerPol(0.9), (0.0, 100.0), start=start, step=0.02, record_from=60.0)
+    cycle = fs.harmonic_balance(model, VanDerPol(0.9), start=run, harmonics=30)
+    found = fs.branch(model, VanDerPol(0.9), "eps", (0.85, 1.0), start=cycle, harmonics=30, points=30)
+    assert found.values[[0, -1]] == pytest.approx([0.85, 1.0], rel=1e-12)
+    assert found.points[-1].period == pytest.approx(6.6632868593, rel=1e-7)
+    shot = fs.shoot(model, VanDerPol(0.85), found.points[0])
+    assert shot.period == pytest.approx(found.points[0].period, rel=1e-6) and shot.steps <= 3
+    with pytest.raises(fs.InputError, match=r"unknown port of a contact with a eps 'maas'; did you mean 'mass'"):
+        fs.branch(model, VanDerPol(0.9), "eps", (0.85, 1.0), start=cycle, port="maas")
+
+
 def test_what_is_missing_for_a_cycle_is_told() -> None:
     model = part(5)
     for start in (None, 0.5):
