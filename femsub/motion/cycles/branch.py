@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, listener, truth, whole_number
+from femsub.checks import Array, choice, finite_number, listener, truth, whole_number
 from femsub.coupling import Belt
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.errors import InputError, InputTypeError
 from femsub.model import fields_of
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance
@@ -201,15 +201,12 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
 def _varied(contact: Sliding, parameter: str, port: str | None) -> int:
     """The place of the contact whose parameter is varied."""
     known = [[name for name in fields_of(one) if isinstance(getattr(one, name), (int, float))] for one in contact.contacts]
-    if parameter not in (names := sorted({name for own in known for name in own})):
-        raise unknown_name("parameter", parameter, names)
+    choice("parameter", parameter, sorted({name for own in known for name in own}))
     having = [at for at, own in enumerate(known) if parameter in own]
     if port is None:
         return having[0]
     ports = {name: at for at in reversed(having) for name in contact.contacts[at].ports}
-    if port not in ports:
-        raise unknown_name(f"port of a contact with a {parameter}", port, ports)
-    return ports[port]
+    return ports[choice(f"port of a contact with a {parameter}", port, ports)]
 
 
 def _path(contact: Sliding, flexibility: Compliance, parameter: str, at: int, limits: tuple[float, float], orbit: Orbit,
