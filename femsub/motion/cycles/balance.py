@@ -178,28 +178,28 @@ class Balance:
         one, two, fed = self._linear(orbit, terms.course)
         if fed is not None:
             omega -= np.einsum("kij,kj->ki", terms.Y, fed)
-        J = np.empty((2, H, p, 2, H, p))
+        J = np.empty((2, H, p, 2, H * p))
         for part, sign, unit in ((0, 1, 1.0), (1, -1, 1j)):
-            change = -unit * np.einsum("kia,kjac->kijc", terms.Y, one + sign * two)
+            change = -unit * (terms.Y @ (one + sign * two).reshape(H, p, H * p))
             J[0, :, :, part], J[1, :, :, part] = change.real, change.imag
         J = J.reshape(2 * H * p, 2 * H * p)
         J[np.diag_indices(len(J))] += 1.0
         return np.hstack([J, np.concatenate([omega.real.ravel(), omega.imag.ravel()])[:, None]])
 
     def _linear(self, orbit: Orbit, course: Course) -> tuple[Array, Array, Array | None]:
-        """∂f_k/∂v_j and ∂f_k/∂v̄_j (H, H, p, p), and ∂f_k/∂ω (H, p), None for 0."""
+        """∂f_k/∂v_j and ∂f_k/∂v̄_j (H, p, H, p), and ∂f_k/∂ω (H, p), None for 0."""
         H, j = orbit.harmonics, np.arange(1, orbit.harmonics + 1)
         if course.u is None or course.mean is None:
             return *_around(self.contact.tangents(course.v, course.v)[1], j[:, None], j), None
         k = np.arange(H + 1)[:, None]
         of_u, of_v = self.contact.tangents(course.mean[:, None] + course.u, course.v)
-        turn, static = 1 / (1j * orbit.omega * j)[:, None, None], self.contact.static[1]
+        turn, static = 1 / (1j * orbit.omega * j)[:, None], self.contact.static[1]
         (one, two), (less, more) = _around(of_v, k, j), _around(of_u, k, j)
         one, two = one + less * turn, two - more * turn
         fed = coefficients(np.einsum("abm,bm->am", of_u, course.u), H) / -orbit.omega
         Gu = _transformed(of_u, H)
         mean = Gu @ np.linalg.solve(np.eye(len(static)) - static @ Gu[0].real, static)  # δf_k of δf_0, (H + 1, p, p)
-        one, two = (part[1:] + np.einsum("kab,jbc->kjac", mean[1:], part[0]) for part in (one, two))
+        one, two = (part[1:] + np.einsum("kab,bjc->kajc", mean[1:], part[0]) for part in (one, two))
         return one, two, fed[1:] + np.einsum("kab,b->ka", mean[1:], fed[0])
 
     def unresolved(self, orbit: Orbit, target: float = 0.0) -> tuple[float, float, int]:
@@ -289,10 +289,12 @@ def _transformed(course: Array, count: int) -> Array:
 
 
 def _around(course: Array, k: Array, j: Array) -> tuple[Array, Array]:
-    """G_{k-j} and G_{k+j} of matrices (p, p, m) at m times, for rows k and columns j."""
-    G = _transformed(course, 2 * len(j))
-    lag = k - j
-    return np.where((lag >= 0)[..., None, None], G[np.abs(lag)], G[np.abs(lag)].conj()), G[k + j]
+    """G_{k-j} and G_{k+j} of matrices (p, p, m) at m times, for rows k and columns j: (K, p, H, p)."""
+    count = 2 * len(j)
+    G = _transformed(course, count)
+    whole = np.concatenate([G[:0:-1].conj(), G])  # from -count on
+    one, two = whole[k - j + count], G[k + j]
+    return one.transpose(0, 2, 1, 3), two.transpose(0, 2, 1, 3)
 
 
 def in_phase(orbit: Orbit) -> Orbit:

@@ -58,13 +58,11 @@ def harmonics_for(contact: Sliding, most: int) -> int:
 def gain(contact: Sliding, shape: Array, amplitudes: Array, samples: int = 4096) -> Array:
     """N_c(a) (m, p): first harmonic of f over that of v = Re(a shape e^{iωt}), column by column; shape (p,), a (m,)."""
     wave = np.cos(2 * np.pi * np.arange(samples) / samples)
-    found, steady = np.empty((len(amplitudes), len(shape))), slopes_of(contact)
-    for i, a in enumerate(amplitudes):
-        size = np.abs(a * shape)
+    found, sizes = np.empty((len(amplitudes), len(shape))), np.abs(amplitudes[:, None] * shape)
+    for i, size in enumerate(sizes):
         v = size[:, None] * wave
-        f = coefficients(contact.exerted(v, v), 1)[1].real
-        found[i] = np.where(size > 0, 2 * f / np.where(size > 0, size, 1.0), steady)
-    return found
+        found[i] = 2 * coefficients(contact.exerted(v, v), 1)[1].real / np.where(size > 0, size, 1.0)
+    return found if (sizes > 0).all() else np.where(sizes > 0, found, slopes_of(contact))
 
 
 def slopes_of(contact: Sliding) -> Array:
