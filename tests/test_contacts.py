@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -78,3 +81,13 @@ def test_a_model_is_no_contact() -> None:
     for given in (chain, [BELT, chain], fs.reduce(chain, fs.CraigChang(2), ports=True)):
         with pytest.raises(fs.InputTypeError, match=r"contacts must be a Belt.*but a model was given.*couple"):
             fs.complex_modes(chain, given)
+
+
+ANALYSES = [fs.complex_modes, fs.self_excitation, fs.transient, fs.harmonic_balance, fs.shoot, fs.branch, fs.reduce,
+            fs.critical_value, fs.track, fs.refine]
+
+
+@pytest.mark.parametrize("analysis", ANALYSES, ids=lambda analysis: analysis.__name__)
+def test_contacts_are_called_contacts_everywhere(analysis: Any) -> None:
+    names = list(inspect.signature(analysis).parameters)
+    assert "contacts" in names and not {"belt", "belts"} & set(names)

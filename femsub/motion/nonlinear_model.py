@@ -85,8 +85,8 @@ class Sliding:
     blocks: tuple[slice, ...]
 
     def __repr__(self) -> str:
-        told = [f", {type(one).__name__} on {', '.join(places_of(one))}" + (f" at {one.speed:g}" if isinstance(one, Belt) else "")
-                for one in self.contacts]
+        told = [f", {type(one).__name__} on {', '.join((*one.ports, *getattr(one, 'sets', ())))}"
+                + (f" at {one.speed:g}" if isinstance(one, Belt) else "") for one in self.contacts]
         return f"Sliding: {self.model.name!r} with {self.model.size} DOF{''.join(told)}"
 
     def changed(self, contacts: Sequence[Any]) -> Sliding:
@@ -322,11 +322,6 @@ def _tangents(contact: Any, u: Array, v: Array) -> Sequence[Array | None]:
         return contact.tangents(u, v)
     both = zip(*(contact.tangents(*pair) for pair in zip(u.T, v.T, strict=True)), strict=True)
     return [None if parts[0] is None else np.moveaxis(np.array(parts), 0, -1) for parts in both]
-
-
-def places_of(contact: Any) -> tuple[str, ...]:
-    """The ports and interface sets that a contact acts on."""
-    return (*contact.ports, *getattr(contact, "sets", ()))
 
 
 def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:
