@@ -12,6 +12,7 @@ import pytest
 import femsub as fs
 from femsub.algebra import memory
 from femsub.coupling.contacts.friction_contact import FrictionContact
+from femsub.model import contacts_at
 from femsub.studies.friction_sweep import first_loss, over_mu, same_loss
 
 BAND = (1e3, 1.2e5)
@@ -141,3 +142,12 @@ def test_contact_modes_need_contacts_that_have_the_parameter() -> None:
         fs.ContactModes(4)
     with pytest.raises(fs.InputError, match=r"parameter 'my'.*mu"):
         fs.ContactModes(4, contacts=pad()[1], parameter="my")
+
+
+def test_contacts_without_the_parameter_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    beside = fs.LinearContact("belt", damping=[[1.0]])
+    with caplog.at_level("INFO", logger="femsub"):
+        assert contacts_at([*pad()[1], beside], "mu", 0.25)[0].mu == 0.25
+    assert "LinearContact has no mu and stays as it is" in caplog.text
+    with pytest.raises(fs.InputError, match=r"unknown parameter 'mu'; valid: damping, ports, stiffness"):
+        contacts_at(beside, "mu", 0.25)

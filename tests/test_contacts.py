@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -23,13 +26,15 @@ def test_force_and_its_tangent_go_by_column() -> None:
     model = two_ports()
     contact = sliding(model, [BELT, fs.Belt("pair", force=3.0, speed=-0.05, law=fs.StribeckArctanOdd())])
     v = np.random.default_rng(0).uniform(-0.3, 0.3, (3, 7))
-    found = contact.force(v)
+    found = contact.exerted(v, v)
     assert contact.columns == 3 and found.shape == (3, 7)
     np.testing.assert_allclose(found[0], LAW.value(0.19113 - v[0]), rtol=1e-15)
     np.testing.assert_allclose(found[2], 3.0 * fs.StribeckArctanOdd().value(-0.05 - v[2]), rtol=1e-15)
     h = 1e-7
-    slope = (contact.force(v + h) - contact.force(v - h)) / (2 * h)
-    np.testing.assert_allclose(contact.tangent(v), slope, rtol=1e-5, atol=1e-5)
+    slope = (contact.exerted(v, v + h) - contact.exerted(v, v - h)) / (2 * h)
+    of_u, of_v = contact.tangents(v, v)
+    assert contact.by_speed and not of_u.any()
+    np.testing.assert_allclose(of_v, np.eye(3)[:, :, None] * slope, rtol=1e-5, atol=1e-5)
 
 
 def test_sliding_equilibrium_balances_and_its_tangent_is_the_linear_model() -> None:
@@ -38,7 +43,7 @@ def test_sliding_equilibrium_balances_and_its_tangent_is_the_linear_model() -> N
         q = contact.equilibrium
         np.testing.assert_allclose(model.K @ q, contact.W[:, 0] * LAW.value(0.19113), atol=1e-13)
         linear = model.linearised(BELT).D - model.D
-        assert abs(linear - (-contact.tangent(np.zeros(1))[0]) * np.outer(contact.W, contact.W)).max() < 1e-15
+        assert abs(linear - (-contact.tangents(np.zeros(1), np.zeros(1))[1][0, 0]) * np.outer(contact.W, contact.W)).max() < 1e-15
 
 
 def test_a_blow_is_the_same_disturbance_for_full_and_reduced() -> None:
@@ -57,7 +62,7 @@ def test_what_has_no_answer_is_refused() -> None:
         sliding(chain, fs.Belt(slope=-0.2))
     with pytest.raises(fs.InputError, match="two belts act on one port"):
         sliding(chain, [BELT, BELT])
-    with pytest.raises(fs.InputError, match="at least one Belt"):
+    with pytest.raises(fs.InputError, match="at least one contact, such as a Belt"):
         sliding(chain, [])
     floating = fs.Substructure(np.eye(2), [[1.0, -1.0], [-1.0, 1.0]], ports={"belt": [1.0, 0.0]})
     with pytest.raises(fs.InputError, match=r"floats .1 rigid-body modes.*Hold it"):
@@ -76,3 +81,13 @@ def test_a_model_is_no_contact() -> None:
     for given in (chain, [BELT, chain], fs.reduce(chain, fs.CraigChang(2), ports=True)):
         with pytest.raises(fs.InputTypeError, match=r"contacts must be a Belt.*but a model was given.*couple"):
             fs.complex_modes(chain, given)
+
+
+ANALYSES = [fs.complex_modes, fs.self_excitation, fs.transient, fs.harmonic_balance, fs.shoot, fs.branch, fs.reduce,
+            fs.critical_value, fs.track, fs.refine]
+
+
+@pytest.mark.parametrize("analysis", ANALYSES, ids=lambda analysis: analysis.__name__)
+def test_contacts_are_called_contacts_everywhere(analysis: Any) -> None:
+    names = list(inspect.signature(analysis).parameters)
+    assert "contacts" in names and not {"belt", "belts"} & set(names)

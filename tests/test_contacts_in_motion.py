@@ -15,10 +15,9 @@ import femsub as fs
 from femsub.checks import Array
 from femsub.coupling.contacts.friction_in_motion import SLOW
 from femsub.model.contact import small_matrices
-from femsub.motion.cycles.balance import Orbit
+from femsub.motion.cycles.balance import Balance, Orbit
 from femsub.motion.cycles.compliance import compliance
 from femsub.motion.cycles.continuation import Path
-from femsub.motion.cycles.coupled import CoupledBalance
 from femsub.motion.nonlinear_model import sliding
 
 LAW = fs.StribeckArctan(eps=5e-2)
@@ -189,11 +188,11 @@ def test_belts_beside_a_bumper_in_a_cycle() -> None:
 
 def test_the_jacobian_of_coupled_contacts_is_exact() -> None:
     model, rng = part(5), np.random.default_rng(0)
-    contact = sliding(model, (CONTACTS[0], Bumper(h=2.0), VanDerPolAt("other")), others=True)
-    balance = CoupledBalance(contact, compliance(contact))
+    contact = sliding(model, (CONTACTS[0], Bumper(h=2.0), VanDerPolAt("other")))
+    balance = Balance(contact, compliance(contact))
     orbit = Orbit(0.2 * (rng.standard_normal((3, 4)) + 1j * rng.standard_normal((3, 4))) / np.arange(1, 4)[:, None] ** 2, 0.6)
     count, x = 64, orbit.vector
-    J = balance.derivative(orbit, count, balance.residual(orbit, count))
+    J = balance.derivative(orbit, balance.residual(orbit, count))
 
     def residual(x: Array) -> Array:
         R = balance.residual(orbit.at(x), count)[0]
@@ -228,16 +227,85 @@ class VanDerPolAt:
         return VanDerPol(0.3, 0.4).tangents(u, v)
 
 
+def test_an_evaluation_does_not_depend_on_what_was_evaluated_before() -> None:
+    contact, rng = sliding(part(5), CONTACTS), np.random.default_rng(1)
+    balance = Balance(contact, compliance(contact))
+    orbits = [Orbit(size * (rng.standard_normal((3, 4)) + 1j * rng.standard_normal((3, 4))), 0.6) for size in (0.02, 0.3)]
+    first = [balance.residual(orbit, 64) for orbit in orbits]
+    again = [balance.residual(orbit, 64) for orbit in reversed(orbits)][::-1]
+    for one, other in zip(first, again, strict=True):
+        assert np.array_equal(one.R, other.R) and np.array_equal(one.course.mean, other.course.mean)
+    assert np.abs(first[0].course.mean - first[1].course.mean).max() > 1e-3
+
+
+def test_contacts_stand_in_the_order_given_and_the_motion_is_the_same() -> None:
+    model, start = part(6), fs.State(0.1 * np.sin(np.arange(6.0)), np.zeros(6))
+    turned = (CONTACTS[2], CONTACTS[1], CONTACTS[0])
+    one, other = (fs.transient(model, contacts, (0.0, 10.0), start=start, samples=20) for contacts in (CONTACTS, turned))
+    assert one.contact.ports == ["belt", "other", "normal", "tangential"]
+    assert other.contact.ports == ["normal", "tangential", "other", "belt"]
+    np.testing.assert_allclose(one.velocity("belt"), other.velocity("belt"), atol=1e-7)
+
+
+def test_contacts_that_depend_on_speeds_alone_are_shifted_and_have_multipliers() -> None:
+    """Dashpots between two ports beside a belt, as a contact and in D; their tangent is no diagonal."""
+    model, belt = part(10), fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    C, names = 1e-3 * np.array([[3.0, 2.5], [1.5, 2.0]]), ("other", "tangential")
+    dashpots, W = fs.LinearContact(names, damping=C), np.column_stack([model.port(name) for name in names])
+    inside = fs.Substructure(model.M, model.K, model.D + W @ C @ W.T, ports=model.ports)
+    alone, contacts = fs.harmonic_balance(inside, belt, harmonics=25), (dashpots, belt)
+    contact = sliding(model, contacts)
+    speeds = np.array([alone.state(at).velocity for at in alone.period * np.arange(64) / 64]) @ contact.W
+    start = replace(alone, contact=contact, orbit=Orbit(np.fft.rfft(speeds, axis=0)[1:26] / 64, alone.omega),
+                    flexibility=compliance(contact))
+    cycle = fs.harmonic_balance(model, contacts, start=start, harmonics=25)
+    assert cycle.omega == pytest.approx(alone.omega, rel=1e-7)
+    assert cycle.floquet is not None and alone.floquet is not None
+    np.testing.assert_allclose(np.abs(cycle.floquet.values[:4]), np.abs(alone.floquet.values[:4]), atol=1e-4)
+    one, other = (fs.transient(sub, given, (0.0, 20.0), samples=10, impulse={"belt": 1e-3}) for sub, given in (
+        (model, contacts), (inside, belt)))
+    np.testing.assert_allclose(one.velocity("belt"), other.velocity("belt"), atol=1e-9)
+
+
+@dataclass(frozen=True)
+class AskedOneByOne(fs.Belt):
+    columnwise: ClassVar[bool] = False
+
+
+def test_a_contact_is_asked_at_all_times_at_once_or_time_by_time() -> None:
+    model, given = part(5), {"port": "pair", "force": 0.7, "speed": 0.2, "law": LAW}
+    pair = fs.Substructure(model.M, model.K, model.D, ports={"pair": np.eye(5)[:, [1, 3]]})
+    v = np.random.default_rng(0).uniform(-0.3, 0.3, (2, 9))
+    one, other = (sliding(pair, kind(**given)) for kind in (fs.Belt, AskedOneByOne))
+    np.testing.assert_allclose(one.exerted(v, v), other.exerted(v, v), rtol=1e-15)
+    np.testing.assert_allclose(one.tangents(v, v), other.tangents(v, v), rtol=1e-14)
+
+
+def test_a_branch_over_a_parameter_of_a_contact_of_ones_own() -> None:
+    """Van der Pol's ε: against shooting at one end, and the period at ε = 1, 6.6632868593, at the other."""
+    model = fs.Substructure([[1.0]], [[1.0]], ports={"mass": [1.0]})
+    start = fs.State(np.array([1.0]), np.array([0.0]))
+    run = fs.transient(model, VanDerPol(0.9), (0.0, 100.0), start=start, step=0.02, record_from=60.0)
+    cycle = fs.harmonic_balance(model, VanDerPol(0.9), start=run, harmonics=30)
+    found = fs.branch(model, VanDerPol(0.9), "eps", (0.85, 1.0), start=cycle, harmonics=30, points=30)
+    assert found.values[[0, -1]] == pytest.approx([0.85, 1.0], rel=1e-12)
+    assert found.points[-1].period == pytest.approx(6.6632868593, rel=1e-7)
+    shot = fs.shoot(model, VanDerPol(0.85), found.points[0])
+    assert shot.period == pytest.approx(found.points[0].period, rel=1e-6) and shot.steps <= 3
+    with pytest.raises(fs.InputError, match=r"unknown port of a contact with a eps 'maas'; did you mean 'mass'"):
+        fs.branch(model, VanDerPol(0.9), "eps", (0.85, 1.0), start=cycle, port="maas")
+
+
 def test_what_is_missing_for_a_cycle_is_told() -> None:
     model = part(5)
     for start in (None, 0.5):
         with pytest.raises(fs.InputError, match=r"with Bumper a cycle needs a start that moves: a transient, .*LimitCycle"):
             fs.harmonic_balance(model, CONTACTS, start=start)
-    with pytest.raises(fs.InputError, match="several belts or other contacts a branch must begin at a known cycle"):
+    with pytest.raises(fs.InputError, match="several contacts, or one that is no belt, a branch must begin at a known cycle"):
         fs.branch(model, (CONTACTS[0], Bumper()))
-    with pytest.raises(fs.InputError, match="follows a parameter of a belt, but there is no belt"):
+    with pytest.raises(fs.InputError, match=r"unknown parameter 'slope'.* c, h, k"):
         fs.branch(model, Bumper())
-    with pytest.raises(fs.InputError, match="at least one Belt or another contact"):
+    with pytest.raises(fs.InputError, match="at least one contact, such as a Belt"):
         fs.transient(model, ())
 
 
@@ -277,7 +345,8 @@ def test_about_steady_sliding_it_is_its_linearisation(case: str) -> None:
     moving: Any = contact.in_motion(model)
     p = moving.N.shape[1]
     none = np.zeros(p)
-    of_u, of_v = moving.tangents(none, none)
+    whole = sliding(model, contact)
+    of_u, of_v = whole.tangents(none, none)
     assert not moving.exerted(none, none).any()
     assert np.abs(of_u + C_K).max() <= 1e-12 * np.abs(of_u).max()
     assert np.abs(of_v + (C_D.toarray() if sp.issparse(C_D) else C_D)).max() <= 1e-12 * max(np.abs(of_v).max(), 1.0)
@@ -285,7 +354,7 @@ def test_about_steady_sliding_it_is_its_linearisation(case: str) -> None:
     u, v = 2 * P / K * rng.standard_normal(p), 0.8 * V * rng.standard_normal(p)  # parted here and there, and turned
     if case in ("direction", "turning pair"):
         assert 0 < moving._pressed(u)[1].sum() < len(moving.area)
-    for at, size, exact in zip((0, 1), (P / K, V), moving.tangents(u, v), strict=True):
+    for at, size, exact in zip((0, 1), (P / K, V), whole.tangents(u, v), strict=True):
         change, h = rng.standard_normal(p), 1e-7 * size
         step = h * change
         ahead, behind = (moving.exerted(u + sign * step * (at == 0), v + sign * step * (at == 1)) for sign in (1, -1))
@@ -337,7 +406,7 @@ def test_a_block_on_moving_ground_in_time() -> None:
             parted = [not moving._pressed(W.T @ q)[1].all() for q in run.states[0]]
             assert any(parted) and not all(parted)
         assert np.abs((found - exact) / scale).max() < close
-    with pytest.raises(fs.InputError, match="an impulse needs a port, but FrictionInMotion acts on no port"):
+    with pytest.raises(fs.InputError, match="an impulse needs a port, but FrictionContact acts on no port"):
         fs.transient(model, contact, impulse=1.0)
 
 
@@ -380,7 +449,7 @@ def test_a_cycle_under_friction_between_surfaces() -> None:
     assert shot.omega == pytest.approx(cycle.omega, rel=1e-6) and abs(shot.omega / value.imag - 1) > 1e-6
     assert shot.velocity.shape[0] == 25 and shot.rms == pytest.approx(cycle.rms, rel=1e-3)
     bare = fs.transient(model, contacts, (0.0, 32 * period), **given)
-    with pytest.raises(fs.InputError, match=r"FrictionInMotion acts on the sets bottom, .*record='states'"):
+    with pytest.raises(fs.InputError, match=r"FrictionContact acts on the sets bottom, .*record='states'"):
         fs.harmonic_balance(model, contacts, start=bare)
 
 
@@ -399,7 +468,7 @@ def test_two_friction_contacts_and_a_belt_by_two_integrators() -> None:
     given: dict[str, Any] = {"start": start, "samples": 20, "record": "states"}
     exact = fs.transient(model, [belt, *contacts], (0.0, 2 * period), method="lsoda", **given)
     found = fs.transient(model, [belt, *contacts], (0.0, 2 * period), method="alpha", tol=1e-5, **given)
-    assert exact.states is not None and found.states is not None and "FrictionInMotion on bottom" in repr(found.contact)
+    assert exact.states is not None and found.states is not None and "FrictionContact on bottom" in repr(found.contact)
     for one, other in zip(found.states, exact.states, strict=True):
         assert np.abs(one - other).max() < 4e-3 * np.abs(other).max()
     for left_out in (belt, *contacts):

@@ -120,7 +120,7 @@ def test_the_jacobian_is_that_of_the_residual() -> None:
     rng = np.random.default_rng(3)
     v = (rng.normal(size=(6, 2)) + 1j * rng.normal(size=(6, 2))) * 0.1 / np.arange(1, 7)[:, None] ** 2
     orbit = Orbit(v, 0.4)
-    J = balance.derivative(orbit, 512, balance.residual(orbit, 512))
+    J = balance.derivative(orbit, balance.residual(orbit, 512))
     for column in [*rng.choice(25, 8, replace=False).tolist(), 24]:
         step = np.zeros(25)
         step[column] = 1e-6
@@ -149,7 +149,7 @@ def test_harmonic_balance_shooting_and_integration_agree(name: str, speed: float
     W, state = contact.W[:, 0], found.state()
 
     def rate(_: float, y: np.ndarray) -> np.ndarray:
-        force = W * contact.force(W[None, :] @ y[n:])[0]
+        force = W * contact.exerted(np.zeros(1), W[None, :] @ y[n:])[0]
         return np.concatenate([y[n:], np.linalg.solve(pencil.M, force - pencil.D @ y[n:] - pencil.K @ y[:n])])
 
     start_at = np.concatenate([state.displacement, 1.01 * state.velocity])
@@ -200,7 +200,7 @@ def test_the_state_lies_on_the_cycle_and_obeys_the_equation_of_motion() -> None:
         ahead, behind = found.state(t + h), found.state(t - h)
         np.testing.assert_allclose((ahead.displacement - behind.displacement) / (2 * h), state.velocity, atol=1e-6)
         acceleration = (ahead.velocity - behind.velocity) / (2 * h)
-        force = contact.W @ contact.force(contact.W.T @ state.velocity)
+        force = contact.W @ contact.exerted(contact.W.T @ state.displacement, contact.W.T @ state.velocity)
         pencil = contact.model.pencil
         balance = pencil.M @ acceleration + pencil.D @ state.velocity + pencil.K @ state.displacement - force
         assert np.abs(balance).max() < 5e-3 * np.abs(force).max()
@@ -214,7 +214,7 @@ def test_energy_from_the_belt_is_what_the_damper_takes() -> None:
     found = cycle("CC")
     t = np.linspace(0, found.period, 2048, endpoint=False)
     v = found.velocity(t)
-    work = np.mean(found.contact.force(v[None, :])[0] * v)
+    work = np.mean(found.contact.exerted(np.zeros((1, 1)), v[None, :])[0] * v)
     q = np.array([found.state(at).velocity for at in t[::8]])
     lost = np.mean(np.einsum("ti,ij,tj->t", q, found.contact.model.D, q))
     assert work == pytest.approx(lost, rel=1e-4)
@@ -387,7 +387,7 @@ def test_the_aliasing_told_is_that_of_the_samples_that_were_used() -> None:
     found = cycle("HCB")
     balance, orbit = Balance(found.contact, found.flexibility), found.orbit
     used = balance.samples(orbit)
-    few, many = (np.fft.rfft(found.contact.force(orbit.samples(count)))[0, 1:orbit.harmonics + 1] / count
+    few, many = (np.fft.rfft(balance.force(orbit, count))[0, 1:orbit.harmonics + 1] / count
                  for count in (used, 4 * used))
     Y = found.flexibility.estimate(1j * orbit.omega * np.arange(1, orbit.harmonics + 1))[:, 0, 0]
     told = balance.unresolved(orbit)[1]

@@ -202,7 +202,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             fs.branch,
             {
                 "model": rom,
-                "belts": soft,
+                "contacts": soft,
                 "parameter": "slope",
                 "between": None,
                 "start": None,
@@ -238,7 +238,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "growth_rate": (fs.growth_rate, {"t": t, "signal": y, "between": (0.0, 10.0), "below": None}),
         "harmonic_balance": (
             fs.harmonic_balance,
-            {"model": rom, "belts": soft, "harmonics": 40, "start": None, "tol": 1e-3},
+            {"model": rom, "contacts": soft, "harmonics": 40, "start": None, "tol": 1e-3},
         ),
         "normal_modes": (fs.normal_modes, {"model": sub, "count": 3, "band": None}),
         "normal_modes(band)": (fs.normal_modes, {"model": sub, "band": (0.0, 1.0)}),
@@ -293,9 +293,9 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         ),
         "self_excitation": (
             fs.self_excitation,
-            {"full": sub, "reduced": rom, "belts": belt, "band": (0.0, 2.0), "count": None, "omega": None, "harmonics": 3.0},
+            {"full": sub, "reduced": rom, "contacts": belt, "band": (0.0, 2.0), "count": None, "omega": None, "harmonics": 3.0},
         ),
-        "shoot": (fs.shoot, {"model": rom, "belts": soft, "start": cycle, "period": None, "tol": 1e-6, "rounds": 3}),
+        "shoot": (fs.shoot, {"model": rom, "contacts": soft, "start": cycle, "period": None, "tol": 1e-6, "rounds": 3}),
         "solid": (
             fs.solid,
             one
@@ -335,7 +335,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
             fs.transient,
             {
                 "model": rom,
-                "belts": belt,
+                "contacts": belt,
                 "time": (0.0, 5.0),
                 "start": None,
                 "impulse": None,
@@ -351,7 +351,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         ),
         "transient(alpha)": (
             fs.transient,
-            {"model": sub, "belts": belt, "time": (0.0, 5.0), "step": 0.1, "tol": None, "method": "alpha"},
+            {"model": sub, "contacts": belt, "time": (0.0, 5.0), "step": 0.1, "tol": None, "method": "alpha"},
         ),
         "write_matrices": (fs.write_matrices, {"folder": folder / "new", "model": rom, "format": "mtx"}),
         "write_mesh": (

@@ -178,7 +178,7 @@ def test_bad_input_is_named() -> None:
         fs.self_excitation(FULL, 3, BELT)  # type: ignore[arg-type]
     with pytest.raises(fs.InputError, match="10 rows, but the full model has 12 DOF"):
         fs.self_excitation(fs.chain(12, belt=2), rom, BELT)
-    with pytest.raises(fs.InputError, match="at least one Belt"):
+    with pytest.raises(fs.InputError, match="at least one contact, such as a Belt"):
         fs.self_excitation(FULL, rom, [])
     with pytest.raises(fs.InputError, match="none negative"):
         fs.self_excitation(FULL, rom, BELT, omega=[-1.0])

@@ -138,7 +138,8 @@ def test_several_belts_and_columns() -> None:
     contact = sliding(model, belts)
 
     def rhs(t: float, y: np.ndarray) -> np.ndarray:
-        return np.concatenate([y[6:], contact.W @ contact.force(contact.W.T @ y[6:]) - model.D @ y[6:] - model.K @ y[:6]])
+        force = contact.exerted(contact.W.T @ y[:6], contact.W.T @ y[6:])
+        return np.concatenate([y[6:], contact.W @ force - model.D @ y[6:] - model.K @ y[:6]])
 
     start = contact.impulse()
     done = solve_ivp(rhs, (0, 60), np.concatenate([start.displacement, start.velocity]), "Radau", rtol=1e-9, atol=1e-11)

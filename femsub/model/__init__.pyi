@@ -19,6 +19,7 @@ from .contact import (
     columns_of as columns_of,
     contacts_at as contacts_at,
     contacts_of as contacts_of,
+    fields_of as fields_of,
     kinks_of as kinks_of,
     small_matrices as small_matrices,
 )

@@ -7,8 +7,9 @@ contact serves the full and the reduced model.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -21,6 +22,7 @@ from femsub.errors import InputError, InputTypeError, unknown_name
 if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
 
+log = logging.getLogger(__name__)
 
 @runtime_checkable
 class Contact(Protocol):
@@ -36,8 +38,12 @@ class Contact(Protocol):
                            matrix (p, p), symmetric or not, full or sparse; a number c, which stands for c times the unit
                            matrix; or None.
     exerted(u, v)          the force f (p,) in motion: M q̈ + D q̇ + K q = W f(u, v), for `transient` and limit cycles
-    tangents(u, v)         (∂f/∂u, ∂f/∂v), (p, p) each. At the operating point they are -C_K and -C_D.
+    tangents(u, v)         (∂f/∂u, ∂f/∂v), (p, p) each. At the operating point they are -C_K and -C_D. None for one that is 0
+                           everywhere: limit cycles of forces that depend on v alone take less time, and have multipliers.
     in_motion(model)       instead of the last two: an object that has them, for contacts whose force needs to know the model
+    columnwise             True if each column acts by itself and like the others: exerted takes u and v of any shape, entry by
+                           entry, and tangents takes (p, m) at m times as well and gives (p, p, m)
+    scalar()               f and ∂f/∂v of a single column as fast functions of one float v, if f does not depend on u
     affine                 names of the fields in which C_D and C_K are affine, a + b p with all other fields as they are: a tuple
                            of str, an attribute of the class or a property. Without it `critical_value` is at most 'confirmed'.
                            Samples check it. A subclass declares anew, since it may change the matrices.
@@ -127,12 +133,12 @@ class LinearContact(Frozen):
     def exerted(self, u: Array, v: Array) -> Array:
         """f = -C_K u - C_D v, shape (p,)."""
         K, D = self.tangents(u, v)
-        return K @ u + D @ v
+        parts = [C @ moved for C, moved in ((K, u), (D, v)) if C is not None]
+        return parts[0] if len(parts) == 1 else parts[0] + parts[1]
 
-    def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
+    def tangents(self, u: Array, v: Array) -> tuple[Array | None, Array | None]:
         """(-C_K, -C_D)."""
-        none = np.zeros((len(u), len(u)))
-        return none if self.stiffness is None else -self.stiffness, none if self.damping is None else -self.damping
+        return None if self.stiffness is None else -self.stiffness, None if self.damping is None else -self.damping
 
 
 def contacts_of(contacts: Any) -> tuple[Contact, ...]:
@@ -151,10 +157,27 @@ def contacts_of(contacts: Any) -> tuple[Contact, ...]:
     return tuple(given)
 
 
+def fields_of(contact: Any) -> tuple[str, ...]:
+    """The names of the fields that `replace` can change; none for a contact that is no dataclass."""
+    return tuple(item.name for item in fields(contact) if item.init) if is_dataclass(contact) else ()
+
+
 def contacts_at(contacts: Contacts, parameter: str, value: float) -> list[Any]:
-    """The contacts with this value of a parameter; those that do not have it are left as they are."""
+    """The contacts with this value of a parameter. Those that do not have it stay as they are, which the log tells.
+
+    Raises
+    ------
+    InputError
+        None of them has it.
+    """
     given: Sequence[Any] = contacts_of(contacts)
-    return [replace(one, **{parameter: value}) if hasattr(one, parameter) else one for one in given]
+    known = [fields_of(one) for one in given]
+    without = ", ".join(type(one).__name__ for one, names in zip(given, known, strict=True) if parameter not in names)
+    if not any(parameter in names for names in known):
+        raise unknown_name("parameter", parameter, {name for names in known for name in names})
+    if without:
+        log.info("%s has no %s and stays as it is", without, parameter)
+    return [replace(one, **{parameter: value}) if parameter in names else one for one, names in zip(given, known, strict=True)]
 
 
 def affine_fields(contact: Any) -> tuple[str, ...]:

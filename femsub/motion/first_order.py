@@ -1,13 +1,13 @@
-"""A model under belts as a first-order system, and its integration by SciPy.
+"""A model under its contacts as a first-order system, and its integration by SciPy.
 
     ẋ = u,   u̇ = -K̂ x - D̂ u + G Δf,   Δf = f(Gᵀu) - f(0),   q = T (x + x₀),   TᵀMT = I
 
 x₀ is steady sliding, K̂ x₀ = G f(0). Without this shift, tolerance and rounding of a static deflection would hide a small
 motion about it. Nor is Δf a difference where the motion is small, see `Change`. (If x₀ does not exist, or its rounding would
 matter, x₀ and f(0) are 0 here.) T is chosen such that the
-contact acts on the first p velocities only: G = TᵀW (n, p) is zero below row p. With one column a right-hand side is one
-matrix-vector product and a few operations on floats, about 1.3 µs at n = 10. Two more unknowns are the work ∫ ΔfᵀWᵀq̇ dt and
-the dissipation ∫ q̇ᵀDq̇ dt, with the same error control. The work of the constant f(0) is f(0)ᵀWᵀ(q - q(0)).
+contact acts on the first p velocities only: G = TᵀW (n, p) is zero below row p. For a contact that has `scalar` a right-hand
+side is one matrix-vector product and a few operations on floats, about 1.3 µs at n = 10. Two more unknowns are the work
+∫ ΔfᵀWᵀq̇ dt and the dissipation ∫ q̇ᵀDq̇ dt, with the same error control. The work of the constant f(0) is f(0)ᵀWᵀ(q - q(0)).
 
 Why LSODA (C code, one call for a stretch of the grid) is the default: `scripts/integrators.py`, 50 time units of stick-slip,
 seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; interpolated):
@@ -39,7 +39,6 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
-from femsub.coupling import scalar_law
 from femsub.errors import InputError, NotConvergedError
 from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State
 
@@ -163,9 +162,9 @@ def _rest(contact: Sliding, start: State, Tinv: Array, K: Array, G: Array) -> Ar
     begin = Tinv @ start.displacement
     if not contact.pull(start.displacement).any():
         return begin
-    if contact.others:
+    if not contact.by_speed:
         return None
-    force = G @ contact.force(np.zeros(contact.columns))
+    force = G @ contact.resting(start.displacement)
     try:
         found = la.cho_solve(la.cho_factor(K), force)
     except la.LinAlgError:
@@ -179,7 +178,7 @@ def _scale(contact: Sliding, start: State, K: Array, G: Array, highest: float) -
     norm = np.sqrt(np.einsum("ij,ij->j", G, G))
     pull = max((float(g @ (K @ g) / (g @ g)) for g in G.T if g.any()), default=0.0)
     omega = np.sqrt(pull) if pull > (1e-6 * highest) ** 2 else highest or 1.0
-    speed = max([*(abs(belt.speed or 0.0) for belt in contact.belts), float(np.abs(contact.W.T @ start.velocity).max())])
+    speed = max(float(contact.speeds.max()), float(np.abs(contact.W.T @ start.velocity).max()))
     thickest = norm.max() or 1.0
     if speed == 0:  # belt and start at rest: the speed that friction alone can cause
         speed = thickest**2 * float(np.abs(contact.resting(start.displacement)).max()) / omega
@@ -220,7 +219,8 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
         np.copyto(gradient, linear)
         gradient[n:work, loss] = 2 * (symmetric @ y[n:work])
 
-    if contact.columns > 1 or contact.others:
+    alone = contact.moving[0]
+    if contact.columns > 1 or not contact.by_speed or not callable(getattr(alone, "scalar", None)):
         def rhs(t: float, y: Array) -> Array:
             dot(y, whole)
             v = y[n:n + p] @ G
@@ -240,23 +240,20 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
             gradient[n:n + p, work] = G @ (change(u, v) + of_v.T @ v)
             return gradient
     else:
-        belt, g = contact.belts[0], float(G[0, 0])
-        force, speed, first, rounding = belt.force, float(belt.speed or 0.0), float(change.rest[0]), float(change.rounding[0])
-        mu, mu_slope = scalar_law(belt.law)  # type: ignore[arg-type]
+        exerted, slope = alone.scalar()
+        g, first, rounding = float(G[0, 0]), float(change.rest[0]), float(change.rounding[0])
         small = SMALL * abs(first)
 
-        def changed(v: float) -> float:  # `change` in floats
-            f = force * mu(speed - v) - first
-            if abs(f) < small:
-                smooth = -force * v * mu_slope(speed - v / 2)
-                if abs(smooth - f) <= rounding:
-                    return smooth
-            return f
+        def smooth(f: float, v: float) -> float:  # `change` in floats
+            found = v * slope(v / 2)
+            return found if abs(found - f) <= rounding else f
 
         def rhs(t: float, y: Array) -> Array:
             dot(y, whole)
             v = g * y.item(n)
-            f = changed(v)
+            f = exerted(v) - first
+            if -small < f < small:
+                f = smooth(f, v)
             out[n] += g * f
             dissipated()
             out[work] = f * v
@@ -265,9 +262,9 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
         def jacobian(t: float, y: Array) -> Array:
             start_gradient(y)
             v = g * y.item(n)
-            tangent = -force * mu_slope(speed - v)
+            f, tangent = exerted(v) - first, slope(v)
             gradient[n, n] += g * g * tangent
-            gradient[n, work] = g * (changed(v) + v * tangent)
+            gradient[n, work] = g * ((smooth(f, v) if -small < f < small else f) + v * tangent)
             return gradient
 
     return rhs, jacobian

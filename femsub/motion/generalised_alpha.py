@@ -221,7 +221,7 @@ class AlphaFlow:
 
 def _speed(contact: Sliding, start: State) -> float:
     """The belts' speed as a norm of velocities: v / sqrt(wᵀ(diag M)⁻¹w), the largest of the columns'."""
-    speed = max([*(abs(belt.speed or 0.0) for belt in contact.belts), float(np.abs(contact.W.T @ start.velocity).max())]) or 1.0
+    speed = max(float(contact.speeds.max()), float(np.abs(contact.W.T @ start.velocity).max())) or 1.0
     norms = np.square(contact.W).T @ (1 / contact.model.M.diagonal())
     return float(speed / np.sqrt(norms[norms > 0].min())) if norms.any() else speed
 
@@ -245,7 +245,7 @@ class Stepper:
         part, s, sigma = STAGE * BETA * h * h, GAMMA / (BETA * h), INERTIA / (STAGE * BETA * h * h)
         # the predictor keeps a
         place, speed = self.x + STAGE * (h * self.v + h * h / 2 * self.a), self.v + STAGE * h * self.a
-        guess = contact.W.T @ place if contact.others else np.zeros(contact.columns), contact.W.T @ speed
+        guess = np.zeros(contact.columns) if contact.by_speed else contact.W.T @ place, contact.W.T @ speed
         before = flow.change(*guess)
         residual = flow.residual(place, speed, self.a, before)
         handle, Z, C = flow.factor(sigma, s)
@@ -270,7 +270,7 @@ def _contact_force(force: Change, guess: tuple[Array, Array], change: Array, bef
     rest, f = gap(v)
     felt = min(float(np.abs(force.rest).max(initial=0.0)), float(np.abs(f).max()) / SMALL) + np.abs(f).max()
     floor = 8 * EPS * (np.abs(linear).max() + np.abs(C).max() * felt + np.abs(v).max())
-    if contact.others:  # forces depend on displacements as well, whose rounding they multiply
+    if not contact.by_speed:  # forces depend on displacements as well, whose rounding they multiply
         floor += 8 * EPS * float((np.abs(C @ contact.tangents(force.place + place, v)[0]) @ np.abs(place)).max())
     for _ in range(200):
         if np.abs(rest).max() <= floor:

@@ -1,16 +1,15 @@
-"""The nonlinear contact of belts with a substructure: friction forces, steady sliding, initial disturbances.
+"""A substructure and what its contacts exert in motion: forces, steady sliding, initial disturbances.
 
-    M q̈ + D q̇ + K q = W f(Wᵀq̇),   f_c(v) = F_c μ_c(v0_c - v_c)
+    M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇)
 
-with one column of W (n, p) for each column of each belt's port, and v = Wᵀq̇ (p,) the speeds under the belts. Friction
-stands on the right, see `friction`. Full and reduced models alike: W of a reduced one is VᵀW. Other contacts exert f(u, v),
-which depends on the displacements u = Wᵀq as well, and their columns act on each other.
+with one column of W (n, p) for each column of each contact's ports and sets, and u = Wᵀq, v = Wᵀq̇ (p,) the motion there. A belt
+is a contact with f_c = F μ(v0 - v_c) on each column. Full and reduced models alike: W of a reduced one is VᵀW.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -20,7 +19,7 @@ import scipy.sparse as sp
 
 from femsub.algebra import factorise
 from femsub.checks import EPS, Array, Matrix, finite_number, instance, real_array
-from femsub.coupling import Belt, asked, width_of
+from femsub.coupling import Belt, width_of
 from femsub.errors import InputError, InputTypeError, NotConvergedError, SingularMatrixError
 from femsub.model import ReducedSubstructure, Substructure, columns_of, contacts_of
 from femsub.modes import ShiftInvert
@@ -64,71 +63,87 @@ class State:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sliding:
-    """M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇) with W (n, p): a model, the belts on its ports, and other contacts.
+    """M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇) with W (n, p): a model and its contacts.
 
     Attributes
     ----------
     model : Substructure
-    belts : tuple of Belt
+    contacts : tuple of Contact
+        As they were given.
+    moving : tuple
+        What has their `exerted` and `tangents`: the contacts themselves, or what their `in_motion` made.
     W : ndarray, shape (n, p)
-        The belts' columns first.
-    owner : tuple of int, length p
-        The belt to which each column belongs; the other contacts are counted on.
-    others : tuple of Contact
-        Only with these f depends on u = Wᵀq, and the columns of one contact act on each other.
+        Their columns side by side.
+    blocks : tuple of slice
+        The columns of each.
     """
 
     model: Substructure
-    belts: tuple[Belt, ...]
+    contacts: tuple[Any, ...]
+    moving: tuple[Any, ...]
     W: Array
-    owner: tuple[int, ...]
-    others: tuple[Any, ...] = ()
+    blocks: tuple[slice, ...]
 
     def __repr__(self) -> str:
-        under = ", ".join(f"{belt.port!r} at {belt.speed:g}" for belt in self.belts)
-        more = ", ".join(f"{type(other).__name__} on {', '.join(places_of(other))}" for other in self.others)
-        return f"Sliding: {self.model.name!r} with {self.model.size} DOF" + (f", belts under {under}" if under else "") + \
-               (f", {more}" if more else "")
+        told = [f", {type(one).__name__} on {', '.join((*one.ports, *getattr(one, 'sets', ())))}"
+                + (f" at {one.speed:g}" if isinstance(one, Belt) else "") for one in self.contacts]
+        return f"Sliding: {self.model.name!r} with {self.model.size} DOF{''.join(told)}"
+
+    def changed(self, contacts: Sequence[Any]) -> Sliding:
+        """The model with other contacts on the same columns."""
+        moving = tuple(move if one is old else in_motion(one, self.model)
+                       for one, old, move in zip(contacts, self.contacts, self.moving, strict=True))
+        return replace(self, contacts=tuple(contacts), moving=moving)
 
     @property
     def ports(self) -> list[str]:
         """The ports of all contacts, each once."""
-        return list(dict.fromkeys(port for contact in (*self.belts, *self.others) for port in contact.ports))
+        return list(dict.fromkeys(port for contact in self.contacts for port in contact.ports))
 
     @property
     def columns(self) -> int:
         return int(self.W.shape[1])
 
-    def _each(self, function: str, v: Array) -> Array:
-        v = np.asarray(v, dtype=float)
-        result = np.empty_like(v)
-        for row, at in enumerate(self.owner):
-            belt = self.belts[at]
-            result[row] = belt.force * asked(belt.law, function, belt.speed - v[row])
-        return result
-
-    def force(self, v: Array) -> Array:
-        """f(v) = F μ(v0 - v), in the shape of v, (p,) or (p, m): one row per column of W. Of belts only, see `exerted`."""
-        return self._each("value", v)
+    @cached_property
+    def belts(self) -> tuple[Belt, ...]:
+        """The belts among the contacts."""
+        return tuple(one for one in self.contacts if isinstance(one, Belt))
 
     @cached_property
-    def blocks(self) -> list[slice]:
-        """The columns of each contact, belts first."""
-        ends = np.searchsorted(self.owner, np.arange(len(self.belts) + len(self.others) + 1)).tolist()
-        return [slice(*pair) for pair in pairwise(ends)]
+    def speeds(self) -> Array:
+        """|v0| of the belt on each column, shape (p,); 0 without one."""
+        return np.repeat([abs(one.speed or 0.0) if isinstance(one, Belt) else 0.0 for one in self.contacts],
+                         [rows.stop - rows.start for rows in self.blocks])
+
+    @cached_property
+    def by_speed(self) -> bool:
+        """Whether f depends on the speeds alone, which the tangents of all contacts tell."""
+        none = np.zeros(self.columns)
+        return all(one.tangents(none[rows], none[rows])[0] is None for rows, one in zip(self.blocks, self.moving, strict=True))
+
+    @cached_property
+    def _asked(self) -> tuple[tuple[int | slice, Any, bool], ...]:
+        """Where the columns of each contact are, what exerts, and whether at all times at once; a number is faster than one in an
+        array.
+        """
+        return tuple((rows.start if at_once and rows.stop == rows.start + 1 else rows, one, at_once)
+                     for rows, one in zip(self.blocks, self.moving, strict=True) for at_once in [columnwise(one)])
 
     def exerted(self, u: Array, v: Array) -> Array:
-        """f(u, v) of all contacts at displacements u (p,) and speeds v (p,) of the columns, shape (p,)."""
-        if not self.others:
-            return self.force(v)
-        contacts = (*self.belts, *self.others)
-        return np.concatenate([one.exerted(u[rows], v[rows]) for rows, one in zip(self.blocks, contacts, strict=True)])
+        """f of all contacts at displacements u and speeds v of the columns, in their shape, (p,) or (p, m) at m times."""
+        found = np.empty(v.shape)
+        for at, one, asked in self._asked:
+            found[at] = one.exerted(u[at], v[at]) if asked or v.ndim == 1 else \
+                np.array([one.exerted(*pair) for pair in zip(u[at].T, v[at].T, strict=True)]).T
+        return found
 
     def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """(∂f/∂u, ∂f/∂v) of all contacts, shape (p, p) each, block by block."""
-        of_u, of_v = np.zeros((self.columns, self.columns)), np.zeros((self.columns, self.columns))
-        for rows, contact in zip(self.blocks, (*self.belts, *self.others), strict=True):
-            of_u[rows, rows], of_v[rows, rows] = contact.tangents(u[rows], v[rows])
+        """(∂f/∂u, ∂f/∂v) of all contacts, shape (p, p) or (p, p, m) each, block by block."""
+        whole = of_u, of_v = np.zeros((len(v), *v.shape)), np.zeros((len(v), *v.shape))
+        for rows, one in zip(self.blocks, self.moving, strict=True):
+            for found, part in zip(whole, _tangents(one, u[rows], v[rows]), strict=True):
+                if part is not None:
+                    found[rows, rows] = part
         return of_u, of_v
 
     def resting(self, displacement: Array) -> Array:
@@ -140,26 +155,17 @@ class Sliding:
         u, still = self.W.T @ displacement, np.zeros(self.columns)
         rest = self.exerted(u, still)
         of_u, of_v = self.tangents(u, still)
-        speeds = np.array([abs(self.belts[at].speed or 0.0) if at < len(self.belts) else 0.0 for at in self.owner])
-        return Change(self, u, rest, RESIDUE * (np.abs(rest) + np.abs(of_u) @ np.abs(u) + np.abs(of_v) @ speeds))
-
-    def tangent(self, v: Array) -> Array:
-        """The diagonal of df/dv = -F μ'(v0 - v), shape (p,) or (p, m). It is diagonal since each column is a separate contact."""
-        return -self._each("slope", v)
+        return Change(self, u, rest, RESIDUE * (np.abs(rest) + np.abs(of_u) @ np.abs(u) + np.abs(of_v) @ self.speeds))
 
     def sticks(self, v: Array) -> Array:
-        """Where the belts stick, see `Belt.sticks`; bool, one row per column of the belts, of v with a row per column of W."""
-        return np.array([self.belts[at].sticks(row) for at, row in zip(self.owner, v, strict=True) if at < len(self.belts)])
-
-    @property
-    def widths(self) -> list[float]:
-        """ε of the belts' laws; NaN for a law without one."""
-        return [width_of(belt.law) for belt in self.belts]
+        """Where the belts stick, see `Belt.sticks`; bool, (k, m) with a row for each of their columns, of v (p, m)."""
+        return np.vstack([one.sticks(v[rows]) for rows, one in zip(self.blocks, self.contacts, strict=True)
+                          if isinstance(one, Belt)])
 
     @property
     def without_eps(self) -> list[str]:
         """Ports of the belts whose law has no ε."""
-        return [belt.port for belt, width in zip(self.belts, self.widths, strict=True) if np.isnan(width)]
+        return [belt.port for belt in self.belts if np.isnan(width_of(belt.law))]
 
     def _held(self) -> ShiftInvert:
         """The factor of K of a model that does not float; to be released."""
@@ -180,7 +186,7 @@ class Sliding:
 
     @cached_property
     def equilibrium(self) -> Array:
-        """K q = W f at rest: steady sliding, shape (n,). With other contacts by Newton's method for u = WᵀK⁻¹W f(u, 0).
+        """K q = W f at rest: steady sliding, shape (n,). If f depends on u, by Newton's method for u = WᵀK⁻¹W f(u, 0).
 
         Raises
         ------
@@ -190,9 +196,9 @@ class Sliding:
             Newton's method found no equilibrium.
         """
         u, still = np.zeros(self.columns), np.zeros(self.columns)
-        if not self.others:
+        if self.by_speed:
             handle = self._held()
-            found = handle.factor.solve(self.W @ self.force(still))
+            found = handle.factor.solve(self.W @ self.exerted(u, still))
             handle.release()
             return found
         Z, H = self.static
@@ -220,11 +226,11 @@ class Sliding:
         Parameters
         ----------
         size : float or mapping of str to float
-            J (mass · length / time), on the first belt's port or on the ports named.
+            J (mass · length / time), on the first port or on the ports named.
         """
         if not isinstance(size, Mapping) and not self.ports:
-            raise InputError(f"an impulse needs a port, but {' and '.join(type(one).__name__ for one in self.others)} acts on no "
-                             "port. Name one, impulse={port: J}, or give start=")
+            raise InputError(f"an impulse needs a port, but {' and '.join(type(one).__name__ for one in self.contacts)} acts on "
+                             "no port. Name one, impulse={port: J}, or give start=")
         blows = size if isinstance(size, Mapping) else {self.ports[0]: size}
         load = np.zeros(self.model.size)
         for port, value in blows.items():
@@ -273,45 +279,49 @@ class Change:
         return np.where(small & (np.abs(smooth - change) <= self.rounding), smooth, change)
 
 
-def sliding(model: Substructure, belts: Any, what: str = "the nonlinear model", others: bool = False) -> Sliding:
-    """A model with its belts, and with `others` also other contacts that exert a force, checked.
+def sliding(model: Substructure, contacts: Any, what: str = "the nonlinear model") -> Sliding:
+    """A model with its contacts, checked.
 
     Raises
     ------
     InputError, InputTypeError
-        No belt, a belt without a friction law (a slope alone is not enough for nonlinear motion), two belts on one port, an
+        No contact, a belt without a friction law (a slope alone is not enough for nonlinear motion), two belts on one port, an
         unknown port, a contact that does not say what it exerts.
     """
     if not isinstance(model, Substructure):
         raise InputTypeError(f"{what} takes a Substructure with a port, not {type(model).__name__}")
-    given = tuple(belts) if isinstance(belts, Sequence) else (belts,)
-    contacts = tuple(belt for belt in given if isinstance(belt, Belt))
-    free = contacts_of(tuple(belt for belt in given if not isinstance(belt, Belt))) if others else ()
-    moving = tuple(made(model) if callable(made := getattr(contact, "in_motion", None)) else contact for contact in free)
+    given = contacts_of(contacts)
+    if not given:
+        raise InputError(f"{what} needs at least one contact, such as a Belt")
+    moving = tuple(in_motion(contact, model) for contact in given)
     for contact in moving:
         if not all(callable(getattr(contact, name, None)) for name in ("exerted", "tangents")):
             raise InputTypeError(f"{what} needs what a contact exerts in motion, but {type(contact).__name__} has no "
                                  "exerted(u, v) and tangents(u, v)")
-    for belt in contacts if others else given:
-        if not isinstance(belt, Belt):
-            raise InputTypeError(f"{what} takes Belts, whose friction laws it needs, not {type(belt).__name__}")
-        if belt.law is None:
-            raise InputError(f"the belt on port {belt.port!r} has a slope only, but {what} needs a friction law and the belt's "
-                             "speed, e.g. Belt(speed=0.19113, law=StribeckArctan(eps=1e-3))")
-    if not contacts and not free:
-        raise InputError(f"{what} needs at least one Belt" + (" or another contact" if others else ""))
-    names = [belt.port for belt in contacts]
+    names = [contact.port for contact in given if isinstance(contact, Belt)]
     if len(set(names)) < len(names):
         raise InputError(f"two belts act on one port: {names}. Give each its own port")
-    columns = [columns_of(model, contact) for contact in (*contacts, *free)]
-    columns = [W.toarray() if sp.issparse(W) else W for W in columns]
-    owner = tuple(at for at, column in enumerate(columns) for _ in range(column.shape[1]))
-    return Sliding(model, contacts, np.hstack(columns), owner, moving)
+    columns = [W.toarray() if sp.issparse(W) else W for W in (columns_of(model, contact) for contact in given)]
+    ends = np.cumsum([0, *(W.shape[1] for W in columns)]).tolist()
+    return Sliding(model, given, moving, np.hstack(columns), tuple(slice(*pair) for pair in pairwise(ends)))
 
 
-def places_of(contact: Any) -> tuple[str, ...]:
-    """The ports and interface sets that a contact acts on."""
-    return (*contact.ports, *getattr(contact, "sets", ()))
+def in_motion(contact: Any, model: Substructure) -> Any:
+    """What exerts the contact's force on a model."""
+    return made(model) if callable(made := getattr(contact, "in_motion", None)) else contact
+
+
+def columnwise(contact: Any) -> bool:
+    """Whether each column acts by itself, and arrays of any shape may be given."""
+    return bool(getattr(contact, "columnwise", False))
+
+
+def _tangents(contact: Any, u: Array, v: Array) -> Sequence[Array | None]:
+    """(∂f/∂u, ∂f/∂v), (p, p) each, or (p, p, m) at m times; None for one that is 0."""
+    if v.ndim == 1 or columnwise(contact):
+        return contact.tangents(u, v)
+    both = zip(*(contact.tangents(*pair) for pair in zip(u.T, v.T, strict=True)), strict=True)
+    return [None if parts[0] is None else np.moveaxis(np.array(parts), 0, -1) for parts in both]
 
 
 def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:

@@ -72,7 +72,7 @@ class Transient:
     Attributes
     ----------
     contact : Sliding
-        The model and its belts.
+        The model and its contacts.
     t : ndarray, shape (m,)
     displacements, velocities : mapping of str to ndarray, shape (m,) or (m, p)
         wᵀq and wᵀq̇ at each recorded port.
@@ -162,18 +162,18 @@ class Transient:
         return histories[name]
 
 
-def transient(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], time: tuple[float, float] = (0.0, 500.0), *,
+def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: tuple[float, float] = (0.0, 500.0), *,
               start: State | None = None, impulse: Mapping[str, float] | float | None = None, ports: Sequence[str] = (),
               step: float | None = None, samples: int | None = None, record_from: float | None = None,
               record: str = "ports", tol: float | None = None, method: str = "auto",
               progress: Callable[[str], None] | None = None) -> Transient:
-    """The nonlinear motion of a model under its belts in time: M q̈ + D q̇ + K q = W f(Wᵀq̇) from t0 to t1.
+    """The nonlinear motion of a model under its contacts in time: M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇) from t0 to t1.
 
     Parameters
     ----------
     model : Substructure
         Full or reduced; M must not be singular.
-    belts : Belt or another contact, or a sequence of them
+    contacts : Belt or another contact, or a sequence of them
         On any ports, of one or several columns. A belt needs a friction law, another contact `exerted` and `tangents` (see
         `femsub.model.contact.Contact`). Contacts of surfaces, such as `FrictionContact`, will do as well.
     time : (t0, t1)
@@ -181,10 +181,10 @@ def transient(model: Substructure, belts: Belt | Contact | Sequence[Belt | Conta
     start : State, optional
         q and q̇ in the model's coordinates at t0. Default: sliding equilibrium and an impulse on a port, see `impulse`.
     impulse : float or mapping of str to float
-        The impulse (mass · length / time), by default 1e-3 on the first belt's port. The same impulse is the same physical
+        The impulse (mass · length / time), by default 1e-3 on the first contact's port. The same impulse is the same physical
         disturbance for every model, see `Sliding.impulse`.
     ports : sequence of str
-        Ports to record besides those of the belts.
+        Ports to record besides those of the contacts.
     step, samples, record_from
         The grid: from record_from (default t0) in steps of `step`, or in `samples` equal intervals up to t1. Default:
         16 points per period of the highest mode, at most 200,000 in all; 2,000 for a sparse model.
@@ -222,7 +222,7 @@ def transient(model: Substructure, belts: Belt | Contact | Sequence[Belt | Conta
     0 to 20 in 101 points
     """
     began = clock.perf_counter()
-    contact = sliding(model, belts, "transient", others=True)
+    contact = sliding(model, contacts, "transient")
     t0, t1 = interval("time", time)
     choice("method", method, ("auto", "alpha", *METHODS))
     tell = listener("progress", progress)

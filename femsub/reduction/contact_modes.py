@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import Array, word
-from femsub.errors import InputError, unknown_name
+from femsub.errors import InputError
 from femsub.model import ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
 from femsub.reduction.basis import Basis, Kept, Responses, projected
 from femsub.reduction.free_interface import FreeInterface
@@ -87,11 +87,9 @@ class ContactModes(FreeInterface):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = contacts_of(self.contacts)
-        if not any(hasattr(contact, word("parameter", self.parameter)) for contact in given):
-            if not given:
-                raise InputError("ContactModes needs the contacts of the system, e.g. contacts=[fs.FrictionContact(...)]")
-            raise unknown_name("parameter", self.parameter, sorted({name for one in given for name in vars(one)}))
+        if not contacts_of(self.contacts):
+            raise InputError("ContactModes needs the contacts of the system, e.g. contacts=[fs.FrictionContact(...)]")
+        contacts_at(self.contacts, word("parameter", self.parameter), 0.0)
 
     @property
     def mode_kind(self) -> str:

@@ -7,8 +7,9 @@ names divide the range.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +18,12 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, instance, word
 from femsub.errors import InputError, unknown_name
-from femsub.model import Affine, Contacts, Substructure, affine_fields, contacts_of, kinks_of, projected, small_matrices
+from femsub.model import Affine, Contacts, Substructure, affine_fields, contacts_of, fields_of, kinks_of, projected, small_matrices
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
+
+log = logging.getLogger(__name__)
 
 SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where a declaration is checked
 AGREES = 1e-9  # of an entry of C, and ROUNDING of the largest: how far it may be from the chord if C is affine
@@ -192,9 +195,12 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
                           (Share("the Affine", lambda p: (model.factors(**{parameter: p}),), model.affine_in(parameter)),))
     instance("model", model, Substructure, "or an Affine")
     given = contacts_of(contacts)
-    known = [_fields(contact) for contact in given]
+    known = [fields_of(contact) for contact in given]
     if not any(parameter in names for names in known):
         raise unknown_name("parameter", parameter, sorted(set().union(*known)) if known else [])
+    for contact, names in zip(given, known, strict=True):
+        if parameter not in names:
+            log.info("%s has no %r and stays as it is", type(contact).__name__, parameter)
 
     def at(p: float) -> Pencil:
         return model.linearised([replace(contact, **{parameter: p}) if parameter in names else contact  # type: ignore[type-var]
@@ -218,7 +224,3 @@ def _coefficients(model: Substructure, contact: Any, parameter: str, p: float) -
         return tuple(C * np.eye(columns) if isinstance(C, float) else C.toarray() if sp.issparse(C) else C for C in terms)
     x, y = np.random.default_rng(columns).standard_normal((2, columns, COMBINED))
     return tuple(np.einsum("ij,ij->j", x, C * y if isinstance(C, float) else C @ y) for C in terms)
-
-
-def _fields(contact: Any) -> set[str]:
-    return {item.name for item in fields(contact) if item.init} if is_dataclass(contact) else set()

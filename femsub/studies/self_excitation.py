@@ -149,7 +149,7 @@ class SelfExcitation:
                 f"off up to ω = {self.omega.max():.4g}")
 
 
-def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substructure], belts: Contacts, *,
+def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substructure], contacts: Contacts, *,
                     band: tuple[float, float] | None = None, count: int | None = None,
                     omega: Any = None, harmonics: float = 3.0) -> SelfExcitation | tuple[SelfExcitation, ...]:
     """Check by linear criteria whether a reduced model can show the full model's self-excited motion.
@@ -162,7 +162,7 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         Solved once.
     reduced : Substructure or sequence of Substructure
         Shapes are compared as well if the model has a basis V (from `reduce`).
-    belts : Belt, LinearContact or another contact, or a sequence of them
+    contacts : Belt, LinearContact or another contact, or a sequence of them
     band, count
         As for `complex_modes`: the part of a sparse full model's spectrum that is computed. Modes of the reduced models
         outside it are not judged.
@@ -200,23 +200,23 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         if isinstance(model, ReducedSubstructure) and len(model.V) != full.size:
             raise InputError(f"the basis of {model.name!r} has {len(model.V)} rows, but the full model has {full.size} DOF. Give "
                              "models reduced from it")
-    contacts = contacts_of(belts)
-    if not contacts:
-        raise InputError("self_excitation needs at least one Belt: without a contact nothing excites the motion")
-    modes = complex_modes(full, contacts, band=band, count=count)
+    given = contacts_of(contacts)
+    if not given:
+        raise InputError("self_excitation needs at least one contact, such as a Belt: without one nothing excites the motion")
+    modes = complex_modes(full, given, band=band, count=count)
     values, _, grows = ours = _upper(modes)
     limits = band
     if band is None and len(modes) < 2 * full.size:
         limits = (0.0, float(np.abs(values).max(initial=0.0)))
     top = float((values[grows] if grows.any() else values).imag.max(initial=0.0))
     grid = _grid(omega, harmonics, top, full)
-    reference = _compliance(full, contacts, grid)
-    found = tuple(_compare(full, model, ours, _upper(complex_modes(model, contacts)), limits, reference,
-                           _compliance(model, contacts, grid), grid) for model in models)
+    reference = _compliance(full, given, grid)
+    found = tuple(_compare(full, model, ours, _upper(complex_modes(model, given)), limits, reference,
+                           _compliance(model, given, grid), grid) for model in models)
     return found if several else found[0]
 
 
-def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Contacts,
+def table_rows(full: Substructure, reduced: Sequence[Substructure], contacts: Contacts,
                measured: Sequence[Mapping[str, Any]], **options: Any) -> list[dict[str, Any]]:
     """One flat dict per reduced model: method, size, the criteria, the verdict, and the measured errors.
 
@@ -225,7 +225,7 @@ def table_rows(full: Substructure, reduced: Sequence[Substructure], belts: Conta
     """
     if len(measured) != len(reduced):
         raise InputError(f"measured must have one entry per reduced model, {len(reduced)}, not {len(measured)}")
-    found = self_excitation(full, tuple(reduced), belts, **options)
+    found = self_excitation(full, tuple(reduced), contacts, **options)
     return [{"method": getattr(model, "method", model.name), "size": model.size, **one.flat(), "verdict": one.verdict, **errors}
             for model, one, errors in zip(reduced, found, measured, strict=True)]  # type: ignore[arg-type]
 

@@ -273,6 +273,8 @@ class Belt:
     law: FrictionLaw | None = None
     slope: float | None = None
 
+    columnwise: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         word("port", self.port)
         finite_number("force", self.force)
@@ -320,13 +322,27 @@ class Belt:
         """(F μ'(v0), None): each column of the port is a contact by itself, see `femsub.model.contact.Contact`."""
         return self.force * float(self.slope or 0.0), None
 
+    def in_motion(self, model: Substructure) -> Self:
+        """The belt itself; an InputError without a law."""
+        if self.law is None:
+            raise InputError(f"the belt on port {self.port!r} has a slope only, but motion in time needs a friction law and the "
+                             "belt's speed, e.g. Belt(speed=0.19113, law=StribeckArctan(eps=1e-3))")
+        return self
+
     def exerted(self, u: Any, v: Any) -> Any:
         """f = F μ(v0 - v), in the shape of v."""
         return self.force * asked(self.law, "value", self.speed - v)
 
-    def tangents(self, u: Any, v: Any) -> tuple[Array, Array]:
-        """(∂f/∂u, ∂f/∂v) = (0, -F μ'(v0 - v)), (p, p) each, for v (p,)."""
-        return np.zeros((len(v), len(v))), np.diag(-self.force * self.slope_at(self.speed - v))
+    def tangents(self, u: Any, v: Any) -> tuple[None, Array]:
+        """(∂f/∂u, ∂f/∂v) = (None, -F μ'(v0 - v)), diagonal: (p, p) for v (p,), (p, p, m) for v (p, m)."""
+        found, at = np.zeros((len(v), *np.shape(v))), np.arange(len(v))
+        found[at, at] = -self.force * self.slope_at(self.speed - v)
+        return None, found
+
+    def scalar(self) -> tuple[Scalar, Scalar]:
+        """f and ∂f/∂v of one column as functions of one Python float v, for the integrators."""
+        (mu, slope), force, speed = scalar_law(self.law), self.force, float(self.speed or 0.0)  # type: ignore[arg-type]
+        return lambda v: force * mu(speed - v), lambda v: -force * slope(speed - v)
 
     def slope_at(self, v: Any) -> Any:
         """μ'(v) of the law, in the shape of v."""

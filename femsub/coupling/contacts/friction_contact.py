@@ -233,7 +233,7 @@ class FrictionContact(Joint):
                      for motion in self._carried(model, points)]
             carried = _along(t, moved), _along(s, moved)
         N, T, S = (_along(vectors, move) for vectors in (n, t, s))
-        return FrictionInMotion(self.sets, N, T, S, carried, points.weight, float(self.speed or 0.0) * r if turns else None,
+        return FrictionInMotion(N, T, S, carried, points.weight, float(self.speed or 0.0) * r if turns else None,
                                float(self.stiffness), float(self.pressure), float(self.mu), float(self.slope))
 
     def _points(self) -> Points:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,7 +31,6 @@ class FrictionInMotion:
         Areas, and V; the speed is None where the sliding direction does not turn.
     """
 
-    sets: tuple[str, ...]
     N: Matrix
     T: Matrix
     S: Matrix
@@ -44,16 +42,6 @@ class FrictionInMotion:
     mu: float
     slope: float
 
-    @property
-    def ports(self) -> tuple[str, ...]:
-        return ()
-
-    def linearised(self, model: Any) -> tuple[Array, Array]:
-        """(C_D, C_K), from the tangents."""
-        none = np.zeros(self.N.shape[1])
-        of_u, of_v = self.tangents(none, none)
-        return -of_v, -of_u
-
     def exerted(self, u: Array, v: Array) -> Array:
         """f(u, v), shape (p,)."""
         more, _ = self._pressed(u)
@@ -64,12 +52,12 @@ class FrictionInMotion:
         return (self.N.T @ (self.area * more) + self.T.T @ (self.area * (mu * P * along - self.mu * self.pressure))
                 + self.S.T @ (self.area * (mu * P * across)))
 
-    def tangents(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """(∂f/∂u, ∂f/∂v), shape (p, p) each."""
+    def tangents(self, u: Array, v: Array) -> tuple[Array, Array | None]:
+        """(∂f/∂u, ∂f/∂v), shape (p, p) each; None for 0."""
         more, touching = self._pressed(u)
         normal = self._by(-self.stiffness * touching, self.N)
         if self.speed is None:
-            return _dense(self.N.T @ normal + self.mu * (self.T.T @ normal)), np.zeros((len(u),) * 2)
+            return _dense(self.N.T @ normal + self.mu * (self.T.T @ normal)), None
         along, across, slow, mu, moves = self._sliding(u, v)
         P = self.pressure + more
         turned = mu * P / slow  # of the friction, over a velocity across it

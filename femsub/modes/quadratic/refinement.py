@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from femsub.algebra import orthonormal
 from femsub.checks import Array, Matrix, items, positive_number, whole_number
 from femsub.coupling import System
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, SingularMatrixError, warn
-from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_at
+from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, fields_of
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.modes.quadratic.full_solve import FullSolve, solve_of
@@ -195,11 +195,13 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
 def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> tuple[Matrix, FullSolve]:
     """K with the symmetric stiffness of contacts without friction, which presses surfaces together, and its solutions.
 
-    Where that is not positive definite, K without contacts takes its place; the refinement is slower then.
+    Friction is what a contact calls mu. Where that K is not positive definite, the one without contacts takes its place; the
+    refinement is slower then.
     """
     if pencil.K is full.K:
         return full.K, solve_of(full, rom, full.K)
-    K = full.linearised(contacts_at(contacts, "mu", 0.0)).K
+    given: Sequence[Any] = contacts_of(contacts)
+    K = full.linearised([replace(one, mu=0.0) if "mu" in fields_of(one) else one for one in given]).K
     try:
         K = (K + K.T) * 0.5
         return K, solve_of(full, rom, K)

@@ -1,12 +1,21 @@
-"""Harmonic balance, condensed onto the contact: a periodic speed under the belts and its frequency.
+"""Harmonic balance, condensed onto the contacts: a periodic speed of their columns and its frequency.
 
-With v(t) = Σ_{0<|k|≤H} v_k e^{ikωt} (p,) and f_k the Fourier coefficients of f(v(t)), the linear model answers
+With v(t) = Σ_{0<|k|≤H} v_k e^{ikωt} (p,) and f_k the Fourier coefficients of f(u(t), v(t)), the linear model answers
 
-    R_k = v_k - Y(ikω) f_k(v) = 0,  k = 1 … H,   Y(s) = s Wᵀ(s²M + sD + K)⁻¹W
+    R_k = v_k - Y(ikω) f_k = 0,  k = 1 … H,   Y(s) = s Wᵀ(s²M + sD + K)⁻¹W
 
-(v_0 = 0: the mean force shifts the mean displacement only). The unknowns are v_k and ω, 2Hp + 1 real numbers for a model of
-any size. f_k comes by alternating frequency and time: v is sampled, f taken there, and both ways are FFTs. The Jacobian is
-exact: with g_k the coefficients of df/dv, δf_k = Σ_j g_{k-j} δv_j + g_{k+j} v̄_j, and dR/dω = -ik Y'(ikω) f_k.
+The unknowns are v_k and ω, 2Hp + 1 real numbers for a model of any size. f_k comes by alternating frequency and time: v is
+sampled, f taken there, and both ways are FFTs. Forces that depend on displacements see u_k = v_k / (ikω) and a mean u_0 (p,),
+which is no unknown: it follows from
+
+    u_0 = h(0) f_0(u_0, v),   h(0) = WᵀK⁻¹W,
+
+by Newton's method within each evaluation, from the mean of the nearby orbit on. (Else the mean force shifts the mean displacement
+only, and nothing else.) The Jacobian is exact. With G^u_k, G^v_k (p, p) the coefficients of ∂f/∂u and ∂f/∂v, and ũ = u - u_0,
+
+    δf_k = Σ_j (G^v_{k-j} + G^u_{k-j} / (ijω)) δv_j + (G^v_{k+j} - G^u_{k+j} / (ijω)) δv̄_j + G^u_k δu_0 - (∂f/∂u ũ)_k δω / ω,
+
+δu_0 = (I - h(0) G^u_0)⁻¹ h(0) δf_0 with the other terms of δf_0, and dR/dω = -ik Y'(ikω) f_k at a constant f.
 
 Cameron and Griffin, J. Appl. Mech. 56 (1989) 149 (alternating frequency/time); Krack and Gross, Harmonic Balance for
 Nonlinear Vibration Problems, Springer 2019, ch. 2 to 4 (condensation, continuation).
@@ -16,11 +25,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import EPS, Array
 from femsub.errors import NotConvergedError
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
@@ -28,14 +38,20 @@ from femsub.motion.nonlinear_model import Sliding
 ALIASING = 1e-7  # samples are doubled until the relative change of v is smaller
 SAMPLES = 2**17  # largest number of samples per period
 STEP = 1e-9  # relative size of a Newton step at which the iteration ends
+ROUNDS = 50  # Newton steps to the mean displacement
+STILL = 1e3 * EPS  # relative residual at which it is reached
 
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """The unknowns of harmonic balance: v_k (H, p), k = 1 … H, and ω."""
+    """The unknowns of harmonic balance: v_k (H, p), k = 1 … H, and ω; and the mean u_0 (p,) from which its search begins.
+
+    Without a mean the search begins at that of the equilibrium. Forces that do not depend on u need none.
+    """
 
     v: Array
     omega: float
+    mean: Array | None = None
 
     @property
     def harmonics(self) -> int:
@@ -54,13 +70,13 @@ class Orbit:
     def at(self, x: Array) -> Orbit:
         """The orbit of a vector of the same shape."""
         half = (len(x) - 1) // 2
-        return Orbit((x[:half] + 1j * x[half:-1]).reshape(self.v.shape), float(x[-1]))
+        return replace(self, v=(x[:half] + 1j * x[half:-1]).reshape(self.v.shape), omega=float(x[-1]))
 
     def with_harmonics(self, count: int) -> Orbit:
         """The orbit truncated, or padded with zeros."""
         v = np.zeros((count, self.v.shape[1]), dtype=complex)
         v[:min(count, len(self.v))] = self.v[:count]
-        return Orbit(v, self.omega)
+        return replace(self, v=v)
 
     def samples(self, count: int) -> Array:
         """v at `count` equidistant times of one period, (p, count)."""
@@ -85,15 +101,53 @@ def coefficients(samples: Array, count: int) -> Array:
     return np.fft.rfft(samples, axis=1)[:, :count + 1].T / samples.shape[1]
 
 
+class Course(NamedTuple):
+    """u - u_0, v and f at equidistant times of one period, (p, count) each, and u_0 (p,); no u where f does not depend on it."""
+
+    u: Array | None
+    v: Array
+    f: Array
+    mean: Array | None
+
+
+class Terms(NamedTuple):
+    """R (H, p), with Y, dY/dω (H, p, p), f_k (H, p) and the course at the same orbit."""
+
+    R: Array
+    Y: Array
+    slope: Array
+    f: Array
+    course: Course
+
+
 class Balance:
-    """R(v, ω) of belts and one model's compliance, with its derivatives; `coupled.balance_of` makes that of any contacts."""
+    """R(v, ω) of contacts and one model's compliance, with its derivatives."""
 
     def __init__(self, contact: Sliding, flexibility: Compliance) -> None:
         self.contact, self.flexibility = contact, flexibility
 
+    def course(self, orbit: Orbit, count: int) -> Course:
+        """The motion of the columns and f, with the mean displacement found."""
+        v = orbit.samples(count)
+        if self.contact.by_speed:
+            return Course(None, v, self.contact.exerted(v, v), None)
+        u = samples_of(orbit.v / (1j * orbit.omega * np.arange(1, orbit.harmonics + 1)[:, None]), count)
+        mean = self.contact.W.T @ self.contact.equilibrium if orbit.mean is None else orbit.mean
+        static = self.contact.static[1]
+        for _ in range(ROUNDS):
+            f = self.contact.exerted(mean[:, None] + u, v)
+            rest = mean - static @ f.mean(axis=1)
+            size = float(np.abs(mean).max() + np.abs(u).max())
+            if np.abs(rest).max() <= STILL * size:
+                return Course(u, v, f, mean)
+            of_u = self.contact.tangents(mean[:, None] + u, v)[0].mean(axis=-1)
+            mean = mean - np.linalg.solve(np.eye(len(mean)) - static @ of_u, rest)
+        raise NotConvergedError(f"no mean displacement under the contacts was found: Newton's last residual is "
+                                f"{np.abs(rest).max() / size:.1e} of the motion. Give another start")
+
     def force(self, orbit: Orbit, count: int) -> Array:
         """f at `count` equidistant times of one period, (p, count)."""
-        return self.contact.force(orbit.samples(count))
+        return self.course(orbit, count).f
 
     def samples(self, orbit: Orbit) -> int:
         """The number of samples, a power of two, for which R is free of aliasing."""
@@ -109,33 +163,44 @@ class Balance:
             count, f = 2 * count, finer
         return count
 
-    def residual(self, orbit: Orbit, count: int) -> tuple[Array, Array, Array, Array]:
-        """R (H, p), and Y, dY/dω, f at the same orbit."""
+    def residual(self, orbit: Orbit, count: int) -> Terms:
+        """R, and what it is made of."""
         k = np.arange(1, orbit.harmonics + 1)
         Y, slope = self.flexibility.mobility(1j * orbit.omega * k)
-        f = coefficients(self.force(orbit, count), orbit.harmonics)[1:]
-        return orbit.v - np.einsum("kij,kj->ki", Y, f), Y, 1j * k[:, None, None] * slope, f
+        course = self.course(orbit, count)
+        f = coefficients(course.f, orbit.harmonics)[1:]
+        return Terms(orbit.v - np.einsum("kij,kj->ki", Y, f), Y, 1j * k[:, None, None] * slope, f, course)
 
-    def derivative(self, orbit: Orbit, count: int, parts: tuple[Array, Array, Array, Array]) -> Array:
+    def derivative(self, orbit: Orbit, terms: Terms) -> Array:
         """dR/d[Re v, Im v, ω], shape (2Hp, 2Hp + 1)."""
         H, p = orbit.v.shape
-        _, Y, slope, f = parts
-        g = coefficients(self.contact.tangent(orbit.samples(count)), 2 * H)
-        k = np.arange(1, H + 1)
-        lag = k[:, None] - k
-        one = np.where((lag >= 0)[..., None], g[np.abs(lag)], g[np.abs(lag)].conj())
-        two = g[k[:, None] + k]
-        J = np.empty((2, H, p, 2, H, p))
+        omega = -np.einsum("kij,kj->ki", terms.slope, terms.f)
+        one, two, fed = self._linear(orbit, terms.course)
+        if fed is not None:
+            omega -= np.einsum("kij,kj->ki", terms.Y, fed)
+        J = np.empty((2, H, p, 2, H * p))
         for part, sign, unit in ((0, 1, 1.0), (1, -1, 1j)):
-            # column c of the contact depends on its own speed only; Y couples the columns
-            change = -unit * np.einsum("kic,kjc->kijc", Y, one + sign * two)
+            change = -unit * (terms.Y @ (one + sign * two).reshape(H, p, H * p))
             J[0, :, :, part], J[1, :, :, part] = change.real, change.imag
-        at = np.arange(H)
-        for part in range(2):
-            for c in range(p):
-                J[part, at, c, part, at, c] += 1.0
-        omega = -np.einsum("kij,kj->ki", slope, f)
-        return np.hstack([J.reshape(2 * H * p, 2 * H * p), np.concatenate([omega.real.ravel(), omega.imag.ravel()])[:, None]])
+        J = J.reshape(2 * H * p, 2 * H * p)
+        J[np.diag_indices(len(J))] += 1.0
+        return np.hstack([J, np.concatenate([omega.real.ravel(), omega.imag.ravel()])[:, None]])
+
+    def _linear(self, orbit: Orbit, course: Course) -> tuple[Array, Array, Array | None]:
+        """∂f_k/∂v_j and ∂f_k/∂v̄_j (H, p, H, p), and ∂f_k/∂ω (H, p), None for 0."""
+        H, j = orbit.harmonics, np.arange(1, orbit.harmonics + 1)
+        if course.u is None or course.mean is None:
+            return *_around(self.contact.tangents(course.v, course.v)[1], j[:, None], j), None
+        k = np.arange(H + 1)[:, None]
+        of_u, of_v = self.contact.tangents(course.mean[:, None] + course.u, course.v)
+        turn, static = 1 / (1j * orbit.omega * j)[:, None], self.contact.static[1]
+        (one, two), (less, more) = _around(of_v, k, j), _around(of_u, k, j)
+        one, two = one + less * turn, two - more * turn
+        fed = coefficients(np.einsum("abm,bm->am", of_u, course.u), H) / -orbit.omega
+        Gu = _transformed(of_u, H)
+        mean = Gu @ np.linalg.solve(np.eye(len(static)) - static @ Gu[0].real, static)  # δf_k of δf_0, (H + 1, p, p)
+        one, two = (part[1:] + np.einsum("kab,bjc->kajc", mean[1:], part[0]) for part in (one, two))
+        return one, two, fed[1:] + np.einsum("kab,b->ka", mean[1:], fed[0])
 
     def unresolved(self, orbit: Orbit, target: float = 0.0) -> tuple[float, float, int]:
         """Errors relative to v: truncation ‖Y_k f_k‖ over k > H, and aliasing of k ≤ H; and a sufficient number of harmonics.
@@ -166,26 +231,26 @@ class Balance:
             The steps did not become small, or v became 0, which is steady sliding.
         """
         start, count = orbit.norm, self.samples(orbit)
-        parts = self.residual(orbit, count)
+        terms = self.residual(orbit, count)
         for turn in range(1, rounds + 1):
-            J = np.vstack([self.derivative(orbit, count, parts), self.phase(orbit)])
-            right = np.concatenate([parts[0].real.ravel(), parts[0].imag.ravel(), [0.0]])
+            J = np.vstack([self.derivative(orbit, terms), self.phase(orbit)])
+            right = np.concatenate([terms.R.real.ravel(), terms.R.imag.ravel(), [0.0]])
             try:
                 step = -la.solve(J, right, check_finite=False)
             except (la.LinAlgError, ValueError):
                 raise NotConvergedError(f"harmonic balance met a singular Jacobian at ω = {orbit.omega:.6g} in step {turn}, "
                                         "probably at a fold. Use fs.branch, which follows the branch around it") from None
             size = self.size(orbit, step)
-            orbit, parts = self._searched(orbit, step, size, parts, count)
+            orbit, terms = self._searched(orbit, step, size, terms, count)
             if orbit.norm < 1e-3 * start or not orbit.omega > 0:
                 raise NotConvergedError("the iteration fell back to steady sliding: there is no cycle near the initial guess. "
                                         "Give another start, e.g. a transient's signal: start=(t, v)")
             if size <= tol or (size <= 1e-6 and turn > 12):
-                return orbit, float(np.linalg.norm(parts[0]) / np.linalg.norm(orbit.v)), turn
+                return orbit, float(np.linalg.norm(terms.R) / np.linalg.norm(orbit.v)), turn
             if size < 0.1:
                 needed = self.samples(orbit)
                 if needed != count:
-                    count, parts = needed, self.residual(orbit, needed)
+                    count, terms = needed, self.residual(orbit, needed)
         raise NotConvergedError(f"harmonic balance with {orbit.harmonics} harmonics did not converge: after {rounds} steps the "
                                 f"last relative step was {size:.1e}, above {tol:g}. Give a better start, e.g. a "
                                 "transient's signal: start=(t, v)")
@@ -200,21 +265,36 @@ class Balance:
         row = np.concatenate([-(k * orbit.v.imag).ravel(), (k * orbit.v.real).ravel(), [0.0]])
         return row / np.linalg.norm(row)
 
-    def _searched(self, orbit: Orbit, step: Array, size: float, parts: tuple, count: int) -> tuple[Orbit, tuple]:
-        before, factor = np.linalg.norm(parts[0]), min(1.0, 0.5 / size)
+    def _searched(self, orbit: Orbit, step: Array, size: float, terms: Terms, count: int) -> tuple[Orbit, Terms]:
+        before, factor = np.linalg.norm(terms.R), min(1.0, 0.5 / size)
         best = None
         for _ in range(7):
             trial = orbit.at(orbit.vector + factor * step)
             if trial.omega > 0:
                 found = self.residual(trial, count)
-                after = np.linalg.norm(found[0])
+                after = np.linalg.norm(found.R)
                 if best is None or after < best[0]:
-                    best = (after, trial, found)
+                    best = (after, replace(trial, mean=found.course.mean), found)
                 if after <= (1 - 0.1 * factor) * before or size < 1e-7:
                     break
             factor /= 2
         assert best is not None
         return best[1], best[2]
+
+
+def _transformed(course: Array, count: int) -> Array:
+    """G_k, k = 0 … count, of matrices (p, p, m) at m times, (count + 1, p, p)."""
+    p = len(course)
+    return coefficients(course.reshape(p * p, -1), count).reshape(-1, p, p)
+
+
+def _around(course: Array, k: Array, j: Array) -> tuple[Array, Array]:
+    """G_{k-j} and G_{k+j} of matrices (p, p, m) at m times, for rows k and columns j: (K, p, H, p)."""
+    count = 2 * len(j)
+    G = _transformed(course, count)
+    whole = np.concatenate([G[:0:-1].conj(), G])  # from -count on
+    one, two = whole[k - j + count], G[k + j]
+    return one.transpose(0, 2, 1, 3), two.transpose(0, 2, 1, 3)
 
 
 def in_phase(orbit: Orbit) -> Orbit:

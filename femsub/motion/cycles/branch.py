@@ -1,4 +1,4 @@
-"""Branches of limit cycles over the belt's speed, the normal force or the slope of the friction, with their special points.
+"""Branches of limit cycles over a parameter of a contact, such as a belt's speed, with their special points.
 
 A branch begins at a Hopf point, where steady sliding loses its stability, or at a known cycle. The Floquet multipliers tell
 which cycles are stable, and how stability changes. At a fold one multiplier passes +1, and the branch turns back. At a period
@@ -14,27 +14,29 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import Array, choice, finite_number, listener, truth, whole_number
+from femsub.coupling import Belt
 from femsub.errors import InputError, InputTypeError
+from femsub.model import fields_of
+from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance
-from femsub.motion.cycles.continuation import PARAMETERS, Path
+from femsub.motion.cycles.continuation import Path, with_parameter
 from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of, within
 from femsub.motion.cycles.limit_cycle import LimitCycle, flexibility_of
 from femsub.motion.cycles.special_points import SpecialPoint, Tracer
 from femsub.motion.nonlinear_model import Sliding, sliding
 
 if TYPE_CHECKING:
-    from femsub.coupling import Belt
     from femsub.model import Contact, Substructure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Branch:
-    """A branch of limit cycles over a parameter of a belt, made by `branch`.
+    """A branch of limit cycles over a parameter of a contact, made by `branch`.
 
     Attributes
     ----------
     parameter : str
-        'slope', 'speed' or 'force'.
+        Such as 'slope', 'speed' or 'force'.
     values : ndarray, shape (m,)
         The parameter at each point.
     points : tuple of LimitCycle, length m
@@ -102,27 +104,28 @@ class Branch:
                 f"{begin}; {stable}; {named}; {self.ended}")
 
 
-def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], parameter: str = "slope",
+def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter: str = "slope",
            between: tuple[float, float] | None = None, *, start: float | LimitCycle | None = None, port: str | None = None,
            points: int = 150, harmonics: int = 400, tol: float = 1e-3, stability: bool = True,
            progress: Callable[[str], None] | None = None) -> Branch:
-    """Follow a branch of limit cycles over a parameter of a belt, from a Hopf point or a known cycle on.
+    """Follow a branch of limit cycles over a parameter of a contact, from a Hopf point or a known cycle on.
 
     The unknowns are those of `harmonic_balance`; the branch is followed by pseudo-arclength continuation.
 
     Parameters
     ----------
-    model, belts : as for `harmonic_balance`
-    parameter : {'slope', 'speed', 'force'}
-        'slope' is μ' at the belt's speed, varied by the falling part of the law (`StribeckArctan.with_slope`).
+    model, contacts : as for `harmonic_balance`
+    parameter : str
+        A number among the fields of one of the contacts; of a belt 'slope', 'speed' or 'force'. The slope is μ' at the belt's
+        speed, varied by the falling part of the law (`StribeckArctan.with_slope`).
     between : (lo, hi), optional
         Range of the parameter, on one side of 0; the branch ends at its ends. The Hopf point must lie in it. Default: up to
         five times the slope or the force of the Hopf point; for the speed, a fifth to five times the belt's speed.
     start : float or LimitCycle, optional
         Default: the first Hopf point, from `critical_slope`. A frequency: the Hopf point nearest to it. A cycle of this
-        model under these belts: the branch is followed from it in both directions.
+        model under these contacts: the branch is followed from it in both directions.
     port : str, optional
-        The port of the belt that is varied; default: the first.
+        A port of the contact that is varied; default: the first contact that has the parameter. All others stay as they are.
     points : int
         Largest number of cycles.
     harmonics : int
@@ -159,46 +162,54 @@ def branch(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact]
     >>> print(found.stable)
     (True, True, True)
     """
-    contact = sliding(model, belts, "a branch of limit cycles", others=True)
-    if not contact.belts:
-        raise InputError("a branch follows a parameter of a belt, but there is no belt among the contacts")
-    choice("parameter", parameter, PARAMETERS)
+    contact = sliding(model, contacts, "a branch of limit cycles")
+    at = _varied(contact, parameter, port)
     whole_number("points", points, least=1)
     whole_number("harmonics", harmonics, least=1)
     truth("stability", stability)
     if not 0 < finite_number("tol", tol) < 1:
         raise InputError(f"tol must lie between 0 and 1, such as 1e-3, not {tol!r}")
-    ports = [belt.port for belt in contact.belts]
-    at = 0 if port is None else ports.index(choice("belt's port", port, ports))
-    belt = contact.belts[at]
-    if parameter != "speed" and not belt.speed:
+    one = contact.contacts[at]
+    value = float(getattr(one, parameter))
+    if isinstance(one, Belt) and parameter != "speed" and not one.speed:
         raise InputError("the belt is at rest and supplies no energy. Give it a speed")
-    if parameter != "force" and belt.force == 0:
+    if isinstance(one, Belt) and parameter != "force" and one.force == 0:
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
+    with_parameter(one, parameter, value)  # told now if the law cannot
     flexibility = flexibility_of(contact, start)
     tell = listener("progress", progress)
     if isinstance(start, LimitCycle):
-        value = float(getattr(belt, parameter))
-        limits = limits_of(between, parameter, value, belt)
-        path = _path(contact, flexibility, parameter, at, limits, start.omega, tol, harmonics)
+        limits = limits_of(between, parameter, value, one)
+        path = _path(contact, flexibility, parameter, at, limits, start.orbit, tol, harmonics)
         first = path.at_value(start.orbit.with_harmonics(min(start.orbit.harmonics, harmonics)), value, value)
         back, ahead = (Tracer(path, sign, limits, stability).walk(first, points // 2, tell) for sign in (-1.0, 1.0))
         return Branch(parameter, np.array([*back.values[:0:-1], *ahead.values]), (*back.cycles[:0:-1], *ahead.cycles),
                       (*back.special[::-1], *ahead.special), None, f"{back.ended}; {ahead.ended}")
     if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float))):
         raise InputTypeError(f"start must be a frequency or a LimitCycle, not {type(start).__name__}")
-    if len(contact.belts) > 1 or contact.others:
-        raise InputError("with several belts or other contacts a branch must begin at a known cycle. Give start=, a cycle from "
-                         "fs.harmonic_balance")
+    if len(contact.contacts) > 1 or not isinstance(one, Belt):
+        raise InputError("with several contacts, or one that is no belt, a branch must begin at a known cycle. Give start=, a "
+                         "cycle from fs.harmonic_balance")
     hopf, shape = hopf_point(contact, flexibility, parameter, between, start)
-    limits = within(limits_of(between, parameter, hopf.value, belt), parameter, hopf)
-    path = _path(contact, flexibility, parameter, at, limits, hopf.omega, tol, harmonics)
+    limits = within(limits_of(between, parameter, hopf.value, one), parameter, hopf)
+    path = _path(contact, flexibility, parameter, at, limits, Orbit(shape[None, :], hopf.omega), tol, harmonics)
     hopf, first = begun(path, hopf, shape)
     traced = Tracer(path, 1.0, limits, stability).walk(first, points, tell)
     return Branch(parameter, np.array(traced.values), tuple(traced.cycles), tuple(traced.special), hopf, traced.ended)
 
 
-def _path(contact: Sliding, flexibility: Compliance, parameter: str, at: int, limits: tuple[float, float], omega: float,
+def _varied(contact: Sliding, parameter: str, port: str | None) -> int:
+    """The place of the contact whose parameter is varied."""
+    known = [[name for name in fields_of(one) if isinstance(getattr(one, name), (int, float))] for one in contact.contacts]
+    choice("parameter", parameter, sorted({name for own in known for name in own}))
+    having = [at for at, own in enumerate(known) if parameter in own]
+    if port is None:
+        return having[0]
+    ports = {name: at for at in reversed(having) for name in contact.contacts[at].ports}
+    return ports[choice(f"port of a contact with a {parameter}", port, ports)]
+
+
+def _path(contact: Sliding, flexibility: Compliance, parameter: str, at: int, limits: tuple[float, float], orbit: Orbit,
           tol: float, harmonics: int) -> Path:
-    speed = abs(contact.belts[at].speed or 0.0) or max(map(abs, limits))
-    return Path(contact, flexibility, parameter, at, (speed, omega, limits[1] - limits[0]), tol, harmonics)
+    speed = float(contact.speeds[contact.blocks[at]].max()) or orbit.norm
+    return Path(contact, flexibility, parameter, at, (speed, orbit.omega, limits[1] - limits[0]), tol, harmonics)

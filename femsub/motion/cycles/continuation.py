@@ -1,4 +1,4 @@
-"""Pseudo-arclength continuation of limit cycles in one parameter of a belt.
+"""Pseudo-arclength continuation of limit cycles in one parameter of a contact.
 
     R(v, ω; p) = 0,  phase(δv) = 0,  t·(x - x₀) = s,   x = [Re v / V, Im v / V, ω / Ω, p / P]
 
@@ -9,31 +9,29 @@ Keller in: Rabinowitz (ed.), Applications of Bifurcation Theory, Academic Press 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import Array
 from femsub.coupling import Belt, with_slope
-from femsub.errors import NotConvergedError
-from femsub.motion.cycles.balance import Orbit, coefficients
+from femsub.errors import InputError, NotConvergedError
+from femsub.motion.cycles.balance import Balance, Orbit, coefficients
 from femsub.motion.cycles.compliance import Compliance
-from femsub.motion.cycles.coupled import balance_of
 from femsub.motion.nonlinear_model import Sliding
 
-PARAMETERS = ("speed", "force", "slope")
+PARAMETERS = ("speed", "force", "slope")  # of a belt
 EASY, HARD = 4, 8  # with fewer Newton steps the step along the branch grows; with so many it was too long
 DIFFERENCE = 1e-6  # step of the central difference for dR/dp, relative to the scale of p
 CONVERGED = 1e-8
 
 
-def with_parameter(belt: Belt, name: str, value: float) -> Belt:
-    """A belt with another speed, force, or slope of its law (which needs a law with `with_slope`)."""
-    if name == "speed":
-        return replace(belt, speed=value)
-    if name == "force":
-        return replace(belt, force=value)
-    return replace(belt, law=with_slope(belt.law, value, belt.speed or 0.0))
+def with_parameter(contact: Any, name: str, value: float) -> Any:
+    """A contact with another value of a field; the slope of a belt is that of its law (which needs `with_slope`)."""
+    if isinstance(contact, Belt) and name == "slope":
+        return replace(contact, law=with_slope(contact.law, value, contact.speed or 0.0))
+    return replace(contact, **{name: value})
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +51,7 @@ class Place:
 
 
 class Path:
-    """Cycles of one model over one parameter of one of its belts, with the scales of the steps."""
+    """Cycles of one model over one parameter of one of its contacts, with the scales of the steps."""
 
     def __init__(self, contact: Sliding, flexibility: Compliance, parameter: str, at: int, scales: tuple[float, float, float],
                  tol: float, most: int) -> None:
@@ -62,11 +60,16 @@ class Path:
 
     def contact(self, value: float) -> Sliding:
         """The contact at a value of the parameter."""
-        if self.parameter == "force" and value < 0:
-            raise NotConvergedError("the step led to a negative force")
-        belts = list(self.base.belts)
-        belts[self.at] = with_parameter(belts[self.at], self.parameter, value)
-        return replace(self.base, belts=tuple(belts))
+        contacts = list(self.base.contacts)
+        try:
+            contacts[self.at] = with_parameter(contacts[self.at], self.parameter, value)
+        except InputError as error:
+            raise NotConvergedError(f"the step led to a {self.parameter} that cannot be: {error}") from None
+        return self.base.changed(contacts)
+
+    def balance(self, value: float) -> Balance:
+        """The balance at a value of the parameter."""
+        return Balance(self.contact(value), self.flexibility)
 
     def scaled(self, orbit: Orbit, value: float) -> Array:
         """x of an orbit."""
@@ -77,21 +80,20 @@ class Path:
         speed, omega, size = self.scales
         return like.at(np.append(x[:-2] * speed, x[-2] * omega)), float(x[-1] * size)
 
-    def _system(self, orbit: Orbit, value: float, count: int) -> tuple[Array, Array]:
-        """R and phase (2Hp + 1,), and their scaled derivatives (2Hp + 1, 2Hp + 2)."""
+    def _system(self, orbit: Orbit, value: float, count: int) -> tuple[Array, Array, Array | None]:
+        """R and phase (2Hp + 1,), their scaled derivatives (2Hp + 1, 2Hp + 2), and the mean displacement."""
         speed, omega, size = self.scales
-        balance = balance_of(self.contact(value), self.flexibility)
-        parts = balance.residual(orbit, count)
-        J = balance.derivative(orbit, count, parts)
+        balance = self.balance(value)
+        terms = balance.residual(orbit, count)
+        J = balance.derivative(orbit, terms)
         h = DIFFERENCE * size
-        ahead, behind = (coefficients(balance_of(self.contact(value + sign * h), self.flexibility).force(orbit, count),
-                                      orbit.harmonics)[1:] for sign in (1, -1))
-        change = -np.einsum("kij,kj->ki", parts[1], (ahead - behind) / (2 * h))
+        ahead, behind = (coefficients(self.balance(value + side).force(orbit, count), orbit.harmonics)[1:] for side in (h, -h))
+        change = -np.einsum("kij,kj->ki", terms.Y, (ahead - behind) / (2 * h))
         column = np.concatenate([change.real.ravel(), change.imag.ravel()]) * (size / speed)
         scaled = np.hstack([J[:, :-1], J[:, -1:] * (omega / speed), column[:, None]])
-        R = np.concatenate([parts[0].real.ravel(), parts[0].imag.ravel()]) / speed
+        R = np.concatenate([terms.R.real.ravel(), terms.R.imag.ravel()]) / speed
         phase = np.append(balance.phase(orbit), 0.0)
-        return np.append(R, 0.0), np.vstack([scaled, phase])
+        return np.append(R, 0.0), np.vstack([scaled, phase]), terms.course.mean
 
     def correct(self, orbit: Orbit, value: float, row: Array, target: float, rounds: int = 14) -> tuple[Place, int]:
         """Newton's method on R = 0, phase = 0, row·x = target. The tangent has a positive component along `row`.
@@ -100,10 +102,10 @@ class Path:
         ------
         NotConvergedError
         """
-        count = balance_of(self.contact(value), self.flexibility).samples(orbit)
+        count = self.balance(value).samples(orbit)
         x, before = self.scaled(orbit, value), np.inf
         for turn in range(1, rounds + 1):
-            R, J = self._system(orbit, value, count)
+            R, J, mean = self._system(orbit, value, count)
             bordered = np.vstack([J, row])
             try:
                 step = la.solve(bordered, -np.append(R, row @ x - target), check_finite=False)
@@ -113,13 +115,13 @@ class Path:
             if not np.isfinite(size) or (turn > 2 and size > 3 * before) or size > 1:
                 raise NotConvergedError(f"the corrector diverged at {self.parameter} = {value:.6g}")
             x, before = x + step, size
-            orbit, value = self.unscaled(x, orbit)
+            orbit, value = self.unscaled(x, replace(orbit, mean=mean))
             if orbit.omega <= 0:
                 raise NotConvergedError(f"the frequency became negative at {self.parameter} = {value:.6g}")
             if size <= CONVERGED * (1 + float(np.linalg.norm(x))):
                 break
             if size < 1e-2:
-                count = balance_of(self.contact(value), self.flexibility).samples(orbit)
+                count = self.balance(value).samples(orbit)
         else:
             raise NotConvergedError(f"the corrector did not converge at {self.parameter} = {value:.6g}: last step {size:.1e}")
         right = np.zeros(len(row))
@@ -161,4 +163,4 @@ class Path:
 
     def left_out(self, place: Place) -> tuple[float, float]:
         """Truncation and aliasing, see `Balance.unresolved`."""
-        return balance_of(self.contact(place.value), self.flexibility).unresolved(place.orbit)[:2]
+        return self.balance(place.value).unresolved(place.orbit)[:2]

@@ -1,6 +1,6 @@
 """Floquet multipliers of a limit cycle: whether small disturbances grow.
 
-    δẏ = (A + B diag(g(t)) Bᵀ) δy,  g = df/dv along the cycle (p,),  δy(T) = Φ δy(0)
+    δẏ = (A + B g(t) Bᵀ) δy,  g = ∂f/∂v along the cycle (p, p),  δy(T) = Φ δy(0)
 
 The linear part is constant, with known eigenvectors. The periodic part has rank p. Hence a step of Strang's splitting,
 exp(Ah/2) exp(h B g Bᵀ) exp(Ah/2), costs O(m p) for each of the m columns of Φ. Its steps are short where friction changes
@@ -158,7 +158,7 @@ class _Waves:
         self.contact, self.orbit = contact, orbit
         count = power_of_two(max(32 * orbit.harmonics, 8192))
         v = orbit.samples(count)
-        self.f = coefficients(contact.force(v), count // 4)[1:]
+        self.f = coefficients(contact.exerted(v, v), count // 4)[1:]
         self.s = 1j * orbit.omega * np.arange(1, len(self.f) + 1)
         answer = np.einsum("kij,kj->ki", flexibility.mobility(self.s)[0], self.f)
         answer[:orbit.harmonics] -= orbit.v
@@ -197,7 +197,7 @@ def _passage(contact: Sliding, flexibility: Fractions, course: _Course) -> Array
 def _steps(contact: Sliding, flexibility: Fractions, course: _Course) -> tuple[Array, Iterator[tuple[Array, Array, Array]]]:
     """exp(A h₀/2) (m,); and for each step exp(A (h + h')/2) (m,) with the next h', the impulse E (p, p), and ρ (p,)."""
     h, values = course.h * course.period, flexibility.found.values
-    E = _impulses(contact.tangent(course.v) * h, flexibility.w.T @ flexibility.w)
+    E = _impulses(contact.tangents(course.v, course.v)[1] * h, flexibility.w.T @ flexibility.w)
     after = 0.5 * np.append(h[:-1] + h[1:], h[-1])  # half of this step and half of the next
     at_once = max(1, CHUNK // len(values))
     blocks = (np.exp(after[i:i + at_once, None] * values) for i in range(0, len(h), at_once))
@@ -230,22 +230,22 @@ def _corrected(contact: Sliding, flexibility: Fractions, waves: _Waves, whole: A
 
 
 def _impulses(strength: Array, S: Array) -> Array:
-    """E (m, p, p) with exp(U G V) = I + U E V, VU = S, G = diag(strength): E = φ(GS) G, φ(x) = (eˣ - 1)/x."""
-    if len(S) == 1:
-        x = strength[0] * S[0, 0]
+    """E (m, p, p) with exp(U G V) = I + U E V, VU = S, and G (p, p, m) at m times: E = φ(GS) G, φ(x) = (eˣ - 1)/x."""
+    p, G = len(S), np.moveaxis(strength, -1, 0)
+    if p == 1:
+        x = G * S
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(np.abs(x) > 1e-300, np.expm1(x) / x, 1.0).reshape(-1, 1, 1) * strength[0].reshape(-1, 1, 1)
-    p, m = strength.shape
-    whole = np.zeros((m, 2 * p, 2 * p))
-    whole[:, :p, :p] = strength.T[:, :, None] * S
-    whole[:, np.arange(p), p + np.arange(p)] = strength.T
+            return np.where(np.abs(x) > 1e-300, np.expm1(x) / x, 1.0) * G
+    whole = np.zeros((len(G), 2 * p, 2 * p))
+    whole[:, :p, :p], whole[:, :p, p:] = G @ S, G
     return la.expm(whole)[:, :p, p:]
 
 
 def _edges(contact: Sliding, orbit: Orbit, steps: int) -> Array:
     """0 = τ_0 < … < τ_steps = 1 of a period, finer where g changes; a quarter of the steps is distributed evenly."""
     count = power_of_two(max(8 * orbit.harmonics, 4096))
-    g = contact.tangent(orbit.samples(count))
+    v = orbit.samples(count)
+    g = contact.tangents(v, v)[1].reshape(-1, count)
     change = np.abs(np.diff(np.hstack([g, g[:, :1]]), axis=1)).sum(axis=0)
     total = float(change.sum())
     # the square root places steps on the flanks of a jump, where most of the error arises

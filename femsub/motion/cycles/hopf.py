@@ -49,7 +49,7 @@ class HopfPoint:
 def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, between: tuple[float, float] | None,
                near: float | None) -> tuple[HopfPoint, Array]:
     """Value of the parameter at which F μ'(v0) is the critical coefficient, and the speeds under the belt of the mode there."""
-    belt, model = contact.belts[0], contact.model
+    belt, model = contact.contacts[0], contact.model
     if near is None:
         if not isinstance(flexibility, Fractions):
             raise InputError(f"a Hopf point needs all modes, but {model.size} DOF are too many for that. Start from a cycle: "
@@ -148,6 +148,6 @@ def begun(path: Path, hopf: HopfPoint, shape: Array) -> tuple[HopfPoint, Place]:
         found.append(path.correct(orbit, hopf.value, row, 0.5 * size)[0])
     (one, two) = found
     limit = ((4 * one.value - two.value) / 3, (4 * one.orbit.omega - two.orbit.omega) / 3)
-    belt = path.contact(two.value).belts[path.at]
+    belt = path.contact(two.value).contacts[path.at]
     assert belt.slope is not None
     return replace(hopf, limit=limit, supercritical=bool(belt.force * belt.slope < hopf.coefficient)), two

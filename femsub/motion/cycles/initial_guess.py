@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from femsub.checks import Array, real_array
+from femsub.coupling import width_of
 from femsub.errors import InputError, NoCycleError
 from femsub.model import beyond
 from femsub.modes import PortFunction, eigenvalues
@@ -33,7 +34,7 @@ SWEPT = 3.0  # largest amplitude tried, in belt speeds
 
 def levels(contact: Sliding) -> list[Sliding]:
     """The contact with increasingly sharp laws, the last one its own; one entry if no law has an ε (see `FrictionLaw`)."""
-    widths = [width if is_dataclass(belt.law) else np.nan for belt, width in zip(contact.belts, contact.widths, strict=True)]
+    widths = [width_of(belt.law) if is_dataclass(belt.law) else np.nan for belt in contact.belts]
     speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
     most = max([1.0, *(WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width > 0)])
     steps = max(0, int(np.ceil(np.log(most) / -np.log(SHARPER))))
@@ -43,13 +44,13 @@ def levels(contact: Sliding) -> list[Sliding]:
         belts = tuple(belt if np.isnan(width) or factor == 1 else
                       replace(belt, law=replace(belt.law, eps=max(width, min(width * factor, WIDE * speed))))  # type: ignore[type-var]
                       for belt, width, speed in zip(contact.belts, widths, speeds, strict=True))
-        found.append(replace(contact, belts=belts))
+        found.append(contact.changed(belts))
     return found
 
 
 def harmonics_for(contact: Sliding, most: int) -> int:
-    """The number of harmonics needed for the sharpest transition of a contact (empirical)."""
-    ratios = [abs(belt.speed or 0.0) / width for belt, width in zip(contact.belts, contact.widths, strict=True)]
+    """The number of harmonics needed for the sharpest transition of a law (empirical)."""
+    ratios = [abs(belt.speed or 0.0) / width_of(belt.law) for belt in contact.belts]
     ratio = max((ratio for ratio in ratios if not np.isnan(ratio)), default=10.0)
     return int(np.clip(PER_EPS * ratio, 10, most))
 
@@ -57,19 +58,23 @@ def harmonics_for(contact: Sliding, most: int) -> int:
 def gain(contact: Sliding, shape: Array, amplitudes: Array, samples: int = 4096) -> Array:
     """N_c(a) (m, p): first harmonic of f over that of v = Re(a shape e^{iωt}), column by column; shape (p,), a (m,)."""
     wave = np.cos(2 * np.pi * np.arange(samples) / samples)
-    found = np.empty((len(amplitudes), len(shape)))
-    for i, a in enumerate(amplitudes):
-        size = np.abs(a * shape)
-        f = coefficients(contact.force(size[:, None] * wave), 1)[1].real
-        found[i] = np.where(size > 0, 2 * f / np.where(size > 0, size, 1.0), contact.tangent(np.zeros(len(shape))))
-    return found
+    found, sizes = np.empty((len(amplitudes), len(shape))), np.abs(amplitudes[:, None] * shape)
+    for i, size in enumerate(sizes):
+        v = size[:, None] * wave
+        found[i] = 2 * coefficients(contact.exerted(v, v), 1)[1].real / np.where(size > 0, size, 1.0)
+    return found if (sizes > 0).all() else np.where(sizes > 0, found, slopes_of(contact))
+
+
+def slopes_of(contact: Sliding) -> Array:
+    """df/dv of steady sliding under belts, column by column, (p,)."""
+    still = np.zeros(contact.columns)
+    return contact.tangents(still, still)[1].diagonal()
 
 
 def unstable_modes(contact: Sliding, flexibility: Fractions) -> Array:
     """λ with Re λ > 0 of steady sliding, (k,), the fastest growing first, without those above the model's cut-off."""
     form = flexibility.found.form
-    slopes = -contact.tangent(np.zeros(contact.columns))
-    values = eigenvalues(form, form.C + (flexibility.w * slopes) @ flexibility.w.T)
+    values = eigenvalues(form, form.C - (flexibility.w * slopes_of(contact)) @ flexibility.w.T)
     noise = 1e-12 * float(np.abs(values).max(initial=1.0))
     values = values[(values.real > noise) & (values.imag > 0) & ~beyond(values.imag, contact.model.cutoff)]
     return values[np.argsort(-values.real)]
@@ -107,8 +112,8 @@ def _because(contact: Sliding) -> str:
 
 
 def _sweep(contact: Sliding) -> Array:
-    top = max(abs(belt.speed or 0.0) for belt in contact.belts)
-    return top * np.concatenate([np.geomspace(1e-3, 0.3, 40), np.linspace(0.31, 1.3, 200), np.linspace(1.32, SWEPT, 60)])
+    shares = np.concatenate([np.geomspace(1e-3, 0.3, 40), np.linspace(0.31, 1.3, 200), np.linspace(1.32, SWEPT, 60)])
+    return float(contact.speeds.max()) * shares
 
 
 def port_function(flexibility: Fractions) -> PortFunction:
@@ -122,7 +127,7 @@ def onsets(contact: Sliding, band: tuple[float, float]) -> tuple[Array, Array]:
     if not isinstance(flexibility, Fractions) or contact.columns > 1:
         raise InputError("onsets can be listed for a contact of one column and at most 2,000 DOF. Reduce the model first")
     omega, c = crossings(flexibility, band[0], min(band[1], contact.model.cutoff))
-    passed = np.flatnonzero(c > -contact.tangent(np.zeros(1))[0])
+    passed = np.flatnonzero(c > -slopes_of(contact)[0])
     order = passed[np.argsort(-c[passed], kind="stable")]
     return omega[order], c[order]
 
@@ -165,7 +170,7 @@ def _of_modes(contact: Sliding, flexibility: Fractions, growing: Array, near: fl
     first = growing[0] if near is None else growing[np.argmin(np.abs(growing.imag - near))]
     target, shape, before = complex(first), np.zeros(0), None
     for a in _sweep(contact):
-        N = gain(contact, shape, np.array([a]), 512)[0] if len(shape) else contact.tangent(np.zeros(contact.columns))
+        N = gain(contact, shape, np.array([a]), 512)[0] if len(shape) else slopes_of(contact)
         values, vectors = np.linalg.eig(form.state(form.C - (w * N) @ w.T))
         at = int(np.argmin(np.abs(values - target)))
         target = complex(values[at])

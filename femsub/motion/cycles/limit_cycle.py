@@ -1,4 +1,4 @@
-"""Limit cycles: the periodic motion of a model under its belts, by harmonic balance on the contact alone."""
+"""Limit cycles: the periodic motion of a model under its contacts, by harmonic balance on their columns alone."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ import numpy as np
 
 from femsub.algebra import shared_factor
 from femsub.checks import Array, finite_number, whole_number
+from femsub.coupling import Belt
 from femsub.errors import FemsubWarning, InputError, InputTypeError, NotConvergedError, warn
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, in_phase, power_of_two
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
-from femsub.motion.cycles.coupled import balance_of
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
-    from femsub.coupling import Belt
     from femsub.model import Contact, Substructure
 
 log = logging.getLogger(__name__)
@@ -33,12 +32,12 @@ ROUGH = 1e-2  # truncation or aliasing above which there is a warning
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LimitCycle:
-    """A limit cycle, made by `harmonic_balance`: q(t + T) = q(t) of M q̈ + D q̇ + K q = W f(Wᵀq̇), T = 2π/ω.
+    """A limit cycle, made by `harmonic_balance`: q(t + T) = q(t) of M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇), T = 2π/ω.
 
     Attributes
     ----------
     contact : Sliding
-        The model and its belts.
+        The model and its contacts.
     omega : float
         ω, rad per unit of time.
     harmonics : ndarray of complex, shape (H, p)
@@ -122,13 +121,8 @@ class LimitCycle:
     @cached_property
     def _motion(self) -> tuple[Array, Array, Array]:
         """K⁻¹W f_0 (n,), ikω (H,) and q_k (n, H)."""
-        f = coefficients(balance_of(self.contact, self.flexibility).force(self.orbit, self._wave.shape[1]), self.orbit.harmonics)
-        mean = f[0].real
-        steady = self.contact.force(np.zeros(self.contact.columns)) if not self.contact.others else np.zeros(1)
-        if self.contact.columns == 1 and steady[0] != 0:
-            rest = self.contact.equilibrium * (mean[0] / steady[0])
-        else:
-            rest = shared_factor(self.contact.model.K, "definite").solve(self.contact.W @ mean)
+        f = coefficients(Balance(self.contact, self.flexibility).force(self.orbit, self._wave.shape[1]), self.orbit.harmonics)
+        rest = shared_factor(self.contact.model.K, "definite").solve(self.contact.W @ f[0].real)
         s = 1j * self.omega * np.arange(1, self.orbit.harmonics + 1)
         return rest, s, self.flexibility.response(s, f[1:])
 
@@ -140,8 +134,8 @@ class LimitCycle:
 
     @cached_property
     def floquet(self) -> Multipliers | None:
-        """The Floquet multipliers; None for more than 2,000 DOF, with contacts beside belts, or without `stability`."""
-        if not self.stability or self.contact.others or not isinstance(self.flexibility, Fractions):
+        """The Floquet multipliers; None for more than 2,000 DOF, forces that depend on displacements, or without `stability`."""
+        if not self.stability or not self.contact.by_speed or not isinstance(self.flexibility, Fractions):
             return None
         return multipliers(self.contact, self.flexibility, self.orbit)
 
@@ -160,26 +154,26 @@ class LimitCycle:
                 f"{self.orbit.harmonics} harmonics, residual {self.residual:.0e}, left out {self.truncation:.0e}")
 
 
-def harmonic_balance(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], *, harmonics: int | None = None,
+def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact], *, harmonics: int | None = None,
                      start: Any = None, tol: float = 1e-4) -> LimitCycle:
-    """A limit cycle of a full or reduced model under its belts, by harmonic balance.
+    """A limit cycle of a full or reduced model under its contacts, by harmonic balance.
 
-    M q̈ + D q̇ + K q = W f(Wᵀq̇) is solved for its periodic speed under the belts: v_k = Y(ikω) f_k(v), k = 1 … H, with the
-    mobility Y(s) = s Wᵀ(s²M + sD + K)⁻¹W (p, p). The frequency ω is an unknown as well. Contacts beside belts exert f(Wᵀq, Wᵀq̇).
+    M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇) is solved for the periodic speeds v = Wᵀq̇: v_k = Y(ikω) f_k(v), k = 1 … H, with the
+    mobility Y(s) = s Wᵀ(s²M + sD + K)⁻¹W (p, p). The frequency ω is an unknown as well.
 
     Parameters
     ----------
     model : Substructure
         Full or reduced.
-    belts : Belt or another contact, or a sequence of them
-        Belts with friction laws and speeds; other contacts as for `transient`. With these a `start` is needed that moves (not a
-        frequency), and no multipliers are computed: `shoot` has them.
+    contacts : Belt or another contact, or a sequence of them
+        As for `transient`. With contacts that are no belts a `start` is needed that moves (not a frequency). Of forces that
+        depend on displacements no multipliers are computed: `shoot` has them.
     harmonics : int, optional
-        H. By default enough to make the effect of the neglected ones smaller than `tolerance`.
+        H. By default enough to make the effect of the neglected ones smaller than `tol`.
     start : optional
         The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
         sliding that grows fastest. A frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under
-        the same belts. A `Transient`, or (t, v) with v the speed under the belts, shape (m,) or (p, m).
+        the same contacts. A `Transient`, or (t, v) with v the speeds of their columns, shape (m,) or (p, m).
     tol : float
         Largest effect of the neglected harmonics, relative to the cycle.
 
@@ -213,12 +207,12 @@ def harmonic_balance(model: Substructure, belts: Belt | Contact | Sequence[Belt 
     >>> print(f"{cycle.omega:.4f} {cycle.rms:.4f}")
     0.7305 0.1166
     """
-    contact = sliding(model, belts, "harmonic balance", others=True)
+    contact = sliding(model, contacts, "harmonic balance")
     if harmonics is not None:
         whole_number("harmonics", harmonics, least=1, most=MOST_ASKED)
     if not 0 < finite_number("tol", tol) < 1:
         raise InputError(f"tol must lie between 0 and 1, such as 1e-4, not {tol!r}")
-    if not contact.others and all(belt.force == 0 for belt in contact.belts):
+    if all(isinstance(one, Belt) and one.force == 0 for one in contact.contacts):
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
     flexibility = flexibility_of(contact, start)
     orbit, steps = _sought(contact, flexibility, start, MOST if harmonics is None else harmonics)
@@ -241,14 +235,14 @@ def flexibility_of(contact: Sliding, start: Any) -> Compliance:
     known = start.contact
     if known.columns != contact.columns:
         raise InputError(f"start: the cycle has {known.columns} column(s) of contact, but {contact.model.name!r} has "
-                         f"{contact.columns} under its belts. Give a cycle found with the same ports and belts, or none")
+                         f"{contact.columns} under these. Give a cycle found with the same contacts, or none")
     return start.flexibility if known.model is contact.model and np.array_equal(known.W, contact.W) else compliance(contact)
 
 
 def refined(contact: Sliding, flexibility: Compliance, orbit: Orbit, harmonics: int | None, tol: float,
             steps: int = 0) -> LimitCycle:
     """Newton's method from a nearby orbit, with a given number of harmonics, or as many as needed."""
-    balance = balance_of(contact, flexibility)
+    balance = Balance(contact, flexibility)
     orbit = orbit.with_harmonics(harmonics or min(orbit.harmonics, MOST))
     while True:
         orbit, residual, turns = balance.solve(orbit)
@@ -277,9 +271,9 @@ def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) ->
                              f"{type(start).__name__}")
     if start is not None and not 0 < start < np.inf:
         raise InputError(f"start must be a positive frequency in rad per unit of time, not {start!r}")
-    if contact.others:
-        raise InputError(f"with {type(contact.others[0]).__name__} a cycle needs a start that moves: a transient, a signal "
-                         "start=(t, v), or a LimitCycle. Only belts have one that is found by itself")
+    if bare := next((one for one in contact.contacts if not isinstance(one, Belt)), None):
+        raise InputError(f"with {type(bare).__name__} a cycle needs a start that moves: a transient, a signal start=(t, v), or a "
+                         "LimitCycle. Only belts have one that is found by itself")
     return _sharpened(contact, flexibility, None if start is None else float(start), most)
 
 
@@ -287,11 +281,10 @@ def _speeds(contact: Sliding, run: Any) -> Array:
     """Wᵀq̇ of a transient, (p, m): of its states, or as recorded at the ports."""
     if getattr(run, "states", None) is not None and run.contact.model is contact.model:
         return np.asarray(contact.W.T @ run.states[1].T)
-    if bare := next((other for other in contact.others if getattr(other, "sets", ())), None):
+    if bare := next((one for one in contact.contacts if getattr(one, "sets", ())), None):
         raise InputError(f"{type(bare).__name__} acts on the sets {', '.join(bare.sets)}, which a transient does not record at "
                          "ports. Run it on the same model with record='states'")
-    ports = [port for one in (*contact.belts, *contact.others) for port in one.ports]
-    return np.vstack([np.asarray(run.velocity(port)).T for port in ports])
+    return np.vstack([np.asarray(run.velocity(port)).T for one in contact.contacts for port in one.ports])
 
 
 def _trimmed(orbit: Orbit, tail: float = 1e-5) -> Orbit:

@@ -22,7 +22,6 @@ from femsub.motion.cycles.limit_cycle import LimitCycle
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
-    from femsub.coupling import Belt
     from femsub.model import Contact, Substructure
 
 LARGEST = 60  # DOF
@@ -92,15 +91,15 @@ class ShotCycle:
                 f"{'stable' if self.is_stable else 'unstable'}; closed to {self.residual:.0e} in {self.steps} Newton steps")
 
 
-def shoot(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact], start: LimitCycle | State,
+def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: LimitCycle | State,
           period: float | None = None, *, tol: float = 1e-10, rounds: int = 12) -> ShotCycle:
-    """A limit cycle by shooting: y(T) = y(0) of M q̈ + D q̇ + K q = W f(Wᵀq̇), y = (q, q̇). A check of `harmonic_balance`.
+    """A limit cycle by shooting: y(T) = y(0) of M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇), y = (q, q̇). A check of `harmonic_balance`.
 
     Parameters
     ----------
     model : Substructure
         At most 60 DOF.
-    belts : Belt or another contact, or a sequence of them
+    contacts : Belt or another contact, or a sequence of them
         As for `transient`.
     start : LimitCycle or State
         A cycle of the same model, or a state near the cycle.
@@ -135,7 +134,7 @@ def shoot(model: Substructure, belts: Belt | Contact | Sequence[Belt | Contact],
     >>> abs(fs.shoot(model, belt, cycle).omega - cycle.omega) < 1e-6
     True
     """
-    contact = sliding(model, belts, "shooting", others=True)
+    contact = sliding(model, contacts, "shooting")
     if not TIGHTEST <= finite_number("tol", tol) <= 1e-2:
         raise InputError(f"tol must lie between {TIGHTEST:g} and 0.01, not {tol!r}")
     whole_number("rounds", rounds, least=1)
