@@ -59,6 +59,7 @@ from .motion.signals import (
     sticking as sticking,
 )
 from .motion.transient import Transient as Transient, transient as transient
+from .reduction.estimates.joined import system_estimate as system_estimate
 from .reduction.reduce import (
     ContactModes as ContactModes,
     CraigBampton as CraigBampton,
@@ -73,7 +74,6 @@ from .reduction.reduce import (
     Rubin as Rubin,
     reduce as reduce,
 )
-from .reduction.system_estimate import system_estimate as system_estimate
 from .stability.critical_slope import (
     CriticalSlope as CriticalSlope,
     StabilitySweep as StabilitySweep,

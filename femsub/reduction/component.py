@@ -16,8 +16,8 @@ from femsub.errors import InputError, InputTypeError, PortWarning, warn
 from femsub.model import SHARE, ReducedSubstructure, Substructure
 from femsub.modes import confirm
 from femsub.reduction.basis import Basis, Kept, projected
+from femsub.reduction.estimates.search import unreduced
 from femsub.reduction.method import METHODS, Method
-from femsub.reduction.mode_selection import unreduced
 from femsub.reduction.rigid import damping
 from femsub.reduction.statics import Partition, Statics, square
 from femsub.reduction.wider import Wider

@@ -12,8 +12,8 @@ from femsub.checks import Array, word
 from femsub.errors import InputError, unknown_name
 from femsub.model import ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
 from femsub.reduction.basis import Basis, Kept, Responses, projected
+from femsub.reduction.estimates.friction import Answered, chosen_with_friction
 from femsub.reduction.free_interface import FreeInterface
-from femsub.reduction.friction_estimate import Answered, chosen_with_friction
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:

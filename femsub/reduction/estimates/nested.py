@@ -44,7 +44,8 @@ class Nested:
 
     Of joined parts, `parts` are the numbers of elastic modes and of columns of Ξ of each part, in whose order Φ and Ξ stand.
     A `count` of modes is then one number for each part. ω and |λ| above `limit` are not looked for, where that saves time.
-    `motion` is the rigid motion, in C and the rigid-body modes, where the component knows it.
+    `motion` is the rigid motion, in C and the rigid-body modes, where the component knows it. A band is to end below the `share`
+    of the cut-off.
     """
 
     M: Array
@@ -60,6 +61,7 @@ class Nested:
     parts: tuple[tuple[int, int], ...] = ()
     limit: float = np.inf
     motion: RigidMotion | None = None
+    share: float = SHARE
 
     @property
     def modes(self) -> int:
@@ -370,36 +372,41 @@ class Nested:
         if found is not None:
             values, errors, more = self._compared(*found, band)
             unmatched += more
-        return Estimate(band, tol, 0, np.inf, omega[inside], error, values, errors, unmatched, self.modes)
+        return Estimate(band, tol, 0, np.inf, omega[inside], error, values, errors, unmatched, self.modes, self.share)
 
-    def floor(self, band: tuple[float, float]) -> float:
+    def floor(self, band: tuple[float, float], damped: bool = True) -> float:
         """The largest relative error that rounding alone may have made in the band."""
         omega, rounding = self._largest
         inside = in_band(omega, band)
         floor = float((rounding[inside] / omega[inside]).max(initial=4 * EPS))
-        if self.D is None:
+        if self.D is None or not damped:
             return floor
         exact, bar = self.reference
         inside = within(exact, band)
         return max(floor, float((bar[inside] / np.abs(exact[inside])).max(initial=0.0)))
 
     def _compared(self, found: Array, bar: Array, band: tuple[float, float]) -> tuple[Array, Array, int]:
-        """λ of the reduced model matched with the reference in the band, their errors, and the number without a match."""
+        """λ of the reduced model that the band concerns, their errors, and the number of λ without a partner."""
         exact, exact_bar = self.reference
-        at, to = match(exact, found, far=FAR)
-        distance = np.abs(found[to] - exact[at])
-        inside = within(exact[at], band) | (within(found[to], band) & (distance < np.abs(exact[at]) / 2))
+        at, to, distance, inside, alone = compared(exact, found, band, within(exact, band))
         largest, doubt = self.doubt
         near = match(exact, largest, far=FAR)
         tail = np.zeros(len(exact))
         tail[near[0]] = doubt[near[1]]
-        size = np.abs(exact[at])
-        error = (MARGIN * (distance + tail[at]) + exact_bar[at] + bar[to]) / size
-        lone = within(exact, band)
-        lone[at] = False
-        extra = within(found, band)
-        extra[to] = False
-        return found[to[inside]], error[inside], int(lone.sum() + extra.sum())
+        error = (MARGIN * (distance + tail[at]) + exact_bar[at] + bar[to]) / np.abs(exact[at])
+        return found[to[inside]], error[inside], alone
+
+
+def compared(exact: Array, found: Array, band: tuple[float, float],
+             wanted: Array) -> tuple[Array, Array, Array, Array, int]:
+    """λ of a model matched with those of its reference, of which some are wanted in the band.
+
+    Places in both and the distance of each pair, which pairs the band concerns, and how many λ in it have no partner.
+    """
+    at, to = match(exact, found, far=FAR)
+    distance, present = np.abs(found[to] - exact[at]), within(found, band)
+    inside = wanted[at] | (present[to] & (distance < np.abs(exact[at]) / 2))
+    return at, to, distance, inside, int(np.delete(wanted, at).sum() + np.delete(present, to).sum())
 
 
 def with_rounding(estimate: Estimate, model: ReducedSubstructure, whole: Matrix) -> Estimate:

@@ -37,11 +37,11 @@ from femsub.algebra import check_columns, orthonormal
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
-from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, match, solve, units, unresisted
+from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, solve, units, unresisted
 from femsub.modes.quadratic.bars import bars
 from femsub.reduction.basis import Kept
-from femsub.reduction.error_bounds import FAR, MARGIN
-from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed
+from femsub.reduction.estimates.found_modes import FoundModes, compressed
+from femsub.reduction.estimates.nested import MARGIN, compared
 from femsub.reduction.statics import COLUMNS
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class Larger:
     complex modes in the band.
     """
 
-    def __init__(self, search: Search, pencil: Pencil, loads: Sequence[Matrix], hi: float, answered: int) -> None:
+    def __init__(self, search: FoundModes, pencil: Pencil, loads: Sequence[Matrix], hi: float, answered: int) -> None:
         handle, found = search.statics.handle, search.found
         self.answered = found.rigid + answered
         check_columns(search.statics.part.sub.name, len(found.shapes), 2 * len(found.eigenvalues) + 14 * self.answered)
@@ -301,7 +301,7 @@ def _forces(load: Matrix, shapes: Array) -> Array:
 class Nest:
     """The models of contact modes of every size in one larger model, with the responses to any of its loads."""
 
-    def __init__(self, larger: Larger, search: Search, matrices: Sequence[Matrix]) -> None:
+    def __init__(self, larger: Larger, search: FoundModes, matrices: Sequence[Matrix]) -> None:
         self.larger, self.search, self.matrices = larger, search, matrices
         found = larger.found
         self.rigid, self.frequencies = found.rigid, found.frequencies[found.rigid:]
@@ -312,7 +312,7 @@ class Nest:
     @property
     def most(self) -> int:
         """The most elastic modes of a model: those whose responses are known, and the next one's frequency."""
-        return min(self.search.modes - (not self.search.complete), self.larger.answered - self.rigid)
+        return min(self.search.most, self.larger.answered - self.rigid)
 
     def cutoff(self, count: int) -> float:
         return float(self.frequencies[count]) if count < len(self.frequencies) else np.inf
@@ -353,18 +353,13 @@ class Nest:
         found = found[upper(found) & (np.abs(found) > least)]
         keep = np.flatnonzero(upper(larger.values) & (np.abs(larger.values) > least))
         exact, radii = larger.values[keep], larger.radii[keep]
-        at, to = match(exact, found, far=FAR)
-        distance = np.abs(found[to] - exact[at])
         near = within(exact, (0.0, ROOM * band[1])) & (distance_outside(exact, band, (-band[1], band[1])) <= radii)
-        reaches = within(exact, band) | near  # λ of the full system may be in the band
-        inside = reaches[at] | (within(found[to], band) & (distance < np.abs(exact[at]) / 2))
-        lone, extra = reaches, within(found, band)
-        lone[at], extra[to] = False, False
+        at, to, distance, inside, alone = compared(exact, found, band, within(exact, band) | near)  # of the full system, λ may be
         error = (MARGIN * distance + radii[at]) / np.abs(exact[at])
         omega = self.frequencies[:count]
         omega = omega[~beyond(omega, band[1]) & ~beyond(band[0], omega)]
         return Estimate(band, tol, count, self.cutoff(count), omega, np.full(len(omega), 4 * EPS), found[to[inside]],
-                        error[inside], int(lone.sum() + extra.sum()), self.search.modes, 1.0, exact[at[inside]],
+                        error[inside], alone, self.search.modes, 1.0, exact[at[inside]],
                         radii[at[inside]])
 
     def fewest(self, loads: Sequence[int], band: tuple[float, float], tol: float, below: float) -> tuple[int, Estimate] | None:
@@ -421,12 +416,11 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, dam
     if (massless := statics.handle.K.shape[0] - statics.handle.finite) > 0:
         raise InputError(f"{statics.part.sub.name!r} has {massless} DOF without mass, and a tolerance under friction needs mass "
                          "everywhere. Condense these DOF, or give a number of modes instead, e.g. ContactModes(20, contacts=...)")
-    search, hi, answered = Search(statics, None), band[1], 0
+    search, hi, answered = FoundModes(statics, None), band[1], 0
     loads = [friction, friction.T, damping] if abs(damping).max() else [friction, friction.T]
     choices = [choice for choice in CHOICES if max(choice, default=0) < len(loads)] if responses else [()]
     while True:
-        while not search.complete and search.top <= ABOVE * hi:
-            search.grow(min(search.needed(ABOVE * hi), 2 * search.modes))
+        search.reach(ABOVE * hi, 2.0)
         search.replace(lowest_modes(statics.handle, search.modes, known=search.found))  # counted by inertia
         near = int(np.searchsorted(search.found.frequencies[search.found.rigid:], BEYOND * hi))
         answered = min(max(near + SPARE, answered), search.modes)
@@ -441,7 +435,7 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, dam
         if larger.counted and answered < search.modes:
             answered *= 2
             continue
-        if search.complete or (search.modes >= MOST and len(larger.U) > DENSE):
+        if search.spent:
             largest = nest.estimate(nest.most, nest.basis(nest.most, choices[-1]), band, tol)
             raise NotConvergedError(_lacking(statics.part.sub.name, largest, larger))
         search.grow(int(1.5 * search.modes) + 1)
