@@ -16,7 +16,7 @@ from benchmarks.random_brakes import TOL, Brake, errors, judged, random_brake
 from femsub.model.bands import within
 from femsub.reduction.estimates import found_modes, friction
 from femsub.reduction.estimates.found_modes import FoundModes
-from femsub.reduction.estimates.friction import Larger, Nest
+from femsub.reduction.estimates.friction import Larger
 
 SEEDS = (3, 6, 7, 29, 36, 56, 61, 70)  # with damping by friction, gyroscopic terms, a falling slope, real λ, or none of these
 EASY, FLUTTER, CLOSE = 29, 70, 7
@@ -274,7 +274,7 @@ def _couplings(T: np.ndarray, value: complex) -> np.ndarray:
 
 def test_the_model_that_is_made_is_judged_and_not_a_richer_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rub, band = Rub(drag=0.3), (0.0, 1.2)
-    monkeypatch.setattr(Nest, "basis", lambda self, count, loads: np.eye(len(self.rest)))
+    monkeypatch.setattr(Larger, "basis", lambda self, count, loads: np.eye(len(self.rest)))
     rom = fs.reduce(sliding(), fs.ContactModes(band=band, tol=1e-6, contacts=rub))
     exact, modes = (fs.complex_modes(one, rub).eigenvalues for one in (sliding(), rom))
     exact = exact[within(exact, band) & (np.abs(exact) > 1e-3)]

@@ -12,7 +12,7 @@ import numpy as np
 from femsub.checks import Array, check_band, finite_number, whole_number
 from femsub.errors import InputError
 from femsub.reduction.basis import Basis, Kept, Responses, assembled
-from femsub.reduction.estimates.search import Goal, chosen_of_part, lowest
+from femsub.reduction.estimates.search import Goal, Space, chosen_in, lowest
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ class Method(ABC):
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """The modes of the part: a given number, or as many as band and tolerance require with the damping of `pencil`."""
         if (goal := self.goal) is not None:
-            return chosen_of_part(statics, pencil, goal)
+            return chosen_in(Space.of(statics, pencil, goal.band[1]), goal)
         assert self.modes is not None
         return lowest(statics, self.modes)
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -34,6 +34,7 @@ EXCHANGED = 4  # modes of one part that are tried at a time in place of those of
 TRIALS = 12  # choices by first order that are tried before all modes are taken
 MANY = 300  # coordinates above which an estimate solves only for what may lie in the band or near it
 REACH = 2.0  # times the end of the band: so far
+Best: TypeAlias = tuple[Array, Estimate]  # numbers of modes, one for each part, and the estimate of the model they make
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,12 @@ class Space:
         for part, count in given.items():
             parts[part].grow(count + 1)
 
+    @classmethod
+    def of(cls, statics: Statics, pencil: Pencil | None, top: float) -> Space:
+        """That of one part; `pencil` has the damping for which λ must be within the tolerance, too."""
+        name = statics.part.sub.name
+        return cls(repr(name), {name: FoundModes(statics, pencil)}, top)
+
     @property
     def spent(self) -> bool:
         return all(part.spent for part in self.parts.values())
@@ -78,6 +85,22 @@ class Space:
         """Compute the modes of each part that a band may need, up to `hi`."""
         for part in self.parts.values():
             part.reach(hi / SHARE)
+
+    def best(self, goal: Goal) -> Best | None:
+        """The fewest modes with which the tolerance is met; None if that takes more than were found, which are found then."""
+        band, tol = goal.band, goal.tol
+        given = self.reference()
+        reference, most = given.nested, self.most
+        largest = reference.estimate(most, band, tol, False)
+        good = largest.met and largest.worst <= (tol if self.spent else self.enough * tol)
+        if good and reference.D is not None:
+            reference = self.extended(given, band)
+            largest = reference.estimate(most, band, tol)
+            good = largest.met
+        if good:
+            return fewest(reference, self.least(reference, band[1]), (most, largest))
+        self.further(reference, largest)
+        return None
 
     def reference(self) -> Reference:
         """That of all modes found."""
@@ -116,7 +139,10 @@ class Space:
                 f"{best.band[1]:.5g} rad/time. With {'all' if complete else best.modes} modes: {best!r}{rounding}. Lower the "
                 f"band, raise tol{f', give more modes to {named}' if named else ''}, put the belt's DOF"
                 f"{', and those with damping but no mass,' * bare} into the interface, or call reduce(..., ports=True)")
-        factor = self.growth(reference, best)
+        self.grow(self.growth(reference, best))
+
+    def grow(self, factor: float) -> None:
+        """So many times as many modes of each part, and one more."""
         for part in self.parts.values():
             part.grow(int(factor * part.modes) + 1)
 
@@ -145,11 +171,11 @@ class Reference:
     turns: Mapping[str, Array]
 
 
-def chosen_of_part(statics: Statics, pencil: Pencil | None, goal: Goal) -> Kept:
-    """The modes and the estimate of one part; `pencil` has the damping for which λ must be within the tolerance, too."""
-    name = statics.part.sub.name
-    kept, estimate = chosen(Space(repr(name), {name: FoundModes(statics, pencil)}, goal.band[1]), goal)
-    return replace(kept[name], estimate=estimate)
+def chosen_in(space: Space, goal: Goal) -> Kept:
+    """The modes kept of the only part, with the estimate; see `chosen`."""
+    kept, estimate = chosen(space, goal)
+    (only,) = kept.values()
+    return replace(only, estimate=estimate)
 
 
 def chosen(space: Space, goal: Goal) -> tuple[dict[str, Kept], Estimate]:
@@ -162,26 +188,13 @@ def chosen(space: Space, goal: Goal) -> tuple[dict[str, Kept], Estimate]:
     NotConvergedError
         No model meets it, even with all modes or 1000 of a part.
     """
-    band, tol = goal.band, goal.tol
-    space.reach(band[1])
+    space.reach(goal.band[1])
     while True:
-        given = space.reference()
-        reference, most = given.nested, space.most
-        largest = reference.estimate(most, band, tol, False)
-        good = largest.met and largest.worst <= (tol if space.spent else space.enough * tol)
-        if good and reference.D is not None:
-            reference = space.extended(given, band)
-            largest = reference.estimate(most, band, tol)
-            good = largest.met
-        if not good:
-            space.further(reference, largest)
-            continue
-        counts, found = fewest(reference, space.least(reference, band[1]), (most, largest))
-        if kept := space.confirmed(counts):
-            return kept, found
+        if (best := space.best(goal)) is not None and (kept := space.confirmed(best[0])):
+            return kept, best[1]
 
 
-def fewest(reference: Nested, least: Array, best: tuple[Array, Estimate]) -> tuple[Array, Estimate]:
+def fewest(reference: Nested, least: Array, best: Best) -> Best:
     """Few modes in all with which the tolerance is met, between `least` and the `best` known ones; and their estimate."""
     number = len(least)
     if number > 1:
@@ -210,7 +223,7 @@ def _judged(reference: Nested, counts: Array, goal: Estimate) -> Estimate:
     return reference.estimate(counts, goal.band, goal.tol) if found.met and reference.D is not None else found
 
 
-def _by_first_order(reference: Nested, least: Array, best: tuple[Array, Estimate]) -> tuple[Array, Estimate]:
+def _by_first_order(reference: Nested, least: Array, best: Best) -> Best:
     """A model with few modes in all that meets the tolerance, from what leaving out each mode costs to first order."""
     (most, largest), tol = best, best[1].tol
     costs = _costs(reference, largest.band)
