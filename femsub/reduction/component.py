@@ -16,7 +16,7 @@ from femsub.errors import InputError, InputTypeError, PortWarning, warn
 from femsub.model import SHARE, ReducedSubstructure, Substructure
 from femsub.modes import confirm
 from femsub.reduction.basis import Basis, Kept, projected
-from femsub.reduction.estimates.search import unreduced
+from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.method import METHODS, Method
 from femsub.reduction.rigid import damping
 from femsub.reduction.statics import Partition, Statics, square
@@ -130,8 +130,8 @@ def whole_basis(task: Task, part: Partition, judged: bool = True) -> Basis:
     if method.modes and sub is task.sub:
         raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface, so there are "
                          "none. Use modes=0, or a smaller interface")
-    estimate = unreduced(sub.K, sub.M, method.band, method.tol, task.pencil,
-                         sub.rigid_motion) if judged and method.band is not None else None
+    goal = method.goal if judged else None
+    estimate = None if goal is None else Nested.whole(sub, task.pencil).estimate(0, goal.band, goal.tol)
     return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
                  task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
 

@@ -15,16 +15,17 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
 from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
-from femsub.modes import NOISE, RIGID, ShiftInvert, all_modes, energy_directions, match, region_of, solve
+from femsub.modes import NOISE, RIGID, ShiftInvert, all_modes, energy_directions, match, motion_of, region_of, solve
 from femsub.modes.quadratic.search import search
 from femsub.reduction.rigid import RigidMotion, without
 
 if TYPE_CHECKING:
-    from femsub.model import ReducedSubstructure
+    from femsub.model import ReducedSubstructure, Substructure
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
@@ -62,6 +63,14 @@ class Nested:
     limit: float = np.inf
     motion: RigidMotion | None = None
     share: float = SHARE
+
+    @classmethod
+    def whole(cls, sub: Substructure, pencil: Pencil | None) -> Nested:
+        """That of a component which keeps all of its DOF: nothing is left out. `pencil` has its damping."""
+        M, D, K = (A.toarray() if sp.issparse(A) else np.asarray(A) for A in (sub.M, (pencil or sub).D, sub.K))
+        none = np.zeros((sub.size, 0))
+        return cls(M, K, None if pencil is None else D, sub.size, 0, none[0], none, np.zeros(K.shape),
+                   pencil is None or pencil.symmetric[1], motion=motion_of((pencil or sub).rigid_motion))
 
     @property
     def modes(self) -> int:

@@ -14,21 +14,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Matrix
+from femsub.checks import Array
 from femsub.errors import NotConvergedError
-from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, within
-from femsub.modes import all_modes, lowest_modes, solve
+from femsub.model import SHARE, Estimate, beyond
+from femsub.modes import lowest_modes
 from femsub.reduction.basis import Kept
 from femsub.reduction.estimates.found_modes import FoundModes
 from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
-    from femsub.algebra import Carried
+    from femsub.model import Pencil
 
 EXCHANGED = 4  # modes of one part that are tried at a time in place of those of others
 TRIALS = 12  # choices by first order that are tried before all modes are taken
@@ -295,18 +295,6 @@ def sides_of(nested: Nested, band: tuple[float, float]) -> list[tuple[Array, Arr
         kinetic, elastic = (np.abs(np.einsum("ij,ij->j", x.conj(), part @ x)) for part in (nested.M, nested.K))
         sides.append((value, x / np.sqrt(kinetic + elastic / np.abs(value) ** 2), left))
     return sides
-
-
-def unreduced(K: Matrix, M: Matrix, band: Any, tol: Any, pencil: Pencil | None, carried: Carried) -> Estimate:
-    """The estimate of a model that keeps all of its DOF: nothing is left out."""
-    modes = all_modes(K, M, carried=carried)
-    omega = modes.frequencies[modes.rigid:]
-    omega = omega[in_band(omega, band)]
-    values = np.zeros(0, dtype=complex)
-    if pencil is not None:
-        values = solve(pencil.dense())[0]
-        values = values[within(values, band) & (values != 0)]
-    return Estimate(band, tol, 0, np.inf, omega, np.full(len(omega), 4 * EPS), values, np.full(len(values), 4 * EPS))
 
 
 def lowest(statics: Statics, count: int) -> Kept:
