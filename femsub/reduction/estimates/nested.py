@@ -18,9 +18,8 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
-from femsub.errors import SingularMatrixError
 from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
-from femsub.modes import NOISE, RIGID, ShiftInvert, all_modes, energy_directions, match, motion_of, region_of, solve
+from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve, units
 from femsub.modes.quadratic.search import search
 from femsub.reduction.rigid import RigidMotion, without
 
@@ -205,17 +204,19 @@ class Nested:
     @cached_property
     def _rigid(self) -> Array:
         """Rigid-body modes in C (n_c, n_r), ZᵀMZ = I: of joined parts they have no other coordinates."""
-        part, kept = slice(0, self.constraint), self._first + self.modes
-        if not self.constraint:
-            return np.zeros((0, 0))
+        part = slice(0, self.constraint)
+        Z = self.at_rest.shapes[part]
+        return Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ self.M[part, part] @ Z)).T if Z.size else Z
+
+    @cached_property
+    def at_rest(self) -> RigidMotion:
+        """`motion`, or where the component does not know it, what all modes have of it."""
         if self.motion is not None:
-            Z = self.motion.shapes[part]
-            return Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ self.M[part, part] @ Z)).T if Z.shape[1] else Z
-        try:
-            return ShiftInvert(self.K[part, part], self.M[part, part]).rigid
-        except SingularMatrixError:  # C has no stiffness at all
-            found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
-            return found.shapes[part, :found.rigid]
+            return self.motion
+        kept = self._first + self.modes
+        found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
+        Z, D = found.shapes[:, :found.rigid], np.zeros((kept, kept)) if self.D is None else self.D[:kept, :kept]
+        return RigidMotion.of(Z, D, units(self.M[:kept, :kept]))
 
     @cached_property
     def _largest(self) -> tuple[Array, Array]:
@@ -303,29 +304,11 @@ class Nested:
         noise += _product(self._rounding, X[:self.constraint], Y[:self.constraint])
         bar = np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0)
         keep = upper(values) & (values != 0)
-        if self.at_zero:
+        if zeros := self.at_rest.zeros:
             keep &= moving(values, bar)
-            keep[np.argsort(np.abs(values), kind="stable")[:self.at_zero]] = False
+            keep[np.argsort(np.abs(values), kind="stable")[:zeros]] = False
         order = np.flatnonzero(keep)[np.argsort(np.abs(values[keep]), kind="stable")]
         return values[order], bar[order], X[:, order], Y[:, order], slope[order]
-
-    @cached_property
-    def at_zero(self) -> int:
-        """Number of λ at 0: one per rigid-body mode, two where D does not damp it."""
-        kept = self._first + self.modes
-        if self.motion is not None:
-            return self.motion.zeros
-        if self.rigid or not self.constraint:
-            found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
-            Z = found.shapes[:, :found.rigid]
-        else:
-            kept, Z = self.constraint, self._rigid
-        if self.D is None or not Z.shape[1]:
-            return 2 * Z.shape[1]
-        D = self.D[:kept, :kept]
-        force = np.linalg.svd(Z.T @ D @ Z, compute_uv=False)
-        scale = float(np.linalg.norm(np.abs(Z).T @ np.abs(D) @ np.abs(Z)))
-        return 2 * Z.shape[1] - int(np.count_nonzero(force > RIGID * scale))
 
     @cached_property
     def doubt(self) -> tuple[Array, Array]:
