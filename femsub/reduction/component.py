@@ -148,13 +148,11 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     D, motion, noise = damping(sub, basis, projected(sub.D, V, V))
-    rom = ReducedSubstructure(
+    return ReducedSubstructure(
         basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
         interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion, noise=noise)
-    rom._set(wider=Wider.of(sub, task.method.held))
-    return rom
 
 
 def work(task: Task) -> float:

@@ -133,6 +133,9 @@ def _together(system: System, methods: Mapping[str, Method], ports: bool, contac
         kept, estimate = chosen(JoinedSpace(system, statics, contacts, goal.band[1], given), goal)
         bases = {name: finished_basis(task, statics[name], kept[name]) if name in statics
                  else whole_basis(task, parts[name], judged=False) for name, task in tasks.items()}
-    found = system.with_parts({name: model_of(task, bases[name]) for name, task in tasks.items()})
+    models = {name: model_of(task, bases[name]) for name, task in tasks.items()}
+    for name, task in tasks.items():
+        models[name]._set(wider=Wider.of(task.sub, task.method.held))
+    found = system.with_parts(models)
     log.info("%r: %r", found, estimate)
     return found.estimated_by(estimate)
