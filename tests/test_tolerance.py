@@ -227,6 +227,39 @@ def test_a_mode_that_the_search_has_missed_is_fetched(monkeypatch: pytest.Monkey
     assert len(calls) >= 3 and calls == [False] + [True] * (len(calls) - 1)
 
 
+def test_a_mode_that_only_the_count_misses_is_fetched_before_any_is_kept() -> None:
+    sub = fs.chain(500, belt=2, damping=0.0)
+    part = FoundModes(statics(fs.CraigChang, sub, np.zeros((500, 0))), None, 12)
+    found = part.found
+    part.replace(replace(found, eigenvalues=np.delete(found.eigenvalues, 3), shapes=np.delete(found.shapes, 3, axis=1),
+                         residual=np.delete(found.residual, 3)))
+    assert part.confirmed(8) is None
+    kept = part.confirmed(8)
+    assert kept is not None
+    np.testing.assert_allclose(np.append(np.sqrt(kept.values), kept.cutoff), fs.chain_frequencies(500, 9), rtol=1e-10)
+
+
+@pytest.mark.parametrize(("problem", "kind"), CASES, ids=NAMES)
+def test_with_one_mode_less_the_tolerance_would_not_be_met(problem: Problem, kind: type) -> None:
+    rom = reduced(problem, kind, 1e-3)
+    reference = nested(problem, kind, rom.estimate.searched)
+    assert reference.estimate(rom.modes, problem.band, 1e-3).met
+    assert rom.modes == 0 or not reference.estimate(rom.modes - 1, problem.band, 1e-3).met
+
+
+def test_rigid_motion_that_a_method_does_not_tell_is_found() -> None:
+    sub = fs.chain(60, interface=(1, 30, 60), fixed=False, damping=0.3)
+    given = statics(fs.CraigBampton, sub, np.zeros((60, 0)))
+    told, silent = (FoundModes(one, sub.pencil, 20).nested()[0] for one in (given, replace(given, rigid=None)))
+    assert silent.motion is None and silent.at_rest.count == told.at_rest.count == 1
+    assert silent.at_rest.zeros == told.at_rest.zeros == 1  # the dashpot brakes the motion
+    omega = told.undamped(8)[0]
+    below = replace(silent, limit=0.5).undamped(8)[0]
+    np.testing.assert_allclose(below, omega[:len(below)], rtol=1e-9)
+    assert len(below) == np.count_nonzero(omega < 0.5) > 5
+    assert len(silent.reference[0]) == len(told.reference[0])
+
+
 def test_a_long_chain_against_its_closed_form() -> None:
     for kind in (fs.CraigBampton, fs.CraigChang):
         rom = fs.reduce(fs.chain(8000, belt=2, interface=(1, 3500)), kind(band=(0.0, 5e-3), tol=1e-4), ports=True)
