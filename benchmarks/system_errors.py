@@ -8,8 +8,8 @@ import femsub as fs
 from benchmarks.random_systems import Case, compositions
 from femsub.model.bands import upper, within
 from femsub.modes.quadratic.matching import match
-from femsub.reduction.error_bounds import FAR, Nested
-from femsub.reduction.system_estimate import JoinedSearch, held_statics
+from femsub.reduction.estimates.joined import JoinedSpace, held_statics
+from femsub.reduction.estimates.nested import FAR, Nested
 
 TRIALS = 3000  # numbers of modes that are tried for the fewest
 
@@ -41,9 +41,11 @@ def fewest(case: Case, full: np.ndarray | None, chosen: np.ndarray, tol: float) 
     """The fewest modes in all that meet the tolerance, up to those chosen; whether all smaller numbers were tried; and the fewest
     by a rule that takes the modes of all parts up to the same frequency.
     """
-    search = JoinedSearch(case.system, {name: held_statics(part) for name, part in case.system.parts.items()}, case.belt,
-                          case.band[1], dict.fromkeys(case.system.parts, 10**6))
-    nested = search.plain()[0]
+    space = JoinedSpace(case.system, {name: held_statics(part) for name, part in case.system.parts.items()}, case.belt,
+                        case.band[1])
+    for found in space.parts.values():
+        found.grow(found.all)
+    nested = space.reference().nested
     tried: dict[tuple[int, ...], bool] = {}
 
     def meets(counts: np.ndarray) -> bool:

@@ -59,6 +59,7 @@ from .motion.signals import (
     sticking as sticking,
 )
 from .motion.transient import Transient as Transient, transient as transient
+from .reduction.estimates.joined import system_estimate as system_estimate
 from .reduction.reduce import (
     ContactModes as ContactModes,
     CraigBampton as CraigBampton,
@@ -72,7 +73,6 @@ from .reduction.reduce import (
     Rubin as Rubin,
     reduce as reduce,
 )
-from .reduction.system_estimate import system_estimate as system_estimate
 from .stability.critical_slope import critical_slope as critical_slope
 from .stability.critical_value import critical_value as critical_value
 from .stability.question import CriticalValue as CriticalValue

@@ -28,8 +28,9 @@ from femsub.io.atomic import write_whole
 from femsub.model.bands import within
 from femsub.model.estimate import SHARE
 from femsub.modes.quadratic.matching import match
-from femsub.reduction.error_bounds import FAR, Nested
-from femsub.reduction.mode_selection import Search
+from femsub.reduction.estimates.found_modes import FoundModes
+from femsub.reduction.estimates.nested import FAR, Nested
+from femsub.reduction.estimates.search import Space
 
 ROOT = Path(__file__).resolve().parent.parent
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6)
@@ -94,8 +95,12 @@ def measure(problem: gallery.Problem, kind: type) -> dict[str, Any]:
     extra = np.hstack([w.reshape(sub.size, -1) for w in sub.ports.values()]) if problem.ports else np.zeros((sub.size, 0))
     result: dict[str, Any] = {"problem": problem.name, "method": kind.__name__, "size": sub.size, "below": len(problem.omega),
                               "tolerances": [], "bases": []}
-    search = Search(gallery.statics(kind, sub, extra), damped, sub.size)
-    whole = search.nested(band)
+    def of_modes(count: int) -> tuple[FoundModes, Nested]:
+        part = FoundModes(gallery.statics(kind, sub, extra), damped, count)
+        reference = (space := Space(sub.name, {"": part})).reference()
+        return part, reference.nested if damped is None else space.extended(reference, band)
+
+    whole = of_modes(sub.size)[1]
     worst: dict[int, float] = {}
 
     def truth(count: int) -> float:
@@ -125,9 +130,8 @@ def measure(problem: gallery.Problem, kind: type) -> dict[str, Any]:
             "true": max(low.max(initial=0.0), error.max(initial=0.0)), "estimate": rom.estimate.worst, "seconds": seconds})
     for known in sorted({min(whole.modes, row["searched"]) for row in result["tolerances"]} |
                         {min(whole.modes, row["modes"] + 1) for row in result["tolerances"]}):
-        part = Search(gallery.statics(kind, sub, extra), damped, known)
-        nested = part.nested(band)
-        most = nested.modes if part.complete else nested.modes - 1
+        part, nested = of_modes(known)
+        most = part.most
         low = int(np.searchsorted(SHARE * cutoffs[:most + 1], band[1], side="right"))
         if low <= most:
             for count in sorted({*np.linspace(low, most, 6).astype(int).tolist()}):

@@ -24,7 +24,7 @@ from benchmarks.random_systems import Case, random_system
 from benchmarks.system_errors import fewest, moving, of_lambda, of_omega
 from femsub.io.atomic import write_whole
 from femsub.modes.normal_modes import all_modes
-from femsub.reduction.error_bounds import ACCEPTED
+from femsub.reduction.estimates.nested import ACCEPTED
 
 ROOT = Path(__file__).resolve().parent.parent
 TOL = 1e-3

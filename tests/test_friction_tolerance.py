@@ -14,9 +14,9 @@ import scipy.linalg as la
 import femsub as fs
 from benchmarks.random_brakes import TOL, Brake, errors, judged, random_brake
 from femsub.model.bands import within
-from femsub.reduction import friction_estimate
-from femsub.reduction.friction_estimate import Larger, Nest
-from femsub.reduction.mode_selection import Search
+from femsub.reduction.estimates import found_modes, friction
+from femsub.reduction.estimates.found_modes import FoundModes
+from femsub.reduction.estimates.friction import Larger
 
 SEEDS = (3, 6, 7, 29, 36, 56, 61, 70)  # with damping by friction, gyroscopic terms, a falling slope, real λ, or none of these
 EASY, FLUTTER, CLOSE = 29, 70, 7
@@ -41,7 +41,7 @@ def larger(seed: int, above: float) -> Larger:
     one = brake(seed)
     method = fs.ContactModes(1, contacts=one.contacts)
     part = method.part(one.system)
-    search = Search(method.statics(part, part.factored(), np.zeros((one.system.size, 0))), None)
+    search = FoundModes(method.statics(part, part.factored(), np.zeros((one.system.size, 0))), None)
     while search.top <= above * one.band[1]:
         search.grow(search.modes + 1)
     return Larger(search, one.system.linearised(one.contacts), [part.friction, part.friction.T], one.band[1], search.modes)
@@ -101,7 +101,7 @@ def test_the_constant_bounds_what_the_larger_model_leaves_out() -> None:
         pencil, A = one.system.linearised(one.contacts).dense(), found.product(np.eye(one.system.size))
         L = la.null_space((A @ found.U).T)
         root = la.cholesky(L.T @ A @ L)
-        reach = friction_estimate.BEYOND * one.band[1]
+        reach = friction.BEYOND * one.band[1]
         least = np.inf
         for value in reach * np.array([1j, 1 + 1j, -1 + 1j, 1, -1, 0.3 + 0.9j]):
             P = L.T @ pencil.at(value) @ L
@@ -134,9 +134,9 @@ def test_what_cannot_be_met_or_counted_is_refused_with_the_reason(monkeypatch: p
     one = brake(EASY)
     with pytest.raises(fs.NotConvergedError, match=r"cannot be reduced to a relative error of 1e-14 .* under this friction"):
         fs.reduce(one.system, fs.ContactModes(band=one.band, tol=1e-14, contacts=one.contacts))
-    monkeypatch.setattr(friction_estimate, "MOST", 1)
-    monkeypatch.setattr(friction_estimate, "DENSE", 1)
-    monkeypatch.setattr(friction_estimate, "LEAST", 2.0)
+    monkeypatch.setattr(found_modes, "MOST", 1)
+    monkeypatch.setattr(found_modes, "DENSE", 1)
+    monkeypatch.setattr(friction, "LEAST", 2.0)
     with pytest.raises(fs.NotConvergedError, match=r"cannot be counted \(c = 0\.\d+, at least 2 is needed\)"):
         fs.reduce(one.system, fs.ContactModes(band=one.band, tol=1e-2, contacts=one.contacts))
 
@@ -220,7 +220,7 @@ def sliding(massless: bool = False, damped: bool = True) -> fs.Substructure:
 
 def of_sliding(rub: Rub, hi: float = 1.2) -> Larger:
     part = (method := fs.ContactModes(1, contacts=rub)).part(sliding())
-    search = Search(method.statics(part, part.factored(), np.zeros((24, 0))), None)
+    search = FoundModes(method.statics(part, part.factored(), np.zeros((24, 0))), None)
     return Larger(search, sliding().linearised(rub), [part.friction, part.friction.T], hi, search.modes)
 
 
@@ -264,7 +264,7 @@ def test_a_sum_that_is_not_the_inverse_excludes_nothing() -> None:
     limit = 1.01 * float(np.linalg.norm(_couplings(small.right, value) @ la.solve(small.pencil.at(value),
                                                                                   _couplings(small.left, value).T)))
     assert small.expands and small.excludes(value, limit)
-    wrong = friction_estimate.Projection(fs.Pencil(np.diag([1.0, 0.0]), None, np.diag([1.0, 1e-3])), np.ones((1, 3, 2)),
+    wrong = friction.Projection(fs.Pencil(np.diag([1.0, 0.0]), None, np.diag([1.0, 1e-3])), np.ones((1, 3, 2)),
                                          np.ones((1, 3, 2)), 1.0)
     assert not wrong.expands and not wrong.excludes(2.0, 100.0)  # its second DOF, without mass, is in no eigenvector
 
@@ -275,7 +275,7 @@ def _couplings(T: np.ndarray, value: complex) -> np.ndarray:
 
 def test_the_model_that_is_made_is_judged_and_not_a_richer_one(monkeypatch: pytest.MonkeyPatch) -> None:
     rub, band = Rub(drag=0.3), (0.0, 1.2)
-    monkeypatch.setattr(Nest, "basis", lambda self, count, loads: np.eye(len(self.rest)))
+    monkeypatch.setattr(Larger, "basis", lambda self, count, loads: np.eye(len(self.rest)))
     rom = fs.reduce(sliding(), fs.ContactModes(band=band, tol=1e-6, contacts=rub))
     exact, modes = (fs.complex_modes(one, rub).eigenvalues for one in (sliding(), rom))
     exact = exact[within(exact, band) & (np.abs(exact) > 1e-3)]

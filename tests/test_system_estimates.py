@@ -18,8 +18,8 @@ from femsub.algebra import factor
 from femsub.model.estimate import Estimate
 from femsub.modes.normal_modes import all_modes
 from femsub.modes.quadratic import full_solve
-from femsub.reduction.error_bounds import ACCEPTED
-from femsub.reduction.system_estimate import JoinedSearch, held_statics
+from femsub.reduction.estimates.joined import JoinedSpace, held_statics
+from femsub.reduction.estimates.nested import ACCEPTED
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
 TOL = 1e-3
@@ -79,7 +79,7 @@ def test_the_bounds_hold_however_little_is_known() -> None:
     for seed in range(6):
         case = random_system(seed)
         statics = {name: held_statics(part) for name, part in case.system.parts.items()}
-        nested = JoinedSearch(case.system, statics, None, 0.0, {}).plain()[0]
+        nested = JoinedSpace(case.system, statics).reference().nested
         known = np.flatnonzero(case.omega < 0.9 * nested.cutoff(nested.most))
         known = known[known < len(nested.bounds)]
         assert (nested.bounds[known] <= case.omega[known] * (1 + ROUNDING + case.rounding[known])).all()

@@ -23,8 +23,9 @@ from femsub.modes import normal_modes
 from femsub.modes.normal_modes import lowest_modes
 from femsub.modes.quadratic.matching import match
 from femsub.modes.shift_invert import ShiftInvert
-from femsub.reduction.error_bounds import FAR, Nested
-from femsub.reduction.mode_selection import Search
+from femsub.reduction.estimates.found_modes import FoundModes
+from femsub.reduction.estimates.nested import FAR, Nested
+from femsub.reduction.estimates.search import Space
 
 paired = partial(match, far=FAR)
 
@@ -50,7 +51,8 @@ def errors(problem: Problem, omega: np.ndarray, values: np.ndarray) -> tuple[np.
 def nested(problem: Problem, kind: type, known: int) -> Nested:
     sub = problem.sub
     extra = sub.ports["belt"][:, None] if problem.ports else np.zeros((sub.size, 0))
-    return Search(statics(kind, sub, extra), sub.linearised(problem.belt), known).nested(problem.band)
+    space = Space(sub.name, {"": FoundModes(statics(kind, sub, extra), sub.linearised(problem.belt), known)})
+    return space.extended(space.reference(), problem.band)
 
 
 @pytest.mark.parametrize("tol", [1e-2, 1e-3, 1e-4, 1e-6])
@@ -113,7 +115,7 @@ def test_bounds_hold_on_both_sides() -> None:
     sub = fs.chain(200, interface=(1, 90, 200))
     exact = fs.chain_frequencies(200)
     for count in (12, 20, 40):
-        model = Search(statics(fs.CraigBampton, sub, np.zeros((200, 0))), None, count).nested((0.0, 0.1))
+        model = FoundModes(statics(fs.CraigBampton, sub, np.zeros((200, 0))), None, count).nested()[0]
         below = exact[exact < 0.95 * model.cutoff(count)]
         low, high = model.bounds[:len(below)], model.undamped(count)[0][:len(below)]
         assert (low <= below * (1 + 1e-12)).all() and (high >= below * (1 - 1e-12)).all()
@@ -123,7 +125,7 @@ def test_bounds_hold_on_both_sides() -> None:
 
 def test_bounds_of_a_floating_component_are_as_near() -> None:
     problem = next(problem for problem in quick() if problem.name == "chain 60, floating")
-    model = Search(statics(fs.CraigBampton, problem.sub, np.zeros((60, 0))), None, 10).nested(problem.band)
+    model = FoundModes(statics(fs.CraigBampton, problem.sub, np.zeros((60, 0))), None, 10).nested()[0]
     low, high = (omega[:len(problem.omega)] for omega in (model.bounds, model.undamped(9)[0]))
     assert (low <= problem.omega).all() and (high >= problem.omega).all()
     assert ((high - low) / (high - problem.omega) < 1.1).all()
@@ -219,10 +221,43 @@ def test_a_mode_that_the_search_has_missed_is_fetched(monkeypatch: pytest.Monkey
         calls.append("known" in options)
         return (forgetful if len(calls) == 1 else original)(handle, count, **options)
 
-    monkeypatch.setattr("femsub.reduction.mode_selection.lowest_modes", first_time)
+    monkeypatch.setattr("femsub.reduction.estimates.found_modes.lowest_modes", first_time)
     rom = fs.reduce(fs.chain(500, belt=2, damping=0.0), fs.CraigChang(band=(0.0, 0.08), tol=1e-3), ports=True)
     assert np.allclose(rom.estimate.frequencies, fs.chain_frequencies(500, len(rom.estimate.frequencies)), rtol=1e-11)
     assert len(calls) >= 3 and calls == [False] + [True] * (len(calls) - 1)
+
+
+def test_a_mode_that_only_the_count_misses_is_fetched_before_any_is_kept() -> None:
+    sub = fs.chain(500, belt=2, damping=0.0)
+    part = FoundModes(statics(fs.CraigChang, sub, np.zeros((500, 0))), None, 12)
+    found = part.found
+    part.replace(replace(found, eigenvalues=np.delete(found.eigenvalues, 3), shapes=np.delete(found.shapes, 3, axis=1),
+                         residual=np.delete(found.residual, 3)))
+    assert part.confirmed(8) is None
+    kept = part.confirmed(8)
+    assert kept is not None
+    np.testing.assert_allclose(np.append(np.sqrt(kept.values), kept.cutoff), fs.chain_frequencies(500, 9), rtol=1e-10)
+
+
+@pytest.mark.parametrize(("problem", "kind"), CASES, ids=NAMES)
+def test_with_one_mode_less_the_tolerance_would_not_be_met(problem: Problem, kind: type) -> None:
+    rom = reduced(problem, kind, 1e-3)
+    reference = nested(problem, kind, rom.estimate.searched)
+    assert reference.estimate(rom.modes, problem.band, 1e-3).met
+    assert rom.modes == 0 or not reference.estimate(rom.modes - 1, problem.band, 1e-3).met
+
+
+def test_rigid_motion_that_a_method_does_not_tell_is_found() -> None:
+    sub = fs.chain(60, interface=(1, 30, 60), fixed=False, damping=0.3)
+    given = statics(fs.CraigBampton, sub, np.zeros((60, 0)))
+    told, silent = (FoundModes(one, sub.pencil, 20).nested()[0] for one in (given, replace(given, rigid=None)))
+    assert silent.motion is None and silent.at_rest.count == told.at_rest.count == 1
+    assert silent.at_rest.zeros == told.at_rest.zeros == 1  # the dashpot brakes the motion
+    omega = told.undamped(8)[0]
+    below = replace(silent, limit=0.5).undamped(8)[0]
+    np.testing.assert_allclose(below, omega[:len(below)], rtol=1e-9)
+    assert len(below) == np.count_nonzero(omega < 0.5) > 5
+    assert len(silent.reference[0]) == len(told.reference[0])
 
 
 def test_a_long_chain_against_its_closed_form() -> None:
@@ -279,8 +314,8 @@ def test_special_components() -> None:
 def test_what_cannot_be_met_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(fs.NotConvergedError, match=r"to a relative error of 1e-17.*with \d{1,2} modes.*Rounding alone causes"):
         quietly(fs.chain(3000, belt=2), fs.CraigBampton(band=(0.0, 0.005), tol=1e-17))
-    monkeypatch.setattr("femsub.reduction.mode_selection.MOST", 20)
-    monkeypatch.setattr("femsub.reduction.mode_selection.DENSE", 100)
+    monkeypatch.setattr("femsub.reduction.estimates.found_modes.MOST", 20)
+    monkeypatch.setattr("femsub.reduction.estimates.found_modes.DENSE", 100)
     with pytest.raises(fs.NotConvergedError, match=r"With \d\d modes: Estimate: .* not met .* put the belt's DOF"):
         quietly(fs.chain(400, belt=2), fs.CraigBampton(band=(0.0, 0.1), tol=1e-9))
 
@@ -357,7 +392,7 @@ def test_a_wide_interface_is_estimated_from_the_band_alone(monkeypatch: pytest.M
         raise AssertionError(f"all eigenvalues of {pencil.size} coordinates were asked for")
 
     with monkeypatch.context() as patched:
-        patched.setattr("femsub.reduction.error_bounds.solve", everything)
+        patched.setattr("femsub.reduction.estimates.nested.solve", everything)
         rom = fs.reduce(sub, fs.CraigBampton(band=band, tol=1e-3))
     assert len(sub.interface) == 162 and rom.estimate.met
     full = fs.complex_modes(sub, band=band).eigenvalues

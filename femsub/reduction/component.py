@@ -16,8 +16,8 @@ from femsub.errors import InputError, InputTypeError, PortWarning, warn
 from femsub.model import SHARE, ReducedSubstructure, Substructure
 from femsub.modes import count_deferred
 from femsub.reduction.basis import Basis, Kept, projected
+from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.method import METHODS, Method
-from femsub.reduction.mode_selection import unreduced
 from femsub.reduction.rigid import damping
 from femsub.reduction.statics import Partition, Statics, square
 from femsub.reduction.wider import Wider
@@ -130,8 +130,8 @@ def whole_basis(task: Task, part: Partition, judged: bool = True) -> Basis:
     if method.modes and sub is task.sub:
         raise InputError(f"{method.modes} {method.mode_kind} modes were asked for, but every DOF is interface, so there are "
                          "none. Use modes=0, or a smaller interface")
-    estimate = unreduced(sub.K, sub.M, method.band, method.tol, task.pencil,
-                         sub.rigid_motion) if judged and method.band is not None else None
+    goal = method.goal if judged else None
+    estimate = None if goal is None else Nested.whole(sub, task.pencil).estimate(0, goal.band, goal.tol)
     return Basis(np.eye(sub.size)[:, b], square(sub.M, b), square(sub.K, b), ("constraint",) * len(b), 0, np.inf,
                  task.extra.shape[1], dict.fromkeys(task.ports, 0.0), 0, estimate)
 
@@ -148,13 +148,11 @@ def model_of(task: Task, basis: Basis) -> ReducedSubstructure:
     cutoff = min(np.inf if V.shape[1] == sub.size else basis.cutoff, sub.cutoff)
     estimate = None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff)
     D, motion, noise = damping(sub, basis, projected(sub.D, V, V))
-    rom = ReducedSubstructure(
+    return ReducedSubstructure(
         basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,
         kinds=basis.kinds, modes=basis.modes, full_interface=sub.interface, cutoff=cutoff, method=title,
         dropped=basis.dropped, port_error=basis.port_error, factorisations=basis.factorisations, full_dofs=sub.dofs,
         interface_dofs=sub.interface_dofs, sets=sub.sets, estimate=estimate, rigid_motion=motion, noise=noise)
-    rom._set(wider=Wider.of(sub, task.method.held))
-    return rom
 
 
 def work(task: Task) -> float:

@@ -12,8 +12,9 @@ from femsub.checks import Array, word
 from femsub.errors import InputError
 from femsub.model import ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
 from femsub.reduction.basis import Basis, Kept, Responses, projected
+from femsub.reduction.estimates.friction import Answered, FrictionSpace
+from femsub.reduction.estimates.search import chosen_in
 from femsub.reduction.free_interface import FreeInterface
-from femsub.reduction.friction_estimate import Answered, chosen_with_friction
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
@@ -120,12 +121,12 @@ class ContactModes(FreeInterface):
         return sub.linearised([*contacts_of(self.contacts), *contacts_of(contacts)])
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """A given number of modes, or as many as the tolerance requires; see `chosen_with_friction`."""
-        if self.band is None or self.tol is None or pencil is None:
+        """A given number of modes, or as many as the tolerance requires; see `FrictionSpace`."""
+        if (goal := self.goal) is None or pencil is None:
             return super().kept(statics, pencil)
         part = statics.part
         assert isinstance(part, Rubbing)
-        return chosen_with_friction(statics, pencil, part.friction, part.damping, self.band, self.tol, self.friction)
+        return chosen_in(FrictionSpace(statics, pencil, part.friction, part.damping, self.friction), goal)
 
     def responses(self, statics: Statics, kept: Kept, ports: Mapping[str, Array]) -> Responses:
         """The responses to the friction forces of the modes, and to the requested ports."""

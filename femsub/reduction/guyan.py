@@ -15,7 +15,7 @@ from femsub.model import Substructure
 from femsub.modes import lowest_modes
 from femsub.reduction.basis import Basis, Kept, Responses
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.mode_selection import lowest
+from femsub.reduction.estimates.search import lowest
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:

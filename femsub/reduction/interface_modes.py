@@ -15,7 +15,7 @@ from femsub.coupling import System, rows_of_parts, units_of_energy
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.reduction.craig_bampton import condensed_stiffness
-from femsub.reduction.error_bounds import with_rounding
+from femsub.reduction.estimates.nested import with_rounding
 from femsub.reduction.method import Method
 from femsub.reduction.statics import Partition, Statics, square, zeros
 

@@ -12,7 +12,7 @@ import numpy as np
 from femsub.checks import Array, check_band, finite_number, whole_number
 from femsub.errors import InputError
 from femsub.reduction.basis import Basis, Kept, Responses, assembled
-from femsub.reduction.mode_selection import chosen, lowest
+from femsub.reduction.estimates.search import Goal, Space, chosen_in, lowest
 from femsub.reduction.statics import Partition, Statics
 
 if TYPE_CHECKING:
@@ -137,8 +137,8 @@ class Method(ABC):
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
         """The modes of the part: a given number, or as many as band and tolerance require with the damping of `pencil`."""
-        if self.band is not None:
-            return chosen(statics, self.band, self.tol, pencil)
+        if (goal := self.goal) is not None:
+            return chosen_in(Space.of(statics, pencil, goal.band[1]), goal)
         assert self.modes is not None
         return lowest(statics, self.modes)
 
@@ -155,6 +155,11 @@ class Method(ABC):
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
         """The model as `reduce` returns it."""
         return model
+
+    @property
+    def goal(self) -> Goal | None:
+        """The band and the tolerance; None with a number of modes."""
+        return None if self.band is None or self.tol is None else Goal(self.band, self.tol)
 
     @property
     def mode_kind(self) -> str:

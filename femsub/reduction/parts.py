@@ -16,8 +16,10 @@ from femsub.errors import InputError, InputTypeError, WorkerError
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.reduction.common_shapes import with_common_shapes
 from femsub.reduction.component import FIRST, checked, finished_basis, model_of, reduced, whole_basis, work
+from femsub.reduction.craig_bampton import CraigBampton
+from femsub.reduction.estimates.joined import JoinedSpace
+from femsub.reduction.estimates.search import Goal, chosen
 from femsub.reduction.method import Method
-from femsub.reduction.system_modes import Goal, chosen_together, common_goal
 from femsub.reduction.wider import Wider
 
 if TYPE_CHECKING:
@@ -39,12 +41,11 @@ def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstr
     check_workers(workers, executor)
     for name in methods:
         choice("part", name, system.parts)
-    if (wanted := common_goal(methods)) is not None:
+    if (wanted := _common_goal(methods)) is not None:
         if workers is not None or executor is not None:
             raise InputError("workers reduce parts by given numbers of modes; with a tolerance the modes of all parts are chosen "
                              "together, in this process. Leave workers out, or give modes=")
-        chosen = {name: one for name, one in methods.items() if isinstance(one, Method)}
-        return _together(system, chosen, ports, contacts, wanted)
+        return _together(system, {name: one for name, one in methods.items() if isinstance(one, Method)}, ports, contacts, wanted)
     if contacts is not None:
         raise InputError("contacts belong to one component with a tolerance, or to a system whose parts are given one: with "
                          "numbers of modes they have no effect. Leave them out")
@@ -78,6 +79,30 @@ def part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubstr
     return system.with_parts(with_common_shapes(system, {name: found[name] for name in methods}))
 
 
+def _common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | None:
+    """The band and the tolerance that the methods of the parts share, or None where each has a number of modes.
+
+    Raises
+    ------
+    InputError
+        The parts have different ones, or a method whose modes are not those of a system with its interfaces held.
+    """
+    goals = {name: goal for name, method in methods.items() if isinstance(method, Method) and (goal := method.goal) is not None}
+    if not goals:
+        return None
+    (first, goal), *_ = goals.items()
+    for name, other in goals.items():
+        if other != goal:
+            raise InputError(f"band and tol are those of the system, the same for all parts, but {first!r} has {goal.tol:g} in "
+                             f"{goal.band} and {name!r} {other.tol:g} in {other.band}")
+    for name, method in methods.items():
+        if not (isinstance(method, CraigBampton) and type(method).kept is CraigBampton.kept):
+            raise InputError("modes are chosen for the band of a system where its parts are reduced by CraigBampton or Hurty, "
+                             f"not by {method} ({name!r}). Give numbers of modes to all parts, and ask fs.system_estimate what "
+                             "their reductions cost the system")
+    return goal
+
+
 def _equal(one: Substructure, other: Substructure) -> bool:
     """Whether two full components have the same matrices, interface and ports, whatever their names and places."""
     if one is other:
@@ -98,17 +123,19 @@ def _twins(made: Mapping[str, ReducedSubstructure], first: Mapping[str, str], sy
 
 def _together(system: System, methods: Mapping[str, Method], ports: bool, contacts: Belt | Sequence[Belt] | None,
               goal: Goal) -> System:
-    """The parts reduced so that the system meets a tolerance; see `chosen_together`."""
+    """The parts reduced so that the system meets a tolerance; see `chosen`."""
     tasks = {name: checked(system.parts[name], method, ports, None) for name, method in methods.items()}
     parts = {name: task.method.part(task.sub) for name, task in tasks.items()}
     with one_thread(sum(map(work, tasks.values())) < WORK):
         statics = {name: tasks[name].method.statics(part, part.factored(), tasks[name].extra) for name, part in parts.items()
                    if len(part.sub.interior)}
-        kept, estimate = chosen_together(system, statics, {name: task.method.modes for name, task in tasks.items()
-                                                           if name in statics and task.method.modes is not None},
-                                         contacts, goal)
+        given = {name: count for name in statics if (count := methods[name].modes) is not None}
+        kept, estimate = chosen(JoinedSpace(system, statics, contacts, goal.band[1], given), goal)
         bases = {name: finished_basis(task, statics[name], kept[name]) if name in statics
                  else whole_basis(task, parts[name], judged=False) for name, task in tasks.items()}
-    found = system.with_parts({name: model_of(task, bases[name]) for name, task in tasks.items()})
+    models = {name: model_of(task, bases[name]) for name, task in tasks.items()}
+    for name, task in tasks.items():
+        models[name]._set(wider=Wider.of(task.sub, task.method.held))
+    found = system.with_parts(models)
     log.info("%r: %r", found, estimate)
     return found.estimated_by(estimate)

@@ -18,7 +18,17 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, instance, word
 from femsub.errors import InputError, unknown_name
-from femsub.model import Affine, Contacts, Substructure, affine_fields, contacts_of, fields_of, kinks_of, projected, small_matrices
+from femsub.model import (
+    Affine,
+    Contacts,
+    Substructure,
+    affine_fields,
+    contacts_of,
+    fields_of,
+    kinks_of,
+    projected,
+    small_matrices,
+)
 
 if TYPE_CHECKING:
     from femsub.model import Pencil

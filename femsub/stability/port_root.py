@@ -44,7 +44,8 @@ class PortRoot:
             if fed is not None and fed.s < 0 and all(fed.pencil.symmetric[::2]):
                 return ""
         return ("the port's root takes a Substructure and a parameter that only takes damping from one port, as a falling "
-                "slope of a Belt, with other contacts that add to D only. See critical_value with a finite range, which takes any")
+                "slope of a Belt, with other contacts that add to D only. See critical_value with a finite range, which takes "
+                "any")
 
     def solve(self, question: Question) -> CriticalValue:
         model = question.model

@@ -37,11 +37,12 @@ from femsub.algebra import check_columns, orthonormal
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import STILL, Estimate, Pencil, beyond, distance_outside, upper, within
-from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, match, solve, units, unresisted
+from femsub.modes import DEPENDENT, RIGID, energy_directions, independent, lowest_modes, solve, units, unresisted
 from femsub.modes.quadratic.bars import bars
 from femsub.reduction.basis import Kept
-from femsub.reduction.error_bounds import FAR, MARGIN
-from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed
+from femsub.reduction.estimates.found_modes import FoundModes, compressed
+from femsub.reduction.estimates.nested import MARGIN, compared
+from femsub.reduction.estimates.search import Best, Goal, Space
 from femsub.reduction.statics import COLUMNS
 
 if TYPE_CHECKING:
@@ -104,14 +105,16 @@ class Projection:
 
 
 class Larger:
-    """The pencil in U = [Φ Q], and how far its eigenvalues are from those of the full system.
+    """The pencil in U = [Φ Q], how far its eigenvalues are from those of the full system, and the models of every size in it.
 
     Φ are all modes found, Q the responses to the loads of the first of them, `answered` elastic ones, and to the residuals of the
-    complex modes in the band.
+    complex modes in the band. `rest` (R, s) are the responses in U, `loads` (m, s) the loads on Φ.
     """
 
-    def __init__(self, search: Search, pencil: Pencil, loads: Sequence[Matrix], hi: float, answered: int) -> None:
+    def __init__(self, search: FoundModes, pencil: Pencil, matrices: Sequence[Matrix], hi: float, answered: int) -> None:
         handle, found = search.statics.handle, search.found
+        self.search, self.matrices, self.rigid, self.frequencies = search, matrices, found.rigid, found.frequencies[found.rigid:]
+        self.size = np.sqrt(found.eigenvalues - handle.sigma)  # of the modes in the coordinates of U
         self.answered = found.rigid + answered
         check_columns(search.statics.part.sub.name, len(found.shapes), 2 * len(found.eigenvalues) + 14 * self.answered)
         self.handle, self.pencil, self.hi = handle, pencil, hi
@@ -122,14 +125,14 @@ class Larger:
         if found.rigid:
             self._turn()
         shapes = self.found.shapes
-        modes = shapes / np.sqrt(found.eigenvalues - handle.sigma)
-        forces = np.hstack([_forces(load, shapes[:, :self.answered]) for load in loads])
-        self.loads = np.hstack([forces, search.loads])
-        self.rest = self._without_rounding(np.hstack([handle.elastic_solve(forces, shapes), search.rest]))
-        U = np.hstack([modes, orthonormal(self.rest, self.product, modes)[0]])
+        modes, forces = shapes / self.size, np.hstack([_forces(load, shapes[:, :self.answered]) for load in matrices])
+        self.loads = shapes.T @ np.hstack([forces, search.loads])
+        rest = self._without_rounding(np.hstack([handle.elastic_solve(forces, shapes), search.rest]))
+        U = np.hstack([modes, orthonormal(rest, self.product, modes)[0]])
         values, X, Y = solve(self._projected(U))
         keep = within(values, (0.0, ROOM * hi)) & upper(values)
         self.U = np.hstack([U, orthonormal(self._answers(U, values[keep], X[:, keep], Y[:, keep]), self.product, U)[0]])
+        self.rest = self.U.T @ self.product(rest)
         right = self._coupling(pencil.D, self.N)
         left = right if self.symmetric else self._coupling(pencil.D.T, self.N.T)
         self.small = Projection(self._projected(self.U), right, left, hi)
@@ -160,9 +163,8 @@ class Larger:
     def _without_rounding(self, rest: Array) -> Array:
         """The responses, 0 where the modes have left nothing but rounding; of small ones most may be rigid motion."""
         rest = self.handle.deflate(rest)
-        held, r = self.found.shapes[:, self.found.rigid:].T @ self.loads, self.found.rigid
-        energy = np.einsum("ij,ij->j", rest, self.product(rest))
-        whole = energy + np.einsum("ij,ij->j", held, held / self.found.eigenvalues[r:, None])
+        held, energy = self.loads[self.rigid:], np.einsum("ij,ij->j", rest, self.product(rest))
+        whole = energy + np.einsum("ij,ij->j", held, held / self.found.eigenvalues[self.rigid:, None])
         return np.where(energy > DEPENDENT * whole, rest, 0.0)
 
     def _projected(self, U: Array) -> Pencil:
@@ -291,41 +293,20 @@ class Larger:
             radius *= 2
         return float(np.inf)
 
-
-def _forces(load: Matrix, shapes: Array) -> Array:
-    """The forces of a load on shapes, 0 where they are but rounding, as those of friction on rigid motion."""
-    force = load @ shapes
-    return np.where(np.linalg.norm(force, axis=0) > RIGID * np.linalg.norm(abs(load) @ abs(shapes), axis=0), force, 0.0)
-
-
-class Nest:
-    """The models of contact modes of every size in one larger model, with the responses to any of its loads."""
-
-    def __init__(self, larger: Larger, search: Search, matrices: Sequence[Matrix]) -> None:
-        self.larger, self.search, self.matrices = larger, search, matrices
-        found = larger.found
-        self.rigid, self.frequencies = found.rigid, found.frequencies[found.rigid:]
-        self.size = np.sqrt(found.eigenvalues - larger.handle.sigma)  # of the modes in the coordinates of U
-        self.rest = larger.U.T @ larger.product(larger.rest)
-        self.loads = found.shapes.T @ larger.loads
-
     @property
     def most(self) -> int:
         """The most elastic modes of a model: those whose responses are known, and the next one's frequency."""
-        return min(self.search.modes - (not self.search.complete), self.larger.answered - self.rigid)
-
-    def cutoff(self, count: int) -> float:
-        return float(self.frequencies[count]) if count < len(self.frequencies) else np.inf
+        return min(self.search.most, self.answered - self.rigid)
 
     def basis(self, count: int, loads: Sequence[int]) -> Array:
         """T (R, r), TᵀT = I: the model of so many elastic modes and their responses to these loads in the coordinates of U."""
         m, modes, ports = self.rigid + count, len(self.size), self.search.loads.shape[1]
-        groups = [np.arange(m) + self.larger.answered * load for load in loads]
+        groups = [np.arange(m) + self.answered * load for load in loads]
         chosen = np.concatenate([*groups, np.arange(self.rest.shape[1] - ports, self.rest.shape[1])])
         T = np.eye(len(self.rest), m)
         if not len(chosen):
             return T
-        values = self.larger.found.eigenvalues
+        values = self.found.eigenvalues
         shapes = self.rest[:, chosen].copy()
         shapes[m:modes] += self.loads[m:, chosen] * (self.size[m:] / values[m:])[:, None]
         shapes[:m] = 0.0
@@ -335,60 +316,62 @@ class Nest:
 
     def made(self, count: int, loads: Sequence[int]) -> Array:
         """T (R, r) of the model as `reduce` makes it: nearly dependent responses that it drops may be others than in `basis`."""
-        search, larger, m = self.search, self.larger, self.rigid + count
-        handle, shapes = larger.handle, search.found.shapes[:, :m]
-        forces = np.hstack([*(self.matrices[load] @ shapes for load in loads), search.statics.forces])
-        rest = handle.elastic_solve(forces, shapes)
-        static = independent(handle, rest, forces, shapes, search.found.eigenvalues[:m])[0]
-        inner = larger.U.T @ larger.product(static)
+        m = self.rigid + count
+        shapes = self.search.found.shapes[:, :m]
+        forces = np.hstack([*(self.matrices[load] @ shapes for load in loads), self.search.statics.forces])
+        rest = self.handle.elastic_solve(forces, shapes)
+        static = independent(self.handle, rest, forces, shapes, self.search.found.eigenvalues[:m])[0]
+        inner = self.U.T @ self.product(static)
         inner[:m] = 0.0
         return np.hstack([np.eye(len(inner), m), np.linalg.qr(inner)[0]])
 
-    def estimate(self, count: int, T: Array, band: tuple[float, float], tol: float) -> Estimate:
+    def estimate(self, count: int, T: Array, goal: Goal) -> Estimate:
         """The estimate of the model with so many elastic modes and the basis T."""
-        larger, pencil, T = self.larger, self.larger.small.pencil, T[self.larger.loose:, self.larger.loose:]
+        pencil, T, band = self.small.pencil, T[self.loose:, self.loose:], goal.band
         least = STILL * band[1] if self.rigid else 0.0
         small = Pencil(*(T.T @ (part @ T) for part in (pencil.M, pencil.D, pencil.K))) if T.shape[1] else None
         found = np.zeros(0, dtype=complex) if small is None else solve(small)[0]
         found = found[upper(found) & (np.abs(found) > least)]
-        keep = np.flatnonzero(upper(larger.values) & (np.abs(larger.values) > least))
-        exact, radii = larger.values[keep], larger.radii[keep]
-        at, to = match(exact, found, far=FAR)
-        distance = np.abs(found[to] - exact[at])
+        keep = np.flatnonzero(upper(self.values) & (np.abs(self.values) > least))
+        exact, radii = self.values[keep], self.radii[keep]
         near = within(exact, (0.0, ROOM * band[1])) & (distance_outside(exact, band, (-band[1], band[1])) <= radii)
-        reaches = within(exact, band) | near  # λ of the full system may be in the band
-        inside = reaches[at] | (within(found[to], band) & (distance < np.abs(exact[at]) / 2))
-        lone, extra = reaches, within(found, band)
-        lone[at], extra[to] = False, False
+        wanted = within(exact, band) | near  # λ of the full system may be in the band
+        at, to, distance, inside, alone = compared(exact, found, band, wanted)
         error = (MARGIN * distance + radii[at]) / np.abs(exact[at])
         omega = self.frequencies[:count]
         omega = omega[~beyond(omega, band[1]) & ~beyond(band[0], omega)]
-        return Estimate(band, tol, count, self.cutoff(count), omega, np.full(len(omega), 4 * EPS), found[to[inside]],
-                        error[inside], int(lone.sum() + extra.sum()), self.search.modes, 1.0, exact[at[inside]],
-                        radii[at[inside]])
+        cutoff = float(np.append(self.frequencies, np.inf)[count])
+        return Estimate(band, goal.tol, count, cutoff, omega, np.full(len(omega), 4 * EPS), found[to[inside]], error[inside],
+                        alone, self.search.modes, 1.0, exact[at[inside]], radii[at[inside]])
 
-    def fewest(self, loads: Sequence[int], band: tuple[float, float], tol: float, below: float) -> tuple[int, Estimate] | None:
+    def fewest(self, loads: Sequence[int], goal: Goal, below: float) -> tuple[int, Estimate] | None:
         """The size and the estimate of the first model of fewer than `below` DOF that meets the tolerance.
 
         The numbers of modes rise in steps: one mode more is not always better, since pairs that meet want both or none. Nothing
         is searched if the largest model does not meet it.
         """
-        inside = int(np.searchsorted(self.frequencies[:self.most], band[1], side="right"))
+        inside = int(np.searchsorted(self.frequencies[:self.most], goal.band[1], side="right"))
         count, most = max(inside, int(not self.rigid)), self.most  # no basis is empty
         if (size := self.basis(most, loads).shape[1]) >= below:
             most = int(most * below / size)
-        if most < count or not self.estimate(most, self.basis(most, loads), band, tol).met:
+        if most < count or not self.estimate(most, self.basis(most, loads), goal).met:
             return None
         while count <= most:
             T = self.basis(count, loads)
-            found = self.estimate(count, T, band, tol)
+            found = self.estimate(count, T, goal)
             if found.met:
                 T = self.made(count, loads)
-                found = self.estimate(count, T, band, tol)
+                found = self.estimate(count, T, goal)
             if found.met:
                 return (T.shape[1], found) if T.shape[1] < below else None
             count = max(count + 1, min(most, int(STEP * count)))
         return None
+
+
+def _forces(load: Matrix, shapes: Array) -> Array:
+    """The forces of a load on shapes, 0 where they are but rounding, as those of friction on rigid motion."""
+    force = load @ shapes
+    return np.where(np.linalg.norm(force, axis=0) > RIGID * np.linalg.norm(abs(load) @ abs(shapes), axis=0), force, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,9 +381,8 @@ class Answered(Kept):
     loads: Sequence[Matrix] = ()
 
 
-def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, damping: Matrix, band: tuple[float, float],
-                         tol: float, responses: bool) -> Answered:
-    """The modes and the estimate of a small model of contact modes that meets `tol` in the band, with no eigenvalue missing.
+class FrictionSpace(Space):
+    """The modes of a system in contact without friction, and the larger models that they make under friction.
 
     Parameters
     ----------
@@ -415,42 +397,56 @@ def chosen_with_friction(statics: Statics, pencil: Pencil, friction: Matrix, dam
     ------
     InputError
         Motions without mass: the model follows them statically, and would not be the one that is judged.
-    NotConvergedError
-        No model meets it, or the eigenvalues of the full system cannot be counted, even with all modes or 1000 of them.
     """
-    if (massless := statics.handle.K.shape[0] - statics.handle.finite) > 0:
-        raise InputError(f"{statics.part.sub.name!r} has {massless} DOF without mass, and a tolerance under friction needs mass "
-                         "everywhere. Condense these DOF, or give a number of modes instead, e.g. ContactModes(20, contacts=...)")
-    search, hi, answered = Search(statics, None), band[1], 0
-    loads = [friction, friction.T, damping] if abs(damping).max() else [friction, friction.T]
-    choices = [choice for choice in CHOICES if max(choice, default=0) < len(loads)] if responses else [()]
-    while True:
-        while not search.complete and search.top <= ABOVE * hi:
-            search.grow(min(search.needed(ABOVE * hi), 2 * search.modes))
-        search.replace(lowest_modes(statics.handle, search.modes, known=search.found))  # counted by inertia
-        near = int(np.searchsorted(search.found.frequencies[search.found.rigid:], BEYOND * hi))
-        answered = min(max(near + SPARE, answered), search.modes)
-        larger = Larger(search, pencil, loads, hi, answered)
-        nest, best, below = Nest(larger, search, loads), None, np.inf
-        for choice in choices if larger.counted else []:
-            if (found := nest.fewest(choice, band, tol, below)) is not None:
-                below, estimate = found
-                best = Answered(search.found, estimate.modes, estimate.cutoff, estimate, [loads[load] for load in choice])
+
+    def __init__(self, statics: Statics, pencil: Pencil, friction: Matrix, damping: Matrix, responses: bool) -> None:
+        name, self.pencil, self.answered = statics.part.sub.name, pencil, 0
+        if (massless := statics.handle.K.shape[0] - statics.handle.finite) > 0:
+            raise InputError(f"{name!r} has {massless} DOF without mass, and a tolerance under friction needs mass everywhere. "
+                             "Condense these DOF, or give a number of modes instead, e.g. ContactModes(20, contacts=...)")
+        self.modes = FoundModes(statics, None)
+        super().__init__(repr(name), {name: self.modes})
+        self.loads = [friction, friction.T, damping] if abs(damping).max() else [friction, friction.T]
+        self.choices = [one for one in CHOICES if max(one) < len(self.loads)] if responses else [()]
+        self.choice: tuple[int, ...] = ()
+
+    def reach(self, hi: float) -> None:
+        """Beyond the band, too: c is positive only then."""
+        self.modes.reach(ABOVE * hi, 2.0)
+
+    def best(self, goal: Goal) -> Best | None:
+        """The smallest model over all choices of responses."""
+        modes, hi, best, below = self.modes, goal.band[1], None, np.inf
+        self.reach(hi)
+        modes.replace(lowest_modes(modes.statics.handle, modes.modes, known=modes.found))  # counted by inertia
+        near = int(np.searchsorted(modes.found.frequencies[modes.found.rigid:], BEYOND * hi))
+        self.answered = min(max(near + SPARE, self.answered), modes.modes)
+        larger = Larger(modes, self.pencil, self.loads, hi, self.answered)
+        for choice in self.choices if larger.counted else []:
+            if (found := larger.fewest(choice, goal, below)) is not None:
+                below, best, self.choice = found[0], found[1], choice
         if best is not None:
-            return best
-        if larger.counted and answered < search.modes:
-            answered *= 2
-            continue
-        if search.complete or (search.modes >= MOST and len(larger.U) > DENSE):
-            largest = nest.estimate(nest.most, nest.basis(nest.most, choices[-1]), band, tol)
-            raise NotConvergedError(_lacking(statics.part.sub.name, largest, larger))
-        search.grow(int(1.5 * search.modes) + 1)
+            return np.array([best.modes]), best
+        if larger.counted and self.answered < modes.modes:
+            self.answered *= 2
+        elif modes.spent:
+            raise NotConvergedError(self._lacking(larger, larger.estimate(larger.most, larger.basis(
+                larger.most, self.choices[-1]), goal)))
+        else:
+            self.grow(1.5)
+        return None
 
+    def confirmed(self, counts: Array) -> dict[str, Kept]:
+        """The modes are counted already."""
+        found, loads = self.modes.found, [self.loads[load] for load in self.choice]
+        cutoff = np.append(found.frequencies[found.rigid:], np.inf)[counts[0]]
+        return {name: Answered(found, int(counts[0]), float(cutoff), loads=loads) for name in self.parts}
 
-def _lacking(name: str, best: Estimate, larger: Larger) -> str:
-    lo, hi = best.band
-    if larger.counted:
-        return (f"{name!r} cannot be reduced to a relative error of {best.tol:g} from {lo:.5g} to {hi:.5g} rad/time under this "
-                f"friction. With {best.modes} modes: {best!r}. Lower the band, or raise tol")
-    return (f"{name!r}: with {best.searched} modes the eigenvalues of the full system up to {hi:.5g} rad/time cannot be counted "
-            f"(c = {larger.coercivity:.2g}, at least {LEAST:g} is needed). Lower the band, mu, or the contact's stiffness")
+    def _lacking(self, larger: Larger, best: Estimate) -> str:
+        lo, hi = best.band
+        if larger.counted:
+            return (f"{self.name} cannot be reduced to a relative error of {best.tol:g} from {lo:.5g} to {hi:.5g} rad/time under "
+                    f"this friction. With {best.modes} modes: {best!r}. Lower the band, or raise tol")
+        return (f"{self.name}: with {best.searched} modes the eigenvalues of the full system up to {hi:.5g} rad/time cannot be "
+                f"counted (c = {larger.coercivity:.2g}, at least {LEAST:g} is needed). Lower the band, mu, or the contact's "
+                "stiffness")

@@ -1,14 +1,14 @@
 """Error estimates of joined parts: one `Nested` for the whole system, from the factors that the reductions of its parts keep.
 
 With all interfaces held, the modes of a system are those of its parts. In U = [C Φ Ξ], C the joined constraint modes and Φ, Ξ
-those of all parts, the system is therefore the component that `error_bounds` knows. Nothing of the whole is factorised.
+those of all parts, the system is therefore a component as `nested` knows it. Nothing of the whole is factorised.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from types import SimpleNamespace
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,18 +17,20 @@ import scipy.sparse as sp
 from femsub.checks import EPS, Array, check_band, finite_number, instance
 from femsub.coupling import System, couple, linked, rows_of_parts, sprung
 from femsub.errors import InputError
-from femsub.model import SHARE, Contacts, ReducedSubstructure, Substructure, columns_of, contacts_of, small_matrices, upper
+from femsub.model import Contacts, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper
 from femsub.modes import all_modes
 from femsub.modes.quadratic.complex_modes import complex_modes
 from femsub.reduction.craig_bampton import CraigBampton
-from femsub.reduction.error_bounds import ACCEPTED, Nested
-from femsub.reduction.mode_selection import DENSE, MOST, Search, compressed, sides_of
+from femsub.reduction.estimates.found_modes import DENSE, FoundModes
+from femsub.reduction.estimates.nested import ACCEPTED, Nested
+from femsub.reduction.estimates.search import Reference, Space
 from femsub.reduction.rigid import RigidMotion, motion_of
 from femsub.reduction.statics import Span, Statics
 
 if TYPE_CHECKING:
     from femsub.model import Estimate
 
+ENOUGH = 0.3  # of the tolerance: the largest model is to leave some choice
 SHARP = 0.3  # of the error that is judged: more of it should not be due to the model it is compared with
 FINE = 1e-4  # of the tolerance: nobody asks for smaller errors
 
@@ -37,124 +39,73 @@ FINE = 1e-4  # of the tolerance: nobody asks for smaller errors
 class Image(Substructure):
     """A part in the coordinates of its U = [C Φ Ξ], with the interface, the sets and the ports of the part itself."""
 
+    part: Substructure = field(init=False)
+
     def __init__(self, sub: Substructure, nested: Nested, span: Span) -> None:
         ports = {name: span.dot(w.reshape(sub.size, -1)) for name, w in sub.ports.items()}
-        super().__init__(nested.M, nested.K, nested.D, range(nested.constraint), ports, sub.name, sets=sub.sets)
+        M, K, D = (A if A is None else sp.csr_array(A) for A in (nested.M, nested.K, nested.D))  # C apart, they are diagonal
+        super().__init__(M, K, D, range(nested.constraint), ports, sub.name, sets=sub.sets)
         self._carry(nested.motion, self.noise)
-        self.__dict__.update(interface_dofs=sub.interface_dofs, numbers=sub.interface_numbers)
+        self._set(part=sub, interface_dofs=sub.interface_dofs)
 
     @property
     def interface_numbers(self) -> Array:
         """Those of the part itself."""
-        found: Array = self.__dict__["numbers"]
-        return found
+        return self.part.interface_numbers
 
 
-@dataclass(frozen=True, eq=False)
-class Space:
-    """U of each part, and where its coordinates are in those of the joined `Nested`: T_p (R_p, R)."""
+class JoinedSpace(Space):
+    """The modes of all parts that are reduced; the other parts stand as they are."""
 
-    own: Mapping[str, tuple[Nested, Span]]
-    turns: Mapping[str, Array]
-
-
-class JoinedSearch:
-    """The modes found so far of all parts that are reduced; the other parts stand as they are."""
-
-    def __init__(self, system: System, statics: Mapping[str, Statics], contacts: Contacts, top: float,
-                 least: Mapping[str, int]) -> None:
-        pencil, self.system, self.limit = system.linearised(contacts), system, 2 * top
+    def __init__(self, system: System, statics: Mapping[str, Statics], contacts: Contacts = None,
+                 top: float = np.inf, given: Mapping[str, int] = MappingProxyType({})) -> None:
+        pencil, self.system = system.linearised(contacts), system
         self.damped, self.symmetric = pencil.norms[1] > 0, pencil.symmetric[1]
-        self.parts = damped_parts(system, contacts)
+        self.all = damped_parts(system, contacts)
         whole = {name: part.size for name, part in system.parts.items() if name not in statics}
         if sum(whole.values()) > DENSE:
             raise InputError(f"no estimate can be had of {system.name!r}: its parts that are not reduced have "
                              f"{sum(whole.values())} DOF, {max(whole, key=lambda name: whole[name])!r} most of them, and at most "
                              f"{DENSE} are allowed. Reduce them, too")
-        self.searches = {name: Search(one, self.parts[name].pencil) for name, one in statics.items()}
-        for name, search in self.searches.items():
-            if search.modes < least.get(name, 0):
-                search.grow(least[name])
-            while not search.complete and SHARE * search.top <= top:
-                search.grow(search.needed(top / SHARE))
+        self.enough = 1.0 if given else ENOUGH
+        super().__init__(f"the parts of {system.name!r}", {name: FoundModes(one, self.all[name].pencil if self.damped else None)
+                                                           for name, one in statics.items()}, top, given)
 
-    @property
-    def complete(self) -> bool:
-        return all(search.complete for search in self.searches.values())
+    def growth(self, reference: Nested, best: Estimate) -> float:
+        """As the parts differ, nothing is extrapolated."""
+        return 2.0
 
-    def grow(self, factor: float) -> None:
-        """More modes of each part that has any left."""
-        for search in self.searches.values():
-            if not search.complete:
-                search.grow(int(np.ceil(factor * search.modes)) + 1)
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether each part has given all modes there are, or as many as a large part gives."""
-        return all(search.complete or (search.modes >= MOST and search.statics.handle.K.shape[0] > DENSE)
-                   for search in self.searches.values())
-
-    def most(self) -> Array:
-        """The most modes of each part that a model may have: where more exist, the highest one known is the cut-off."""
-        return np.array([search.modes - (not search.complete) for search in self.searches.values()])
-
-    def plain(self) -> tuple[Nested, Space]:
-        """The joined model of all modes, with its damping, and its coordinates."""
-        return self._joined({name: search.undamped() for name, search in self.searches.items()})
-
-    def nested(self, plain: Nested, space: Space, band: tuple[float, float]) -> Nested:
-        """With Ξ extended by the static responses to the residuals of the complex modes in the band."""
-        sides, own = sides_of(plain, band), {}
-        for name, search in self.searches.items():
-            turn, (_, span) = space.turns[name], space.own[name]
-            loads = np.hstack([search.residual(span, value, turn @ x, left) for value, x, left in sides])
-            own[name] = search.extended(compressed(loads, search.statics.handle.K.diagonal()))
-        return self._joined(own)[0]
-
-    def _joined(self, own: Mapping[str, tuple[Nested, Span]]) -> tuple[Nested, Space]:
-        images: dict[str, Substructure] = {}
-        for name, part in self.parts.items():
-            images[name] = part
-            if name in own:
-                nested, span = own[name]
-                D = span.projected(part.D) if self.damped else np.zeros(nested.M.shape)
-                D = (D + D.T) / 2 if part.pencil.symmetric[1] else D
-                M, K = sp.csr_array(nested.M), sp.csr_array(nested.K)  # hardly filled: C apart, they are diagonal
-                images[name] = Image(part, replace(nested, M=M, D=sp.csr_array(D), K=K), span)
+    def assembled(self, own: Mapping[str, tuple[Nested, Span]]) -> Reference:
+        """The joined matrices in the order [C Φ Ξ]."""
+        images = dict(self.all) | {name: Image(self.all[name], nested, span) for name, (nested, span) in own.items()}
         joined = couple(images, self.system.joints, self.system.name, interface=[])
         rows = dict(zip(images, rows_of_parts(images), strict=True))
         moved = sprung(images, [linked(joint, images) for joint in self.system.joints])
-        L, inner = sp.csr_array(joined.L), {}
+        L, modes, rests = sp.csr_array(joined.L), [], []
         for name, (nested, _) in own.items():
             later = np.arange(rows[name].start + nested.constraint, rows[name].stop)
             if moved[later].any():
                 raise InputError(f"no estimate can be had of {self.system.name!r}: a spring or damper acts on a port inside "
                                  f"{name!r}. Put that port's DOF into the interface")
-            inner[name] = L[later].indices  # one each: no joint reaches them
-        return self._ordered(joined, own, L, inner, rows)
-
-    def _ordered(self, joined: System, own: Mapping[str, tuple[Nested, Span]], L: Any, inner: Mapping[str, Array],
-                 rows: Mapping[str, slice]) -> tuple[Nested, Space]:
-        """The joined matrices in the order [C Φ Ξ]."""
-        modes = [inner[name][:nested.modes] for name, (nested, _) in own.items()]
-        rests = [inner[name][nested.modes:] for name, (nested, _) in own.items()]
+            inner = L[later].indices  # one each: no joint reaches them
+            modes.append(inner[:nested.modes])
+            rests.append(inner[nested.modes:])
         within = np.concatenate([*modes, *rests])
         outside = np.setdiff1d(np.arange(joined.size), within)
-        order = np.concatenate([outside, within])
+        order, count = np.concatenate([outside, within]), len(outside)
         M, K, D = (_dense(A)[np.ix_(order, order)] for A in (joined.M, joined.K, joined.D))
-        motion = motion_of(joined.rigid_motion)
         turns = {name: L[rows[name]].toarray()[:, order] for name in own}
-        count, forces = len(outside), [np.zeros((len(order), 0))]
-        rounding = _of_sums(K[:count, :count])
+        motion, rounding = motion_of(joined.rigid_motion), _of_sums(K[:count, :count])
         for name, (nested, _) in own.items():
             C = turns[name][:nested.constraint, :count]
             rounding += C.T @ nested.rounding @ C
-            forces.append(turns[name].T @ nested.loads)
+        forces = [turns[name].T @ nested.loads for name, (nested, _) in own.items()]
         values = np.concatenate([nested.values for nested, _ in own.values()])
-        return Nested(M, K, D if self.damped else None, count, 0, values, np.hstack(forces), rounding, self.symmetric,
-                      max(nested.lightest for nested, _ in own.values()),
-                      tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True)), self.limit,
-                      None if motion is None else RigidMotion(motion.shapes[order], motion.free)), Space(own, turns)
+        found = Nested(M, K, D if self.damped else None, count, 0, values, np.hstack(forces), rounding, self.symmetric,
+                       max(nested.lightest for nested, _ in own.values()),
+                       tuple((len(a), len(b)) for a, b in zip(modes, rests, strict=True)), self.limit,
+                       None if motion is None else RigidMotion(motion.shapes[order], motion.free), 1.0)
+        return Reference(found, own, turns)
 
 
 def held_statics(sub: Substructure) -> Statics:
@@ -179,10 +130,11 @@ def damped_parts(system: System, contacts: Contacts) -> dict[str, Substructure]:
         if more or system.linearised(contact).K is not system.pencil.K:
             raise InputError(f"no estimate can be had of {system.name!r} under {contact!r}: it takes contacts that add to D "
                              "alone, each on one part, such as belts. Leave the contact out, or give numbers of modes")
-        ports, sets = (tuple(name.partition(".")[2] for name in names) for names in (ports, sets))
-        W = columns_of(found[owner], SimpleNamespace(ports=ports, sets=sets))
-        damping = small_matrices(system, contact)[1]
-        found[owner] = found[owner].with_damping(found[owner].pencil.with_contact(damping, W).D)
+        part = found[owner]
+        columns = [part.port(name.partition(".")[2]).reshape(part.size, -1) for name in ports]
+        columns += [part.interface_rows[part.sets[name.partition(".")[2]]].T for name in sets]
+        W = sp.csc_array(sp.hstack(columns)) if sets else np.hstack(columns)
+        found[owner] = part.with_damping(part.pencil.with_contact(small_matrices(system, contact)[1], W).D)
     return found
 
 
@@ -246,26 +198,29 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     instance("full", full, System, "whose parts were reduced")
     instance("rom", rom, System, "made of the reduced parts")
     statics = {name: held_statics(part) for name, part in _same_parts(full, rom).items() if len(part.interior)}
-    search = JoinedSearch(full, statics, contacts, hi, {})
+    space = JoinedSpace(full, statics, contacts, hi)
+    space.reach(hi)
     found = all_modes(_dense(rom.K), _dense(rom.M), ACCEPTED, rom.rigid_motion)
     omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
-    pencil, values = rom.linearised(contacts), None
-    if search.damped:
-        modes = complex_modes(pencil.dense())
+    values = None
+    if space.damped:
+        modes = complex_modes(rom.linearised(contacts).dense())
         keep = upper(modes.eigenvalues) & ~modes.rigid & (modes.eigenvalues != 0)
         values = modes.eigenvalues[keep], modes.error_bar[keep]
     while True:
-        nested, space = search.plain()
+        given = space.reference()
+        nested = given.nested
         judged = nested.judged(omega, omega * rounding / 2, None, (lo, hi), tol)
         sharp = _sharp(nested.estimate(nested.most, (lo, hi), tol, False), judged)
-        if search.damped and (sharp or search.exhausted):
-            nested = search.nested(nested, space, (lo, hi))
+        if space.damped and (sharp or space.spent):
+            nested = space.extended(given, (lo, hi))
             judged = nested.judged(omega, omega * rounding / 2, values, (lo, hi), tol)
             sharp = _sharp(nested.estimate(nested.most, (lo, hi), tol), judged)
-        if sharp or search.exhausted:
+        if sharp or space.spent:
             kept = sum(part.modes for part in rom.parts.values() if isinstance(part, ReducedSubstructure))
-            return replace(judged, modes=kept, cutoff=rom.cutoff, share=1.0)
-        search.grow(1.5)
+            return replace(judged, modes=kept, cutoff=rom.cutoff)
+        for part in space.parts.values():
+            part.grow(int(np.ceil(1.5 * part.modes)) + 1)
 
 
 def _sharp(largest: Estimate, judged: Estimate) -> bool:

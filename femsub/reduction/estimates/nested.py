@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import scipy.linalg as la
+import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
-from femsub.errors import SingularMatrixError
 from femsub.model import SHARE, Estimate, Pencil, beyond, in_band, moving, upper, within
-from femsub.modes import NOISE, RIGID, ShiftInvert, all_modes, energy_directions, match, region_of, solve
+from femsub.modes import NOISE, all_modes, energy_directions, match, motion_of, region_of, solve, units
 from femsub.modes.quadratic.search import search
 from femsub.reduction.rigid import RigidMotion, without
 
 if TYPE_CHECKING:
-    from femsub.model import ReducedSubstructure
+    from femsub.model import ReducedSubstructure, Substructure
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
 Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
@@ -44,7 +44,8 @@ class Nested:
 
     Of joined parts, `parts` are the numbers of elastic modes and of columns of Ξ of each part, in whose order Φ and Ξ stand.
     A `count` of modes is then one number for each part. ω and |λ| above `limit` are not looked for, where that saves time.
-    `motion` is the rigid motion, in C and the rigid-body modes, where the component knows it.
+    `motion` is the rigid motion, in C and the rigid-body modes, where the component knows it. A band is to end below the `share`
+    of the cut-off.
     """
 
     M: Array
@@ -60,6 +61,15 @@ class Nested:
     parts: tuple[tuple[int, int], ...] = ()
     limit: float = np.inf
     motion: RigidMotion | None = None
+    share: float = SHARE
+
+    @classmethod
+    def whole(cls, sub: Substructure, pencil: Pencil | None) -> Nested:
+        """That of a component which keeps all of its DOF: nothing is left out. `pencil` has its damping."""
+        M, D, K = (A.toarray() if sp.issparse(A) else np.asarray(A) for A in (sub.M, (pencil or sub).D, sub.K))
+        none = np.zeros((sub.size, 0))
+        return cls(M, K, None if pencil is None else D, sub.size, 0, none[0], none, np.zeros(K.shape),
+                   pencil is None or pencil.symmetric[1], motion=motion_of((pencil or sub).rigid_motion))
 
     @property
     def modes(self) -> int:
@@ -194,17 +204,19 @@ class Nested:
     @cached_property
     def _rigid(self) -> Array:
         """Rigid-body modes in C (n_c, n_r), ZᵀMZ = I: of joined parts they have no other coordinates."""
-        part, kept = slice(0, self.constraint), self._first + self.modes
-        if not self.constraint:
-            return np.zeros((0, 0))
+        part = slice(0, self.constraint)
+        Z = self.at_rest.shapes[part]
+        return Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ self.M[part, part] @ Z)).T if Z.size else Z
+
+    @cached_property
+    def at_rest(self) -> RigidMotion:
+        """`motion`, or where the component does not know it, what all modes have of it."""
         if self.motion is not None:
-            Z = self.motion.shapes[part]
-            return Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ self.M[part, part] @ Z)).T if Z.shape[1] else Z
-        try:
-            return ShiftInvert(self.K[part, part], self.M[part, part]).rigid
-        except SingularMatrixError:  # C has no stiffness at all
-            found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
-            return found.shapes[part, :found.rigid]
+            return self.motion
+        kept = self._first + self.modes
+        found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
+        Z, D = found.shapes[:, :found.rigid], np.zeros((kept, kept)) if self.D is None else self.D[:kept, :kept]
+        return RigidMotion.of(Z, D, units(self.M[:kept, :kept]))
 
     @cached_property
     def _largest(self) -> tuple[Array, Array]:
@@ -292,29 +304,11 @@ class Nested:
         noise += _product(self._rounding, X[:self.constraint], Y[:self.constraint])
         bar = np.divide(noise, slope, out=np.full_like(slope, np.inf), where=slope > 0)
         keep = upper(values) & (values != 0)
-        if self.at_zero:
+        if zeros := self.at_rest.zeros:
             keep &= moving(values, bar)
-            keep[np.argsort(np.abs(values), kind="stable")[:self.at_zero]] = False
+            keep[np.argsort(np.abs(values), kind="stable")[:zeros]] = False
         order = np.flatnonzero(keep)[np.argsort(np.abs(values[keep]), kind="stable")]
         return values[order], bar[order], X[:, order], Y[:, order], slope[order]
-
-    @cached_property
-    def at_zero(self) -> int:
-        """Number of λ at 0: one per rigid-body mode, two where D does not damp it."""
-        kept = self._first + self.modes
-        if self.motion is not None:
-            return self.motion.zeros
-        if self.rigid or not self.constraint:
-            found = all_modes(self.K[:kept, :kept], self.M[:kept, :kept], ACCEPTED)
-            Z = found.shapes[:, :found.rigid]
-        else:
-            kept, Z = self.constraint, self._rigid
-        if self.D is None or not Z.shape[1]:
-            return 2 * Z.shape[1]
-        D = self.D[:kept, :kept]
-        force = np.linalg.svd(Z.T @ D @ Z, compute_uv=False)
-        scale = float(np.linalg.norm(np.abs(Z).T @ np.abs(D) @ np.abs(Z)))
-        return 2 * Z.shape[1] - int(np.count_nonzero(force > RIGID * scale))
 
     @cached_property
     def doubt(self) -> tuple[Array, Array]:
@@ -370,36 +364,41 @@ class Nested:
         if found is not None:
             values, errors, more = self._compared(*found, band)
             unmatched += more
-        return Estimate(band, tol, 0, np.inf, omega[inside], error, values, errors, unmatched, self.modes)
+        return Estimate(band, tol, 0, np.inf, omega[inside], error, values, errors, unmatched, self.modes, self.share)
 
-    def floor(self, band: tuple[float, float]) -> float:
+    def floor(self, band: tuple[float, float], damped: bool = True) -> float:
         """The largest relative error that rounding alone may have made in the band."""
         omega, rounding = self._largest
         inside = in_band(omega, band)
         floor = float((rounding[inside] / omega[inside]).max(initial=4 * EPS))
-        if self.D is None:
+        if self.D is None or not damped:
             return floor
         exact, bar = self.reference
         inside = within(exact, band)
         return max(floor, float((bar[inside] / np.abs(exact[inside])).max(initial=0.0)))
 
     def _compared(self, found: Array, bar: Array, band: tuple[float, float]) -> tuple[Array, Array, int]:
-        """λ of the reduced model matched with the reference in the band, their errors, and the number without a match."""
+        """λ of the reduced model that the band concerns, their errors, and the number of λ without a partner."""
         exact, exact_bar = self.reference
-        at, to = match(exact, found, far=FAR)
-        distance = np.abs(found[to] - exact[at])
-        inside = within(exact[at], band) | (within(found[to], band) & (distance < np.abs(exact[at]) / 2))
+        at, to, distance, inside, alone = compared(exact, found, band, within(exact, band))
         largest, doubt = self.doubt
         near = match(exact, largest, far=FAR)
         tail = np.zeros(len(exact))
         tail[near[0]] = doubt[near[1]]
-        size = np.abs(exact[at])
-        error = (MARGIN * (distance + tail[at]) + exact_bar[at] + bar[to]) / size
-        lone = within(exact, band)
-        lone[at] = False
-        extra = within(found, band)
-        extra[to] = False
-        return found[to[inside]], error[inside], int(lone.sum() + extra.sum())
+        error = (MARGIN * (distance + tail[at]) + exact_bar[at] + bar[to]) / np.abs(exact[at])
+        return found[to[inside]], error[inside], alone
+
+
+def compared(exact: Array, found: Array, band: tuple[float, float],
+             wanted: Array) -> tuple[Array, Array, Array, Array, int]:
+    """λ of a model matched with those of its reference, of which some are wanted in the band.
+
+    Places in both and the distance of each pair, which pairs the band concerns, and how many λ in it have no partner.
+    """
+    at, to = match(exact, found, far=FAR)
+    distance, present = np.abs(found[to] - exact[at]), within(found, band)
+    inside = wanted[at] | (present[to] & (distance < np.abs(exact[at]) / 2))
+    return at, to, distance, inside, int(np.delete(wanted, at).sum() + np.delete(present, to).sum())
 
 
 def with_rounding(estimate: Estimate, model: ReducedSubstructure, whole: Matrix) -> Estimate:

@@ -1,0 +1,143 @@
+"""The modes of a part that are found so far, beside its static shapes. One factorisation; modes are added, never recomputed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femsub.algebra import check_columns
+from femsub.checks import Array
+from femsub.modes import NormalModes, independent, lightest, lowest_modes
+from femsub.reduction.basis import Kept, in_blocks
+from femsub.reduction.estimates.nested import Nested
+from femsub.reduction.rigid import coordinates, free_first
+from femsub.reduction.statics import Span, Statics
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
+
+BEGIN = 10  # modes of the first search
+MOST = 1000  # modes at which the search gives up in a larger model
+DENSE = 3000  # DOF up to which all modes may be taken
+TINY = float(np.finfo(float).tiny)
+FAINT = 1e-16  # directions with a smaller share of the squared residuals are dropped
+
+
+class FoundModes:
+    """The modes found so far, and the static shapes without the modes' contribution. `pencil` has the damping of the part."""
+
+    def __init__(self, statics: Statics, pencil: Pencil | None, begin: int = BEGIN) -> None:
+        self.statics, self.pencil, self.all = statics, pencil, statics.handle.elastic
+        self.found = lowest_modes(statics.handle, min(begin, self.all), evidence=False)
+        self.loads = np.hstack([statics.forces, statics.inertia[statics.part.rows]])
+        self.rest = statics.handle.elastic_solve(self.loads, self.found.shapes)
+
+    @property
+    def modes(self) -> int:
+        return len(self.found.eigenvalues) - self.found.rigid
+
+    @property
+    def top(self) -> float:
+        """The highest frequency found."""
+        return float(self.found.frequencies[-1]) if self.modes else 0.0
+
+    @property
+    def complete(self) -> bool:
+        return self.modes == self.all
+
+    @property
+    def spent(self) -> bool:
+        """Whether these are all modes there are, or as many as a large part gives."""
+        return self.complete or (self.modes >= MOST and self.statics.handle.K.shape[0] > DENSE)
+
+    @property
+    def massless(self) -> bool:
+        """Whether there are DOF without mass."""
+        return bool(self.statics.handle.finite < self.statics.handle.K.shape[0])
+
+    @property
+    def most(self) -> int:
+        """The most modes that a model may have: where more exist, the highest one found is the cut-off."""
+        return self.modes - (not self.complete)
+
+    def grow(self, count: int) -> None:
+        """Compute modes up to `count`, and remove their contribution from the static shapes (no further solve)."""
+        handle, sub, count = self.statics.handle, self.statics.part.sub, min(count, self.all)
+        if count > self.modes:
+            # columns needed: modes twice, Krylov vectors for the new modes, loads and static shapes (twice, for the residuals)
+            check_columns(sub.name, sub.size, 5 * (count - self.modes) + 4 * count + 4 * self.loads.shape[1])
+            self.replace(lowest_modes(handle, count, known=self.found, evidence=False))
+
+    def reach(self, limit: float, times: float = np.inf) -> None:
+        """Compute modes until one lies above `limit`, at most so many times as many in one step.
+
+        How many that takes is extrapolated from the modes found so far.
+        """
+        while not self.complete and self.top <= limit:
+            omega = self.found.frequencies[self.found.rigid:]
+            half = len(omega) // 2
+            power = np.log(len(omega) / half) / max(np.log(omega[-1] / omega[half - 1]), 1e-3) if half else 1.0
+            guess = len(omega) * (limit / omega[-1]) ** min(max(power, 0.5), 3.0)
+            count = np.clip(1.1 * guess + 4, 1.5 * len(omega) + 1, 4 * len(omega) + 4)
+            self.grow(int(min(count, times * len(omega))))
+
+    def replace(self, found: NormalModes) -> None:
+        self.found = found
+        self.rest = self.statics.handle.deflate(self.rest, found.shapes)
+
+    def confirmed(self, count: int) -> Kept | None:
+        """The modes kept, once the inertia counts them and the next one; None if one had been missed, which is then found."""
+        found, more = self.found, count < self.all
+        if found.tally.counted is None:
+            found = lowest_modes(self.statics.handle, count + more, known=found, defer=True)
+            if not np.array_equal(found.eigenvalues, self.found.eigenvalues[:len(found.eigenvalues)]):
+                self.replace(lowest_modes(self.statics.handle, self.modes, known=found, evidence=False))
+                return None
+        return Kept(found, count, float(found.frequencies[found.rigid + count]) if more else np.inf)
+
+    def nested(self, further: Array | None = None) -> tuple[Nested, Span]:
+        """M, D and K in U = [C Φ Ξ], and U. Ξ has the static responses to further loads, too."""
+        statics, found, loads, rest = self.statics, self.found, self.loads, self.rest
+        if further is not None and further.shape[1]:
+            loads = np.hstack([loads, further])
+            rest = np.hstack([rest, statics.handle.elastic_solve(further, found.shapes)])
+        static, stiffness, mass, _ = independent(statics.handle, rest, loads, found.shapes, found.eigenvalues)
+        span = Span(statics, found.shapes, static)
+        M, K = in_blocks(statics.condensed, found.eigenvalues, stiffness, mass, span.dot(statics.inertia))
+        inner = [statics.constraint[statics.part.rows], found.shapes, static]
+        forces = np.concatenate([shapes.T @ statics.forces for shapes in inner])
+        q = coordinates(statics, found.rigid, len(M))
+        motion = None if q is None else free_first(q, span.times(q), self.pencil)  # D says which of it is not damped
+        plain = Nested(M, K, None, len(statics.condensed), found.rigid, found.eigenvalues[found.rigid:], forces, statics.rounding,
+                       lightest=lightest(statics.handle), motion=motion)
+        if self.pencil is None:
+            return plain, span
+        D, symmetric = span.projected(self.pencil.D), self.pencil.symmetric[1]
+        return replace(plain, D=(D + D.T) / 2 if symmetric else D, symmetric=symmetric), span
+
+    def residuals(self, span: Span, sides: list[tuple[Array, Array, bool]]) -> Array:
+        """Loads that span the residuals (λ²MΞx + λDUx)/|λ| of λ and x in U, of the transposed pencil for left vectors.
+
+        Their parts in MΦ, F and MC are left out: U already contains K⁻¹ times these.
+        """
+        assert self.pencil is not None
+        blocks = []
+        for value, x, left in sides:
+            D, size = self.pencil.D.T if left else self.pencil.D, np.abs(value)
+            for part in (np.real, np.imag):
+                static = np.zeros(x.shape)
+                static[span.rest] = part(x * (value**2 / size))[span.rest]
+                residual = self.pencil.M @ span.times(static) + D @ span.times(part(x * (value / size)))
+                blocks.append(residual[self.statics.part.rows])
+        return compressed(np.hstack(blocks), self.statics.handle.K.diagonal())
+
+
+def compressed(columns: Array, stiffness: Array) -> Array:
+    """A basis of the columns, orthonormal after scaling each row by sqrt(K_ii); negligible directions are left out."""
+    unit = np.where(stiffness > 0, stiffness, 1.0)[:, None] ** -0.5
+    scaled = unit * columns
+    share, vectors = np.linalg.eigh(scaled.T @ scaled)
+    keep = share > FAINT * float(share.max(initial=TINY))
+    return columns @ (vectors[:, keep] / np.sqrt(share[keep]))

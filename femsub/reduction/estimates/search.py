@@ -1,0 +1,304 @@
+"""The fewest modes with which a model meets a tolerance, of one part or of joined ones.
+
+A reference contains the models of all numbers of modes, and estimates the error of each. More modes are computed until the
+largest of these models meets the tolerance. The first model tried for joined parts follows from the amplitudes of their modes:
+leaving out the mode j of a part raises the system's frequency ω_i, to first order and relatively, by
+
+    η_ij² (θ_j - ω_i²) / (2ω_i²),
+
+with θ_j the square of the mode's own frequency and η_ij its amplitude in the system's mode i of unit modal mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from femsub.checks import Array
+from femsub.errors import NotConvergedError
+from femsub.model import SHARE, Estimate, beyond
+from femsub.modes import lowest_modes
+from femsub.reduction.basis import Kept
+from femsub.reduction.estimates.found_modes import FoundModes
+from femsub.reduction.estimates.nested import Nested
+from femsub.reduction.statics import Span, Statics
+
+if TYPE_CHECKING:
+    from femsub.model import Pencil
+
+EXCHANGED = 4  # modes of one part that are tried at a time in place of those of others
+TRIALS = 12  # choices by first order that are tried before all modes are taken
+MANY = 300  # coordinates above which an estimate solves only for what may lie in the band or near it
+REACH = 2.0  # times the end of the band: so far
+Best: TypeAlias = tuple[Array, Estimate]  # numbers of modes, one for each part, and the estimate of the model they make
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What a model is to be within."""
+
+    band: tuple[float, float]
+    tol: float
+
+
+class Space:
+    """The modes of one part found so far, and the reference that they make. `JoinedSpace` is that of a system.
+
+    ω and |λ| beyond REACH times `top` are not looked for, where that saves time. `given` numbers of modes are not chosen.
+    """
+
+    enough = 1.0  #: share of the tolerance that the largest model is to be within before one is chosen
+
+    def __init__(self, name: str, parts: Mapping[str, FoundModes], top: float = np.inf,
+                 given: Mapping[str, int] = MappingProxyType({})) -> None:
+        self.name, self.parts, self.limit = name, parts, REACH * top
+        self.given = np.array([given.get(part, -1) for part in parts])
+        for part, count in given.items():
+            parts[part].grow(count + 1)
+
+    @classmethod
+    def of(cls, statics: Statics, pencil: Pencil | None, top: float) -> Space:
+        """That of one part; `pencil` has the damping for which λ must be within the tolerance, too."""
+        name = statics.part.sub.name
+        return cls(repr(name), {name: FoundModes(statics, pencil)}, top)
+
+    @property
+    def spent(self) -> bool:
+        return all(part.spent for part in self.parts.values())
+
+    @property
+    def most(self) -> Array:
+        """The most modes of each part that a model may have."""
+        return np.where(self.given >= 0, self.given, [part.most for part in self.parts.values()])
+
+    def least(self, reference: Nested, hi: float) -> Array:
+        """How many modes of each part lie in the band, or so near above it that the cut-off must be beyond them."""
+        inside = ~beyond(reference.share * np.sqrt(reference.values), hi)
+        counts = [np.count_nonzero(part) for part in np.split(inside, np.cumsum(reference.most)[:-1])]
+        return np.where(self.given >= 0, self.given, counts)
+
+    def reach(self, hi: float) -> None:
+        """Compute the modes of each part that a band may need, up to `hi`."""
+        for part in self.parts.values():
+            part.reach(hi / SHARE)
+
+    def best(self, goal: Goal) -> Best | None:
+        """The fewest modes with which the tolerance is met; None if that takes more than were found, which are found then."""
+        band, tol = goal.band, goal.tol
+        given = self.reference()
+        reference, most = given.nested, self.most
+        largest = reference.estimate(most, band, tol, False)
+        good = largest.met and largest.worst <= (tol if self.spent else self.enough * tol)
+        if good and reference.D is not None:
+            reference = self.extended(given, band)
+            largest = reference.estimate(most, band, tol)
+            good = largest.met
+        if good:
+            return fewest(reference, self.least(reference, band[1]), (most, largest))
+        self.further(reference, largest)
+        return None
+
+    def reference(self) -> Reference:
+        """That of all modes found."""
+        return self.assembled({name: part.nested() for name, part in self.parts.items()})
+
+    def assembled(self, own: Mapping[str, tuple[Nested, Span]]) -> Reference:
+        """The reference made of those of the parts."""
+        ((name, (nested, _)),) = own.items()
+        found = replace(nested, limit=self.limit if len(nested.M) > MANY else np.inf)
+        return Reference(found, own, {name: np.eye(len(nested.M))})
+
+    def extended(self, given: Reference, band: tuple[float, float]) -> Nested:
+        """With the static responses to the residuals of the complex modes in the band."""
+        sides, own = sides_of(given.nested, band), {}
+        for name, part in self.parts.items():
+            span, turn = given.own[name][1], given.turns[name]
+            own[name] = part.nested(part.residuals(span, [(value, turn @ x, left) for value, x, left in sides]))
+        return self.assembled(own).nested
+
+    def further(self, reference: Nested, best: Estimate) -> None:
+        """More modes of each part, since the best model does not meet the tolerance.
+
+        Raises
+        ------
+        NotConvergedError
+            There are no more modes; large parts have used 1000 of them; or rounding alone exceeds the tolerance.
+        """
+        floor = reference.floor(best.band, len(best.eigenvalues) > 0)
+        if self.spent or floor > best.tol:
+            complete = all(part.complete for part in self.parts.values())
+            bare = complete and reference.D is not None and any(part.massless for part in self.parts.values())
+            named = ", ".join(repr(name) for name, count in zip(self.parts, self.given, strict=True) if count >= 0)
+            rounding = f". Rounding alone causes {floor:.1e}" if floor > best.tol else ""
+            raise NotConvergedError(
+                f"{self.name} cannot be reduced to a relative error of {best.tol:g} from {best.band[0]:.5g} to "
+                f"{best.band[1]:.5g} rad/time. With {'all' if complete else best.modes} modes: {best!r}{rounding}. Lower the "
+                f"band, raise tol{f', give more modes to {named}' if named else ''}, put the belt's DOF"
+                f"{', and those with damping but no mass,' * bare} into the interface, or call reduce(..., ports=True)")
+        self.grow(self.growth(reference, best))
+
+    def grow(self, factor: float) -> None:
+        """So many times as many modes of each part, and one more."""
+        for part in self.parts.values():
+            part.grow(int(factor * part.modes) + 1)
+
+    def growth(self, reference: Nested, best: Estimate) -> float:
+        """How many times as many modes are to be tried next, extrapolated from the decrease of the error."""
+        half = reference.estimate(best.modes // 2, best.band, best.tol, damped=False) if best.modes > 1 else best
+        factor = 1.5
+        if not best.unmatched and np.isfinite(best.worst):
+            slope = np.log(max(half.worst, best.worst) / best.worst) / np.log(2.0) if np.isfinite(half.worst) else 4.0
+            factor = (best.worst / best.tol) ** (1 / max(slope, 0.5))
+        return float(np.clip(1.1 * factor, 1.5, 3.0))
+
+    def confirmed(self, counts: Array) -> dict[str, Kept]:
+        """The modes kept of each part, once the inertia counts them; empty if some had been missed, which are then found."""
+        kept = {name: part.confirmed(count) for (name, part), count in zip(self.parts.items(), counts.tolist(), strict=True)}
+        found = {name: one for name, one in kept.items() if one is not None}
+        return found if len(found) == len(kept) else {}
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The reference, those of the parts with their U, and where their coordinates are in it: T_p (R_p, R)."""
+
+    nested: Nested
+    own: Mapping[str, tuple[Nested, Span]]
+    turns: Mapping[str, Array]
+
+
+def chosen_in(space: Space, goal: Goal) -> Kept:
+    """The modes kept of the only part, with the estimate; see `chosen`."""
+    kept, estimate = chosen(space, goal)
+    (only,) = kept.values()
+    return replace(only, estimate=estimate)
+
+
+def chosen(space: Space, goal: Goal) -> tuple[dict[str, Kept], Estimate]:
+    """The modes kept of each part, and the estimate of the model made of them.
+
+    Every ω and λ of the band is within the tolerance, and the band ends below the `share` of the cut-off.
+
+    Raises
+    ------
+    NotConvergedError
+        No model meets it, even with all modes or 1000 of a part.
+    """
+    space.reach(goal.band[1])
+    while True:
+        if (best := space.best(goal)) is not None and (kept := space.confirmed(best[0])):
+            return kept, best[1]
+
+
+def fewest(reference: Nested, least: Array, best: Best) -> Best:
+    """Few modes in all with which the tolerance is met, between `least` and the `best` known ones; and their estimate."""
+    number = len(least)
+    if number > 1:
+        best = _by_first_order(reference, least, best)
+    going = True
+    while going:
+        going = False
+        for at in range(number):
+            low = least[at]
+            trial = best[0][at] - 1 if number > 1 else (low + best[0][at]) // 2  # of many parts, one less is mostly too few
+            while low < best[0][at]:
+                counts = best[0].copy()
+                counts[at] = trial
+                found = _judged(reference, counts, best[1])
+                if found.met:
+                    best, going = (counts, found), number > 1
+                else:
+                    low = trial + 1
+                trial = (low + best[0][at]) // 2
+    return best
+
+
+def _judged(reference: Nested, counts: Array, goal: Estimate) -> Estimate:
+    """The estimate; that of λ only where ω are within the tolerance, since it takes far longer."""
+    found = reference.estimate(counts, goal.band, goal.tol, False)
+    return reference.estimate(counts, goal.band, goal.tol) if found.met and reference.D is not None else found
+
+
+def _by_first_order(reference: Nested, least: Array, best: Best) -> Best:
+    """A model with few modes in all that meets the tolerance, from what leaving out each mode costs to first order."""
+    (most, largest), tol = best, best[1].tol
+    costs = _costs(reference, largest.band)
+    base = reference.estimate(most, largest.band, tol, False).frequency_error.max(initial=0.0)
+    allowed = tol
+    for _ in range(TRIALS):
+        counts = _leanest(costs, least, most, allowed - base)
+        found = _judged(reference, counts, largest)
+        if found.met:
+            return (counts, found) if counts.sum() < most.sum() else best
+        allowed *= np.clip(0.95 * tol / found.worst, 0.3, 0.95)
+    return best
+
+
+def _costs(nested: Nested, band: tuple[float, float]) -> list[Array]:
+    """Of each part, what leaving out a mode costs each frequency of the band, relatively and to first order, (modes, k)."""
+    kept = nested.rest.start
+    omega, shapes = nested.lowest(nested.M[:kept, :kept], nested.K[:kept, :kept])
+    inside = np.flatnonzero(~beyond(omega, band[1]) & ~beyond(band[0], omega))
+    amplitude, square = shapes[kept - nested.modes:, inside], omega[inside] ** 2
+    cost = amplitude**2 * np.maximum(nested.values[:, None] - square, 0.0) / (2 * square)
+    return np.split(cost, np.cumsum(nested.most)[:-1])
+
+
+def _leanest(costs: Sequence[Array], least: Array, most: Array, allowed: float) -> Array:
+    """Few modes in all whose summed cost stays within what is allowed.
+
+    From all modes on, always the cheapest one goes. Then up to EXCHANGED more of one part are tried against fewer of others.
+    """
+    tails = [np.vstack([np.cumsum(cost[:count][::-1], axis=0)[::-1], np.zeros((1, cost.shape[1]))])
+             for cost, count in zip(costs, most, strict=True)]  # of each part: what all modes from a number on cost
+    counts = _without_the_cheapest(tails, least, most, allowed)
+    going = True
+    while going:
+        going = False
+        for at in range(len(counts)):
+            for more in range(1, EXCHANGED + 1):
+                trial, floor = counts.copy(), least.copy()
+                trial[at] = floor[at] = min(counts[at] + more, most[at])
+                trial = _without_the_cheapest(tails, floor, trial, allowed)
+                if trial.sum() < counts.sum():
+                    counts, going = trial, True
+    return counts
+
+
+def _without_the_cheapest(tails: Sequence[Array], least: Array, counts: Array, allowed: float) -> Array:
+    """Always the mode goes that leaves the smallest largest cost, until that would exceed what is allowed."""
+    counts = counts.copy()
+    spent = np.sum([tail[count] for tail, count in zip(tails, counts, strict=True)], axis=0)
+    while True:
+        trials = {at: spent + tails[at][counts[at] - 1] - tails[at][counts[at]] for at in range(len(counts))
+                  if counts[at] > least[at]}
+        if not trials:
+            return counts
+        at = min(trials, key=lambda one: float(trials[one].max(initial=0.0)))
+        if trials[at].max(initial=0.0) > allowed:
+            return counts
+        counts[at], spent = counts[at] - 1, trials[at]
+
+
+def sides_of(nested: Nested, band: tuple[float, float]) -> list[tuple[Array, Array, bool]]:
+    """λ and vectors in U of the largest reduced model about the band, of equal energy; the left ones if D is unsymmetric."""
+    values, _, X, Y, _ = nested.damped(nested.most)
+    wanted = (values.imag <= 1.1 * band[1]) & (np.abs(values) <= 2 * band[1])
+    sides = []
+    for value, x, left in ((values, X, False), (values.conj(), Y, True))[:2 - nested.symmetric]:
+        value, x = value[wanted], x[:, wanted]
+        # kinetic plus elastic energy; scaled by mass alone, a shape without mass would dominate
+        kinetic, elastic = (np.abs(np.einsum("ij,ij->j", x.conj(), part @ x)) for part in (nested.M, nested.K))
+        sides.append((value, x / np.sqrt(kinetic + elastic / np.abs(value) ** 2), left))
+    return sides
+
+
+def lowest(statics: Statics, count: int) -> Kept:
+    """The `count` lowest modes, and one more for the cut-off if there is one. In a large model `confirm` must still run."""
+    more = count < statics.handle.elastic
+    found = lowest_modes(statics.handle, count + more, defer=True)
+    return Kept(found, count, float(found.frequencies[-1]) if more else np.inf)
