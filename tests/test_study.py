@@ -23,14 +23,14 @@ def test_spectra_are_matched_as_sets(rng: np.random.Generator) -> None:
 
 def test_errors_shrink_and_vanish_with_all_modes() -> None:
     methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 6, 9)]
-    found = fs.study(fs.chain(10, belt=2), methods, band=(0.0, 0.75), belt=fs.Belt(slope=-0.2677), repeats=3)
+    found = fs.study(fs.chain(10, belt=2), methods, band=(0.0, 0.75), contacts=fs.Belt(slope=-0.2677), repeats=3)
     assert len(found.rows) == 6 and found.full.size == 10 and found.repeats == 3
     for rows in (found.rows[:3], found.rows[3:]):
-        for key in ("error_eigenvalue", "error_growth", "error_slope"):
+        for key in ("error_eigenvalue", "error_growth", "error_critical"):
             errors = [getattr(row, key) for row in rows]
             assert errors[0] > errors[1] > errors[2] < 1e-10
         assert all(row.missing == 0 and row.reduction.least <= row.reduction.median <= row.reduction.most for row in rows)
-    assert found.rows[0].error_slope == pytest.approx(2.7e-3, abs=5e-5)
+    assert found.rows[0].error_critical == pytest.approx(2.7e-3, abs=5e-5)
     assert found.rows[0].method == "craig-bampton" and "10 DOF" in repr(found)
 
 
@@ -49,14 +49,15 @@ def test_refusals() -> None:
     with pytest.raises(ValueError, match="repeats must be at least 1"):
         fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), repeats=0)
     with pytest.raises(ValueError, match="unknown port 'bel'; did you mean 'belt'"):
-        fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), port="bel")
-    with pytest.raises(TypeError, match="sub must be a Substructure"):
+        fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), contacts=fs.Belt("bel", slope=0.0))
+    with pytest.raises(TypeError, match="model must be a Substructure"):
         fs.study(fs.chain(10).K, [fs.CraigChang(2)], band=(0, 1))
 
 
 def test_the_slope_of_a_study_is_per_unit_of_the_belt_s_force() -> None:
-    found = fs.study(fs.chain(10, belt=2), [fs.CraigChang(9)], band=(0.0, 0.75), belt=fs.Belt(force=2.0, slope=-0.1), repeats=1)
-    assert 2 * found.full.slope == pytest.approx(-0.025567, abs=1e-6)
+    belt = fs.Belt(force=2.0, slope=-0.1)
+    found = fs.study(fs.chain(10, belt=2), [fs.CraigChang(9)], band=(0.0, 0.75), contacts=belt, repeats=1)
+    assert 2 * found.full.critical == pytest.approx(-0.025567, abs=1e-6)
 
 
 def test_each_row_tells_where_its_seconds_went_and_what_it_holds() -> None:
@@ -124,15 +125,15 @@ def test_the_error_of_the_growth_rate_does_not_blow_up_at_the_border() -> None:
     sub = fs.chain(10, belt=2)
     border = float(fs.critical_slope(sub))
     for factor in (0.5, 1.0, 1.5):
-        found = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), belt=fs.Belt(slope=factor * border), repeats=1)
+        found = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), contacts=fs.Belt(slope=factor * border), repeats=1)
         row = found.rows[0]
         assert row.error_eigenvalue < 2e-3 and row.error_growth < 5e-3  # at the border it was 1e+05
-    at = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.2), belt=fs.Belt(slope=border), repeats=1)  # the first pair only
+    at = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.2), contacts=fs.Belt(slope=border), repeats=1)  # the first pair only
     assert at.rows[0].error_growth < 1e-5 and at.recommended() is at.rows[0]
     assert at.full.stable is None or abs(at.full.growth) < 1e-12
     if at.rows[0].stable != at.full.stable:
         assert "the border is nearer than the error" in at.recommendation()
-    beyond = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), belt=fs.Belt(slope=1.5 * border), repeats=1)
+    beyond = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), contacts=fs.Belt(slope=1.5 * border), repeats=1)
     assert beyond.full.stable is beyond.rows[0].stable is False
 
 
@@ -146,8 +147,9 @@ def test_without_a_belt_the_scale_of_the_growth_rate_is_itself() -> None:
 
 def test_what_lies_above_the_cut_off_has_no_slope_and_no_star() -> None:
     sub = fs.chain(10, belt=2)
-    found = fs.study(sub, [fs.CraigBampton(1), fs.CraigChang(2), fs.CraigChang(6)], band=(0.0, 0.75), repeats=1)
-    assert [np.isnan(row.error_slope) for row in found.rows] == [True, True, False]
+    methods = [fs.CraigBampton(1), fs.CraigChang(2), fs.CraigChang(6)]
+    found = fs.study(sub, methods, band=(0.0, 0.75), contacts=fs.Belt(slope=0.0), repeats=1)
+    assert [np.isnan(row.error_critical) for row in found.rows] == [True, True, False]
     assert [row.pareto for row in found.rows] == [False, False, True]
     assert all("cut-off" in row.reason for row in found.rows[:2]) and "above the cut-off" in str(found)
 
@@ -191,7 +193,7 @@ def test_reasons_that_are_the_same_are_told_once() -> None:
     full = Row("full", 0, 100, 0.0, 0.0, 0.0, 0, -1.0, 0.0, time, time, 0.0)
     rows = tuple(Row(method, size - 3, size, 0.0, 1e-5, np.nan, 0, np.nan, 0.0, time, time, 0.0, reason="M is singular")
                  for method in ("macneal", "guyan") for size in (4, 6))
-    said = str(Study("x", (0.0, 1.0), 1, full, rows)).splitlines()
+    said = str(Study("x", (0.0, 1.0), 1, full, rows, parameter="slope")).splitlines()
     assert [line for line in said if "no critical slope" in line] == [
         f"no critical slope of {label} with 4, 6 DOF: M is singular" for label in ("MacNeal", "Guyan")]
     assert "take MacNeal with 1 mode (4 DOF)" in Study("x", (0.0, 1.0), 1, full, rows).recommendation()

@@ -94,6 +94,10 @@ class ContactModes(FreeInterface):
             raise unknown_name("parameter", self.parameter, sorted({name for one in given for name in vars(one)}))
 
     @property
+    def row_key(self) -> str:
+        return self.key if self.friction else "real-modes"
+
+    @property
     def mode_kind(self) -> str:
         return "real"
 

@@ -157,6 +157,11 @@ class Method(ABC):
         return model
 
     @property
+    def row_key(self) -> str:
+        """The key that stands in tables and figures."""
+        return self.key
+
+    @property
     def mode_kind(self) -> str:
         """The label of elastic modes: 'fixed-interface' or 'free'."""
         return "fixed-interface" if self.held else "free"

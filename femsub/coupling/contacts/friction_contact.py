@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -187,21 +187,32 @@ class FrictionContact(Joint):
     def linearised(self, model: Substructure) -> tuple[Matrix | None, Matrix]:
         """(C_D, C_K), sparse, shape (p, p), on the DOF of both sets."""
         points = self._points()
-        n, t, s, r = self._directions(points)
-        move = self._motions(model, points)
-        N, T, S = (_along(vectors, move) for vectors in (n, t, s))
-        weight = sp.diags_array(points.weight)
-        normal = float(self.stiffness) * (weight @ N)
-        K = N.T @ normal + float(self.mu) * (T.T @ normal)
+        sides = [model.sets[name].tobytes() if name in model.sets else None for name in self.sets]
+        ways = [np.array(way, dtype=float).tobytes() for way in (self.direction, self.axis, self.centre)]  # None is NaN
+        key = (model.interface_dofs, self.sets, *sides, *ways)
+        directions = self._directions(points)
+        if key not in points.integrals:
+            while len(points.integrals) >= KEPT:
+                points.integrals.pop(next(iter(points.integrals)))
+            points.integrals[key] = self._integrals(model, points, *directions)
+        NN, TN, TT, SS, SR, TR = points.integrals[key]
+        K = float(self.stiffness) * (NN + float(self.mu) * TN)
         if self.speed is None or not self.pressure:
             return None, sp.csr_array(K)
-        load, faster = self.pressure * points.weight, self.speed * r
-        turned, fallen = sp.diags_array(self.mu * load / faster), sp.diags_array(self.slope * load)
-        D = T.T @ (fallen @ T) + S.T @ (turned @ S)
+        D = self.slope * self.pressure * TT + self.mu * self.pressure / self.speed * SS
         if self.axis is not None:
-            carried = [self.speed * motion for motion in self._carried(model, points)]
-            K = K - S.T @ (turned @ _along(s, carried)) - T.T @ (fallen @ _along(t, carried))
+            K = K - self.mu * self.pressure * SR - self.slope * self.pressure * self.speed * TR
         return sp.csr_array(D), sp.csr_array(K)
+
+    def _integrals(self, model: Substructure, points: Points, n: Array, t: Array, s: Array, r: Array) -> tuple[Matrix, ...]:
+        """∫ N Nᵀ, T Nᵀ, T Tᵀ, S Sᵀ/r, and with an axis S Rₛᵀ/r and T Rₜᵀ dA: all that is independent of k, μ, p, μ' and V."""
+        move = self._motions(model, points)
+        N, T, S = (_along(vectors, move) for vectors in (n, t, s))
+        weight, turned = sp.diags_array(points.weight), sp.diags_array(points.weight / r)
+        found = [N.T @ (weight @ N), T.T @ (weight @ N), T.T @ (weight @ T), S.T @ (turned @ S)]
+        carried = self._carried(model, points) if self.axis is not None else None
+        return (*found, *((None, None) if carried is None else
+                          (S.T @ (turned @ _along(s, carried)), T.T @ (weight @ _along(t, carried)))))
 
     def patch_loads(self, model: Substructure, degree: int) -> Array:
         """Forces (n, k) of smooth tractions along n and t on the first surface: ∫ N P_j dA and ∫ T P_j dA, for all j.
@@ -370,6 +381,7 @@ class Points:
     x: Array
     weight: Array
     share: float = 1.0
+    integrals: dict[Any, tuple[Matrix, ...]] = field(default_factory=dict)  # of contacts here, since a sweep makes many
 
     @cached_property
     def normal(self) -> Array:
