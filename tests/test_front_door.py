@@ -323,6 +323,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
                 "between": None,
                 "ports": False,
                 "repeats": 1,
+                "shared": False,
                 "critical": None,
                 "assembly": 0.0,
                 "progress": None,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +14,7 @@ import femsub as fs
 from femsub.algebra.petsc import Factor
 from femsub.algebra.timing import timed
 from femsub.modes.quadratic.matching import match, spectrum_errors, turnover
+from femsub.reduction import METHODS, Reductor
 from femsub.studies.results import Row, Study, Timing, with_front
 
 
@@ -84,6 +88,56 @@ def test_no_run_finds_the_factor_of_another() -> None:
         fs.study(fs.chain(400, belt=2), [fs.CraigBampton(6), fs.CraigChang(6)], band=(0.0, 0.02), repeats=repeats)
         made.append(Factor.made - before)
     assert made[1] - made[0] == 2 * 6
+
+
+@pytest.mark.parametrize("name", list(METHODS))
+@pytest.mark.parametrize("ports", [False, True])
+def test_a_reductor_gives_the_models_with_fewer_modes(name: str, ports: bool) -> None:
+    mesh = fs.block((1.0, 0.2, 0.1), (8, 2, 2), "hexahedron")
+    sub = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), interface=["left", "right"], ports={"belt": ("top", "y")})
+    basis = Reductor(sub, METHODS[name](9), ports)
+    for modes in (9, 0, 4):
+        try:
+            alone = quiet(lambda: fs.reduce(sub, METHODS[name](modes), ports=ports))  # noqa: B023
+        except fs.InputError as error:
+            with pytest.raises(fs.InputError, match=re.escape(str(error))):
+                basis.first(modes)
+            continue
+        found = quiet(lambda: basis.first(modes))  # noqa: B023
+        assert (found.kinds, found.method, found.modes) == (alone.kinds, alone.method, alone.modes)
+        assert found.cutoff == pytest.approx(alone.cutoff, rel=1e-10)
+        assert found.port_error["belt"] == pytest.approx(alone.port_error["belt"], rel=1e-6, abs=1e-6)
+        outside = found.V - alone.V @ np.linalg.lstsq(alone.V, found.V, rcond=None)[0]
+        assert np.linalg.norm(outside) < 1e-10 * np.linalg.norm(found.V)
+    with pytest.raises(fs.InputError, match="modes must be at least 0 and at most 9"):
+        basis.first(10)
+
+
+def test_models_of_one_method_share_one_basis() -> None:
+    """One factor and that of its count for each method, in place of one each for every model; the errors are the same."""
+    methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 6, 9)]
+    made, found = [], []
+    for shared in (False, True):
+        sub, before = fs.chain(400, belt=2), Factor.made
+        found.append(fs.study(sub, methods, band=(0.0, 0.02), repeats=1, shared=shared))
+        made.append(Factor.made - before)
+    assert made[0] - made[1] == 2 * 4
+    for one, other in zip(found[0].rows, found[1].rows, strict=True):
+        assert (one.size, one.modes, one.cutoff) == (other.size, other.modes, pytest.approx(other.cutoff, rel=1e-10))
+        assert one.error_eigenvalue == pytest.approx(other.error_eigenvalue, rel=1e-6, abs=1e-10)
+        assert min(time.median for time in other.phases.values()) >= 0
+        assert other.reduction.median >= other.phases["factorisation"].median > 0
+    parts = fs.couple({name: fs.chain(30, interface=[1, 30], fixed=False) for name in "ab"},
+                      [fs.Rigid(("a", [29]), ("b", [0])), fs.Spring(("a", [0]), "ground", stiffness=1.0)])
+    steps = [dict.fromkeys("ab", fs.CraigBampton(modes)) for modes in (2, 5)]
+    alone, together = (fs.study(parts, steps, (0.0, 0.3), repeats=1, shared=shared) for shared in (False, True))
+    assert [row.error_frequency for row in alone.rows] == pytest.approx([row.error_frequency for row in together.rows], abs=1e-10)
+
+
+def quiet(call: Callable[[], fs.ReducedSubstructure]) -> fs.ReducedSubstructure:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        return call()
 
 
 def test_frequencies_and_shapes_are_compared_in_the_band() -> None:

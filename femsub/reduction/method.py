@@ -66,6 +66,7 @@ class Method(ABC):
     marker: ClassVar[str]
     held: ClassVar[bool]
     offered: ClassVar[bool] = True  #: whether studies and scenes offer it for components by its key
+    nested: ClassVar[bool] = True  #: whether part and factor are the same for any number of modes (`Reductor`)
     unestimated: ClassVar[str] = ""  #: why no estimate can be had for a band and a tolerance, where that is so
 
     def __init_subclass__(cls) -> None:

@@ -29,7 +29,7 @@ from femsub.modes import (
 )
 from femsub.modes.normal_modes import normal_modes
 from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.reduction import ContactModes, Method
+from femsub.reduction import ContactModes, Method, Reductor
 from femsub.reduction.reduce import reduce
 from femsub.studies.joint_forces import force_error
 from femsub.studies.losses import Loss, first_belt, first_loss, with_value
@@ -43,8 +43,8 @@ SHORT_RUNS = 3  # solutions of a reduced model per turn
 
 def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, float], *, contacts: Contacts = None,
           parameter: str | None = None, values: Sequence[float] = (), between: tuple[float, float] | None = None,
-          ports: bool = False, repeats: int = 5, critical: Sequence[float] | None = None, assembly: float = np.nan,
-          progress: Progress | None = None) -> Study:
+          ports: bool = False, repeats: int = 5, shared: bool = False, critical: Sequence[float] | None = None,
+          assembly: float = np.nan, progress: Progress | None = None) -> Study:
     """Reduce a model by several methods, and compare errors and run times with the full one.
 
     Compared are undamped frequencies, complex modes at each value of a parameter, which of them grow, the first loss of
@@ -75,6 +75,11 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     repeats : int
         Number of runs; each time is the median. Reduced models are solved three times as often, at several values once at each.
         Models take turns, so that a slow phase of the machine affects all of them.
+    shared : bool
+        Whether models of one method with given numbers of modes are taken from the basis of the largest (`Reductor`). A
+        convergence study then costs little more than this one reduction. The seconds to reduce are those of this basis and of
+        what is left for each model, more than a smaller one alone would cost. By default each is reduced anew, and its seconds
+        are its own.
     critical : sequence of float, optional
         The critical values of the full model and of each reduced one, if they are known already.
     assembly : float
@@ -108,13 +113,14 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     if not asked_for:
         raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)
+    instance("shared", shared, bool)
     parameter, values, between = _range(given, parameter, values, between)
     known = None if critical is None else real_array("critical", critical, finite=False).ravel()
     if known is not None and len(known) != len(asked_for) + 1:
         raise InputError(f"critical must be {len(asked_for) + 1}, of the full model and of each method, not {len(known)}")
     tell = listener("progress", progress)
     asked = Question(model, given, band, parameter, values, between)
-    full, small, left_out = _measured(asked, asked_for, ports, repeats, tell)
+    full, small, left_out = _measured(asked, asked_for, ports, repeats, tell, shared)
     tell(f"{model.name}: undamped frequencies")
     own = asked.at_rest(model)
     modes = normal_modes(own, band=band) if model.size > SMALL else _all_modes(own)
@@ -216,7 +222,7 @@ class Question:
             invented=sum(each.invented for each in found))
 
     def losses(self, models: Sequence[Substructure], rows: Sequence[Row], tell: Progress) -> list[Loss]:
-        """The first loss of each model. Over a range, that of a large model is sought near that of the most accurate small one."""
+        """The first loss of each model. Over a range, that of a large model is sought near that of the most accurate one."""
         ranged = self.between is not None
         if not (ranged or (self.parameter == "slope" and first_belt(self.contacts) is not None)):
             return [Loss()] * len(models)
@@ -229,7 +235,7 @@ class Question:
         return [look(models[0]), *small]
 
 
-def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool, repeats: int, tell: Progress
+def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool, repeats: int, tell: Progress, shared: bool
               ) -> tuple[Tried, list[Tried], tuple[str, ...]]:
     """The full and the reduced models, solved several times in turn, and why other methods are left out."""
     model, full, small = asked.model, Tried(asked.model, phases=[{}]), [Tried(asked.model, steps) for steps in methods]
@@ -238,13 +244,14 @@ def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool,
         tell(f"{model.name}: complex modes of the full model")
         full.spectra = [complex_modes(model, load, band=asked.band) for load in asked.loads]
     for turn in range(repeats):
+        bases = Bases(methods) if shared else None
         for one in list(small):
             tell(f"{model.name}: run {turn + 1} of {repeats}, {in_words(one.steps)}")
             try:
                 with warnings.catch_warnings(), timed() as spent:
                     warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
-                    one.model, seconds = _clocked(_reduced, model, one.steps, asked, ports)
-                one.phases.append(spent | {"basis": seconds - sum(spent.values())})
+                    one.model, seconds = _clocked(_reduced, model, one.steps, asked, ports, bases)
+                one.phases.append(_together(spent | {"basis": seconds - sum(spent.values())}, bases.lent if bases else {}))
             except FemsubError as error:
                 refused.append((one.steps, error))
                 small.remove(one)
@@ -277,11 +284,58 @@ def _solved(one: Tried, loads: Sequence[Any], band: tuple[float, float] | None) 
     return found
 
 
-def _reduced(model: Substructure, steps: Sequence[Step], asked: Question, ports: bool) -> Substructure:
+class Bases:
+    """The reductors of one turn: one for each model and method, with the most modes that are asked for.
+
+    `lent` are the seconds by phase that the basis of the last model had cost before, for another one.
+    """
+
+    def __init__(self, methods: Sequence[Sequence[Step]]) -> None:
+        self.asked = [one for steps in methods for step in steps
+                      for one in (step.values() if isinstance(step, Mapping) else [step])]
+        self.made: list[tuple[Substructure, Method, Reductor, dict[str, float]]] = []
+        self.lent: dict[str, float] = {}
+
+    def first(self, model: Substructure, method: Method, ports: Any) -> ReducedSubstructure:
+        """The model by a method with a number of modes."""
+        for of, kind, basis, seconds in self.made:
+            if of is model and _alike(kind, method):
+                self.lent = _together(self.lent, seconds)
+                return basis.first(method.modes or 0)
+        most = max((one for one in self.asked if _alike(one, method)), key=lambda one: one.modes or 0)
+        start = time.perf_counter()
+        with timed() as spent:
+            basis = Reductor(model, most, ports)
+        whole = time.perf_counter() - start
+        self.made.append((model, most, basis, spent | {"basis": whole - sum(spent.values())}))
+        self.lent = _together(self.lent, spent | {"basis": -sum(spent.values())})  # of this model they would count as the basis
+        return basis.first(method.modes or 0)
+
+
+def _alike(one: Method, other: Method) -> bool:
+    """Whether two methods with a number of modes differ in this number alone."""
+    return one.modes is not None and other.modes is not None and type(one) is type(other) and \
+        replace(one, modes=other.modes) == other
+
+
+def _together(seconds: Mapping[str, float], more: Mapping[str, float]) -> dict[str, float]:
+    """Seconds by phase, added."""
+    return {name: seconds.get(name, 0.0) + more.get(name, 0.0) for name in {**seconds, **more}}
+
+
+def _reduced(model: Substructure, steps: Sequence[Step], asked: Question, ports: bool, bases: Bases | None) -> Substructure:
     """The model after all steps."""
+    if bases is not None:
+        bases.lent = {}
     for step in steps:
         joining: Any = asked.places if isinstance(step, ContactModes) and ports and asked.contacts else ports
         judged: Any = asked.contacts or None  # the contacts under which a tolerance holds; contact modes have them themselves
+        if bases is not None and isinstance(step, Method) and step.modes is not None:
+            model = bases.first(model, step, joining)
+            continue
+        if bases is not None and isinstance(model, System) and isinstance(step, Mapping) and \
+                all(one.modes is not None for one in step.values()):
+            step = {name: bases.first(model.parts[name], one, ports) for name, one in step.items()}  # type: ignore[misc]
         tolerance = isinstance(step, Method) and step.band is not None and not isinstance(step, ContactModes)
         model = reduce(model, step, joining, judged if tolerance else None)
     return model
