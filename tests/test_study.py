@@ -113,6 +113,14 @@ def test_a_reductor_gives_the_models_with_fewer_modes(name: str, ports: bool) ->
         basis.first(10)
 
 
+def test_models_of_a_reductor_share_no_memory() -> None:
+    basis = Reductor(fs.chain(400, belt=2), fs.CraigBampton(6), ports=True)
+    large = basis.first(6)
+    before = large.V.copy()
+    basis.first(3)
+    assert np.array_equal(large.V, before)
+
+
 def test_models_of_one_method_share_one_basis() -> None:
     """One factor and that of its count for each method, in place of one each for every model; the errors are the same."""
     methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 6, 9)]
@@ -166,6 +174,57 @@ def test_shapes_decide_where_frequencies_do_not_and_clusters_are_subspaces() -> 
     stiffness = np.diag([1.0, 1.00001])
     pair = [fs.Substructure(np.eye(2), K, 0.01 * np.eye(2)) for K in (stiffness, turn @ stiffness @ turn.T)]
     assert spectrum_errors(*(fs.complex_modes(model) for model in pair), tuple(pair)).mac == pytest.approx(1.0)
+
+
+def test_modes_that_grow_in_one_model_alone_are_counted() -> None:
+    def grows(*rates: float) -> fs.ComplexModes:
+        return fs.complex_modes(fs.Substructure(np.eye(3), np.diag([1.0, 4.0, 9.0]), -2 * np.diag(rates)))
+
+    full, other = grows(0.1, 0.1, -0.1), grows(0.1, -0.1, 0.1)
+    found = spectrum_errors(full, other, band=(0.0, 2.5))
+    assert (found.missed, found.invented) == (1, 0)  # what grows at 3 lies outside the band
+    assert (spectrum_errors(full, other).missed, spectrum_errors(full, other).invented) == (1, 1)
+    assert found.real == pytest.approx(0.2 / 2) and spectrum_errors(full, full)[5:] == (0, 0)
+    far = fs.complex_modes(fs.Substructure(np.eye(1), [[400.0]], [[-0.1]]))  # no counterpart at all
+    assert (spectrum_errors(full, far).missed, spectrum_errors(full, far).invented) == (2, 1)
+
+
+def test_over_a_range_the_error_of_the_critical_value_and_missed_modes_decide() -> None:
+    time = Timing(1.0, 1.0, 1.0)
+
+    def row(size: int, growth: float, critical: float, missed: int = 0) -> Row:
+        return Row("rubin", 5, size, 0.0, growth, critical, 0, 0.3, 0.0, time, time, 0.0, missed=missed)
+
+    full, rows = row(100, 0.0, 0.0), (row(5, 1e-6, 0.2), row(6, 1e-6, 1e-4, 1), row(7, 0.5, 1e-4), row(8, 1e-6, 1e-6))
+    found = Study("x", (0.0, 1.0), 1, full, rows, parameter="mu", between=(0.0, 1.0))
+    assert found.recommended() is rows[2] and replace(found, between=None).recommended() is rows[0]
+    assert "0.1 % of the critical mu" in found.recommendation() and "misses no unstable mode" in found.recommendation()
+    assert "comes nearest with 0.0001 %" in found.recommendation(1e-9) and "none" in str(replace(
+        found, rows=(replace(rows[0], critical=np.inf, error_critical=np.inf),)))
+
+
+def test_a_parameter_is_that_of_the_contacts() -> None:
+    sub, methods = fs.chain(10, belt=2), [fs.CraigChang(4)]
+    for given, words in (({"values": [0.1]}, "name it, e.g. parameter='mu'"), ({"parameter": "mu"}, "unknown parameter 'mu'"),
+                         ({"contacts": fs.Belt(slope=-0.1), "between": (-1.0, 0.0)}, "leave between out"),
+                         ({"critical": [0.1]}, "critical must be 2, of the full model and of each method, not 1")):
+        with pytest.raises(fs.InputError, match=re.escape(words)):
+            fs.study(sub, methods, (0.0, 0.75), repeats=1, **given)  # type: ignore[arg-type]
+    slopes = [-0.01, -0.2677]
+    found = fs.study(sub, methods, (0.0, 0.75), contacts=fs.Belt(slope=0.0), values=slopes, repeats=1)
+    each = [fs.study(sub, methods, (0.0, 0.75), contacts=fs.Belt(slope=slope), repeats=1) for slope in slopes]
+    assert found.rows[0].error_growth == max(one.rows[0].error_growth for one in each) and found.values == tuple(slopes)
+    assert found.full.stable is False and [modes.is_stable for modes in found.spectra] == [True, False]
+    assert found.rows[0].critical == each[0].rows[0].critical and found.models[0].size == found.rows[0].size
+
+
+def test_a_method_that_cannot_reduce_the_model_is_left_out() -> None:
+    free = fs.chain(10, belt=2, fixed=False, interface=())
+    found = fs.study(free, [fs.CraigBampton(3), fs.Herting(2), fs.CraigChang(3)], (0.0, 0.75), repeats=1)
+    assert [row.label for row in found.rows][-1] == "Craig-Chang" and any("Herting is left out" in one for one in found.left_out)
+    assert "is left out" in str(found)
+    with pytest.raises(fs.InputError, match="Herting needs interface DOF"):
+        fs.study(free, [fs.Herting(2)], (0.0, 0.75), repeats=1)
 
 
 def test_the_front_leaves_out_what_is_beaten_in_both() -> None:
