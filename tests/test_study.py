@@ -133,8 +133,9 @@ def test_models_of_one_method_share_one_basis() -> None:
     for one, other in zip(found[0].rows, found[1].rows, strict=True):
         assert (one.size, one.modes, one.cutoff) == (other.size, other.modes, pytest.approx(other.cutoff, rel=1e-10))
         assert one.error_eigenvalue == pytest.approx(other.error_eigenvalue, rel=1e-6, abs=1e-10)
-        assert min(time.median for time in other.phases.values()) >= 0
-        assert other.reduction.median >= other.phases["factorisation"].median > 0
+    for rows in (found[1].rows[:3], found[1].rows[3:]):  # the first makes the basis of all three, and all have its seconds
+        assert rows[0].phases["factorisation"].median > 0
+        assert min(row.reduction.median for row in rows) > rows[0].phases["factorisation"].median
     parts = fs.couple({name: fs.chain(30, interface=[1, 30], fixed=False) for name in "ab"},
                       [fs.Rigid(("a", [29]), ("b", [0])), fs.Spring(("a", [0]), "ground", stiffness=1.0)])
     steps = [dict.fromkeys("ab", fs.CraigBampton(modes)) for modes in (2, 5)]

@@ -251,7 +251,7 @@ def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool,
                 with warnings.catch_warnings(), timed() as spent:
                     warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
                     one.model, seconds = _clocked(_reduced, model, one.steps, asked, ports, bases)
-                one.phases.append(_together(spent | {"basis": seconds - sum(spent.values())}, bases.lent if bases else {}))
+                one.phases.append(spent | {"basis": seconds - sum(spent.values()) + (bases.lent if bases else 0.0)})
             except FemsubError as error:
                 refused.append((one.steps, error))
                 small.remove(one)
@@ -287,28 +287,26 @@ def _solved(one: Tried, loads: Sequence[Any], band: tuple[float, float] | None) 
 class Bases:
     """The reductors of one turn: one for each model and method, with the most modes that are asked for.
 
-    `lent` are the seconds by phase that the basis of the last model had cost before, for another one.
+    `lent` are the seconds of the bases that the last model took, but which were made for another one.
     """
 
     def __init__(self, methods: Sequence[Sequence[Step]]) -> None:
         self.asked = [one for steps in methods for step in steps
                       for one in (step.values() if isinstance(step, Mapping) else [step])]
-        self.made: list[tuple[Substructure, Method, Reductor, dict[str, float]]] = []
-        self.lent: dict[str, float] = {}
+        self.made: list[tuple[Substructure, Reductor, float]] = []
+        self.lent = 0.0
 
     def first(self, model: Substructure, method: Method, ports: Any) -> ReducedSubstructure:
         """The model by a method with a number of modes."""
-        for of, kind, basis, seconds in self.made:
-            if of is model and _alike(kind, method):
-                self.lent = _together(self.lent, seconds)
-                return basis.first(method.modes or 0)
-        most = max((one for one in self.asked if _alike(one, method)), key=lambda one: one.modes or 0)
-        start = time.perf_counter()
-        with timed() as spent:
+        found = next((one for one in self.made if one[0] is model and _alike(one[1].task.method, method)), None)
+        if found is None:
+            most = max((one for one in self.asked if _alike(one, method)), key=lambda one: one.modes or 0)
+            start = time.perf_counter()
             basis = Reductor(model, most, ports)
-        whole = time.perf_counter() - start
-        self.made.append((model, most, basis, spent | {"basis": whole - sum(spent.values())}))
-        self.lent = _together(self.lent, spent | {"basis": -sum(spent.values())})  # of this model they would count as the basis
+            self.made.append((model, basis, time.perf_counter() - start))
+        else:
+            _, basis, seconds = found
+            self.lent += seconds
         return basis.first(method.modes or 0)
 
 
@@ -318,15 +316,10 @@ def _alike(one: Method, other: Method) -> bool:
         replace(one, modes=other.modes) == other
 
 
-def _together(seconds: Mapping[str, float], more: Mapping[str, float]) -> dict[str, float]:
-    """Seconds by phase, added."""
-    return {name: seconds.get(name, 0.0) + more.get(name, 0.0) for name in {**seconds, **more}}
-
-
 def _reduced(model: Substructure, steps: Sequence[Step], asked: Question, ports: bool, bases: Bases | None) -> Substructure:
     """The model after all steps."""
     if bases is not None:
-        bases.lent = {}
+        bases.lent = 0.0
     for step in steps:
         joining: Any = asked.places if isinstance(step, ContactModes) and ports and asked.contacts else ports
         judged: Any = asked.contacts or None  # the contacts under which a tolerance holds; contact modes have them themselves
