@@ -189,30 +189,36 @@ class FrictionContact(Joint):
         points = self._points()
         sides = [model.sets[name].tobytes() if name in model.sets else None for name in self.sets]
         ways = [np.array(way, dtype=float).tobytes() for way in (self.direction, self.axis, self.centre)]  # None is NaN
-        key = (model.interface_dofs, self.sets, *sides, *ways)
+        key = (model.interface_dofs, self.sets, self.stiffness, self.pressure, self.speed, self.slope, *sides, *ways)
         directions = self._directions(points)
-        if key not in points.integrals:
-            while len(points.integrals) >= KEPT:
-                points.integrals.pop(next(iter(points.integrals)))
-            points.integrals[key] = self._integrals(model, points, *directions)
-        NN, TN, TT, SS, SR, TR = points.integrals[key]
-        K = float(self.stiffness) * (NN + float(self.mu) * TN)
-        if self.speed is None or not self.pressure:
+        if key not in points.terms:
+            while len(points.terms) >= KEPT:
+                points.terms.pop(next(iter(points.terms)))
+            points.terms[key] = self._terms(model, points, *directions)
+        (K, with_mu), *others = points.terms[key]
+        K = K + float(self.mu) * with_mu
+        if not others:
             return None, sp.csr_array(K)
-        D = self.slope * self.pressure * TT + self.mu * self.pressure / self.speed * SS
-        if self.axis is not None:
-            K = K - self.mu * self.pressure * SR - self.slope * self.pressure * self.speed * TR
-        return sp.csr_array(D), sp.csr_array(K)
+        D, with_mu = others[0]
+        if len(others) == 2:
+            K = K - float(self.mu) * others[1][1] - others[1][0]
+        return sp.csr_array(D + float(self.mu) * with_mu), sp.csr_array(K)
 
-    def _integrals(self, model: Substructure, points: Points, n: Array, t: Array, s: Array, r: Array) -> tuple[Matrix, ...]:
-        """∫ N Nᵀ, T Nᵀ, T Tᵀ, S Sᵀ/r, and with an axis S Rₛᵀ/r and T Rₜᵀ dA: all that is independent of k, μ, p, μ' and V."""
+    def _terms(self, model: Substructure, points: Points, n: Array, t: Array, s: Array, r: Array) -> list[tuple[Matrix, Matrix]]:
+        """Pairs (A, B) of K = A + μ B; with a velocity and a pressure of D, and with an axis of what the material carries."""
         move = self._motions(model, points)
         N, T, S = (_along(vectors, move) for vectors in (n, t, s))
-        weight, turned = sp.diags_array(points.weight), sp.diags_array(points.weight / r)
-        found = [N.T @ (weight @ N), T.T @ (weight @ N), T.T @ (weight @ T), S.T @ (turned @ S)]
-        carried = self._carried(model, points) if self.axis is not None else None
-        return (*found, *((None, None) if carried is None else
-                          (S.T @ (turned @ _along(s, carried)), T.T @ (weight @ _along(t, carried)))))
+        normal = float(self.stiffness) * (sp.diags_array(points.weight) @ N)
+        found = [(N.T @ normal, T.T @ normal)]
+        if self.speed is None or not self.pressure:
+            return found
+        load = self.pressure * points.weight
+        turned, fallen = sp.diags_array(load / (self.speed * r)), sp.diags_array(self.slope * load)
+        found.append((T.T @ (fallen @ T), S.T @ (turned @ S)))
+        if self.axis is not None:
+            carried = [self.speed * motion for motion in self._carried(model, points)]
+            found.append((T.T @ (fallen @ _along(t, carried)), S.T @ (turned @ _along(s, carried))))
+        return found
 
     def patch_loads(self, model: Substructure, degree: int) -> Array:
         """Forces (n, k) of smooth tractions along n and t on the first surface: ∫ N P_j dA and ∫ T P_j dA, for all j.
@@ -381,7 +387,7 @@ class Points:
     x: Array
     weight: Array
     share: float = 1.0
-    integrals: dict[Any, tuple[Matrix, ...]] = field(default_factory=dict)  # of contacts here, since a sweep makes many
+    terms: dict[Any, list[tuple[Matrix, Matrix]]] = field(default_factory=dict)  # of contacts, since a sweep over μ makes many
 
     @cached_property
     def normal(self) -> Array:
