@@ -35,7 +35,7 @@ from femsub.app.scenes.brake import PADS, Brake, BrakeScene
 from femsub.io.atomic import write_whole
 from femsub.model.affine import Affine
 from femsub.modes.quadratic.matching import match
-from femsub.studies.friction_sweep import first_loss, over_mu
+from femsub.studies.losses import affine_over, first_loss
 from femsub.studies.tables import table
 
 MU = 0.5  # at which models are compared
@@ -86,13 +86,13 @@ def part(size: float, name: str) -> tuple[fs.ReducedSubstructure, Row]:
     return small, row | {"dof": sub.size, "size": model.size, "peak_mb": peak_mb()}
 
 
-def swept(row: Row, made: Brake, affine: Affine, points: int) -> Row:
+def swept(row: Row, made: Brake, small: fs.Substructure, contacts: list[Any], points: int) -> Row:
     """The row of a reduced model, solved at so many values of mu."""
-    band, unstable = (made.scene.band[0], made.scene.band[1]), 0
+    band, unstable, affine = made.band, 0, affine_over(small, contacts, "mu", made.range)
     with timed(row, "sweep"):
         for mu in np.linspace(made.scene.mu[0], made.scene.mu[1], points):
             unstable = max(unstable, len(fs.complex_modes(affine.at(mu=float(mu)), band=band).unstable))
-    critical, omega = first_loss(affine, made.scene.mu, band)
+    critical, omega, _ = first_loss(small, contacts, "mu", made.range, band)
     return row | {"points": points, "critical_mu": critical, "critical_hz": omega / (2 * np.pi), "most_unstable": unstable,
                   **told_at(affine, (band[0], 1.05 * band[1])), "peak_mb": peak_mb()}
 
@@ -117,6 +117,7 @@ class Gathered:
     mu: float = 0.0
 
     ports: ClassVar = ("coordinates",)
+    affine: ClassVar = ("mu",)
 
     @classmethod
     def of(cls, system: fs.System, without: fs.Pencil, rubbing: fs.Pencil) -> Gathered:
@@ -135,8 +136,7 @@ def joined(size: float, parts: dict[str, fs.ReducedSubstructure], points: int) -
         rubbing = Gathered.of(system, *(system.linearised(made.contacts(mu)) for mu in (0.0, 1.0)))
         bare = fs.Substructure(system.M, system.K, system.D, ports={Gathered.ports[0]: np.eye(system.size)})
         small = fs.reduce(bare, fs.ContactModes(MODES, contacts=rubbing))
-        affine = over_mu(small, [rubbing])
-    return swept(row | {"size": small.size, "contact_nodes": contact_nodes(made)}, made, affine, points)
+    return swept(row | {"size": small.size, "contact_nodes": contact_nodes(made)}, made, small, [rubbing], points)
 
 
 def by_parts(size: float, points: int, folder: Path | None = None) -> Row:
@@ -163,8 +163,9 @@ def whole(size: float, points: int) -> Row:
         made = brake(size)
         dof = made.system.size
     with timed(row, "reduce"):
-        small, affine, _ = made.reduced("", MODES)
-    return swept(row | {"dof": dof, "size": small.size, "contact_nodes": contact_nodes(made)}, made, affine, points)
+        small = fs.reduce(made.system, made.contact_modes(MODES))
+    return swept(row | {"dof": dof, "size": small.size, "contact_nodes": contact_nodes(made)}, made, small, made.contacts(0.0),
+                 points)
 
 
 def full(size: float, _: int) -> Row:
@@ -172,9 +173,9 @@ def full(size: float, _: int) -> Row:
     row: Row = {}
     with timed(row, "build"):
         made = brake(size)
-        affine = made.affine
+        affine = affine_over(made.system, made.contacts(0.0), "mu", made.range)
     with timed(row, "solve"):
-        found = told_at(affine, (made.scene.band[0], made.scene.band[1]))
+        found = told_at(affine, made.band)
     return row | {"dof": made.system.size, "contact_nodes": contact_nodes(made), **found, "peak_mb": peak_mb()}
 
 

@@ -21,7 +21,7 @@ import femsub as fs
 from femsub.app.figure_style import PAGE, legend_below, new_figure, render
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes.quadratic.matching import match
-from femsub.studies.friction_sweep import first_loss
+from femsub.studies.losses import first_loss
 
 MODES = 100
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of modes
@@ -30,9 +30,9 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # 
 def solved(size: float, mu: float) -> dict[str, Any]:
     """The unstable modes of one mesh at mu, all modes in the band, and the critical mu."""
     brake = Brake(BrakeScene(size=size, modes=[MODES]), lambda _: None)
-    model, affine, _ = brake.best
-    found = fs.complex_modes(affine.at(mu=mu), band=(brake.scene.band[0], brake.scene.band[1]))
-    critical, omega = first_loss(affine, brake.scene.mu, brake.scene.band)
+    model = fs.reduce(brake.system, brake.contact_modes(MODES))
+    found = fs.complex_modes(model, brake.contacts(mu), band=brake.band)
+    critical, omega, _ = first_loss(model, brake.contacts(0.0), "mu", brake.range, brake.band)
     unstable = found.eigenvalues[found.unstable]
     modes = ", ".join(f"{value.imag / 2 / np.pi:.5g} Hz with Re λ = {value.real:.4g}" for value in unstable)
     print(f"{size:g} m, {brake.system.size:,} DOF, reduced to {model.size}: critical mu {critical:.5f} at "

@@ -76,11 +76,11 @@ def how_many_modes() -> Any:
     full = fs.chain(200, belt=20, interface=[1, 20])
     belt = fs.Belt(force=0.1, speed=0.19113, law=fs.StribeckArctan(eps=1e-3))
     band = (0.0, 0.2)
-    kinds = {"error_frequency": "error of ω", "error_growth": "error of Re λ", "error_slope": "error of the critical slope"}
+    kinds = {"error_frequency": "error of ω", "error_growth": "error of Re λ", "error_critical": "error of the critical slope"}
     figure = new_figure(10, 4)
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     for method in (fs.CraigBampton, fs.CraigChang):
-        rows = fs.study(full, [method(count) for count in (13, 14, 16, 18, 21, 25, 30, 36, 43, 52, 62)], band, belt=belt,
+        rows = fs.study(full, [method(count) for count in (13, 14, 16, 18, 21, 25, 30, 36, 43, 52, 62)], band, contacts=belt,
                         repeats=1).rows
         chosen = [fs.reduce(full, method(band=band, tol=tol), contacts=belt).size for tol in (1e-2, 1e-3, 1e-4)]
         seen = look(rows[0].method)

@@ -13,7 +13,7 @@ import femsub as fs
 from femsub.algebra import memory
 from femsub.coupling.contacts.friction_contact import FrictionContact
 from femsub.model import contacts_at
-from femsub.studies.friction_sweep import first_loss, over_mu, same_loss
+from femsub.studies.losses import affine_over, first_loss
 
 BAND = (1e3, 1.2e5)
 
@@ -97,15 +97,15 @@ def test_systems_of_reduced_parts_are_reduced_further(method: type) -> None:
 
 def test_the_pencil_over_mu_is_that_of_the_contact() -> None:
     system, _ = pad()
-    exact, found = system.linearised(at(0.35)), over_mu(system, at(0.0)).at(mu=0.35)
+    exact, found = system.linearised(at(0.35)), affine_over(system, at(0.0), "mu", (0.0, 2.0)).at(mu=0.35)
     assert abs(exact.K - found.K).max() <= 1e-12 * abs(exact.K).max()
 
 
-def test_the_first_loss_of_the_full_model_follows_from_that_of_the_reduced_one() -> None:
+def test_the_first_loss_of_the_full_model_is_near_that_of_the_reduced_one() -> None:
     system, contacts = pad()
     small = fs.reduce(system, fs.ContactModes(30, contacts=contacts))
-    mu, omega = first_loss(over_mu(small, at(0.0)), (0.0, 2.0), BAND)
-    true, height = same_loss(over_mu(system, at(0.0)), mu, omega)
+    (mu, omega, _), (true, height, reason) = (first_loss(one, at(0.0), "mu", (0.0, 2.0), BAND) for one in (small, system))
+    assert not reason
     assert true == pytest.approx(mu, rel=1e-2) and height == pytest.approx(omega, rel=1e-2)
     for value, sign in ((0.99 * true, -1), (1.01 * true, 1)):
         near = fs.complex_modes(system, at(value), band=(0.99 * height, 1.01 * height)).eigenvalues

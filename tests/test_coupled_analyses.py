@@ -97,9 +97,9 @@ def test_harmonic_balance(model: fs.Substructure) -> None:
 def test_study(model: fs.Substructure) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.FemsubWarning)
-        table = fs.study(model, [fs.CraigBampton(2), fs.CraigChang(2)], (0.0, 0.5), belt=belt(model), port=belt(model).port,
+        table = fs.study(model, [fs.CraigBampton(2), fs.CraigChang(2)], (0.0, 0.5), contacts=belt(model),
                          repeats=1)
-        reference = fs.study(whole(), [fs.CraigBampton(2), fs.CraigChang(2)], (0.0, 0.5), belt=BELT, repeats=1)
+        reference = fs.study(whole(), [fs.CraigBampton(2), fs.CraigChang(2)], (0.0, 0.5), contacts=BELT, repeats=1)
     for mine, other in zip(table.rows, reference.rows, strict=True):
         assert mine.size == other.size and mine.error_frequency == pytest.approx(other.error_frequency, rel=1e-4, abs=1e-9)
 

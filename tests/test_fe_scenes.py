@@ -162,13 +162,13 @@ def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, outputs: st
 
 def test_modes_solve_no_quadratic_problem_and_reduce_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from femsub.app.scenes import component, outputs
-    from femsub.studies import error_vs_time
+    from femsub.studies import losses
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("not asked for")
 
     for module, name in ((component, "reduce"), (outputs, "complex_modes"), (outputs, "study"),
-                         (error_vs_time, "critical_slope")):
+                         (losses, "critical_slope")):
         monkeypatch.setattr(module, name, never)
     scene, run = load(scene_file(tmp_path, SMALL["plate"] + 'outputs = ["modes"]'))
     told: list[str] = []
@@ -180,7 +180,7 @@ def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() ->
     sub = fs.beam(1.0, 40, E=2.1e11, I=1.7e-9, rho=7850, A=2e-4, supports={"left": "clamped"}, interface=["right"],
                   ports={"belt": 0.35}, rayleigh=(5.0, 1e-7))
     methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 8, 16, 24)]
-    found = fs.study(sub, methods, band=(0.0, 8500.0), belt=fs.Belt(slope=-5.0), ports=True, repeats=1)
+    found = fs.study(sub, methods, band=(0.0, 8500.0), contacts=fs.Belt(slope=-5.0), ports=True, repeats=1)
     for seconds in (1e-3, 1.0, 1e3):  # of one run, whatever the clock told of Craig-Chang
         rows = [replace(row, reduction=Timing.of([seconds])) if row.method == "craig-chang" else row for row in found.rows]
         best = replace(found, rows=with_front(rows, 8500.0)).recommended(1e-3)
@@ -319,16 +319,16 @@ def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: Runs, name: str
 
 
 def test_critical_slopes_are_sought_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.studies import error_vs_time
+    from femsub.studies import losses
 
     sought: list[int] = []
-    original = error_vs_time.critical_slope
-    monkeypatch.setattr(error_vs_time, "critical_slope", lambda model, *rest, **options: (
+    original = losses.critical_slope
+    monkeypatch.setattr(losses, "critical_slope", lambda model, *rest, **options: (
         sought.append(model.size), original(model, *rest, **options))[1])
     scene, run = load(scene_file(tmp_path, SMALL["beam"] + 'outputs = ["critical-slope", "error-time"]'))
     data = run(scene, lambda _: None).data
     assert len(sought) == len(data["critical-slope"]) == len(data["error-time"])
-    assert [row["slope"] for row in data["error-time"]] == [row["slope"] for row in data["critical-slope"]]
+    assert [row["critical"] for row in data["error-time"]] == [row["slope"] for row in data["critical-slope"]]
 
 
 FREE = """scene = "solid"

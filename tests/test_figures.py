@@ -14,7 +14,6 @@ from femsub.app.scene import load
 from femsub.reduction.contact_modes import ContactModes
 from femsub.reduction.interface_modes import InterfaceModes
 from femsub.reduction.reduce import METHODS
-from femsub.studies.friction_sweep import FrictionRow
 from femsub.studies.results import Row, Study, Timing
 from femsub.studies.tables import WIDTH, fitted, table
 
@@ -119,9 +118,12 @@ def test_systems_have_a_panel_for_each_error_and_models_with_a_missing_mode_none
 
 
 def test_models_under_friction_without_a_counterpart_have_no_error_to_draw() -> None:
-    row = FrictionRow("rubin", 5, 10, 0.2, 0.1, np.nan, np.nan, 1, 0, np.inf, np.nan)
-    friction_errors_figure([row], 1.0, "x").canvas.draw()
-    figure = friction_errors_figure([row, replace(row, method="contact-modes", error=1e-3, growth_error=1e-4)], 1.0, "x")
+    time = Timing(0.1, 0.1, 0.1)
+    row = Row("rubin", 5, 10, np.nan, np.nan, np.nan, 1, np.inf, 0.0, time, time, 0.0, missed=1)
+    found = Study("x", (0.0, 1.0), 1, row, (row,), parameter="mu", between=(0.0, 1.0))
+    friction_errors_figure(found, "x").canvas.draw()
+    more = replace(row, method="contact-modes", error_eigenvalue=1e-3, error_real=1e-4)
+    figure = friction_errors_figure(replace(found, rows=(row, more)), "x")
     assert [axis.get_title() for axis in drawn(figure)] == ["eigenvalues λ", "growth rates Re λ"]
     assert "misses an unstable mode" in [text.get_text() for text in figure.legends[0].get_texts()]
 

@@ -304,3 +304,16 @@ def test_it_is_affine_in_what_it_declares_and_in_nothing_else(way: dict[str, Any
                 first, middle, last = (one.toarray() if hasattr(one, "toarray") else np.array(one) for one in C)
                 straight &= bool(np.abs(middle - (2 * first + last) / 3).max() <= 1e-10 * np.abs(last).max(initial=1e-300))
             assert straight == (name in contact.affine) or (name == "speed" and speed is None), name
+
+
+def test_contacts_on_the_same_surfaces_do_not_share_their_directions() -> None:
+    mesh = fs.block((0.1, 0.05, 0.02), (2, 1, 1), "hexahedron")
+    pad = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), supports=["top"], interface=["bottom"])
+
+    def added(way: tuple[float, ...], mu: float) -> np.ndarray:
+        contact = fs.FrictionContact("bottom", "ground", mesh, 1e12, mu, direction=np.array(way))
+        return np.asarray((pad.linearised(contact).K - pad.K).toarray())
+
+    along, across, half = added((1.0, 0, 0), 0.4), added((0, 1.0, 0), 0.4), added((1.0, 0, 0), 0.2)
+    assert np.abs(along - across).max() > 0.01 * np.abs(along).max()
+    np.testing.assert_allclose(half, (along + added((1.0, 0, 0), 0.0)) / 2, atol=1e-12 * np.abs(along).max())

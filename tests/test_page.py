@@ -181,9 +181,9 @@ def test_the_verdict_follows_the_recommendation(folders: dict[str, Path]) -> Non
     assert any("modes failed: too few" in line for line in verdict(told | {"failed": {"modes": "too few"}}).unchecked)
     bare = {key: value for key, value in told.items() if key not in ("recommended", "error-time")}
     assert verdict(bare).answer == "open"
-    never = told | {"recommended": told["recommended"] | {"model": model | {"slope": "-inf", "error_slope": 0.0}}}
+    never = told | {"recommended": told["recommended"] | {"model": model | {"critical": "-inf", "error_critical": 0.0}}}
     assert "At no slope does it lose its stability in the band, and neither does the full model." in verdict(never).decides
-    far = told | {"recommended": told["recommended"] | {"model": model | {"slope": "-inf", "error_slope": 1.0}}}
+    far = told | {"recommended": told["recommended"] | {"model": model | {"critical": "-inf", "error_critical": 1.0}}}
     assert any("critical slope is -inf, within 1.0e+00" in line for line in verdict(far).decides)
     chain = results(folders["chain"])  # one interface has a model that is good enough, the other has none
     assert [bool(one["model"]) for one in chain["error-time"]["recommended"]] == [False, True]
@@ -206,7 +206,7 @@ def test_the_verdict_on_limit_cycles(folders: dict[str, Path]) -> None:
 @pytest.mark.parametrize("name", FOUR)
 def test_numbers_that_are_infinite_or_unknown_are_told_and_not_drawn(name: str, value: str | None,
                                                                      folders: dict[str, Path]) -> None:
-    keys = ("slope", "error_slope", "error", "growth_error", "mu_error", "rms_error", "rms")
+    keys = ("slope", "critical", "error_critical", "error", "error_real", "rms_error", "rms")
     told = changed(results(folders[name]), keys, value)
     told["slope"], told["inputs"] = -0.3, results(folders[name])["inputs"]
     if name == "chain-limit-cycle":

@@ -108,7 +108,7 @@ def test_own_parts_are_joined_and_compared(tmp_path: Path, capsys: pytest.Captur
     K[0, 0] += 0.5
     w = np.eye(16)[2]
     slope = float(fs.critical_slope(fs.Substructure(M, K, ports={"belt": w}), band=(0.0, 0.3)))
-    assert rows[0]["slope"] == pytest.approx(slope, abs=1e-12) and rows[0]["size"] == 16
+    assert rows[0]["critical"] == pytest.approx(slope, abs=1e-12) and rows[0]["size"] == 16
     assert "joined" not in capsys.readouterr().err
 
 
@@ -153,14 +153,82 @@ between = ["held.right", "loose.left"]
     assert data["belt"] == "loose" and len(rows) == 3 and rows[0]["missing"] == 0
     assert all(row["error_frequency"] < 0.02 and row["error_force"] < 0.1 for row in rows[1:])
     printed = capsys.readouterr().out
-    assert f"full: critical slope {rows[0]['slope']:.6g}" in printed
+    assert f"full: critical slope {rows[0]['critical']:.6g}" in printed
     worst = max(row["port_error"] for row in rows)
     assert worst > 0.01 and f"the static response to the belt is off by up to {100 * worst:.2g} %" in printed
     assert not {"modes.csv", "modes.vtu"} & {path.name for path in (tmp_path / "out").iterdir()}  # nobody asked
     # a part with one set is joined there, whether the set is named or not
     again = run(tmp_path, text.replace('"held.right", "loose.left"', '"held", "loose"').replace("[12]", "[12]\nports = true"))
-    assert again["methods"]["rows"][0]["slope"] == pytest.approx(rows[0]["slope"], rel=1e-9)
+    assert again["methods"]["rows"][0]["critical"] == pytest.approx(rows[0]["critical"], rel=1e-9)
     assert "static response" not in capsys.readouterr().out
+
+
+RUBBING = """
+scene = "own-parts"
+band = [1e3, 1e5]
+methods = ["craig-bampton"]
+modes = [8, 20]
+repeats = 1
+mu = [0.0, 1.0]
+full = [0.2, 0.6]
+tolerance = 0.05
+ports = true
+units = "SI"
+[[parts]]
+name = "pad"
+mesh = "pad.vtu"
+interface = ["bottom", "top"]
+rayleigh = [1.0, 1e-9]
+[[parts]]
+name = "beam"
+mesh = "beam.vtu"
+supports = ["left", "right"]
+interface = ["top"]
+rayleigh = [1.0, 1e-9]
+[[joints]]
+kind = "spring"
+between = ["pad.top", "ground"]
+stiffness = 1e7
+[[contacts]]
+between = ["pad.bottom", "beam.top"]
+stiffness = 2e12
+direction = [1.0, 0.0, 0.0]
+"""
+
+
+def test_own_parts_with_friction_tell_the_error_of_the_critical_mu(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("meshio")
+    meshes = {"pad": fs.block((0.06, 0.03, 0.05), (3, 2, 1), "hexahedron"),
+              "beam": fs.block((0.2, 0.05, 0.02), (7, 2, 1), "hexahedron")}
+    meshes["beam"] = replace(meshes["beam"], points=meshes["beam"].points - [0.07, 0.01, 0.02])
+    for name, mesh in meshes.items():
+        fs.write_mesh(tmp_path / f"{name}.vtu", mesh)
+    data = run(tmp_path, RUBBING)
+    found, printed = data["methods"], capsys.readouterr().out
+    full, *rows = found["rows"]
+    steel = fs.Material(2.1e11, 0.3, 7850.0)
+    parts = {"pad": fs.solid(meshes["pad"], steel, interface=["bottom", "top"], rayleigh=(1.0, 1e-9)),
+             "beam": fs.solid(meshes["beam"], steel, supports=["left", "right"], interface=["top"], rayleigh=(1.0, 1e-9))}
+    contact = fs.FrictionContact("pad.bottom", "beam.top", meshes, 2e12, 0.0, direction=np.array([1.0, 0, 0]))
+    system = fs.couple(parts, [contact, fs.Spring(("pad", "top"), "ground", stiffness=1e7)])
+    exact = fs.critical_value(system, contact, "mu", between=(0.0, 1.0), band=(1e3, 1e5))
+    first = exact.losses[0]
+    assert full["critical"] == pytest.approx(first.value, rel=1e-4) and full["omega"] == pytest.approx(first.omega, rel=1e-4)
+    assert [(row["method"], row["modes"]) for row in rows] == [
+        ("craig-bampton", 8), ("craig-bampton", 20), ("contact-modes", 8), ("contact-modes", 20)]
+    for row in rows:
+        error = np.inf if row["critical"] == "inf" else abs(row["critical"] / exact.value - 1)
+        assert float(row["error_critical"]) == pytest.approx(error, rel=1e-3)
+    best = found["recommended"]
+    assert best["error_critical"] <= 0.05 and best["missed"] == 0 and found["parameter"] == "mu"
+    assert found["recommendation"] in " ".join(printed.split()) and "critical mu" in printed
+    with pytest.raises(fs.InputError, match="mu must be"):
+        load(str(_changed(tmp_path, RUBBING.replace("mu = [0.0, 1.0]", "mu = [1.0, 0.0]"))))
+
+
+def _changed(folder: Path, text: str) -> Path:
+    (folder / "changed.toml").write_text(text, encoding="utf-8")
+    return folder / "changed.toml"
 
 
 @pytest.mark.parametrize(("change", "words"), [
@@ -204,25 +272,25 @@ def test_a_method_that_a_part_does_not_take_is_left_out(tmp_path: Path, capsys: 
 
 
 def test_a_refusal_that_comes_late_leaves_a_method_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A held part has no mass left by MacNeal without modes: this shows at the end of its reduction only."""
+    """A held part has no mass left by MacNeal without modes: this shows at the end of its reduction only. With modes it has."""
     written(tmp_path)
     scipy.io.mmwrite(tmp_path / "front-K.mtx", fs.chain(8).K)
     text = OWN.replace('["hcb", "rubin"]', '["macneal", "hcb"]').replace("[2, 5]", "[0, 2]")
     data = run(tmp_path, text)
-    assert [row["method"] for row in data["methods"]["rows"]] == ["full", "craig-bampton", "craig-bampton"]
-    assert "MacNeal is left out: M has no mass" in capsys.readouterr().out
-    (tmp_path / "scene.toml").write_text(text.replace(', "hcb"', ""), encoding="utf-8")
+    assert [row["method"] for row in data["methods"]["rows"]] == ["full", "macneal", "craig-bampton", "craig-bampton"]
+    assert "each part by MacNeal with 0 modes is left out: M has no mass" in " ".join(capsys.readouterr().out.split())
+    (tmp_path / "scene.toml").write_text(text.replace(', "hcb"', "").replace("[0, 2]", "[0]"), encoding="utf-8")
     assert main(["run", str(tmp_path / "scene.toml")]) == 2
-    assert "no method can reduce the parts: MacNeal is left out" in capsys.readouterr().err
+    assert "M has no mass" in capsys.readouterr().err
 
 
-def test_parts_are_reduced_for_the_study_and_the_recommended_model_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_are_reduced_for_the_study_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written(tmp_path)
     reduced: list[Any] = []
-    monkeypatch.setattr("femsub.app.scenes.joined_parts.reduce", lambda sub, method, **given: (
-        reduced.append(method), fs.reduce(sub, method, **given))[1])
+    monkeypatch.setattr("femsub.studies.error_vs_time.reduce", lambda sub, method, *given: (
+        reduced.append(method), fs.reduce(sub, method, *given))[1])
     data = run(tmp_path, OWN)
-    assert [list(one) for one in reduced] == [["front"]]
+    assert [list(one) for one in reduced] == [["front"]] * 4
     assert data["methods"]["left_out"] == []
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +14,7 @@ import femsub as fs
 from femsub.algebra.petsc import Factor
 from femsub.algebra.timing import timed
 from femsub.modes.quadratic.matching import match, spectrum_errors, turnover
+from femsub.reduction import METHODS, Reductor
 from femsub.studies.results import Row, Study, Timing, with_front
 
 
@@ -23,14 +27,14 @@ def test_spectra_are_matched_as_sets(rng: np.random.Generator) -> None:
 
 def test_errors_shrink_and_vanish_with_all_modes() -> None:
     methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 6, 9)]
-    found = fs.study(fs.chain(10, belt=2), methods, band=(0.0, 0.75), belt=fs.Belt(slope=-0.2677), repeats=3)
+    found = fs.study(fs.chain(10, belt=2), methods, band=(0.0, 0.75), contacts=fs.Belt(slope=-0.2677), repeats=3)
     assert len(found.rows) == 6 and found.full.size == 10 and found.repeats == 3
     for rows in (found.rows[:3], found.rows[3:]):
-        for key in ("error_eigenvalue", "error_growth", "error_slope"):
+        for key in ("error_eigenvalue", "error_growth", "error_critical"):
             errors = [getattr(row, key) for row in rows]
             assert errors[0] > errors[1] > errors[2] < 1e-10
         assert all(row.missing == 0 and row.reduction.least <= row.reduction.median <= row.reduction.most for row in rows)
-    assert found.rows[0].error_slope == pytest.approx(2.7e-3, abs=5e-5)
+    assert found.rows[0].error_critical == pytest.approx(2.7e-3, abs=5e-5)
     assert found.rows[0].method == "craig-bampton" and "10 DOF" in repr(found)
 
 
@@ -49,14 +53,15 @@ def test_refusals() -> None:
     with pytest.raises(ValueError, match="repeats must be at least 1"):
         fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), repeats=0)
     with pytest.raises(ValueError, match="unknown port 'bel'; did you mean 'belt'"):
-        fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), port="bel")
-    with pytest.raises(TypeError, match="sub must be a Substructure"):
+        fs.study(fs.chain(10), [fs.CraigChang(2)], band=(0, 1), contacts=fs.Belt("bel", slope=0.0))
+    with pytest.raises(TypeError, match="model must be a Substructure"):
         fs.study(fs.chain(10).K, [fs.CraigChang(2)], band=(0, 1))
 
 
 def test_the_slope_of_a_study_is_per_unit_of_the_belt_s_force() -> None:
-    found = fs.study(fs.chain(10, belt=2), [fs.CraigChang(9)], band=(0.0, 0.75), belt=fs.Belt(force=2.0, slope=-0.1), repeats=1)
-    assert 2 * found.full.slope == pytest.approx(-0.025567, abs=1e-6)
+    belt = fs.Belt(force=2.0, slope=-0.1)
+    found = fs.study(fs.chain(10, belt=2), [fs.CraigChang(9)], band=(0.0, 0.75), contacts=belt, repeats=1)
+    assert 2 * found.full.critical == pytest.approx(-0.025567, abs=1e-6)
 
 
 def test_each_row_tells_where_its_seconds_went_and_what_it_holds() -> None:
@@ -83,6 +88,65 @@ def test_no_run_finds_the_factor_of_another() -> None:
         fs.study(fs.chain(400, belt=2), [fs.CraigBampton(6), fs.CraigChang(6)], band=(0.0, 0.02), repeats=repeats)
         made.append(Factor.made - before)
     assert made[1] - made[0] == 2 * 6
+
+
+@pytest.mark.parametrize("name", list(METHODS))
+@pytest.mark.parametrize("ports", [False, True])
+def test_a_reductor_gives_the_models_with_fewer_modes(name: str, ports: bool) -> None:
+    mesh = fs.block((1.0, 0.2, 0.1), (8, 2, 2), "hexahedron")
+    sub = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), interface=["left", "right"], ports={"belt": ("top", "y")})
+    basis = Reductor(sub, METHODS[name](9), ports)
+    for modes in (9, 0, 4):
+        try:
+            alone = quiet(lambda: fs.reduce(sub, METHODS[name](modes), ports=ports))  # noqa: B023
+        except fs.InputError as error:
+            with pytest.raises(fs.InputError, match=re.escape(str(error))):
+                basis.first(modes)
+            continue
+        found = quiet(lambda: basis.first(modes))  # noqa: B023
+        assert (found.kinds, found.method, found.modes) == (alone.kinds, alone.method, alone.modes)
+        assert found.cutoff == pytest.approx(alone.cutoff, rel=1e-10)
+        assert found.port_error["belt"] == pytest.approx(alone.port_error["belt"], rel=1e-6, abs=1e-6)
+        outside = found.V - alone.V @ np.linalg.lstsq(alone.V, found.V, rcond=None)[0]
+        assert np.linalg.norm(outside) < 1e-10 * np.linalg.norm(found.V)
+    with pytest.raises(fs.InputError, match="modes must be at least 0 and at most 9"):
+        basis.first(10)
+
+
+def test_models_of_a_reductor_share_no_memory() -> None:
+    basis = Reductor(fs.chain(400, belt=2), fs.CraigBampton(6), ports=True)
+    large = basis.first(6)
+    before = large.V.copy()
+    basis.first(3)
+    assert np.array_equal(large.V, before)
+
+
+def test_models_of_one_method_share_one_basis() -> None:
+    """One factor and that of its count for each method, in place of one each for every model; the errors are the same."""
+    methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 6, 9)]
+    made, found = [], []
+    for shared in (False, True):
+        sub, before = fs.chain(400, belt=2), Factor.made
+        found.append(fs.study(sub, methods, band=(0.0, 0.02), repeats=1, shared=shared))
+        made.append(Factor.made - before)
+    assert made[0] - made[1] == 2 * 4
+    for one, other in zip(found[0].rows, found[1].rows, strict=True):
+        assert (one.size, one.modes, one.cutoff) == (other.size, other.modes, pytest.approx(other.cutoff, rel=1e-10))
+        assert one.error_eigenvalue == pytest.approx(other.error_eigenvalue, rel=1e-6, abs=1e-10)
+    for rows in (found[1].rows[:3], found[1].rows[3:]):  # the first makes the basis of all three, and all have its seconds
+        assert rows[0].phases["factorisation"].median > 0
+        assert min(row.reduction.median for row in rows) > rows[0].phases["factorisation"].median
+    parts = fs.couple({name: fs.chain(30, interface=[1, 30], fixed=False) for name in "ab"},
+                      [fs.Rigid(("a", [29]), ("b", [0])), fs.Spring(("a", [0]), "ground", stiffness=1.0)])
+    steps = [dict.fromkeys("ab", fs.CraigBampton(modes)) for modes in (2, 5)]
+    alone, together = (fs.study(parts, steps, (0.0, 0.3), repeats=1, shared=shared) for shared in (False, True))
+    assert [row.error_frequency for row in alone.rows] == pytest.approx([row.error_frequency for row in together.rows], abs=1e-10)
+
+
+def quiet(call: Callable[[], fs.ReducedSubstructure]) -> fs.ReducedSubstructure:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fs.PortWarning)
+        return call()
 
 
 def test_frequencies_and_shapes_are_compared_in_the_band() -> None:
@@ -113,6 +177,57 @@ def test_shapes_decide_where_frequencies_do_not_and_clusters_are_subspaces() -> 
     assert spectrum_errors(*(fs.complex_modes(model) for model in pair), tuple(pair)).mac == pytest.approx(1.0)
 
 
+def test_modes_that_grow_in_one_model_alone_are_counted() -> None:
+    def grows(*rates: float) -> fs.ComplexModes:
+        return fs.complex_modes(fs.Substructure(np.eye(3), np.diag([1.0, 4.0, 9.0]), -2 * np.diag(rates)))
+
+    full, other = grows(0.1, 0.1, -0.1), grows(0.1, -0.1, 0.1)
+    found = spectrum_errors(full, other, band=(0.0, 2.5))
+    assert (found.missed, found.invented) == (1, 0)  # what grows at 3 lies outside the band
+    assert (spectrum_errors(full, other).missed, spectrum_errors(full, other).invented) == (1, 1)
+    assert found.real == pytest.approx(0.2 / 2) and spectrum_errors(full, full)[5:] == (0, 0)
+    far = fs.complex_modes(fs.Substructure(np.eye(1), [[400.0]], [[-0.1]]))  # no counterpart at all
+    assert (spectrum_errors(full, far).missed, spectrum_errors(full, far).invented) == (2, 1)
+
+
+def test_over_a_range_the_error_of_the_critical_value_and_missed_modes_decide() -> None:
+    time = Timing(1.0, 1.0, 1.0)
+
+    def row(size: int, growth: float, critical: float, missed: int = 0) -> Row:
+        return Row("rubin", 5, size, 0.0, growth, critical, 0, 0.3, 0.0, time, time, 0.0, missed=missed)
+
+    full, rows = row(100, 0.0, 0.0), (row(5, 1e-6, 0.2), row(6, 1e-6, 1e-4, 1), row(7, 0.5, 1e-4), row(8, 1e-6, 1e-6))
+    found = Study("x", (0.0, 1.0), 1, full, rows, parameter="mu", between=(0.0, 1.0))
+    assert found.recommended() is rows[2] and replace(found, between=None).recommended() is rows[0]
+    assert "0.1 % of the critical mu" in found.recommendation() and "misses no unstable mode" in found.recommendation()
+    assert "comes nearest with 0.0001 %" in found.recommendation(1e-9) and "none" in str(replace(
+        found, rows=(replace(rows[0], critical=np.inf, error_critical=np.inf),)))
+
+
+def test_a_parameter_is_that_of_the_contacts() -> None:
+    sub, methods = fs.chain(10, belt=2), [fs.CraigChang(4)]
+    for given, words in (({"values": [0.1]}, "name it, e.g. parameter='mu'"), ({"parameter": "mu"}, "unknown parameter 'mu'"),
+                         ({"contacts": fs.Belt(slope=-0.1), "between": (-1.0, 0.0)}, "leave between out"),
+                         ({"critical": [0.1]}, "critical must be 2, of the full model and of each method, not 1")):
+        with pytest.raises(fs.InputError, match=re.escape(words)):
+            fs.study(sub, methods, (0.0, 0.75), repeats=1, **given)  # type: ignore[arg-type]
+    slopes = [-0.01, -0.2677]
+    found = fs.study(sub, methods, (0.0, 0.75), contacts=fs.Belt(slope=0.0), values=slopes, repeats=1)
+    each = [fs.study(sub, methods, (0.0, 0.75), contacts=fs.Belt(slope=slope), repeats=1) for slope in slopes]
+    assert found.rows[0].error_growth == max(one.rows[0].error_growth for one in each) and found.values == tuple(slopes)
+    assert found.full.stable is False and [modes.is_stable for modes in found.spectra] == [True, False]
+    assert found.rows[0].critical == each[0].rows[0].critical and found.models[0].size == found.rows[0].size
+
+
+def test_a_method_that_cannot_reduce_the_model_is_left_out() -> None:
+    free = fs.chain(10, belt=2, fixed=False, interface=())
+    found = fs.study(free, [fs.CraigBampton(3), fs.Herting(2), fs.CraigChang(3)], (0.0, 0.75), repeats=1)
+    assert [row.label for row in found.rows][-1] == "Craig-Chang" and any("Herting is left out" in one for one in found.left_out)
+    assert "is left out" in str(found)
+    with pytest.raises(fs.InputError, match="Herting needs interface DOF"):
+        fs.study(free, [fs.Herting(2)], (0.0, 0.75), repeats=1)
+
+
 def test_the_front_leaves_out_what_is_beaten_in_both() -> None:
     time = [Timing(seconds, 0.99 * seconds, 1.01 * seconds) for seconds in (1.0, 2.0, 3.0)]
     rows = [Row("craig-chang", 4, 5, 0.0, error, 0.0, missing, 0.0, 0.0, time[turn], time[0], 0.0)
@@ -124,15 +239,15 @@ def test_the_error_of_the_growth_rate_does_not_blow_up_at_the_border() -> None:
     sub = fs.chain(10, belt=2)
     border = float(fs.critical_slope(sub))
     for factor in (0.5, 1.0, 1.5):
-        found = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), belt=fs.Belt(slope=factor * border), repeats=1)
+        found = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), contacts=fs.Belt(slope=factor * border), repeats=1)
         row = found.rows[0]
         assert row.error_eigenvalue < 2e-3 and row.error_growth < 5e-3  # at the border it was 1e+05
-    at = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.2), belt=fs.Belt(slope=border), repeats=1)  # the first pair only
+    at = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.2), contacts=fs.Belt(slope=border), repeats=1)  # the first pair only
     assert at.rows[0].error_growth < 1e-5 and at.recommended() is at.rows[0]
     assert at.full.stable is None or abs(at.full.growth) < 1e-12
     if at.rows[0].stable != at.full.stable:
         assert "the border is nearer than the error" in at.recommendation()
-    beyond = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), belt=fs.Belt(slope=1.5 * border), repeats=1)
+    beyond = fs.study(sub, [fs.CraigChang(4)], band=(0.0, 0.75), contacts=fs.Belt(slope=1.5 * border), repeats=1)
     assert beyond.full.stable is beyond.rows[0].stable is False
 
 
@@ -146,8 +261,9 @@ def test_without_a_belt_the_scale_of_the_growth_rate_is_itself() -> None:
 
 def test_what_lies_above_the_cut_off_has_no_slope_and_no_star() -> None:
     sub = fs.chain(10, belt=2)
-    found = fs.study(sub, [fs.CraigBampton(1), fs.CraigChang(2), fs.CraigChang(6)], band=(0.0, 0.75), repeats=1)
-    assert [np.isnan(row.error_slope) for row in found.rows] == [True, True, False]
+    methods = [fs.CraigBampton(1), fs.CraigChang(2), fs.CraigChang(6)]
+    found = fs.study(sub, methods, band=(0.0, 0.75), contacts=fs.Belt(slope=0.0), repeats=1)
+    assert [np.isnan(row.error_critical) for row in found.rows] == [True, True, False]
     assert [row.pareto for row in found.rows] == [False, False, True]
     assert all("cut-off" in row.reason for row in found.rows[:2]) and "above the cut-off" in str(found)
 
@@ -191,7 +307,7 @@ def test_reasons_that_are_the_same_are_told_once() -> None:
     full = Row("full", 0, 100, 0.0, 0.0, 0.0, 0, -1.0, 0.0, time, time, 0.0)
     rows = tuple(Row(method, size - 3, size, 0.0, 1e-5, np.nan, 0, np.nan, 0.0, time, time, 0.0, reason="M is singular")
                  for method in ("macneal", "guyan") for size in (4, 6))
-    said = str(Study("x", (0.0, 1.0), 1, full, rows)).splitlines()
+    said = str(Study("x", (0.0, 1.0), 1, full, rows, parameter="slope")).splitlines()
     assert [line for line in said if "no critical slope" in line] == [
         f"no critical slope of {label} with 4, 6 DOF: M is singular" for label in ("MacNeal", "Guyan")]
     assert "take MacNeal with 1 mode (4 DOF)" in Study("x", (0.0, 1.0), 1, full, rows).recommendation()

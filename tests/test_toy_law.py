@@ -45,7 +45,7 @@ def belt(key: str = "rational", eps: float = 0.02) -> fs.Belt:
 def test_it_runs_through_study_transient_and_cycle() -> None:
     rubbing = belt()
     assert rubbing.slope == Rational(0.02).slope(0.2) and replace(rubbing, speed=0.3).slope == Rational(0.02).slope(0.3)
-    table = fs.study(SUB, [fs.CraigBampton(4)], (0.0, 1.0), belt=rubbing, repeats=1)
+    table = fs.study(SUB, [fs.CraigBampton(4)], (0.0, 1.0), contacts=rubbing, repeats=1)
     assert np.isfinite(table.rows[0].error_growth) and "Craig-Bampton" in str(table)
     found = fs.harmonic_balance(SUB, rubbing, harmonics=60)
     run = fs.transient(SUB, rubbing, (0.0, 4 * found.period), start=found.state(), step=found.period / 400)

@@ -191,7 +191,7 @@ def study_at_border(factor: float, hi: float) -> Found:
     belt, method = fs.Belt(slope=c), fs.CraigChang(4)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.PortWarning)
-        row = fs.study(sub, [method], band=(0.0, hi), belt=belt, repeats=1).rows[0]
+        row = fs.study(sub, [method], band=(0.0, hi), contacts=belt, repeats=1).rows[0]
         rom = fs.reduce(sub, method)
     v = rom.V.T @ w
     full, own = (np.array([complex(value) for value in quadratic(m.M, dense(m.D) + c * np.outer(load, load), m.K)])

@@ -11,12 +11,12 @@ import numpy as np
 from femsub.app.figure_style import PAGE, ROUNDING, few_decades, label_points, legend_below, look, new_figure, rounding_below
 
 if TYPE_CHECKING:
-    from femsub.studies import FrictionRow, Row, Study
+    from femsub.studies import Row, Study
 
-COMPONENT = {"error_growth": "growth rates Re λ", "error_slope": "critical slope", "error_eigenvalue": "eigenvalues λ"}
-SYSTEM = {"error_frequency": "frequencies ω", "error_growth": "growth rates Re λ", "error_slope": "critical slope",
+COMPONENT = {"error_growth": "growth rates Re λ", "error_critical": "critical slope", "error_eigenvalue": "eigenvalues λ"}
+SYSTEM = {"error_frequency": "frequencies ω", "error_growth": "growth rates Re λ", "error_critical": "critical slope",
           "error_force": "forces in the joints"}
-FRICTION = {"error": "eigenvalues λ", "growth_error": "growth rates Re λ", "mu_error": "critical μ"}
+FRICTION = {"error_eigenvalue": "eigenvalues λ", "error_real": "growth rates Re λ", "error_critical": "critical μ"}
 LEGEND = "filled: to solve once; hollow: to reduce and to solve; numbers: DOF"
 
 
@@ -83,17 +83,15 @@ def _figure(panels: Sequence[tuple[Mapping[str, str], Row, Sequence[Row]]], head
     return figure
 
 
-def friction_errors_figure(rows: Sequence[FrictionRow], full: float, title: str) -> Any:
+def friction_errors_figure(found: Study, title: str) -> Any:
     """The errors of eigenvalues, growth rates and critical μ over the seconds at one μ; those of a system under friction."""
-    kinds = {kind: name for kind, name in FRICTION.items() if any(np.isfinite(getattr(row, kind)) for row in rows)}
+    kinds = {kind: name for kind, name in FRICTION.items() if any(np.isfinite(getattr(row, kind)) for row in found.rows)}
     figure = new_figure(PAGE, 3.9)
     axes = figure.subplots(1, max(len(kinds), 1), sharex=True, squeeze=False)[0]
     labels = []
     for axis, (kind, name) in zip(axes, kinds.items(), strict=False):
-        axis.axvline(full, color="black", ls="--", lw=1, label="full model, one μ")
-        labels += error_panel(axis, [
-            Point(row.method, row.size, getattr(row, kind), (row.solving,) * 3, (row.seconds,) * 3, misses=row.missed > 0)
-            for row in rows])
+        axis.axvline(found.full.solution.median, color="black", ls="--", lw=1, label="full model, one μ")
+        labels += error_panel(axis, [_point(row, kind) for row in found.rows])
         axis.set_title(name)
     _finish(figure, axes, len(axes), f"{title}: error against run time at one μ\n{LEGEND}", labels)
     axes[0].set_ylabel("largest error over |λ|, or over μ  [-]")
@@ -104,7 +102,7 @@ def _point(row: Row, kind: str) -> Point:
     reduce, solve = row.reduction, row.solution
     whole = (reduce.median + solve.median, reduce.least + solve.least, reduce.most + solve.most)
     return Point(row.method, row.size, getattr(row, kind), (solve.median, solve.least, solve.most), whole,
-                 row.pareto and kind == "error_growth")
+                 row.pareto and kind == "error_growth", row.missed > 0 and kind in FRICTION)
 
 
 def error_panel(axis: Any, points: Sequence[Point]) -> list[tuple[Any, float, float, str, str]]:

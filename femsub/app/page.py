@@ -51,7 +51,7 @@ COLUMNS = {
     "modes": ("modes", "modes kept in the basis"), "size": ("DOF", "degrees of freedom of the model"),
     "error_eigenvalue": ("err λ", "largest error of a complex eigenvalue, over its modulus"),
     "error_growth": ("err Re λ", "largest error of a growth rate, over the rates of damping and friction"),
-    "error_slope": ("err slope", "relative error of the critical slope"),
+    "error_critical": ("err critical", "relative error of the critical slope, or of another parameter"),
     "error_frequency": ("err ω", "largest relative error of an undamped frequency"),
     "error_force": ("err force", "relative error of the forces in the joints"),
     "missing": ("missing", "eigenvalues of the full model that the small one lacks"),
@@ -78,8 +78,8 @@ COLUMNS = {
     "multiplier": ("multiplier", "largest Floquet multiplier; inside the unit circle: stable"),
     "missed": ("missed", "unstable modes of the full model that are stable in the small one"),
     "invented": ("invented", "unstable modes of the small model that are stable in the full one"),
-    "mu_error": ("err critical mu", "relative error of the critical mu"),
-    "growth_error": ("err Re λ", "largest error of Re λ, over |λ|"),
+    "critical": ("critical", "where stability is first lost: the slope, or another parameter"),
+    "error_real": ("err Re λ, over |λ|", "largest error of Re λ, over |λ|"),
     "springs": ("springs", "stiffness of the springs over that of the interface"),
     "damping": ("equiv. damping", "-2 Re λ / |λ|"), "evidence": ("evidence", "how completeness was shown")}
 

@@ -21,8 +21,8 @@ OVER = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [lengt
 BRANCHES = ("Solid: stable. Dashed: unstable. Dotted: stability not computed. Star: where the branch begins. Open circle: where "
             "a transient ended. Triangle, square, diamond: special points, which tell their kind.")
 ERRORS = {"error_growth": "error of Re λ", "error_eigenvalue": "error of λ", "error_frequency": "error of ω",
-          "error_slope": "error of the critical slope", "error_force": "error of the forces in joints",
-          "mu_error": "error of the critical mu", "growth_error": "error of Re λ, over |λ|", "error": "error of λ, over |λ|"}
+          "error_critical": "error of the critical value", "error_force": "error of the forces in joints",
+          "error_real": "error of Re λ, over |λ|"}
 
 
 def plots(told: Data) -> list[dict[str, Any]]:
@@ -121,7 +121,7 @@ def _studies(told: Data) -> Iterator[tuple[str, Sequence[Data]]]:
         rows = found["rows"] if isinstance(found, dict) and "rows" in found else found
         if not (isinstance(rows, list) and rows and isinstance(rows[0], dict)):
             continue
-        if not {"solution_median_s", "solving"} & set(rows[0]):
+        if "solution_median_s" not in rows[0]:
             continue
         places = list(dict.fromkeys(row.get("interface") for row in rows))
         about = name.removeprefix("error-time").removeprefix("methods").strip("-").replace("-", " ")
@@ -131,7 +131,6 @@ def _studies(told: Data) -> Iterator[tuple[str, Sequence[Data]]]:
 
 def _error_time(told: Data) -> Iterator[dict[str, Any]]:
     for about, rows in _studies(told):
-        brake = "solving" in rows[0]
         times = {"solve": "seconds to solve", "reduce": "seconds to reduce", "both": "seconds to reduce and solve once"}
         errors = {key: label for key, label in ERRORS.items() if key in rows[0] and
                   any(isinstance(row.get(key), float) and row["method"] != "full" for row in rows)}
@@ -147,13 +146,12 @@ def _error_time(told: Data) -> Iterator[dict[str, Any]]:
             columns |= {key: [_floored(row.get(key)) for row in own] for key in errors}
             text = [_told(told, _label(method, row["size"], row["modes"]), **{
                         label: row.get(key) for key, label in errors.items()}, **{
-                        "s to reduce": a, "s to solve": b, "missing": row.get("missing", row.get("missed")),
-                        "extra": row.get("extra", row.get("invented"))})
+                        "s to reduce": a, "s to solve": b, "missing": row["missing"], "extra": row["extra"],
+                        "missed": row["missed"], "invented": row["invented"]})
                     for row, (a, b) in zip(own, seconds, strict=True)]
             traces.append(_trace(method, _label(method), columns["solve"], columns[next(iter(errors))], text, "lines+markers",
                                  columns=columns))
-        full = next((row["solution_median_s"] for row in rows if row["method"] == "full"), None) if not brake else \
-            told["error-time"]["full_seconds"]
+        full = next((row["solution_median_s"] for row in rows if row["method"] == "full"), None)
         yield _plot(f"Error against run time{f', {about}' if about else ''}",
                     f"Below and to the left is better. Errors of zero are drawn at {FLOOR:g}.",
                     traces, times["solve"], next(iter(errors.values())), told, logs="xy", choices={"x": times, "y": errors},
@@ -162,8 +160,6 @@ def _error_time(told: Data) -> Iterator[dict[str, Any]]:
 
 def _seconds(row: Data) -> tuple[float, float]:
     """To reduce, and to solve."""
-    if "solving" in row:
-        return row["seconds"] - row["solving"], row["solving"]
     return row["reduction_median_s"], row["solution_median_s"]
 
 

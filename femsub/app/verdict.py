@@ -62,7 +62,7 @@ def _choices(told: Data) -> Iterator[dict[str, Any]]:
         yield {"where": "", "rows": told.get("error-time", [])} | one
     timed = told.get("error-time")
     if isinstance(timed, dict) and "recommendation" in timed:
-        yield {"where": "", "sentence": timed["recommendation"], "model": timed.get("recommended"), "rows": timed["rows"]}
+        yield timed | {"where": "", "sentence": timed["recommendation"], "model": timed.get("recommended")}
     elif isinstance(timed, dict):
         for one in timed.get("recommended", []):
             rows = [row for row in timed["rows"] if row.get("interface") == one["interface"]]
@@ -70,7 +70,7 @@ def _choices(told: Data) -> Iterator[dict[str, Any]]:
     for name, data in told.items():
         if name.startswith("methods") and isinstance(data, dict) and "recommended" in data:
             where = name.removeprefix("methods").strip("-").replace("-", " ")
-            yield {"where": where, "sentence": data["recommendation"], "model": data["recommended"], "rows": data["rows"]}
+            yield data | {"where": where, "sentence": data["recommendation"], "model": data["recommended"]}
 
 
 def _chosen(told: Data, choices: Sequence[Data]) -> Verdict:
@@ -86,31 +86,32 @@ def _chosen(told: Data, choices: Sequence[Data]) -> Verdict:
     decides: list[str] = []
     for one in choices:
         where = f"{one['where'].capitalize()}: " if one["where"] and len(choices) > 1 else ""
-        said = _decides(one["model"], one["rows"], tolerance) if one["model"] else [_sentence(one["sentence"], "")]
+        said = _decides(one, tolerance) if one["model"] else [_sentence(one["sentence"], "")]
         decides += [where + " ".join(said)] if where else said
-    mu = "mu_error" in best["model"]
     outside = "Frequencies outside the band were not compared."
     return Verdict(answer, headline, decides, [
-        outside, *([f"The full model was solved at mu = {_listed(told['inputs'].get('full', []))} alone."] if mu else []),
+        outside, *([f"The full model was solved at {best['parameter']} = {_listed(best['values'])} alone."]
+                   if best.get("values") else []),
         NEVER, LINEAR])
 
 
-def _decides(row: Data, rows: Sequence[Data], tolerance: float) -> list[str]:
+def _decides(one: Data, tolerance: float) -> list[str]:
     """What makes a model fit, figure by figure."""
-    full = next((one for one in rows if one.get("method") == "full"), None)
-    if "mu_error" in row:
+    row = one["model"]
+    full = next((other for other in one["rows"] if other.get("method") == "full"), None)
+    if one.get("parameter"):
         return [f"{_model(row)}: no unstable mode of the full model is missed{_invented(row)}.",
-                f"Its critical mu is within {_shown(row['mu_error'], '.1e')} of the full model's.",
-                f"Its eigenvalues are within {_shown(row['error'], '.1e')} of their modulus, its growth rates within "
-                f"{_shown(row['growth_error'], '.1e')}."]
+                f"Its critical {one['parameter']} is within {_shown(row['error_critical'], '.1e')} of the full model's.",
+                f"Its eigenvalues are within {_shown(row['error_eigenvalue'], '.1e')} of their modulus, its growth rates within "
+                f"{_shown(row['error_real'], '.1e')}."]
     said = [f"{_model(row)}: the growth rates in the band are within {_shown(row['error_growth'], '.1e')} of the rates of "
             f"damping and friction; the tolerance is {tolerance:g}.",
             "No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off."]
-    if row.get("slope") == "-inf" and row.get("error_slope") == 0:
+    if row.get("critical") == "-inf" and row.get("error_critical") == 0:
         said.append("At no slope does it lose its stability in the band, and neither does the full model.")
-    elif _number(row.get("error_slope")):
-        said.append(f"Its critical slope is {_shown(row['slope'], '.5g')}, within {_shown(row['error_slope'], '.1e')} of the "
-                    "full model's.")
+    elif _number(row.get("error_critical")):
+        said.append(f"Its critical slope is {_shown(row['critical'], '.5g')}, within {_shown(row['error_critical'], '.1e')} of "
+                    "the full model's.")
     if _number(row.get("error_force")):
         said.append(f"The forces in the joints are within {_shown(row['error_force'], '.1e')}.")
     if full is not None and row["stable"] != full["stable"]:

@@ -39,13 +39,18 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
     with one_thread(work(task) < WORK):
         part = method.part(sub)
         basis = basis_of(task.turned(part), part) if len(part.sub.interior) or not method.held else whole_basis(task, part)
-        if not basis.V.shape[1]:
-            raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
-                             "name interface DOF")
-        if part.turn is not None:
-            basis = replace(basis, V=part.turn @ basis.V, motion=None if basis.motion is None else part.turn @ basis.motion)
-        rom = method.finished(sub, model_of(task, basis))
-    rom._set(wider=Wider.of(sub, method.held))
+        return finished(task, part, basis)
+
+
+def finished(task: Task, part: Partition, basis: Basis) -> ReducedSubstructure:
+    """The model that `reduce` returns."""
+    if not basis.V.shape[1]:
+        raise InputError(f"the basis for {task.sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
+                         "name interface DOF")
+    if part.turn is not None:
+        basis = replace(basis, V=part.turn @ basis.V, motion=None if basis.motion is None else part.turn @ basis.motion)
+    rom = task.method.finished(task.sub, model_of(task, basis))
+    rom._set(wider=Wider.of(task.sub, task.method.held))
     log.info("%r", rom)
     return rom
 

@@ -93,6 +93,10 @@ class ContactModes(FreeInterface):
         contacts_at(self.contacts, word("parameter", self.parameter), 0.0)
 
     @property
+    def row_key(self) -> str:
+        return self.key if self.friction else "real-modes"
+
+    @property
     def mode_kind(self) -> str:
         return "real"
 

@@ -53,6 +53,7 @@ class Guyan(CraigBampton):
     """
 
     key, label, colour, marker = "guyan", "Guyan", "#4d4d4d", "v"
+    nested = False
 
     def __post_init__(self) -> None:
         if self.modes is None and self.band is None and self.tol is None:

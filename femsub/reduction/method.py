@@ -66,6 +66,7 @@ class Method(ABC):
     marker: ClassVar[str]
     held: ClassVar[bool]
     offered: ClassVar[bool] = True  #: whether studies and scenes offer it for components by its key
+    nested: ClassVar[bool] = True  #: whether part and factor are the same for any number of modes (`Reductor`)
     unestimated: ClassVar[str] = ""  #: why no estimate can be had for a band and a tolerance, where that is so
 
     def __init_subclass__(cls) -> None:
@@ -160,6 +161,11 @@ class Method(ABC):
     def goal(self) -> Goal | None:
         """The band and the tolerance; None with a number of modes."""
         return None if self.band is None or self.tol is None else Goal(self.band, self.tol)
+
+    @property
+    def row_key(self) -> str:
+        """The key that stands in tables and figures."""
+        return self.key
 
     @property
     def mode_kind(self) -> str:

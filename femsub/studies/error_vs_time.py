@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, SMALL, WIDE, release, timed
-from femsub.checks import Array, check_band, instance, items, listener, real_array, whole_number
-from femsub.coupling import Belt, System
-from femsub.errors import CutoffWarning, FemsubError, InputError, PortWarning
+from femsub.checks import Array, check_band, instance, interval, items, listener, real_array, whole_number, word
+from femsub.coupling import System
+from femsub.errors import FemsubError, InputError, PortWarning, unknown_name
 from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, contacts_of, in_band
 from femsub.modes import (
     ComplexModes,
@@ -27,48 +28,61 @@ from femsub.modes import (
 )
 from femsub.modes.normal_modes import normal_modes
 from femsub.modes.quadratic.complex_modes import complex_modes
-from femsub.reduction import Method
+from femsub.reduction import ContactModes, Method, Reductor
 from femsub.reduction.reduce import reduce
-from femsub.stability.critical_slope import critical_slope
 from femsub.studies.joint_forces import force_error
-from femsub.studies.results import PHASES, Row, Study, Timing, with_front
+from femsub.studies.losses import Loss, first_belt, first_loss, with_value
+from femsub.studies.results import PHASES, Row, Study, Timing, label_of, with_front
 
+Step: TypeAlias = Method | Mapping[str, Method]
+Steps: TypeAlias = Step | Sequence[Step]
 Progress = Callable[[str], None]
 SHORT_RUNS = 3  # solutions of a reduced model per turn
 
 
-def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], band: tuple[float, float], *,
-          belt: Contacts = None, port: str = "belt", ports: bool = False, repeats: int = 5,
-          slopes: Sequence[float] | None = None, assembly: float = np.nan, progress: Progress | None = None) -> Study:
-    """Reduce a component by several methods, and compare errors and run times with the full model.
+def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, float], *, contacts: Contacts = None,
+          parameter: str | None = None, values: Sequence[float] = (), between: tuple[float, float] | None = None,
+          ports: bool = False, repeats: int = 5, shared: bool = False, critical: Sequence[float] | None = None,
+          assembly: float = np.nan, progress: Progress | None = None) -> Study:
+    """Reduce a model by several methods, and compare errors and run times with the full one.
 
-    Compared are undamped frequencies, complex modes and the critical slope.
+    Compared are undamped frequencies, complex modes at each value of a parameter, which of them grow, the first loss of
+    stability over the parameter, and the forces in the joints of a system.
 
     Parameters
     ----------
-    sub : Substructure
+    model : Substructure or System
         The full model.
     methods : sequence of CraigBampton, CraigChang or another `Method`
         One entry per reduced model; list the same method with several numbers of modes to see convergence. With a band
-        and a tolerance, the row shows how many modes were chosen (under the belt, if there is one). Of a system an entry may
-        be a mapping, {'disc': CraigBampton(20), 'pad': Rubin(5)}: its parts are reduced one by one, and the forces in the
-        joints are compared as well.
+        and a tolerance, the row shows how many modes were chosen (under the contacts, if there are any). Of a system an entry
+        may be a mapping, {'disc': CraigBampton(20), 'pad': Rubin(5)}: its parts are reduced one by one, and the forces in the
+        joints are compared as well. An entry may be several steps, ({'disc': Rubin(20)}, ContactModes(30, contacts=...)).
     band : (lo, hi)
         The band in which errors are measured, in radians per unit of time.
-    belt : Belt, LinearContact or another contact, or a sequence of them, optional
-        The contacts under which complex modes are compared; without one only the models' own damping acts.
-    port : str
-        The port for the critical slope (if a belt is given, the first one's port is used). The other contacts act as well; there
-        is no critical slope if one of them adds to K.
+    contacts : Belt, FrictionContact or another contact, or a sequence of them, optional
+        The contacts under which complex modes are compared; without one only the model's own damping acts.
+    parameter : str, optional
+        The field of the contacts whose critical value is compared, such as 'mu'. By default 'slope' if one of the contacts is a
+        belt: the critical slope of the first belt, while the other contacts act as they are.
+    values : sequence of float
+        Values of the parameter at which complex modes are compared. By default the contacts are as they are given.
+    between : (lo, hi)
+        The range of the parameter in which the first loss is looked for; 'slope' of a belt has none.
     ports : bool
-        Passed to `reduce`: static port columns join each basis.
+        Passed to `reduce`: static port columns join each basis; of `ContactModes` those of the contacts' ports.
     repeats : int
-        Number of runs; each time is the median (reduced models are solved three times as often). Models take turns, so that
-        a slow phase of the machine affects all of them.
-    slopes : sequence of float, optional
-        The critical slopes of the full model and of each reduced one, if they are known already.
+        Number of runs; each time is the median. Reduced models are solved three times as often, at several values once at each.
+        Models take turns, so that a slow phase of the machine affects all of them.
+    shared : bool
+        Whether models of one method with given numbers of modes are taken from the basis of the largest (`Reductor`). A
+        convergence study then costs little more than this one reduction. The seconds to reduce are those of this basis and of
+        what is left for each model, more than a smaller one alone would cost. By default each is reduced anew, and its seconds
+        are its own.
+    critical : sequence of float, optional
+        The critical values of the full model and of each reduced one, if they are known already.
     assembly : float
-        Seconds for building `sub`, for the record.
+        Seconds for building the model, for the record.
     progress : callable, optional
         Called with a short text about the current step.
 
@@ -76,12 +90,13 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
     -------
     Study
         The times of the full model are those of the eigensolver alone. If an independent count confirms the number of its
-        eigenvalues in the band (up to 2,000 DOF), this is done once and not timed.
+        eigenvalues in the band (up to 2,000 DOF), this is done once and not timed. A method that cannot reduce the model is in
+        ``.left_out`` with the reason.
 
     Raises
     ------
     InputError, InputTypeError
-        No method, an unknown port, a bad band; `slopes` of the wrong length.
+        No method, or none that can reduce the model; an unknown port or parameter; a bad band; `critical` of the wrong length.
 
     Examples
     --------
@@ -90,88 +105,242 @@ def study(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], b
     >>> [row.label for row in found.rows], found.recommended(tol=0.1) is not None
     (['Craig-Bampton', 'Craig-Chang'], True)
     """
-    instance("sub", sub, Substructure)
-    contacts = contacts_of(belt)
-    first = next((contact for contact in contacts if isinstance(contact, Belt)), None)
-    lo, hi = check_band(band)
-    methods = items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]")
-    for method in methods:
-        for one in method.values() if isinstance(method, Mapping) else [method]:
-            instance("each of methods", one, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
-    if not methods:
+    instance("model", model, Substructure)
+    given = contacts_of(contacts)
+    band = check_band(band)
+    asked_for = [_steps(method) for method in items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]")]
+    if not asked_for:
         raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
     whole_number("repeats", repeats, least=1, most=1000)
-    place, force = (first.port, first.force) if first is not None else (port, 1.0)
-    others = [contact for contact in contacts if contact is not first]
-    if sub.ports:  # without a port there is no critical slope
-        sub.port(place)
+    instance("shared", shared, bool)
+    parameter, values, between = _range(given, parameter, values, between)
+    known = None if critical is None else real_array("critical", critical, finite=False).ravel()
+    if known is not None and len(known) != len(asked_for) + 1:
+        raise InputError(f"critical must be {len(asked_for) + 1}, of the full model and of each method, not {len(known)}")
     tell = listener("progress", progress)
-    roms, spectra, phases, solving = _measured(sub, methods, contacts, (lo, hi), ports, repeats, tell)
-    models = [sub, *roms]
-    reasons: Sequence[str] = [""] * len(models)
-    if slopes is None:
-        tell(f"{sub.name}: critical slopes")
-        slopes, _, reasons = zip(*(border_or_reason(model, place, force, (lo, hi), others) if place in model.ports and force
-                                   else (np.nan, np.nan, "") for model in models), strict=True)
-    elif len(slopes := list(real_array("slopes", slopes, finite=False).ravel())) != len(models):
-        raise InputError(f"slopes must be {len(models)}, of the full model and of each method, not {len(slopes)}")
-    tell(f"{sub.name}: undamped frequencies")
-    modes = normal_modes(sub, band=(lo, hi)) if sub.size > SMALL else all_modes(sub.K, sub.M, carried=sub.rigid_motion)
-    own = elastic(modes)[in_band(elastic(modes), (lo, hi))]
-    rates = turnover(sub, contacts, spectra[0])
-    rows = []
-    for i, model in enumerate(models):
-        found = spectrum_errors(spectra[0], spectra[i], (sub, model), rates)
-        growth, stable = _judged(spectra[i], (lo, hi))
-        taken = phases[i]
-        rows.append(Row(
-            _key(methods[i - 1]) if i else "full", sum(kept_modes(model).values()),
-            model.size, found.eigenvalue, found.growth, relative_error(slopes[i], slopes[0]), found.missing, slopes[i],
-            growth,
-            Timing.of([sum(one.values()) for one in taken]), Timing.of(solving[i]),
-            port_error(model, place), model.cutoff,
-            extra_eigenvalues(spectra[0], spectra[i], (lo, hi)),
-            frequency_error(own, all_frequencies(model)) if i else 0.0, found.mac,
-            {name: Timing.of([one.get(name, 0.0) for one in taken]) for name in PHASES} if i else {}, _megabytes(model),
-            stable=stable, reason=reasons[i], parts=kept_modes(model) if i and isinstance(model, System) else {},
-            error_force=_force_error(sub, modes, model, (lo, hi))))
-    return Study(sub.name, (lo, hi), repeats, rows[0], with_front(rows[1:], hi), assembly)
+    asked = Question(model, given, band, parameter, values, between)
+    full, small, left_out = _measured(asked, asked_for, ports, repeats, tell, shared)
+    tell(f"{model.name}: undamped frequencies")
+    own = asked.at_rest(model)
+    modes = normal_modes(own, band=band) if model.size > SMALL else _all_modes(own)
+    rates = [turnover(model, load, spectrum) for load, spectrum in zip(asked.loads, full.spectra, strict=True)]
+    rows = [asked.row(full, one, modes, rates) for one in (full, *small)]
+    if known is not None:
+        losses = [Loss(float(known[i])) for i in (0, *(1 + asked_for.index(one.steps) for one in small))]
+    else:
+        losses = asked.losses([full.model, *(one.model for one in small)], rows, tell)
+    rows = [replace(row, critical=loss.value, omega=loss.omega, reason=loss.reason,
+                    error_critical=relative_error(loss.value, losses[0].value)) for row, loss in zip(rows, losses, strict=True)]
+    return Study(model.name, band, repeats, rows[0], with_front(rows[1:], band[1]), assembly, parameter, values, between,
+                 left_out, tuple(one.model for one in small), tuple(full.spectra))
 
 
-def _measured(sub: Substructure, methods: Sequence[Method | Mapping[str, Method]], contacts: Sequence[Contact],
-              band: tuple[float, float], ports: bool, repeats: int, tell: Progress
-              ) -> tuple[list[Substructure], list[ComplexModes], list[list[dict[str, float]]], list[list[float]]]:
-    """Reduced models, all spectra (the full model's first), and for each run the seconds by phase of reduction, and to solve."""
-    solving: list[list[float]] = [[] for _ in range(len(methods) + 1)]
-    phases: list[list[dict[str, float]]] = [[{}], *([] for _ in methods)]
-    models: list[Any] = [None] * len(methods)
-    spectra: list[Any] = [None] * (len(methods) + 1)
-    if sub.size <= QUADRATIC:
-        tell(f"{sub.name}: complex modes of the full model")
-        spectra[0] = complex_modes(sub, contacts, band=band)
+def _steps(method: Any) -> tuple[Step, ...]:
+    """An entry of `methods` as its steps, each checked."""
+    steps = tuple(items("each of methods", method, "steps of a reduction")) if isinstance(method, (list, tuple)) else (method,)
+    for step in steps:
+        for one in step.values() if isinstance(step, Mapping) else [step]:
+            instance("each of methods", one, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
+    return steps
+
+
+def _range(contacts: Sequence[Contact], parameter: str | None, values: Sequence[float], between: tuple[float, float] | None
+           ) -> tuple[str, tuple[float, ...], tuple[float, float] | None]:
+    """The parameter ('' for none), its values and its range, checked."""
+    belt, at = first_belt(contacts), tuple(real_array("values", values).ravel().tolist())
+    parameter = ("slope" if belt is not None else "") if parameter is None else word("parameter", parameter)
+    between = None if between is None else interval("between", between)
+    if not parameter and (at or between):
+        raise InputError("values and between are those of a parameter of the contacts: name it, e.g. parameter='mu'")
+    if parameter and not any(hasattr(contact, parameter) for contact in contacts):
+        raise unknown_name("parameter", parameter, sorted({name for contact in contacts for name in vars(contact)}))
+    if parameter == "slope" and belt is not None and between is not None:
+        raise InputError("the critical slope of a belt is the largest one up to 0: leave between out")
+    return parameter, at, between
+
+
+@dataclass(eq=False)
+class Tried:
+    """A model of the study: its steps of reduction (none for the full one), spectra at each value, and seconds of each run."""
+
+    model: Substructure
+    steps: tuple[Step, ...] = ()
+    spectra: list[ComplexModes] = field(default_factory=list)
+    phases: list[dict[str, float]] = field(default_factory=list)
+    solving: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is compared: the full model under contacts, at each value of a parameter and over its range, in a band."""
+
+    model: Substructure
+    contacts: Sequence[Contact]
+    band: tuple[float, float]
+    parameter: str
+    values: tuple[float, ...]
+    between: tuple[float, float] | None
+
+    @property
+    def loads(self) -> list[list[Any]]:
+        """The contacts at each value."""
+        return [with_value(self.contacts, self.parameter, value) for value in self.values] or [list(self.contacts)]
+
+    @property
+    def places(self) -> list[str]:
+        """The ports at which contacts act; without contacts all ports."""
+        return [name for contact in self.contacts for name in contact.ports] if self.contacts else list(self.model.ports)
+
+    def at_rest(self, model: Substructure) -> Substructure:
+        """The model without damping, with the symmetric part of the contacts' stiffness at the least value of the parameter."""
+        least = min([*(self.between or ()), *self.values], default=None)
+        pencil = model.linearised(self.contacts if least is None else with_value(self.contacts, self.parameter, least))
+        return model if pencil.K is model.pencil.K else Substructure(model.M, (pencil.K + pencil.K.T) / 2, name=model.name)
+
+    def row(self, full: Tried, one: Tried, modes: NormalModes, rates: Sequence[Array]) -> Row:
+        """The row of a model, without its first loss. `modes` are those of the full model at rest, `rates` the scales of Re λ."""
+        model, reduced, pairs = one.model, one is not full, list(zip(full.spectra, one.spectra, strict=True))
+        found = [spectrum_errors(*pair, (full.model, model), scale, self.band) for pair, scale in zip(pairs, rates, strict=True)]
+        growth, stable = zip(*(_judged(spectrum, self.band) for spectrum in one.spectra), strict=True)
+        theirs = _all_modes(self.at_rest(model)) if reduced else modes
+        kept, force = kept_modes(model), np.nan
+        if isinstance(self.model, System) and isinstance(model, System):
+            force = force_error(self.model, modes, model, theirs, self.band) if reduced else 0.0
+        return Row(
+            _key(one.steps), sum(kept.values()), model.size, _largest(each.eigenvalue for each in found),
+            _largest(each.growth for each in found), np.nan, sum(each.missing for each in found), np.nan, max(growth),
+            Timing.of([sum(seconds.values()) for seconds in one.phases]), Timing.of(one.solving),
+            max((port_error(model, name) for name in self.places), default=0.0), model.cutoff,
+            sum(extra_eigenvalues(*pair, self.band) for pair in pairs),
+            frequency_error(elastic(modes)[in_band(elastic(modes), self.band)], elastic(theirs)) if reduced else 0.0,
+            -_largest(-each.mac for each in found),
+            {name: Timing.of([seconds.get(name, 0.0) for seconds in one.phases]) for name in PHASES} if reduced else {},
+            _megabytes(model), stable=False if False in stable else None if None in stable else True,
+            parts=kept if reduced and isinstance(model, System) else {},
+            error_force=force, error_real=_largest(each.real for each in found), missed=sum(each.missed for each in found),
+            invented=sum(each.invented for each in found))
+
+    def losses(self, models: Sequence[Substructure], rows: Sequence[Row], tell: Progress) -> list[Loss]:
+        """The first loss of each model. Over a range, that of a large model is sought near that of the most accurate one."""
+        if self.between is None and (self.parameter != "slope" or first_belt(self.contacts) is None):
+            return [Loss()] * len(models)
+        tell(f"{self.model.name}: critical {self.parameter}")
+        return [first_loss(model, self.contacts, self.parameter, self.between, self.band) for model in models]
+
+
+def _measured(asked: Question, methods: Sequence[tuple[Step, ...]], ports: bool, repeats: int, tell: Progress, shared: bool
+              ) -> tuple[Tried, list[Tried], tuple[str, ...]]:
+    """The full and the reduced models, solved several times in turn, and why other methods are left out."""
+    model, full, small = asked.model, Tried(asked.model, phases=[{}]), [Tried(asked.model, steps) for steps in methods]
+    refused: list[tuple[tuple[Step, ...], FemsubError]] = []
+    if model.size <= QUADRATIC:
+        tell(f"{model.name}: complex modes of the full model")
+        full.spectra = [complex_modes(model, load, band=asked.band) for load in asked.loads]
     for turn in range(repeats):
-        for i, method in enumerate(methods):
-            tell(f"{sub.name}: run {turn + 1} of {repeats}, {in_words(method)}")
-            with warnings.catch_warnings(), timed() as spent:
-                warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
-                tolerance = not isinstance(method, Mapping) and method.band is not None
-                models[i], seconds = _clocked(reduce, sub, method, ports=ports, contacts=contacts or None if tolerance else None)
-            phases[i + 1].append(spent | {"basis": seconds - sum(spent.values())})
-        tell(f"{sub.name}: run {turn + 1} of {repeats}, full model")
-        found, seconds = _clocked(complex_modes, sub, contacts, band=band, evidence=False)
-        spectra[0] = found if spectra[0] is None else spectra[0]
-        solving[0].append(seconds)
-        for i, model in enumerate(models, start=1):  # for a small dense model the whole spectrum costs no more than the band
-            for _ in range(SHORT_RUNS):  # waking BLAS threads may cost as much as the work
-                spectra[i], seconds = _clocked(complex_modes, model, contacts, band=None if model.size <= WIDE else band,
-                                                evidence=False)
-                solving[i].append(seconds)
-    return models, spectra, phases, solving
+        bases = Bases(methods) if shared else None
+        for one in list(small):
+            tell(f"{model.name}: run {turn + 1} of {repeats}, {in_words(one.steps)}")
+            try:
+                with warnings.catch_warnings(), timed() as spent:
+                    warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
+                    one.model, seconds = _clocked(_reduced, model, one.steps, asked, ports, bases)
+                one.phases.append(spent | {"basis": seconds - sum(spent.values()) + (bases.lent if bases else 0.0)})
+            except FemsubError as error:
+                refused.append((one.steps, error))
+                small.remove(one)
+        if not small:
+            raise refused[0][1] if len(refused) == 1 else InputError(
+                f"no method can reduce {model.name!r}: {'; '.join(_left_out(refused, small))}")
+        tell(f"{model.name}: run {turn + 1} of {repeats}, full model")
+        found = _solved(full, asked.loads, asked.band)
+        full.spectra = full.spectra or found
+        for one in small:  # for a small dense model the whole spectrum costs no more than the band
+            for _ in range(SHORT_RUNS if len(asked.loads) == 1 else 1):  # waking BLAS threads may cost as much as the work
+                one.spectra = _solved(one, asked.loads, None if one.model.size <= WIDE else asked.band)
+    return full, small, tuple(_left_out(refused, small))
+
+
+def _left_out(refused: Sequence[tuple[tuple[Step, ...], FemsubError]], small: Sequence[Tried]) -> list[str]:
+    """'Craig-Bampton is left out: ...', with its numbers of modes if others of them are there."""
+    there = {_name(one.steps) for one in small}
+    return list(dict.fromkeys(f"{in_words(steps) if _name(steps) in there else _name(steps)} is left out: {error}"
+                              for steps, error in refused))
+
+
+def _solved(one: Tried, loads: Sequence[Any], band: tuple[float, float] | None) -> list[ComplexModes]:
+    """The complex modes under all loads; their seconds are added."""
+    found = []
+    for load in loads:
+        modes, seconds = _clocked(complex_modes, one.model, load, band=band, evidence=False)
+        found.append(modes)
+        one.solving.append(seconds)
+    return found
+
+
+class Bases:
+    """The reductors of one turn: one for each model and method, with the most modes that are asked for.
+
+    `lent` are the seconds of the bases that the last model took, but which were made for another one.
+    """
+
+    def __init__(self, methods: Sequence[Sequence[Step]]) -> None:
+        self.asked = [one for steps in methods for step in steps
+                      for one in (step.values() if isinstance(step, Mapping) else [step])]
+        self.made: list[tuple[Substructure, Reductor, float]] = []
+        self.lent = 0.0
+
+    def first(self, model: Substructure, method: Method, ports: Any) -> ReducedSubstructure:
+        """The model by a method with a number of modes."""
+        found = next((one for one in self.made if one[0] is model and _alike(one[1].task.method, method)), None)
+        if found is None:
+            most = max((one for one in self.asked if _alike(one, method)), key=lambda one: one.modes or 0)
+            start = time.perf_counter()
+            basis = Reductor(model, most, ports)
+            self.made.append((model, basis, time.perf_counter() - start))
+        else:
+            _, basis, seconds = found
+            self.lent += seconds
+        return basis.first(method.modes or 0)
+
+
+def _alike(one: Method, other: Method) -> bool:
+    """Whether two methods with a number of modes differ in this number alone."""
+    return one.modes is not None and other.modes is not None and type(one) is type(other) and \
+        replace(one, modes=other.modes) == other
+
+
+def _reduced(model: Substructure, steps: Sequence[Step], asked: Question, ports: bool, bases: Bases | None) -> Substructure:
+    """The model after all steps."""
+    if bases is not None:
+        bases.lent = 0.0
+    for step in steps:
+        joining: Any = asked.places if isinstance(step, ContactModes) and ports and asked.contacts else ports
+        judged: Any = asked.contacts or None  # the contacts under which a tolerance holds; contact modes have them themselves
+        if bases is not None and isinstance(step, Method) and step.modes is not None:
+            model = bases.first(model, step, joining)
+            continue
+        if bases is not None and isinstance(model, System) and isinstance(step, Mapping) and \
+                all(one.modes is not None for one in step.values()):
+            step = {name: bases.first(model.parts[name], one, ports) for name, one in step.items()}  # type: ignore[misc]
+        tolerance = isinstance(step, Method) and step.band is not None and not isinstance(step, ContactModes)
+        model = reduce(model, step, joining, judged if tolerance else None)
+    return model
+
+
+def _largest(values: Iterable[float]) -> float:
+    """The largest of the finite values, NaN if there are none."""
+    finite = [value for value in values if np.isfinite(value)]
+    return max(finite, default=np.nan)
+
+
+def _all_modes(model: Substructure) -> NormalModes:
+    """Every mode of a small model."""
+    return all_modes(model.K, model.M, carried=model.rigid_motion)
 
 
 def all_frequencies(model: Substructure) -> Array:
     """Every undamped elastic frequency of a small model."""
-    return elastic(all_modes(model.K, model.M, carried=model.rigid_motion))
+    return elastic(_all_modes(model))
 
 
 def elastic(modes: NormalModes) -> Array:
@@ -193,21 +362,6 @@ def _judged(modes: ComplexModes, band: tuple[float, float]) -> tuple[float, bool
     return float(modes.eigenvalues.real[keep].max(initial=-np.inf)), stable
 
 
-def border_or_reason(model: Substructure, port: str, force: float, band: tuple[float, float],
-                     others: Sequence[Contact] = ()) -> tuple[float, float, str]:
-    """Critical slope under other contacts and its ω; or NaN and the reason why there is none, e.g. a band above the cut-off.
-
-    For tables of many models, where one failure must not prevent the results of the others.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", CutoffWarning)  # the error is measured anyway
-            found = critical_slope(model, port, force=force, contacts=others or None, band=band)
-            return found.value, found.omega, ""
-    except FemsubError as error:
-        return np.nan, np.nan, str(error)
-
-
 def _clocked(call: Callable[..., Any], model: Substructure, *arguments: Any, **options: Any) -> tuple[Any, float]:
     """The result of a call on a model, and its seconds without any factor made before."""
     _released(model)
@@ -216,29 +370,34 @@ def _clocked(call: Callable[..., Any], model: Substructure, *arguments: Any, **o
     return result, time.perf_counter() - start
 
 
-def _force_error(sub: Substructure, modes: NormalModes, model: Substructure, band: tuple[float, float]) -> float:
-    if not isinstance(sub, System) or not isinstance(model, System):
-        return np.nan
-    return 0.0 if model is sub else force_error(sub, modes, model, band)
-
-
 def _released(model: Substructure) -> None:
     release(model)
     for part in model.parts.values() if isinstance(model, System) else ():
         _released(part)
 
 
-def _key(method: Method | Mapping[str, Method]) -> str:
-    """The key of a method, or of that of all parts; 'mixed' where they differ."""
-    keys = {one.key for one in method.values()} if isinstance(method, Mapping) else {method.key}
+def _key(steps: Sequence[Step]) -> str:
+    """The key of the first step, or of that of all parts; 'mixed' where they differ, 'full' without any."""
+    if not steps:
+        return "full"
+    keys = {one.row_key for one in (steps[0].values() if isinstance(steps[0], Mapping) else [steps[0]])}
     return keys.pop() if len(keys) == 1 else "mixed"
 
 
-def in_words(method: Method | Mapping[str, Method]) -> str:
+def _name(steps: Sequence[Step]) -> str:
+    """The label of the method, or what each part is reduced by."""
+    return in_words(steps) if _key(steps) == "mixed" else label_of(_key(steps))
+
+
+def in_words(steps: Sequence[Step]) -> str:
     """'Craig-Bampton with 4 modes', or 'disc by Craig-Bampton with 4 modes, pad by Rubin with 2 modes'."""
-    if not isinstance(method, Mapping):
-        return str(method)
-    told = {name: str(one) for name, one in method.items()}
+    return ", then ".join(map(_in_words, steps))
+
+
+def _in_words(step: Step) -> str:
+    if not isinstance(step, Mapping):
+        return str(step)
+    told = {name: str(one) for name, one in step.items()}
     if len(set(told.values())) == 1:
         return f"each part by {next(iter(told.values()))}"
     return ", ".join(f"{name} by {one}" for name, one in told.items())

@@ -7,22 +7,21 @@ import numpy as np
 from femsub.checks import Array
 from femsub.coupling import System
 from femsub.model import in_band
-from femsub.modes import NormalModes, all_modes
+from femsub.modes import NormalModes
 
 SAME = 0.1  # a mode of the reduced system is a counterpart (perhaps of a cluster) from this fraction of the largest share on
 NEAR = 0.5  # largest relative distance in ω of a counterpart
 HELD = 0.5  # smallest share of a mode's energy that its counterparts must have together
 
 
-def force_error(full: System, ours: NormalModes, reduced: System, band: tuple[float, float]) -> float:
-    """The largest error of the joint forces over the undamped elastic modes `ours` of the full system in the band.
+def force_error(full: System, ours: NormalModes, reduced: System, theirs: NormalModes, band: tuple[float, float]) -> float:
+    """The largest error of the joint forces over the undamped elastic modes of the full system in the band.
 
     max_j (‖g_j - ḡ_j‖ / ω_j) / max_k (‖g_k‖ / ω_k), g of the full system, ḡ of the reduced one. g are the forces on the
     interfaces of all parts in a mode of unit modal mass. The joints carry no load in some modes, such as the symmetric ones of
     two equal parts. So all modes share one scale, which grows with ω. Modes of a cluster are compared as a subspace. NaN if the
-    band holds no mode of the full system, or if one of them has no counterpart.
+    band holds no mode of the full system, or if one of them has no counterpart. `theirs` are all modes of the reduced one.
     """
-    theirs = all_modes(reduced.K, reduced.M, carried=reduced.rigid_motion)
     at = np.flatnonzero(in_band(ours.frequencies, band) & (np.arange(len(ours.frequencies)) >= ours.rigid))
     if not len(at):
         return np.nan

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import positive_number
 from femsub.reduction import METHODS
 from femsub.studies.tables import fitted, table, yes_no
+
+if TYPE_CHECKING:
+    from femsub.model import Substructure
+    from femsub.modes import ComplexModes
 
 APART = 1.25  # two models count as equally fast if their times, beyond the spread of the runs, differ by less
 ROUGH = 0.1  # error of the forces in the joints above which a recommendation warns of them
@@ -32,7 +36,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Row:
-    """One model of a study; errors are relative to the full model and over the band.
+    """One model of a study; errors are relative to the full model, over the band, and the largest at all values of the parameter.
 
     Attributes
     ----------
@@ -44,25 +48,24 @@ class Row:
         max |Re λ_reduced - Re λ_full| over the same pairs, relative to the sum of the rates at which the full model's damping
         dissipates energy and the belt supplies it (`matching.turnover`). An error relative to Re λ itself would be unbounded
         at the stability border. Without a belt it is relative to |Re λ_full|.
-    error_slope : float
-        |c_reduced - c_full| / |c_full| of the critical slope; NaN if the model's cut-off is below the end of the band, or if
-        there is no slope (see `reason`).
+    error_critical : float
+        |p_reduced - p_full| / |p_full| of the critical value; NaN if there is none (see `reason`).
     missing : int
         Eigenvalues of the full model in the band without a counterpart within half of |λ|. The errors do not include them.
-    slope : float
-        The critical slope.
+    critical : float
+        The value of the parameter at which stability is first lost: of a belt's slope -inf, of any other inf if it never is.
     growth : float
         The largest Re λ in the band and below the cut-off.
     reduction, solution : Timing
-        Seconds to reduce, and to compute the complex modes in the band.
+        Seconds to reduce, and to compute the complex modes in the band at one value of the parameter.
     port_error : float
-        Static error at the port in the energy norm.
+        Static error at the contacts' ports in the energy norm.
     cutoff : float
         Modes above this frequency must not decide about stability (inf for a complete basis and for the full model).
     extra : int
         Eigenvalues in the band and below the cut-off that have no counterpart in the full model.
     error_frequency : float
-        max |Δω| / ω over the undamped frequencies in the band.
+        max |Δω| / ω over the undamped frequencies in the band, with the stiffness of the contacts but without friction.
     mac : float
         The smallest MAC of the matched complex modes (of subspaces for clusters).
     phases : mapping of str to Timing
@@ -75,14 +78,20 @@ class Row:
         (reduction and solution) is a quarter faster than the other's fastest run. Otherwise, and where models were reduced only
         once, the one with fewer DOF counts as faster, since differences of milliseconds are noise.
     stable : bool or None
-        The verdict in the band: True, False, or None if the error bars leave it undecided.
+        The verdict in the band: True, False at some value, or None if the error bars leave it undecided.
     reason : str
-        Why there is no critical slope.
+        Why there is no critical value.
     parts : mapping of str to int
         Of a system: the modes kept in each of its reduced parts.
     error_force : float
         Of a system: the error of the forces in the joints over the undamped modes in the band, relative to the largest
         (`force_error`); NaN where a mode has no counterpart.
+    error_real : float
+        max |Re λ_reduced - Re λ_full| / |λ_full|.
+    missed, invented : int
+        Modes in the band that grow in the full model alone, and in this one alone, at all values of the parameter.
+    omega : float
+        The frequency of the first loss.
     """
 
     method: str
@@ -90,9 +99,9 @@ class Row:
     size: int
     error_eigenvalue: float
     error_growth: float
-    error_slope: float
+    error_critical: float
     missing: int
-    slope: float
+    critical: float
     growth: float
     reduction: Timing
     solution: Timing
@@ -108,11 +117,15 @@ class Row:
     reason: str = ""
     parts: Mapping[str, int] = field(default_factory=dict)
     error_force: float = np.nan
+    error_real: float = np.nan
+    missed: int = 0
+    invented: int = 0
+    omega: float = np.nan
 
     @property
     def label(self) -> str:
         """The method's name in tables."""
-        return METHODS[self.method].label if self.method in METHODS else self.method
+        return label_of(self.method)
 
     @property
     def seconds(self) -> float:
@@ -152,7 +165,19 @@ class Row:
 class Study:
     """The results of `study`: a row for the full model and one for each reduced model; `print` shows them as a table.
 
-    `assembly` is the seconds for building the full model, if known.
+    Attributes
+    ----------
+    band, repeats, parameter, values, between
+        As they were asked for; `parameter` is '' if there is none.
+    full, rows : Row, tuple of Row
+    assembly : float
+        Seconds for building the full model, if known.
+    left_out : tuple of str
+        The methods that could not reduce the model, and why.
+    models : tuple of ReducedSubstructure or System
+        The reduced models, row by row.
+    spectra : tuple of ComplexModes
+        The full model's modes, at each value of the parameter.
 
     Examples
     --------
@@ -168,6 +193,12 @@ class Study:
     full: Row
     rows: tuple[Row, ...]
     assembly: float = np.nan
+    parameter: str = ""
+    values: tuple[float, ...] = ()
+    between: tuple[float, float] | None = None
+    left_out: tuple[str, ...] = ()
+    models: tuple[Substructure, ...] = field(default=(), compare=False)
+    spectra: tuple[ComplexModes, ...] = field(default=(), compare=False)
 
     def __repr__(self) -> str:
         best = min(self.rows, key=lambda row: row.error_eigenvalue, default=None)
@@ -177,36 +208,45 @@ class Study:
     def recommended(self, tol: float = 1e-3) -> Row | None:
         """The smallest reduced model that may replace the full one, or None.
 
-        The conditions are: fewer DOF than the full model; error_growth ≤ tol; no missing and no spurious eigenvalue in
-        the band; the whole band below the cut-off. Of these models the one with the fewest DOF is taken: it is solved fastest,
-        and the choice does not depend on timing noise. Among models of equal size the one with the smallest error is taken,
-        unless its fastest run is slower than the slowest run of another one by a quarter.
+        It has fewer DOF than the full model. Over a range of the parameter it misses no unstable mode, and error_critical is
+        within the tol. Without a range error_growth is; no eigenvalue is missing and none is spurious in the band; and the
+        whole band is below the cut-off. Of these models the one with the fewest DOF is taken: it is solved fastest, and the
+        choice does not depend on timing noise. Among models of equal size the one with the smallest error is taken, unless its
+        fastest run is slower than the slowest run of another one by a quarter.
         """
         positive_number("tol", tol)
-        fit = [row for row in self.rows if row.size < self.full.size and row.error_growth <= tol and row.sound
-               and row.cutoff >= self.band[1]]
+        fit = [row for row in self.rows if row.size < self.full.size and self._error(row) <= tol and self._sound(row)]
         least = min((row.size for row in fit), default=0)
         fit = [row for row in fit if row.size == least]
-        return min((row for row in fit if not any(other.quicker(row) for other in fit)), key=lambda row: row.error_growth,
-                   default=None)
+        return min((row for row in fit if not any(other.quicker(row) for other in fit)), key=self._error, default=None)
+
+    def _error(self, row: Row) -> float:
+        """The error that decides."""
+        return row.error_growth if self.between is None else row.error_critical
+
+    def _sound(self, row: Row) -> bool:
+        """Whether a model is not wrong about modes, whatever its error."""
+        return row.sound and row.cutoff >= self.band[1] if self.between is None else not row.missed
 
     def recommendation(self, tol: float = 1e-3) -> str:
         """`recommended` in words."""
         row = self.recommended(tol)
-        where = (f"{100 * tol:.3g} % of the rates of damping and growth from {self.band[0]:.4g} to {self.band[1]:.4g} "
-                 "rad/time")
+        what = "the rates of damping and growth" if self.between is None else f"the critical {self.parameter} of the full model"
+        where = f"{100 * tol:.3g} % of {what} from {self.band[0]:.4g} to {self.band[1]:.4g} rad/time"
         if row is None:
-            whole = [row for row in self.rows if row.sound and row.error_growth > tol]
-            near = min(whole, key=lambda row: row.error_growth, default=None)
-            nearest = "" if near is None else f"; {near.label} {_extent(near)} comes nearest with {100 * near.error_growth:.2g} %"
+            whole = [row for row in self.rows if (row.sound if self.between is None else not row.missed)
+                     and self._error(row) > tol]
+            near = min(whole, key=self._error, default=None)
+            nearest = "" if near is None else f"; {near.label} {_extent(near)} comes nearest with {100 * self._error(near):.2g} %"
             return f"for {where} none of these models is accurate enough{nearest}. Keep more modes, or lower the band"
         within = "are within" if row.error_force <= ROUGH else "are not to be trusted, they are off by up to"
         forces = "" if np.isnan(row.error_force) else f"; the forces in the joints {within} {100 * row.error_force:.2g} %"
         faster = self.full.solution.median / row.solution.median if row.solution.median > 0 else np.inf
         ratio = f"{float(f'{faster if faster >= 1 else 1 / faster:.2g}'):g} times {'faster' if faster >= 1 else 'slower'}"
+        missed = "" if self.between is None else "; it misses no unstable mode"
         return (f"for {where} take {row.label} {_extent(row)}: {_seconds(row.reduction.median)} to "
                 f"reduce, {_seconds(row.solution.median)} to solve, {ratio} than the full model"
-                f"{forces}{self._verdicts(row)}")
+                f"{missed}{forces}{self._verdicts(row)}")
 
     def _verdicts(self, row: Row) -> str:
         if row.stable == self.full.stable:
@@ -217,28 +257,48 @@ class Study:
 
     def __str__(self) -> str:
         built = "" if np.isnan(self.assembly) else f", assembled in {_seconds(self.assembly)}"
-        forces = bool(self.full.error_force == 0)
+        forces = self.full.error_force == 0 and (self.between is None or any(row.error_force >= 0 for row in self.rows))
+        over = bool(self.values) or self.between is not None
+        at = f", {self.parameter} = {', '.join(f'{value:g}' for value in self.values)}" if self.values else ""
         # of systems the forces in the joints tell more than λ, which is told by ω and Re λ
-        head = ["  method", "DOF", "err ω", *["err λ"] * (not forces), "err Re λ", "err slope", *["err force"] * forces,
-                "missing", "stable", "reduce", "solve"]
-        rows = [[f"{'*' if row.pareto else ' '} {row.label}", row.size, row.error_frequency,
-                 *[row.error_eigenvalue] * (not forces), row.error_growth, row.error_slope, *[row.error_force] * forces,
-                 row.missing, yes_no(row.stable), _seconds(row.reduction.median), _seconds(row.solution.median)]
-                for row in (self.full, *self.rows)]
-        lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time, medians of {self.repeats}{built}",
-                 table(head, rows, ["s", "d", *[".1e"] * 4, "d", "s", "s", "s"], keys=2)]
+        columns: list[tuple[str, str, Callable[[Row], Any], bool]] = [
+            ("  method", "s", lambda row: f"{'*' if row.pareto else ' '} {row.label}", True),
+            ("DOF", "d", lambda row: row.size, True), ("err ω", ".1e", lambda row: row.error_frequency, not over),
+            ("err λ", ".1e", lambda row: row.error_eigenvalue, not forces),
+            ("err Re λ", ".1e", lambda row: row.error_growth, not over), ("err Re λ", ".1e", lambda row: row.error_real, over),
+            ("missed", "d", lambda row: row.missed, over), ("invented", "d", lambda row: row.invented, over),
+            (f"critical {self.parameter}", ".5f", lambda row: "none" if row.critical == np.inf else row.critical,
+             self.between is not None),
+            (f"err {self.parameter}", ".1e", lambda row: None if row.error_critical == np.inf else row.error_critical,
+             bool(self.parameter)),
+            ("err force", ".1e", lambda row: row.error_force, forces), ("missing", "d", lambda row: row.missing, not over),
+            ("stable", "s", lambda row: yes_no(row.stable), not over),
+            ("reduce", "s", lambda row: _seconds(row.reduction.median), True),
+            ("solve", "s", lambda row: _seconds(row.solution.median), True)]
+        head, formats, cells, _ = zip(*(column for column in columns if column[3]), strict=True)
+        lines = [f"{self.name}: band {self.band[0]:g} to {self.band[1]:g} rad/time{at}, medians of {self.repeats}{built}",
+                 table(head, [[cell(row) for cell in cells] for row in (self.full, *self.rows)], formats, keys=2)]
         if any(row.pareto for row in self.rows):
             lines.append("* no other is both as fast (or as small, where the runs' times overlap) and as accurate in Re λ")
-        short = [row for row in self.rows if row.cutoff < self.band[1]]
-        if short:
-            lines.append(f"no critical slope where the band reaches above the cut-off: {reaching(short)}")
+        if over:
+            lines.append("err Re λ: relative to |λ|; missed: modes that grow in the full model alone; invented: in the small one "
+                         "alone")
+        what = f"no critical {self.parameter}"
+        short = [row for row in self.rows if row.cutoff < self.band[1] and np.isnan(row.critical)]
+        if short and self.parameter:
+            lines.append(f"{what} where the band reaches above the cut-off: {reaching(short)}")
         without = [row for row in (self.full, *self.rows) if row.reason and row not in short]
         for label, reason in dict.fromkeys((row.label, row.reason) for row in without):
             sizes = ", ".join(str(row.size) for row in without if (row.label, row.reason) == (label, reason))
-            lines.append(f"no critical slope of {label} with {sizes} DOF: {reason}")
+            lines.append(f"{what} of {label} with {sizes} DOF: {reason}")
         if any(np.isnan(row.error_force) for row in self.rows) and forces:
             lines.append("no error of the forces where a mode of the full system has no counterpart")
-        return fitted("\n".join(lines))
+        return fitted("\n".join([*lines, *self.left_out]))
+
+
+def label_of(method: str) -> str:
+    """'Craig-Bampton' of its key; 'Contact modes' of one that is not offered by its key."""
+    return METHODS[method].label if method in METHODS else method.replace("-", " ").capitalize() if "-" in method else method
 
 
 def reaching(rows: Sequence[Row]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,6 +27,7 @@ from femsub import (
     read_mesh,
     reduce,
     solid,
+    study,
     track,
 )
 from femsub.app.figures_errors import friction_errors_figure
@@ -40,9 +40,9 @@ from femsub.app.scenes.outputs import least_stable, motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array, check_band, interval
 from femsub.coupling import brake_meshes, check_held, opposite
-from femsub.errors import FemsubError, FemsubWarning, InputError, NotConvergedError, PortWarning, warn
+from femsub.errors import FemsubWarning, InputError, PortWarning, warn
 from femsub.reduction import METHODS
-from femsub.studies import FrictionRow, compared, first_loss, over_mu, same_loss, table
+from femsub.studies import Loss, Row, Study, affine_over, first_loss, table
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -161,56 +161,73 @@ class Brake:
 
     @cached_property
     def affine(self) -> Affine:
-        """The full model over μ."""
-        return over_mu(self.system, self.contacts(0.0))
+        """The best reduced model over μ."""
+        return affine_over(self.best, self.contacts(0.0), "mu", self.range)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Of μ."""
+        return self.scene.mu[0], self.scene.mu[1]
+
+    @property
+    def band(self) -> tuple[float, float]:
+        return self.scene.band[0], self.scene.band[1]
+
+    @cached_property
+    def compared(self) -> Study:
+        """The full model and those reduced by each method, part by part, and then by contact modes."""
+        scene, system = self.scene, self.system
+        methods: list[Any] = []
+        for name in scene.methods:
+            for modes in scene.modes:
+                kept = {part: min(modes, len(sub.interior) - 6) for part, sub in system.parts.items()}
+                room = sum(kept.values()) + len(system.interface)
+                methods.append(({part: METHODS[name](count) for part, count in kept.items()},
+                                self.contact_modes(min(modes, room - 1))))
+        methods += [self.contact_modes(modes, friction) for friction in (True, False) for modes in scene.modes]
+        return study(system, methods, self.band, contacts=self.contacts(0.0), parameter="mu", values=scene.full,
+                     between=self.range, ports=True, repeats=1, progress=self.tell)
+
+    def contact_modes(self, modes: int, friction: bool = True) -> ContactModes:
+        """The method for the brake as a whole."""
+        return ContactModes(min(modes, self.system.size - 1), contacts=self.contacts(0.0), friction=friction)
 
     @cached_property
     def exact(self) -> dict[float, ComplexModes]:
         """The full model's modes in the band at some values of μ."""
-        found = {}
-        for mu in self.scene.full:
-            start = time.perf_counter()
-            self.tell(f"full model of {self.system.size} DOF at mu = {mu:g}")
-            found[mu] = complex_modes(self.affine.at(mu=mu), band=(self.scene.band[0], self.scene.band[1]))
-            self.seconds.append(time.perf_counter() - start)
-        return found
+        if "error-time" in self.scene.outputs:
+            return dict(zip(self.scene.full, self.compared.spectra, strict=True))
+        self.tell(f"full model of {self.system.size} DOF")
+        return {mu: complex_modes(self.system, self.contacts(mu), band=self.band) for mu in self.scene.full}
 
     @cached_property
-    def seconds(self) -> list[float]:
-        """Of the full model, at each μ."""
-        return []
-
-    @cached_property
-    def best(self) -> tuple[Substructure, Affine, float]:
-        """The largest model of contact modes of the full system, over μ as well, and the seconds to reduce it."""
-        return self.reduced("", self.scene.modes[-1])
-
-    def reduced(self, method: str, modes: int, friction: bool = True) -> tuple[Substructure, Affine, float]:
-        """By a method part by part, '' for none, and then by contact modes of the system."""
-        start = time.perf_counter()
-        system = self.system
-        self.tell(f"{METHODS[method].label if method else 'contact modes'} with {modes} modes")
+    def best(self) -> Substructure:
+        """The largest model of contact modes of the full system."""
+        if (row := self.best_row) is not None:
+            return self.compared.models[self.compared.rows.index(row)]
+        self.tell(f"contact modes with {self.scene.modes[-1]} modes")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PortWarning)
-            if method:
-                system = self.joined({name: reduce(part, METHODS[method](min(modes, len(part.interior) - 6)), ports=True)
-                                      for name, part in system.parts.items()})
-            small = reduce(system, ContactModes(min(modes, system.size - 1), contacts=self.contacts(0.0), friction=friction))
-        return small, over_mu(small, self.contacts(0.0)), time.perf_counter() - start
+            return reduce(self.system, self.contact_modes(self.scene.modes[-1]))
 
     @cached_property
-    def critical(self) -> dict[str, tuple[float, float]]:
-        """(μ, ω) of the first loss of stability in the band: of the best reduced model, and of the full one."""
-        scene = self.scene
-        own = first_loss(self.best[1], scene.mu, scene.band)
-        if not scene.mu[0] < own[0] < np.inf:
-            return {"reduced": own, "full": (np.nan, np.nan)}
-        self.tell("the critical mu of the full model")
-        try:
-            return {"reduced": own, "full": same_loss(self.affine, *own)}
-        except NotConvergedError as error:
-            warn(f"the critical mu of the full model was not found: {error}", FemsubWarning)
-            return {"reduced": own, "full": (np.nan, np.nan)}
+    def best_row(self) -> Row | None:
+        """Its row, if models are compared."""
+        rows = self.compared.rows if "error-time" in self.scene.outputs else ()
+        return max((row for row in rows if row.method == ContactModes.key), key=lambda row: row.modes, default=None)
+
+    @cached_property
+    def critical(self) -> dict[str, Loss]:
+        """The first loss of stability in the band: of the best reduced model, and of the full one."""
+        if (row := self.best_row) is not None:
+            own, full = (Loss(one.critical, one.omega, one.reason) for one in (row, self.compared.full))
+        else:
+            self.tell("the critical mu")
+            look = partial(first_loss, contacts=self.contacts(0.0), parameter="mu", between=self.range, band=self.band)
+            own, full = look(self.best), look(self.system)
+        if full.reason and np.isfinite(own.value):
+            warn(f"the critical mu of the full model was not found: {full.reason}", FemsubWarning)
+        return {"reduced": own, "full": full}
 
 
 def run(scene: BrakeScene, progress: Progress) -> Result:
@@ -288,50 +305,21 @@ def _energy_shares(system: System, shapes: Array) -> dict[str, Array]:
 
 def _error_time(brake: Brake) -> Result:
     """Each method and number of modes against the full model."""
-    scene, exact, critical = brake.scene, brake.exact, brake.critical["full"][0]
-    rows: list[FrictionRow] = []
-    left_out: list[str] = []
-    for method, friction in [*((name, True) for name in scene.methods), ("", True), ("", False)]:
-        name = method or ("contact-modes" if friction else "real-modes")
-        for modes in scene.modes:
-            try:
-                _, affine, seconds = (brake.best if not method and friction and modes == scene.modes[-1]
-                                      else brake.reduced(method, modes, friction))
-            except FemsubError as error:
-                left_out.append(f"{name} with {modes} modes is left out: {error}")
-                continue
-            rows.append(compared(name, modes, affine, seconds, exact, scene.mu, scene.band, critical))
-    took = float(np.median(brake.seconds))
-    good = [row for row in rows if not row.missed and row.mu_error <= WITHIN]
-    best = min(good, key=lambda row: (row.size, row.mu_error), default=None)  # seconds of one run are no ground to choose on
-    words = (f"Recommended: {_label(best.method)} with {best.size} DOF: no unstable mode of the band is missed, and the critical "
-             f"mu is within {best.mu_error:.1e}." if best else
-             f"No model keeps the critical mu within {WITHIN:.0%} and misses no unstable mode: give more modes.")
-    said = table(["model", "modes", "DOF", "s to reduce", "s per mu", "error λ", "error Re λ", "missed", "invented",
-                  "critical mu", "its error"],
-                 [[_label(row.method), row.modes, row.size, row.seconds - row.solving, row.solving, row.error, row.growth_error,
-                   row.missed, row.invented, "none" if row.mu == np.inf else row.mu, row.mu_error] for row in rows],
-                 ["s", "d", "d", ".2f", ".2f", ".1e", ".1e", "d", "d", ".5f", ".1e"], keys=3,
-                 none="no mode of the band has a counterpart, or there is no critical mu to compare")
-    known = f"its critical mu is {critical:.5f}" if np.isfinite(critical) else "it has no critical mu in the range"
-    head = (f"Reduced models against the full one, which takes {took:.1f} s per mu; {known}. Errors are relative to |λ|; parts "
-            "reduced by a method are then reduced by contact modes. missed: unstable modes of the full model that are stable in "
-            "the small one; invented: the other way round")
-    flat = [row.flat() for row in rows]
-    data = {"error-time": {"full_seconds": took, "rows": flat, "left_out": left_out, "recommendation": words,
-                           "recommended": best.flat() if best else None}}
-    return Result(data, {"error-time": flat}, "\n".join([head, said, *left_out, words]),
-                  {"error-time": lambda: friction_errors_figure(rows, took, scene.name)})
-
-
-def _label(name: str) -> str:
-    return METHODS[name].label if name in METHODS else name.replace("-", " ").capitalize()
+    scene, found = brake.scene, brake.compared
+    known = f"its critical mu is {found.full.critical:.5f}" if np.isfinite(found.full.critical) else \
+        "it has no critical mu in the range"
+    head = (f"Reduced models against the full one, which takes {found.full.solution.median:.1f} s per mu; {known}. Parts reduced "
+            "by a method are then reduced by contact modes")
+    rows, best, words = [row.flat() for row in (found.full, *found.rows)], found.recommended(WITHIN), found.recommendation(WITHIN)
+    data = {"error-time": {"parameter": "mu", "values": scene.full, "rows": rows, "left_out": found.left_out,
+                           "recommendation": words, "recommended": best.flat() if best else None}}
+    return Result(data, {"error-time": rows}, "\n".join([head, str(found), words]),
+                  {"error-time": lambda: friction_errors_figure(found, scene.name)})
 
 
 def _flutter(brake: Brake) -> Result:
     """Eigenvalues over μ of the best reduced model, and of the full one where it was solved; the critical μ of both."""
-    scene, (small, affine, _) = brake.scene, brake.best
-    band = scene.band[0], scene.band[1]
+    scene, small, affine, band = brake.scene, brake.best, brake.affine, brake.band
     brake.tell("modes of the reduced model over mu")
     followed = track(affine, None, "mu", np.linspace(scene.mu[0], scene.mu[1], scene.points), band=band)
     curves = [(float(mu), values[np.isfinite(values)]) for mu, values in zip(followed.values, followed.eigenvalues, strict=True)]
@@ -339,7 +327,7 @@ def _flutter(brake: Brake) -> Result:
     critical = brake.critical
     rows = [{"model": name, "mu": mu, "omega": float(value.imag), "growth": float(value.real)}
             for name, found in (("reduced", curves), ("full", crosses)) for mu, values in found for value in values]
-    (own, omega), (true, _) = critical["reduced"], critical["full"]
+    own, omega, true = *critical["reduced"][:2], critical["full"].value
     if np.isfinite(own):
         exact = f"full model {true:.6g}, " if np.isfinite(true) else "not found for the full model, "
         error = f" (error {abs(own - true) / true:.1e})" if np.isfinite(true) else ""
@@ -347,7 +335,7 @@ def _flutter(brake: Brake) -> Result:
                  f"{omega / (2 * np.pi):.5g} Hz")
     else:
         words = f"No mode in the band flutters for {scene.mu[0]:g} ≤ mu ≤ {scene.mu[1]:g}"
-    data = {"flutter": {"rows": rows, "critical": {name: {"mu": mu, "omega": at} for name, (mu, at) in critical.items()}}}
+    data = {"flutter": {"rows": rows, "critical": {key: {"mu": one.value, "omega": one.omega} for key, one in critical.items()}}}
     name = f"reduced to {small.size} DOF"
     lost = {name: [own]} if np.isfinite(own) else {}
     drawings = {"flutter": lambda: flutter_figure({name: followed}, lost, "mu  [-]", scene.name,
@@ -359,7 +347,7 @@ def _losses(brake: Brake) -> Result:
     """All losses and regains of stability of the best reduced model, and the proof that there are no others."""
     scene = brake.scene
     brake.tell("all losses of stability")
-    found = critical_value(brake.best[1], None, "mu", between=(scene.mu[0], scene.mu[1]), band=(scene.band[0], scene.band[1]))
+    found = critical_value(brake.affine, None, "mu", between=brake.range, band=brake.band)
     rows = [{"what": what, "mu": one.value, "omega": one.omega, "kind": one.kind}
             for what, several in (("loss", found.losses), ("regain", found.regains)) for one in several]
     cells = [list(row.values()) for row in rows]

@@ -22,7 +22,7 @@ from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
 from femsub.modes import relative_error
 from femsub.reduction import METHODS
-from femsub.studies import border_or_reason, table, yes_no
+from femsub.studies import first_loss, table, yes_no
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -156,7 +156,7 @@ def _critical(scene: ChainScene, _: Progress) -> Result:
 
 def _border(scene: ChainScene, model: Substructure) -> tuple[float, float, str]:
     """Critical slope and frequency in the scene's band; NaN and the reason where there is none to be had."""
-    return border_or_reason(model, "belt", scene.force, (scene.band[0], scene.band[1]))
+    return first_loss(model, scene.linear_belt, "slope", None, (scene.band[0], scene.band[1]))
 
 
 def _interfaces(scene: ChainScene, belt: int) -> list[bool]:
@@ -258,7 +258,7 @@ def _error_time(scene: ChainScene, progress: Progress) -> Result:
         sub = scene.model(scene.belt, widened)
         methods = [METHODS[name](size - len(sub.interface)) for name in scene.methods for size in scene.sizes
                    if size >= len(sub.interface)]
-        studies.append((_masses(sub.interface + 1), study(sub, methods, (scene.band[0], scene.band[1]), belt=belt,
+        studies.append((_masses(sub.interface + 1), study(sub, methods, (scene.band[0], scene.band[1]), contacts=belt,
                                                           repeats=scene.repeats, progress=progress)))
     rows = [{"interface": interface, **row.flat()} for interface, found in studies for row in (found.full, *found.rows)]
     said = "\n\n".join(f"Error against run time, interface {interface}\n{found}" for interface, found in studies)

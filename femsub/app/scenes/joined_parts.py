@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from femsub import Belt, Substructure, System, normal_modes, reduce, study
-from femsub.app.figures_errors import errors_figure
+from femsub import ContactModes, Substructure, System, normal_modes, study
+from femsub.app.figures_errors import errors_figure, friction_errors_figure
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, method_keys, other_method_names
-from femsub.errors import FemsubError, InputError, PortWarning
+from femsub.model import Contacts
 from femsub.modes import NEAR, match
 from femsub.reduction import METHODS, PORT_LIMIT, Method
 from femsub.studies import Row, Study, all_frequencies, elastic, table
@@ -22,8 +20,13 @@ from femsub.studies import Row, Study, all_frequencies, elastic, table
 RIGID = 6  # rigid-body modes that a part has at most
 LISTED = 20  # frequencies that are printed; the table in the file has all
 
-Rows = list[dict[str, Method]]
-Attempt = Callable[[Substructure, Method], object]
+
+class Over(NamedTuple):
+    """What a study of friction is asked for beside its contacts."""
+
+    parameter: str
+    values: Sequence[float]
+    between: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ class JoinedScene(Scene):
     ports: bool = key(False, "whether the static response to a part's ports joins its basis")
     band: list[float] = key([], "the frequencies in which models are compared", unit="rad/s", least=0, form="[lo, hi]",
                             required=True, example=[0.0, 1e4])
-    tolerance: float = key(1e-3, "relative error of the growth rates that the recommended model may have", above=0)
+    tolerance: float = key(1e-3, "relative error of the growth rates, or of the critical mu, that the recommended model may have",
+                           above=0)
 
 
 class Choice(NamedTuple):
@@ -48,32 +52,38 @@ class Choice(NamedTuple):
     modes: Sequence[int] = ()
 
 
-def compared(scene: JoinedScene, system: System, belt: Belt | None, title: str, name: str, progress: Progress,
-             choices: Mapping[str, Choice] | None = None) -> Result:
-    """The study of one system: full, and reduced part by part with each method and number of modes."""
-    found, methods, left_out = _studied(scene, system, belt, title, progress, choices or {})
-    best = found.recommended(scene.tolerance)
-    rows = [row.flat() for row in (found.full, *found.rows)]
+def compared(scene: JoinedScene, system: System, contacts: Contacts, title: str, name: str, progress: Progress,
+             choices: Mapping[str, Choice] | None = None, over: Over | None = None) -> Result:
+    """The study of one system: full, and reduced part by part with each method and number of modes.
+
+    With `over` it is one of friction over mu: the parts are reduced, and then the system to contact modes.
+    """
+    rows = _methods(scene, system, choices or {})
+    methods: list[Any] = [parts for parts, _ in rows] if over is None else [*_with_contact_modes(system, rows, contacts)]
+    found = study(system, methods, (scene.band[0], scene.band[1]), contacts=contacts, ports=scene.ports, repeats=scene.repeats,
+                  progress=progress, **(over._asdict() if over else {}))
+    best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
+    flat = [row.flat() for row in (found.full, *found.rows)]
     parts = [{"part": part, "size": sub.size, "interface": len(sub.interface)} for part, sub in system.parts.items()]
-    frequencies = _frequencies(scene, system, None if best is None else methods[found.rows.index(best)])
-    said = [f"{title}: {system!r}", str(found), *_full_words(found), *left_out, *_port_words(found),
-            found.recommendation(scene.tolerance), *_frequency_words(scene, frequencies, best)]
-    data = {"system": repr(system), "parts": parts, "rows": rows, "left_out": left_out,
-            "recommendation": found.recommendation(scene.tolerance), "recommended": None if best is None else best.flat(),
-            "frequencies": frequencies}
-    return Result({name: data}, {name: rows, f"{name}-frequencies": frequencies}, "\n".join(said),
-                  {name: lambda: errors_figure(found, title)})
+    frequencies = [] if over else _frequencies(scene, system, None if best is None else found.models[found.rows.index(best)])
+    said = [f"{title}: {system!r}", str(found), *_full_words(found), *_port_words(found), words,
+            *_frequency_words(scene, frequencies, best)]
+    data: dict[str, Any] = {"system": repr(system), "parts": parts, "rows": flat, "left_out": found.left_out,
+                            "recommendation": words, "recommended": None if best is None else best.flat(),
+                            "frequencies": frequencies}
+    data |= {"parameter": over.parameter, "values": over.values} if over else {}
+    tables = {name: flat} | ({} if over else {f"{name}-frequencies": frequencies})
+    return Result({name: data}, tables, "\n".join(said),
+                  {name: lambda: (friction_errors_figure if over else errors_figure)(found, title)})
 
 
-def _frequencies(scene: JoinedScene, system: System, methods: Mapping[str, Method] | None) -> list[dict[str, Any]]:
-    """The natural frequencies of the full system in the band, and beside them those of the model by these methods."""
+def _frequencies(scene: JoinedScene, system: System, model: Substructure | None) -> list[dict[str, Any]]:
+    """The natural frequencies of the full system in the band, and beside them those of a reduced model."""
     own = elastic(normal_modes(system, band=(scene.band[0], scene.band[1])))
     rows: list[dict[str, Any]] = [{"mode": i, "omega": omega} for i, omega in enumerate(own, start=1)]
-    if methods is None:
+    if model is None:
         return rows
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PortWarning)  # the study has told it
-        theirs = all_frequencies(reduce(system, methods, ports=scene.ports))
+    theirs = all_frequencies(model)
     for at, to in zip(*match(own, theirs), strict=True):
         if abs(theirs[to] - own[at]) <= NEAR * own[at]:
             rows[at] |= {"reduced": theirs[to], "error": abs(theirs[to] - own[at]) / own[at]}
@@ -96,9 +106,9 @@ def _frequency_words(scene: JoinedScene, rows: Sequence[Mapping[str, Any]], best
 
 def _full_words(found: Study) -> list[str]:
     """What the errors are relative to."""
-    if np.isnan(found.full.slope):
+    if np.isnan(found.full.critical):
         return []
-    return [f"full: critical slope {found.full.slope:.6g}, largest Re λ in the band {found.full.growth:.6g}"]
+    return [f"full: critical {found.parameter} {found.full.critical:.6g}, largest Re λ in the band {found.full.growth:.6g}"]
 
 
 def _port_words(found: Study) -> list[str]:
@@ -110,55 +120,26 @@ def _port_words(found: Study) -> list[str]:
             "DOF). Set ports = true, or put the contact into the interface"]
 
 
-def _studied(scene: JoinedScene, system: System, belt: Belt | None, title: str, progress: Progress,
-             choices: Mapping[str, Choice]) -> tuple[Study, Rows, list[str]]:
-    """The study, its rows' methods, and why others are left out: some part cannot be reduced by them.
-
-    Nearly every refusal shows in the first step of a reduction, which costs little. For the others the parts are reduced one
-    by one, but only if the study has failed.
-    """
-    measure = partial(study, system, band=(scene.band[0], scene.band[1]), belt=belt, ports=scene.ports, repeats=scene.repeats,
-                      port=belt.port if belt is not None else next(iter(system.ports), "belt"), progress=progress)
-    progress(f"{title}: which methods the parts take")
-    methods, left_out = _methods(scene, system, choices, _begun)
-    try:
-        return measure(methods), methods, left_out
-    except FemsubError:
-        finished, left_out = _methods(scene, system, choices, reduce)
-        if len(finished) == len(methods):
-            raise
-    return measure(finished), finished, left_out
-
-
-def _begun(part: Substructure, method: Method) -> None:
-    """The static step of a reduction."""
-    if len(part.interior) or not method.held:
-        step = type(method)(0)
-        at = step.part(part)
-        step.statics(at, at.factored(), np.zeros((part.size, 0)))
-
-
-def _methods(scene: JoinedScene, system: System, choices: Mapping[str, Choice], attempt: Attempt) -> tuple[Rows, list[str]]:
-    """A mapping of parts to methods for each row, without those at which the attempt fails for some part, and why."""
-    made: dict[tuple[tuple[str, Method], ...], None] = {}
-    left_out: list[str] = []
+def _methods(scene: JoinedScene, system: System, choices: Mapping[str, Choice]) -> list[tuple[dict[str, Method], int]]:
+    """For each row a mapping of parts to methods, and its number of modes."""
+    made: dict[tuple[tuple[str, Method], ...], int] = {}
     for name in scene.methods:
         for row, count in enumerate(scene.modes):
-            try:
-                mapping = {part: _made(sub, own.method or name, own.modes[min(row, len(own.modes) - 1)] if own.modes else count)
-                           for part, sub in system.parts.items()
-                           if (own := choices.get(part, Choice())).method != "full"}
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", PortWarning)
-                    for part, method in mapping.items() if row == 0 else ():
-                        attempt(system.parts[part], method)
-            except FemsubError as error:
-                left_out.append(f"{METHODS[name].label} is left out: {error}")
-                break
-            made[tuple(mapping.items())] = None
-    if not made:
-        raise InputError(f"no method can reduce the parts: {'; '.join(dict.fromkeys(left_out))}")
-    return [dict(pairs) for pairs in made], list(dict.fromkeys(left_out))
+            mapping = {part: _made(sub, own.method or name, own.modes[min(row, len(own.modes) - 1)] if own.modes else count)
+                       for part, sub in system.parts.items() if (own := choices.get(part, Choice())).method != "full"}
+            made.setdefault(tuple(mapping.items()), count)
+    return [(dict(pairs), count) for pairs, count in made.items()]
+
+
+def _with_contact_modes(system: System, rows: Sequence[tuple[Mapping[str, Method], int]], contacts: Contacts
+                        ) -> Iterator[tuple[Mapping[str, Method], Method] | Method]:
+    """Each row's reduction of the parts and then of the system to so many contact modes; and contact modes alone."""
+    for parts, count in rows:
+        room = sum((parts[name].modes or 0) + len(sub.interface) if name in parts else sub.size
+                   for name, sub in system.parts.items())
+        yield parts, ContactModes(min(count, room - 1), contacts=contacts)
+    for count in dict.fromkeys(count for _, count in rows):
+        yield ContactModes(min(count, system.size - 1), contacts=contacts)
 
 
 def _made(part: Substructure, key: str, modes: int) -> Method:

@@ -20,7 +20,7 @@ from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
 from femsub.model import in_band
 from femsub.modes import listed, relative_error
-from femsub.studies import border_or_reason, table, yes_no
+from femsub.studies import first_loss, table, yes_no
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -89,7 +89,7 @@ def _critical(work: Work) -> Result:
     rows: list[dict[str, Any]] = []
     for name, modes, model in work.models:
         work.tell(f"critical slope, {look(name).label} with {model.size} DOF")
-        slope, omega, reason = border_or_reason(model, "belt", work.scene.force, band)
+        slope, omega, reason = first_loss(model, work.belt, "slope", None, band)
         full = rows[0]["slope"] if rows else slope
         rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
                      "error": relative_error(slope, full), "port_error": _port_error(model), "reason": reason})
@@ -240,8 +240,8 @@ def motion_files(mesh: Mesh, shape: Array, omega: float, named: str, title: str 
 
 def _error_time(work: Work) -> Result:
     scene = work.scene
-    found = study(work.sub, work.methods, work.band[0], belt=work.belt, ports=scene.ports, repeats=scene.repeats,
-                  slopes=work.slopes, assembly=work.assembly, progress=work.tell)
+    found = study(work.sub, work.methods, work.band[0], contacts=work.belt, ports=scene.ports, repeats=scene.repeats,
+                  critical=work.slopes, assembly=work.assembly, progress=work.tell)
     rows = [row.flat() for row in (found.full, *found.rows)]
     best, words = found.recommended(scene.tolerance), found.recommendation(scene.tolerance)
     data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,

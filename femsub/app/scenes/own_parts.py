@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from femsub import Material, Mesh, Rigid, Spring, Substructure, Tied, couple, read_component, read_mesh, solid
+import numpy as np
+
+from femsub import FrictionContact, Material, Mesh, Rigid, Spring, Substructure, Tied, couple, read_component, read_mesh, solid
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, other_method_names, run_outputs
-from femsub.app.scenes.joined_parts import Choice, JoinedScene, compared
+from femsub.app.scenes.joined_parts import Choice, JoinedScene, Over, compared
 from femsub.app.scenes.solid import motions
 from femsub.app.scenes.system_shapes import system_modes
+from femsub.checks import interval
 from femsub.components import DIRECTIONS
 from femsub.errors import InputError, unknown_name
 from femsub.reduction import METHODS
@@ -110,13 +113,44 @@ class JointKeys:
 
 
 @dataclass(frozen=True)
+class ContactKeys:
+    """Two surfaces of meshes with Coulomb friction between them; see `FrictionContact`."""
+
+    between: list[str] = key([], "the surfaces, the smaller one first: sets of meshes that are interface, the second may be "
+                             "'ground'", required=True, form="[first, second]", example=["pad.face", "disc.track"])
+    stiffness: float = key(0.0, "normal stiffness per area", unit="force/length³", above=0, required=True, example=2e11)
+    pressure: float = key(0.0, "pressure in steady sliding, for the damping by friction", unit="force/area", least=0)
+    direction: list[float] = key([], "in which the second surface moves", form="[x, y, z]", otherwise="it turns about axis",
+                                 example=[1.0, 0.0, 0.0])
+    axis: list[float] = key([], "about which the second surface turns", form="[x, y, z]", otherwise="it moves in direction",
+                            example=[0.0, 0.0, 1.0])
+    centre: list[float] = key([0.0, 0.0, 0.0], "a point of the axis", unit="length", form="[x, y, z]")
+    speed: float = key(0.0, "velocity along direction, or angular velocity about axis (rad/time)", least=0,
+                       otherwise="without damping by friction")
+
+    def made(self, meshes: dict[str, Mesh]) -> FrictionContact:
+        """The contact without friction, mu = 0."""
+        return FrictionContact(self.between[0], self.between[1], meshes, self.stiffness, 0.0, self.pressure,
+                               direction=np.array(self.direction) if self.direction else None,
+                               axis=np.array(self.axis) if self.axis else None, centre=np.array(self.centre),
+                               speed=self.speed or None)
+
+
+@dataclass(frozen=True)
 class OwnPartsScene(JoinedScene):
-    """Parts that are joined, and one of them under a belt: full, and reduced part by part."""
+    """Parts that are joined, one of them under a belt or with friction between them: full, and reduced part by part."""
 
     parts: list[PartKeys] = key([], "the parts", required=True, example=[
         PartKeys("disc", M="disc-M.mtx", K="disc-K.mtx", interface=[0, 4], port=[2]),
         PartKeys("pad", mesh="pad.msh", interface=["back"])])
     joints: list[JointKeys] = key([], "the joints", required=True, example=[JointKeys(["disc", "pad.back"])])
+    contacts: list[ContactKeys] = key([], "surfaces with friction between them; models are then reduced to contact modes as well",
+                                      otherwise="none", example=[
+                                          ContactKeys(["pad.face", "disc.track"], 2e11, axis=[0.0, 0.0, 1.0])])
+    mu: list[float] = key([0.0, 1.0], "the range of their coefficient of friction in which stability may be lost", least=0,
+                          form="[lo, hi]")
+    full: list[float] = key([], "values of mu at which the full model is solved", least=0, distinct=True,
+                            otherwise="the end of the range", example=[0.2, 0.4])
     belt: str = key("", "the part under the belt", otherwise="the first one with a port or a contact; none", example="disc")
     folder: str = "."
 
@@ -133,6 +167,7 @@ class OwnPartsScene(JoinedScene):
                              "name their ends as 'part.set'")
         if self.belt and self.belt not in names:
             raise unknown_name("part", self.belt, names)
+        interval("mu", (self.mu[0], self.mu[1]))
 
 
 SCENE = OwnPartsScene
@@ -144,17 +179,19 @@ def run(scene: OwnPartsScene, progress: Progress) -> Result:
     made = {part.name: part.model(scene.folder) for part in scene.parts}
     parts = {name: sub for name, (sub, _) in made.items()}
     meshes = {name: mesh for name, (_, mesh) in made.items() if mesh is not None}
-    system = couple(parts, [joint.made(parts, meshes) for joint in scene.joints], scene.name)
+    surfaces = [contact.made(meshes) for contact in scene.contacts]
+    system = couple(parts, [*(joint.made(parts, meshes) for joint in scene.joints), *surfaces], scene.name)
     rubbing = scene.belt or next((name for name, sub in parts.items() if sub.ports), "")
     if scene.belt and not parts[scene.belt].ports:
         raise InputError(f"belt: the part {scene.belt!r} has no port; give it a port (of matrices) or a contact (of a mesh)")
-    belt = replace(scene.linear_belt, port=f"{rubbing}.belt") if rubbing else None
+    belt = [replace(scene.linear_belt, port=f"{rubbing}.belt")] if rubbing else []
+    over = Over("mu", scene.full or [scene.mu[1]], (scene.mu[0], scene.mu[1])) if surfaces else None
     choices = {part.name: Choice(part.method, part.modes) for part in scene.parts if part.method or part.modes}
     data: dict[str, Any] = {"band": scene.band, "belt": rubbing, **(scene.friction if rubbing else {})}
     joined = f"{len(scene.joints)} joint{'s' * (len(scene.joints) != 1)}"
     text = [f"{scene.name}: {len(parts)} parts, {joined}" + (f", {scene.friction_words}" if rubbing else "")]
-    text += [repr(sub) for sub in parts.values()]
-    outputs = {"methods": lambda: compared(scene, system, belt, scene.name, "methods", progress, choices),
+    text += [repr(sub) for sub in (*parts.values(), *surfaces)]
+    outputs = {"methods": lambda: compared(scene, system, [*surfaces, *belt], scene.name, "methods", progress, choices, over),
                "modes": lambda: system_modes(scene, system, meshes)}
     return run_outputs(scene.outputs, lambda output: outputs[output](), data, text)
 

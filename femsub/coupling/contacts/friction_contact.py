@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -187,21 +187,38 @@ class FrictionContact(Joint):
     def linearised(self, model: Substructure) -> tuple[Matrix | None, Matrix]:
         """(C_D, C_K), sparse, shape (p, p), on the DOF of both sets."""
         points = self._points()
-        n, t, s, r = self._directions(points)
+        sides = [model.sets[name].tobytes() if name in model.sets else None for name in self.sets]
+        ways = [np.array(way, dtype=float).tobytes() for way in (self.direction, self.axis, self.centre)]  # None is NaN
+        key = (model.interface_dofs, self.sets, self.stiffness, self.pressure, self.speed, self.slope, *sides, *ways)
+        directions = self._directions(points)
+        if key not in points.terms:
+            while len(points.terms) >= KEPT:
+                points.terms.pop(next(iter(points.terms)))
+            points.terms[key] = self._terms(model, points, *directions)
+        (K, with_mu), *others = points.terms[key]
+        K = K + float(self.mu) * with_mu
+        if not others:
+            return None, sp.csr_array(K)
+        D, with_mu = others[0]
+        if len(others) == 2:
+            K = K - float(self.mu) * others[1][1] - others[1][0]
+        return sp.csr_array(D + float(self.mu) * with_mu), sp.csr_array(K)
+
+    def _terms(self, model: Substructure, points: Points, n: Array, t: Array, s: Array, r: Array) -> list[tuple[Matrix, Matrix]]:
+        """Pairs (A, B) of K = A + μ B; with a velocity and a pressure of D, and with an axis of what the material carries."""
         move = self._motions(model, points)
         N, T, S = (_along(vectors, move) for vectors in (n, t, s))
-        weight = sp.diags_array(points.weight)
-        normal = float(self.stiffness) * (weight @ N)
-        K = N.T @ normal + float(self.mu) * (T.T @ normal)
+        normal = float(self.stiffness) * (sp.diags_array(points.weight) @ N)
+        found = [(N.T @ normal, T.T @ normal)]
         if self.speed is None or not self.pressure:
-            return None, sp.csr_array(K)
-        load, faster = self.pressure * points.weight, self.speed * r
-        turned, fallen = sp.diags_array(self.mu * load / faster), sp.diags_array(self.slope * load)
-        D = T.T @ (fallen @ T) + S.T @ (turned @ S)
+            return found
+        load = self.pressure * points.weight
+        turned, fallen = sp.diags_array(load / (self.speed * r)), sp.diags_array(self.slope * load)
+        found.append((T.T @ (fallen @ T), S.T @ (turned @ S)))
         if self.axis is not None:
             carried = [self.speed * motion for motion in self._carried(model, points)]
-            K = K - S.T @ (turned @ _along(s, carried)) - T.T @ (fallen @ _along(t, carried))
-        return sp.csr_array(D), sp.csr_array(K)
+            found.append((T.T @ (fallen @ _along(t, carried)), S.T @ (turned @ _along(s, carried))))
+        return found
 
     def patch_loads(self, model: Substructure, degree: int) -> Array:
         """Forces (n, k) of smooth tractions along n and t on the first surface: ∫ N P_j dA and ∫ T P_j dA, for all j.
@@ -370,6 +387,7 @@ class Points:
     x: Array
     weight: Array
     share: float = 1.0
+    terms: dict[Any, list[tuple[Matrix, Matrix]]] = field(default_factory=dict)  # of contacts, since a sweep over μ makes many
 
     @cached_property
     def normal(self) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from femsub.checks import Array, Matrix
 from femsub.coupling import System
-from femsub.model import Contacts, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper, within
+from femsub.model import Contacts, ReducedSubstructure, Substructure, contacts_of, in_band, small_matrices, upper, within
 
 if TYPE_CHECKING:
     from femsub.modes.quadratic.complex_modes import ComplexModes
@@ -19,12 +19,19 @@ CLUSTER = 1e-3  # |Δλ| / |λ| up to which modes are compared as one subspace
 
 
 class SpectrumErrors(NamedTuple):
-    """Largest errors of λ (relative to |λ|) and of Re λ over the matched eigenvalues, the number unmatched, the smallest MAC."""
+    """Largest errors of λ and of Re λ over the matched eigenvalues, and how many are not matched, or of another stability.
+
+    `eigenvalue` and `real` are relative to |λ|, `growth` to a scale of its own. `missing` have no counterpart, `mac` is the
+    smallest one. `missed` grow in the full model alone, `invented` in the reduced one alone.
+    """
 
     eigenvalue: float
     growth: float
     missing: int
     mac: float
+    real: float
+    missed: int
+    invented: int
 
 
 def match(reference: Array, values: Array, alike: Array | None = None, *, weight: float = SWAP,
@@ -83,33 +90,37 @@ def _energy(x: Array, Mx: Array) -> Array:
     return np.einsum("ij,ij->j", x.conj(), Mx).real
 
 
-def spectrum_errors(full: ComplexModes, reduced: ComplexModes,
-                    models: tuple[Substructure, Substructure] | None = None, scale: Array | None = None) -> SpectrumErrors:
+def spectrum_errors(full: ComplexModes, reduced: ComplexModes, models: tuple[Substructure, Substructure] | None = None,
+                    scale: Array | None = None, band: tuple[float, float] = (0.0, np.inf)) -> SpectrumErrors:
     """Errors over the eigenvalues of the full model with Im λ ≥ 0, rigid motion apart.
 
     The error of Re λ is relative to `scale`, one value per eigenvalue of the full model, such as `turnover`. Without it the
     scale is Re λ itself, which vanishes at the stability border. Differences within the error bars are ignored.
 
     If the two `models` are given, shapes count as well. They decide between close frequencies. The smallest MAC is
-    returned (else NaN), for clusters that of the subspace.
+    returned (else NaN), for clusters that of the subspace. Modes of the reduced model that grow count in the `band`.
     """
     ours, theirs = listed(full), listed(reduced)
     reference, x, bars = full.eigenvalues[ours], full.shapes[:, ours], full.error_bar[ours]
     values, y, other = reduced.eigenvalues[theirs], reduced.shapes[:, theirs], reduced.error_bar[theirs]
+    lost, grows = reference.real > bars, (values.real > other) & in_band(values, band)
     if len(reference) == 0:
-        return SpectrumErrors(0.0, 0.0, 0, 1.0 if models else np.nan)
+        return SpectrumErrors(0.0, 0.0, 0, 1.0 if models else np.nan, 0.0, 0, int(grows.sum()))
     at, to = match(reference, values, likeness(*models, x, y) if models else None)
     error = np.abs(values[to] - reference[at]) / np.abs(reference[at])
     near = error <= NEAR
     missing = len(reference) - int(near.sum())
+    same = near & (reference[at].real > 0) & (values[to].real > 0)
+    missed, invented = int(lost.sum() - (lost[at] & same).sum()), int(grows.sum() - (grows[to] & same).sum())
     if not near.any():
-        return SpectrumErrors(np.nan, np.nan, missing, np.nan)
+        return SpectrumErrors(np.nan, np.nan, missing, np.nan, np.nan, missed, invented)
     size = np.abs(reference.real) if scale is None else np.maximum(scale[ours], np.abs(reference.real))
     growth, noise = np.abs(values[to].real - reference[at].real), np.nan_to_num(bars[at] + other[to], posinf=0.0)
+    real = float((growth / np.abs(reference[at]))[near].max())
     size = np.maximum(size[at], noise)
     growth = np.divide(growth, size, out=np.zeros_like(size), where=(size > noise) | (growth > noise))
     mac = _least_mac(models, reference[at[near]], x[:, at[near]], y[:, to[near]]) if models else np.nan
-    return SpectrumErrors(float(error[near].max()), float(growth[near].max()), missing, mac)
+    return SpectrumErrors(float(error[near].max()), float(growth[near].max()), missing, mac, real, missed, invented)
 
 
 def _least_mac(models: tuple[Substructure, Substructure], values: Array, x: Array, y: Array) -> float:
@@ -142,9 +153,10 @@ def turnover(model: Substructure, contacts: Contacts, modes: ComplexModes) -> Ar
     for contact in contacts_of(contacts):
         W, damping, stiffness = small_matrices(model, contact)
         moved = np.abs(W.T @ x)
-        for C, unit in ((damping, 1.0), (np.subtract(stiffness, np.transpose(stiffness)) / 2, size)):
-            if np.any(C):
-                taken = taken + np.einsum("ij,ij->j", moved, np.abs(C) @ moved if np.ndim(C) else np.abs(C) * moved) / unit
+        skew = 0.0 if isinstance(stiffness, float) else (stiffness - stiffness.T) / 2
+        for C, unit in ((damping, 1.0), (skew, size)):
+            if not isinstance(C, float) or C:
+                taken = taken + np.einsum("ij,ij->j", moved, abs(C) * moved if isinstance(C, float) else abs(C) @ moved) / unit
     return taken / (2 * np.maximum(_energy(x, model.M @ x), np.finfo(float).tiny))
 
 

@@ -1,0 +1,76 @@
+"""Where a model first loses its stability over a parameter of its contacts: the one place where studies ask for it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from femsub.coupling import Belt
+from femsub.errors import CutoffWarning, FemsubError, InputError
+from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, contacts_of
+from femsub.stability import pencil_over
+from femsub.stability.critical_slope import critical_slope
+from femsub.stability.critical_value import critical_value
+
+
+class Loss(NamedTuple):
+    """The value of a parameter at the first loss of stability (±inf if there is none), and its ω; NaN with the reason why."""
+
+    value: float = np.nan
+    omega: float = np.nan
+    reason: str = ""
+
+
+def first_loss(model: Substructure, contacts: Contacts, parameter: str, between: tuple[float, float] | None,
+               band: tuple[float, float]) -> Loss:
+    """The first loss of stability in a band. For tables of many models: an error is the reason, and does not end the others.
+
+    'slope' of a belt is the largest c ≤ 0 (`critical_slope`), of the first belt; the other contacts act as they are. Any other
+    parameter is searched from the lower end of `between` up (`critical_value`).
+    """
+    given = contacts_of(contacts)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CutoffWarning)  # the error is measured anyway
+            if parameter == "slope" and (belt := first_belt(given)) is not None:
+                others = [contact for contact in given if contact is not belt]
+                slope = critical_slope(model, belt.port, force=belt.force, contacts=others or None, band=band)
+                return Loss(slope.value, slope.omega)
+            if between is None:
+                raise InputError(f"a critical {parameter} is looked for in a range: give between=(lo, hi)")
+            if pencil_over(model, given, parameter).affine(between):  # its matrices are made once
+                found = critical_value(affine_over(model, given, parameter, between), None, parameter, between=between, band=band)
+            else:
+                found = critical_value(model, given, parameter, between=between, band=band)
+            return Loss(found.value, found.omega if found.first else abs(found.fastest.imag))
+    except FemsubError as error:
+        return Loss(reason=str(error))
+
+
+def first_belt(contacts: Sequence[Contact]) -> Belt | None:
+    """The first of the contacts that is a belt."""
+    return next((contact for contact in contacts if isinstance(contact, Belt)), None)
+
+
+def with_value(contacts: Sequence[Contact], parameter: str, value: float) -> list[Any]:
+    """The contacts with this value of the parameter; 'slope' is that of the first belt."""
+    belt = first_belt(contacts) if parameter == "slope" else None
+    return [replace(one, slope=value) if one is belt else one for one in contacts] if belt is not None else \
+        contacts_at(contacts, parameter, value)
+
+
+def affine_over(model: Substructure, contacts: Contacts, parameter: str, between: tuple[float, float]) -> Affine:
+    """The pencil M, D₀ + p D₁, K₀ + p K₁ over a parameter p in which the contacts are affine: its matrices are made once."""
+    over = pencil_over(model, contacts, parameter)
+    if not over.affine(between):
+        raise InputError(f"the contacts are not affine in {parameter!r}; critical_value(...) takes such a parameter")
+    first, last = over(between[0]), over(between[1])
+    terms = []
+    for a, b in ((first.D, last.D), (first.K, last.K)):
+        slope = (b - a) / (between[1] - between[0])
+        terms.append([(1.0, a - between[0] * slope), (parameter, slope)])
+    return Affine(first.M, *terms)
