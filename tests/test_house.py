@@ -23,8 +23,7 @@ ORDER = (("errors", "checks"), ("algebra",), ("model",), ("components",), ("coup
 LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
 ROOMS = 15  # entries of the package beside its __init__, at most
 ACROSS = 299  # later work does not move it
-DRAWERS = ("figure_style.py", "figures.py", "figures_modes.py", "figures_parts.py", "figures_cycles.py",  # import matplotlib
-           "figures_errors.py", "figures_flutter.py", "figures_transient.py")
+DRAWERS = ("figure_style.py", "figures.py", "figures_modes.py", "figures_parts.py", "charts_transient.py")  # import matplotlib
 
 
 def modules(package: Path = PACKAGE) -> list[Path]:

@@ -30,19 +30,19 @@ from femsub import (
     solid,
     track,
 )
-from femsub.app.figures_errors import friction_errors_figure
-from femsub.app.figures_flutter import flutter_figure
+from femsub.app.charts_errors import friction_errors_chart
+from femsub.app.charts_flutter import flutter_chart
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.keys import key
 from femsub.app.moving import mode_file
-from femsub.app.scene import Progress, Result, Scene, run_outputs
+from femsub.app.scene import Picture, Progress, Result, Scene, Shown, run_outputs
 from femsub.app.scenes.outputs import least_stable, motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array, check_band, interval
 from femsub.coupling import brake_meshes, check_held, opposite
 from femsub.errors import FemsubError, FemsubWarning, InputError, NotConvergedError, PortWarning, warn
 from femsub.reduction import METHODS
-from femsub.studies import FrictionRow, compared, first_loss, over_mu, same_loss, table
+from femsub.studies import FrictionRow, Remark, Table, column, compared, first_loss, friction_choice, over_mu, same_loss
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -241,26 +241,29 @@ def _unstable(brake: Brake) -> Result:
             f"{modes.evidence}")
     paged = _mode_file(brake, modes, mu)
     data = {"unstable": rows, "completeness": modes.evidence}
+    complete = Remark.of_completeness(modes.evidence)
     if not rows:
-        return Result(data, {}, f"{head}. All modes decay; give a larger mu, or less damping", {}, paged)
-    said = table(["f [Hz]", "Re λ", "error bar", "equivalent damping", *(f"energy {name}" for name in shares)],
-                 [list(row.values())[2:] for row in rows], [".6g", ".5g", ".0e", ".2e", *[".2f"] * len(shares)])
-    result = Result(data, {"unstable": rows}, f"{head}\n{said}", {}, paged)
+        return Result(data, [f"{head}. All modes decay; give a larger mu, or less damping", complete, Remark(
+            ["The full model has no unstable mode in the band."])], paged)
+    columns = ("hertz", column("growth", form=".5g"), "error_bar", "damping",
+               *(column(f"energy_{name}", form=".2f") for name in shares))
+    drawn: list[Shown] = [head, Table("unstable", rows, columns, "Unstable modes of the full model"), complete,
+                          Remark([f"At mu = {mu:g} the full model has {len(rows)} unstable mode{'s' * (len(rows) != 1)} in the "
+                                  "band."])]
     if not scene.figures:
-        return result
+        return Result(data, drawn, paged)
     (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, chosen]).items()
     fields = fields * np.exp(-1j * np.angle(_largest(fields)))
     titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g}" for row in rows]
     names = [f"{row['hertz']:.5g} Hz" for row in rows]
     title = f"{scene.name}: unstable modes at mu = {mu:g}, at the phase of the largest displacement"
-    result.drawings["unstable"] = partial(shapes_figure, mesh, fields[..., :DRAWN].real, titles[:DRAWN], title, {})
+    drawn.append(Picture("unstable", partial(shapes_figure, mesh, fields[..., :DRAWN].real, titles[:DRAWN], title, {})))
     shown = {f"{part} {name}": getattr(fields[..., i], attribute) for i, name in enumerate(names)
              for part, attribute in (("real-part", "real"), ("imaginary-part", "imag"))}
     phases = {f"phase {name}": np.degrees(np.angle(fields[..., i])) for i, name in enumerate(names)}
     worst = int(np.argmax([row["growth"] for row in rows]))
-    result.files["unstable.vtu"] = partial(vtu, mesh, shown | phases)
-    result.files.update(motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst], "most-unstable"))
-    return result
+    motion = motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst], "most-unstable")
+    return Result(data, drawn, {**paged, "unstable.vtu": partial(vtu, mesh, shown | phases), **motion})
 
 
 def _mode_file(brake: Brake, modes: ComplexModes, mu: float) -> dict[str, Writer]:
@@ -307,12 +310,11 @@ def _error_time(brake: Brake) -> Result:
     words = (f"Recommended: {_label(best.method)} with {best.size} DOF: no unstable mode of the band is missed, and the critical "
              f"mu is within {best.mu_error:.1e}." if best else
              f"No model keeps the critical mu within {WITHIN:.0%} and misses no unstable mode: give more modes.")
-    said = table(["model", "modes", "DOF", "s to reduce", "s per mu", "error λ", "error Re λ", "missed", "invented",
-                  "critical mu", "its error"],
-                 [[_label(row.method), row.modes, row.size, row.seconds - row.solving, row.solving, row.error, row.growth_error,
-                   row.missed, row.invented, "none" if row.mu == np.inf else row.mu, row.mu_error] for row in rows],
-                 ["s", "d", "d", ".2f", ".2f", ".1e", ".1e", "d", "d", ".5f", ".1e"], keys=3,
-                 none="no mode of the band has a counterpart, or there is no critical mu to compare")
+    columns = (column("method", cell=lambda row: _label(row["method"]), role=""), "modes", "size",
+               column("seconds", "s to reduce", ".2f", cell=lambda row: row["seconds"] - row["solving"]),
+               column("solving", "s per mu", ".2f"), column("error", "error λ"), column("growth_error", "error Re λ"), "missed",
+               "invented", column("mu", "critical mu", ".5f", cell=lambda row: "none" if row["mu"] == np.inf else row["mu"]),
+               "mu_error")
     known = f"its critical mu is {critical:.5f}" if np.isfinite(critical) else "it has no critical mu in the range"
     head = (f"Reduced models against the full one, which takes {took:.1f} s per mu; {known}. Errors are relative to |λ|; parts "
             "reduced by a method are then reduced by contact modes. missed: unstable modes of the full model that are stable in "
@@ -320,8 +322,10 @@ def _error_time(brake: Brake) -> Result:
     flat = [row.flat() for row in rows]
     data = {"error-time": {"full_seconds": took, "rows": flat, "left_out": left_out, "recommendation": words,
                            "recommended": best.flat() if best else None}}
-    return Result(data, {"error-time": flat}, "\n".join([head, said, *left_out, words]),
-                  {"error-time": lambda: friction_errors_figure(rows, took, scene.name)})
+    said = Table("error-time", flat, columns, "Error against run time", 3,
+                 "no mode of the band has a counterpart, or there is no critical mu to compare")
+    return Result(data, [head, said, *left_out, words, friction_errors_chart(rows, took, scene.name),
+                         friction_choice(best, words, brake.system.size, scene.band, scene.full)])
 
 
 def _label(name: str) -> str:
@@ -350,9 +354,10 @@ def _flutter(brake: Brake) -> Result:
     data = {"flutter": {"rows": rows, "critical": {name: {"mu": mu, "omega": at} for name, (mu, at) in critical.items()}}}
     name = f"reduced to {small.size} DOF"
     lost = {name: [own]} if np.isfinite(own) else {}
-    drawings = {"flutter": lambda: flutter_figure({name: followed}, lost, "mu  [-]", scene.name,
-                                                  {f"full model of {brake.system.size} DOF": crosses})}
-    return Result(data, {"flutter": rows}, f"{words}\n{followed!r}", drawings)
+    losses = ", ".join(f"of the {name} model at mu = {at:.6g}" for name, (at, _) in critical.items() if np.isfinite(at))
+    told = Remark([f"Loss of stability in the flutter diagram: {losses}."] if losses else ())
+    return Result(data, [words, repr(followed), told, Table("flutter", rows, title="Eigenvalues over mu"), flutter_chart(
+        "flutter", {name: followed}, lost, "mu  [-]", scene.name, {f"full model of {brake.system.size} DOF": crosses})])
 
 
 def _losses(brake: Brake) -> Result:
@@ -362,7 +367,6 @@ def _losses(brake: Brake) -> Result:
     found = critical_value(brake.best[1], None, "mu", between=(scene.mu[0], scene.mu[1]), band=(scene.band[0], scene.band[1]))
     rows = [{"what": what, "mu": one.value, "omega": one.omega, "kind": one.kind}
             for what, several in (("loss", found.losses), ("regain", found.regains)) for one in several]
-    cells = [list(row.values()) for row in rows]
-    said = table(["what", "mu", "ω", "kind"], cells, ["s", ".6g", ".6g", "s"], scene.system.beside("ω"))
     data = {"losses": {"evidence": found.evidence, "rows": rows}}
-    return Result(data, {"losses": rows}, f"Losses of stability: {found!r}\n{said}", {})
+    columns = (column("what", form="s"), column("mu", form=".6g"), "omega", column("kind", form="s"))
+    return Result(data, [f"Losses of stability: {found!r}", Table("losses", rows, columns, "Losses of stability")])
