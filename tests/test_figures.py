@@ -16,7 +16,7 @@ from femsub.reduction.interface_modes import InterfaceModes
 from femsub.reduction.reduce import METHODS
 from femsub.studies.friction_sweep import FrictionRow
 from femsub.studies.results import Row, Study, Timing
-from femsub.studies.tables import WIDTH, fitted, table
+from femsub.studies.tables import KNOWN, WIDTH, Table, fitted, table
 
 pytest.importorskip("matplotlib")
 
@@ -230,6 +230,31 @@ def test_a_wide_table_has_its_heads_broken_and_then_continues_below() -> None:
     assert len(parts) > 2 and max(len(line) for part in parts for line in part.splitlines()) <= WIDTH
     assert all("Craig-Chang, physical  100000" in part for part in parts)  # the keys stand in each
     assert "".join(parts).count("1.5e-03") == 27
+
+
+def test_a_table_prints_its_columns_and_files_all_keys() -> None:
+    rows = [{"model": "full", "modes": 0, "is_stable": None, "multiplier": 3 + 4j, "extra": 1},
+            {"model": "rubin", "modes": 2, "is_stable": True, "multiplier": None, "extra": 2}]
+    one = Table("a", rows, ("model", "modes", "is_stable", "multiplier"))
+    assert [line.split() for line in one.text().splitlines()[2:]] == [["full", "-", "?", "5"], ["Rubin", "2", "yes", "-"]]
+    assert [at.key for at in one.every] == ["model", "modes", "is_stable", "multiplier", "extra"] and one.filed is rows
+    assert [(at.head, at.form) for at in one.every[-1:]] == [(KNOWN["extra"].head, "")]
+    short = Table("a", rows, ("model",), only=("model", "gone"), most=1)
+    assert short.filed[1] == {"model": "rubin", "gone": None} and len(short.text().splitlines()) == 3
+    assert Table("a", rows).text() == ""
+
+
+def test_a_figure_draws_what_the_page_is_told() -> None:
+    chart = error_time_chart([("{m1}", FOUND)])
+    panels = [panel for place in chart.plain()["places"] for panel in place["panels"]]
+    for axis, panel in zip(drawn(draw(chart)), panels, strict=False):  # those of the page alone come last
+        assert (axis.get_title(), axis.get_ylabel() or panel["y"]) == (panel["title"], panel["y"])
+        for one in panel["series"]:
+            x, y = (np.array(one[key], dtype=float) for key in "xy")
+            assert any(len(line.get_xdata()) == len(x) and np.allclose(line.get_xdata(), x, rtol=1e-6, atol=0, equal_nan=True)
+                       and np.allclose(line.get_ydata(), y, rtol=1e-6, atol=0, equal_nan=True)
+                       and line.get_color() == one["colour"] for line in axis.lines)
+    assert len(panels) == 4 and len(chart.drawn) == 2
 
 
 def test_what_has_no_value_is_a_dash_and_the_table_says_why() -> None:

@@ -26,6 +26,7 @@ from femsub.app.charts_errors import error_time_chart, errors_chart
 from femsub.app.cli import main
 from femsub.app.moving import MODE_FILE, moving, read_mode
 from femsub.app.scene import Result, load
+from femsub.reduction import METHODS
 from femsub.studies import Remark, Study, answer, cycles_verdict, study_choice
 
 pytest.importorskip("plotly", reason="the page of a run is drawn by Plotly")
@@ -249,6 +250,51 @@ def test_numbers_that_are_infinite_or_unknown_are_told_and_not_drawn(value: floa
         for series in (one for place in told["places"] for panel in place["panels"] for one in panel["series"]):
             for values in (series["x"], series["y"], *(values for _, values in series["told"])):
                 assert all(item is None or isinstance(item, (int, float)) for item in values)
+
+
+OWN = """
+import femsub as fs
+from femsub.app.scene import Result, Scene
+from femsub.studies import Chart, Panel, Series, Table, Verdict, column
+
+class SCENE(Scene):
+    OUTPUTS = ("places",)
+
+def run(scene, progress):
+    rows = [{"belt": belt, "method": "craig-chang", "width": 0.5 * belt, "omega": 2.0 * belt} for belt in (1, 2, 3)]
+    columns = ["belt", "method", column("width", "the width", ".2f", meaning="how wide it is"), "omega"]
+    series = Series("a", [1.0, 2.0, 3.0], [0.5, 1.0, 1.5], "craig-chang", told={"omega [rad/time]": [2.0, 4.0, 6.0]})
+    chart = Chart("widths", "Widths", [Panel([series], "belt  [-]", "width  [length]")])
+    return Result({"places": {"rows": rows}}, ["Places", Table("places", rows, columns, "Widths of places"), chart,
+                                               Verdict(["It is wide."], [], "yes", "Wide enough at 6 rad/time.", "Is it wide?")])
+"""
+
+
+def test_what_a_scene_gives_is_printed_filed_drawn_and_on_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No other file has to know of a scene, its columns, its charts or its verdict."""
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "my.toml").write_text('scene = "own.py"\nunits = "SI"\noutputs = ["page"]\n')
+    assert main(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in said[:2]] == [["Places"], ["belt", "model", "the", "width", "ω", "Hz"]]
+    assert said[3].split() == ["1", "Craig-Chang", "0.50", "2", "0.31831"]
+    told = results(tmp_path / "out")
+    with (tmp_path / "out" / "places.csv").open(encoding="utf-8", newline="") as lines:
+        assert [list(row.values()) for row in csv.DictReader(lines)][2][:4] == ["3", "craig-chang", "1.5", "6.0"]
+    assert told["tables"]["places"]["place"] == ["places", "rows"]
+    assert told["tables"]["places"]["columns"][2] == {"key": "width", "head": "the width", "unit": "", "role": "",
+                                                      "meaning": "how wide it is"}
+    series, = told["charts"][0]["places"][0]["panels"][0]["series"]
+    assert series["x"] == [1.0, 2.0, 3.0] and series["colour"] == METHODS["craig-chang"].colour
+    assert [name for name, _ in series["told"]] == ["omega [rad/s]", "f [Hz]"] and (tmp_path / "out" / "widths.png").exists()
+    assert told["verdict"]["headline"] == "Wide enough at 6 rad/s (0.9549 Hz)."
+    for run_again in (False, True):
+        if run_again:
+            assert main(["show", str(tmp_path / "out")]) == 0
+        text = (tmp_path / "out" / page.PAGE_FILE).read_text(encoding="utf-8")
+        for words in ('title="how wide it is">the width<', "Widths of places", "Is it wide?", "Wide enough at 6 rad/s",
+                      ">Craig-Chang<"):
+            assert words in text
 
 
 def test_what_stands_in_results_cannot_break_the_page(tmp_path: Path, folders: dict[str, Path]) -> None:

@@ -115,7 +115,7 @@ def _drawn(axis: Any, panel: Panel) -> list[Any]:
         labels += [(axis, x[at], y[at], one.labels[at], colour) for at in places if np.isfinite(y[at])]
     for level in panel.levels:
         getattr(axis, "axvline" if level.axis == "x" else "axhline")(
-            level.at, color=level.colour, ls=DASHES[level.line], lw=0.9, label=level.text or None, zorder=1)
+            level.at, color=level.colour, ls=DASHES[level.line], lw=0.9, label=level.text or None, zorder=1.5)
     if panel.rounding:
         rounding_below(axis, [value for one in panel.series for value in np.asarray(one.y, dtype=float)])
     axis.set(**{f"{which}lim": limits for which, limits in panel.limits.items()})
