@@ -189,6 +189,19 @@ def test_one_importer_of_petsc_and_one_of_matplotlib(path: Path) -> None:
         assert "matplotlib" not in external(path)
 
 
+def printed_by_hand(package: Path = PACKAGE) -> list[Path]:
+    """Modules of the last room that print rows themselves, whose heads would be unknown to files and pages."""
+    return [path for path in (package / "app").rglob("*.py") for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) == "table"]
+
+
+def test_scenes_give_tables_and_print_none(tmp_path: Path) -> None:
+    assert not printed_by_hand()
+    (tmp_path / "app").mkdir()
+    (tmp_path / "app" / "one.py").write_text("from femsub.studies import table\nprint(table(['a'], [[1]], ['d']))\n")
+    assert len(printed_by_hand(tmp_path)) == 1
+
+
 def seconds(code: str) -> float:
     runs = []
     for _ in range(5):
