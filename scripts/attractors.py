@@ -42,9 +42,9 @@ import femsub as fs
 from benchmarks import attractor_runs as runs, attractor_states
 from benchmarks.attractor_states import Motion
 from femsub.app import report
-from femsub.app.scene import Result
+from femsub.app.scene import Picture, Result
 from femsub.studies.self_excitation import CRITERIA, table_rows
-from femsub.studies.tables import table
+from femsub.studies.tables import Table, table
 
 SHORT = {"full": "full", "craig-bampton": "HCB", "craig-chang": "CC"}
 MEASURED = ("distance", "error_spectrum", "error_frequency", "error_amplitude")
@@ -218,7 +218,8 @@ def _told(parts: Sequence[float], names: Sequence[str]) -> str:
 
 def draw(found: dict[str, Any]) -> Any:
     """Stacked shares over the DOF, HCB above CC, the full model to the right; below, the distance from the full model."""
-    from femsub.app.figure_style import PAGE, look, new_figure
+    from femsub.app.figure_style import PAGE, new_figure
+    from femsub.studies import look
 
     rows, states = found["rows"], found["states"]
     interfaces = list(dict.fromkeys(tuple(row["interface"]) for row in rows if row["method"] != "full"))
@@ -345,8 +346,8 @@ def main() -> int:
                      "again": found["again"] | {"shares": _by_name(found["again"]["shares"], names)}}
     data = {"settings": runs.asdict(settings), "starts": asked.starts, "machine": report.machine() | report.versions(), **plain}
     flat = [{key: value for key, value in row.items() if key not in ("shares", "holds", "verdict")} for row in found["rows"]]
-    result = Result(data, {"attractors": flat}, text(found), {"attractors": lambda: draw(found)})
-    print(result.text)
+    result = Result(data, [text(found), Table("attractors", flat), Picture("attractors", lambda: draw(found))])
+    print(result.text())
     report.write(result, asked.out, figures=True, name="attractors")
     return 0
 

@@ -36,7 +36,7 @@ from benchmarks.processes import Row, fresh, machine
 from femsub.algebra.petsc import has_cholmod
 from femsub.app import report
 from femsub.app.scene import Result
-from femsub.studies.tables import table
+from femsub.studies.tables import Table, table
 
 PARTS = ("assembly", "bases", "cea")
 SIZES: dict[bool, Row] = {  # by --quick: bricks, nodes of the interface, modes
@@ -254,8 +254,8 @@ def main() -> int:
             "details": bench.details, "failed": failed}
     flat = [{key: value for key, value in row.items() if key != "phases"} |
             {f"{key} [s]": value for key, value in row["phases"].items()} for row in bench.rows]
-    result = Result(data, {"bench": flat}, text(bench), {})
-    print(result.text, "", *(check["text"] for check in bench.checks), *(f"failed: {line}" for line in failed), sep="\n")
+    result = Result(data, [text(bench), Table("bench", flat)])
+    print(result.text(), "", *(check["text"] for check in bench.checks), *(f"failed: {line}" for line in failed), sep="\n")
     report.write(result, asked.out, figures=False, name="bench")
     return 1 if failed or any(check["met"] is False and not check["timed"] for check in bench.checks) else 0
 

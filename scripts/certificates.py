@@ -37,7 +37,7 @@ from femsub.app import report
 from femsub.app.scene import Result
 from femsub.modes import normal_modes
 from femsub.modes.quadratic import complex_modes, damping_split, disc_count, sparse
-from femsub.studies.tables import table
+from femsub.studies.tables import Table, table
 
 LONG = 60.0
 KINDS = ("errors", "left", "inertia", "disc")
@@ -161,7 +161,7 @@ def main() -> None:
         rows.append(measure(name, given.repeats))
         if folder:
             data = {"machine": report.machine() | report.versions(), "rows": rows}
-            report.write(Result(data, {"certificates": rows}, "", {}), folder, False, "certificates")
+            report.write(Result(data, [Table("certificates", rows)]), folder, False, "certificates")
     report.progress_done()
     shown = ("model", "dof", "eigenvalues", "evidence", "solution", *KINDS, "ratio", "refine", "moved")
     formats = ("s", "d", "d", "s", ".4g", ".3g", ".3g", ".3g", ".3g", ".1%", ".3g", ".1e")

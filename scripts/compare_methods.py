@@ -23,8 +23,9 @@ from typing import Any
 
 import femsub as fs
 from benchmarks import joined
-from femsub.app.figure_style import PAGE, legend_below, look, new_figure, render
+from femsub.app.figure_style import PAGE, legend_below, new_figure, render
 from femsub.reduction.reduce import METHODS
+from femsub.studies import look
 
 KEYS = ["craig-bampton", "macneal", "dual-craig-bampton", "rubin", "herting"]
 

@@ -23,7 +23,7 @@ import numpy as np
 import femsub as fs
 from benchmarks import gallery
 from femsub.algebra.factor import release
-from femsub.app.figure_style import PAGE, legend_below, look, new_figure, render
+from femsub.app.figure_style import PAGE, legend_below, new_figure, render
 from femsub.io.atomic import write_whole
 from femsub.model.bands import within
 from femsub.model.estimate import SHARE
@@ -31,6 +31,7 @@ from femsub.modes.quadratic.matching import match
 from femsub.reduction.estimates.found_modes import FoundModes
 from femsub.reduction.estimates.nested import FAR, Nested
 from femsub.reduction.estimates.search import Space
+from femsub.studies import look
 
 ROOT = Path(__file__).resolve().parent.parent
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-6)

@@ -37,8 +37,8 @@ import femsub as fs
 from benchmarks.extreme.table import CASES
 from benchmarks.extreme.verdict import FIGURES, Row, evaluate
 from femsub.app import report
-from femsub.app.scene import Result
-from femsub.studies.tables import table
+from femsub.app.scene import Picture, Result
+from femsub.studies.tables import Table, table
 
 
 def run(names: list[str], limit: float) -> list[Row]:
@@ -138,8 +138,8 @@ def main() -> int:
                f"{counts['refused']} refused with the reason, {counts['wrong']} wrong")
     data = {"machine": report.machine() | report.versions(), "summary": summary, "rows": rows, "other_than_known": odd}
     flat = [row | {"warnings": "; ".join(row["warnings"])} for row in rows]
-    result = Result(data, {"extreme": flat}, text(rows), {"extreme": lambda: draw(rows)})
-    print(result.text, "", summary, *([f"other than known: {', '.join(odd)}"] if odd else []), sep="\n")
+    result = Result(data, [text(rows), Table("extreme", flat), Picture("extreme", lambda: draw(rows))])
+    print(result.text(), "", summary, *([f"other than known: {', '.join(odd)}"] if odd else []), sep="\n")
     report.write(result, asked.out, figures=True, name="extreme")
     return 1 if odd or counts["wrong"] else 0
 

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.figure_style import look, new_figure, render
+from femsub.app.figure_style import new_figure, render
+from femsub.studies import look
 
 ROOT = Path(__file__).resolve().parent.parent
 LAW = fs.StribeckArctan(eps=1e-3)

@@ -41,10 +41,11 @@ import femsub as fs
 from benchmarks import models
 from benchmarks.processes import Row, fresh, machine, peak_mb, warm_up
 from femsub.app import report
-from femsub.app.figure_style import PAGE, look, new_figure, render
-from femsub.app.scene import Result
+from femsub.app.figure_style import PAGE, new_figure, render
+from femsub.app.scene import Picture, Result
 from femsub.io.atomic import write_whole
-from femsub.studies.tables import table
+from femsub.studies import look
+from femsub.studies.tables import Table, table
 
 STEPS = ("assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC")
 METHODS: dict[str, Any] = {"HCB": fs.CraigBampton, "CC": fs.CraigChang}
@@ -306,8 +307,9 @@ def main() -> int:
     checks = requirement(rows, fits)
     data = {"machine": computers, "modes": {kind: models.KINDS[kind].modes for kind in asked.components},
             "damping": models.DAMPING, "large": LARGE, "rows": rows, "exponents": fits, "requirement": checks, "failed": failed}
-    result = Result(data, {"scaling": rows}, text(rows, fits), {"scaling": lambda: draw(rows, fits)} if rows else {})
-    print(result.text, *checks, *(f"failed: {line}" for line in failed), sep="\n")
+    drawn = [Picture("scaling", lambda: draw(rows, fits))] if rows else []
+    result = Result(data, [text(rows, fits), Table("scaling", rows), *drawn])
+    print(result.text(), *checks, *(f"failed: {line}" for line in failed), sep="\n")
     report.write(result, asked.out, figures=True, name="scaling")
     return 1 if failed else 0
 

@@ -21,6 +21,7 @@ from femsub.app.page import show
 from femsub.app.record import Record
 from femsub.app.report import output_folder
 from femsub.app.scene import Result, load
+from femsub.studies import Table
 
 KEYS = (b"scene", b"name", b"n", b"modes", b"band", b"outputs", b"methods", b"slope", b"M", b"K", b"[[parts]]", b"[[joints]]",
         b"mesh", b"units", b"interface", b"port", b"file", b"factor", b"true", b"[]", b'""', b'"x.py"', b'"../../x"', b"1e308")
@@ -67,7 +68,7 @@ def write_results(path: Path) -> Any:
         scene, _ = load(str(copy / "scene.toml"))
         with output_folder(str(copy)) as folder:
             assert folder is not None
-            Record(scene, folder).write(Result({}, {"table": [{"a": 1}]}, "", {}))
+            Record(scene, folder).write(Result({}, [Table("table", [{"a": 1}])]))
     return "written"
 
 

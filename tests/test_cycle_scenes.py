@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import femsub as fs
+from femsub.app.charts_cycles import bifurcation_chart
 from femsub.app.cli import main
-from femsub.app.figures_cycles import bifurcation_figure
+from femsub.app.figure_style import draw
 from femsub.app.scenes import cycle_keys
 from femsub.app.scenes.chain_cycles import ChainCycleScene
 from femsub.motion.cycles.branch import Branch
@@ -178,7 +179,7 @@ def test_points_whose_stability_was_not_computed_are_marked_by_an_x(oscillator: 
     silent = replace(guide, points=tuple(replace(point, stability=False) for point in guide.points[::9]),
                      values=guide.values[::9], special=(), hopf=None)
     items = [{"model": "craig-chang", "family": 1.0, "branch": guide}, {"model": "full", "family": 1.0, "branch": silent}]
-    figure = bifurcation_figure(items, [], "speed", [1.0], 1.0, "oscillator")
+    figure = draw(bifurcation_chart(items, [], "speed", [1.0], 1.0, "oscillator"))
     for axis, values in zip(figure.axes, (silent.rms, silent.omega), strict=True):
         crosses = [line for line in axis.lines if line.get_marker() == "x"]
         assert len(crosses) == 1 and crosses[0].get_linestyle() == "None"
@@ -189,4 +190,4 @@ def test_points_whose_stability_was_not_computed_are_marked_by_an_x(oscillator: 
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "full (stability not computed)" in labels and "Craig-Chang" in labels
     assert not any("not computed" in text.get_text() for text in
-                   bifurcation_figure(items[:1], [], "speed", [1.0], 1.0, "oscillator").legends[0].get_texts())
+                   draw(bifurcation_chart(items[:1], [], "speed", [1.0], 1.0, "oscillator")).legends[0].get_texts())

@@ -15,14 +15,15 @@ from femsub.reduction.contact_modes import ContactModes
 from femsub.reduction.interface_modes import InterfaceModes
 from femsub.reduction.reduce import METHODS
 from femsub.studies.results import Row, Study, Timing
-from femsub.studies.tables import WIDTH, fitted, table
+from femsub.studies.tables import KNOWN, WIDTH, Table, fitted, table
 
 pytest.importorskip("matplotlib")
 
-from femsub.app.figure_style import PAGE, ROUNDING, SMALL, STYLE, label_points, look, new_figure, render
-from femsub.app.figures import eigenvalue_figure
-from femsub.app.figures_errors import error_time_figure, errors_figure, friction_errors_figure
-from femsub.app.figures_transient import COLUMNS, envelope
+from femsub.app.charts import eigenvalue_chart
+from femsub.app.charts_errors import error_time_chart, errors_chart, friction_errors_chart
+from femsub.app.charts_transient import COLUMNS, envelope
+from femsub.app.figure_style import PAGE, SMALL, STYLE, draw, label_points, new_figure, render
+from femsub.studies import ROUNDING, look
 
 #: what those see who lack one kind of cones, on linear RGB (Machado, Oliveira and Fernandes 2009, severity 1)
 SEEN = {"all": np.eye(3),
@@ -53,6 +54,22 @@ def test_each_method_has_a_colour_and_a_mark_that_all_can_tell_apart() -> None:
 # ---- error against run time
 
 
+def error_time_figure(studies: Any) -> Any:
+    return draw(error_time_chart(studies))
+
+
+def errors_figure(found: Study) -> Any:
+    return draw(errors_chart(found, "x", "methods"))
+
+
+def friction_errors_figure(found: Study) -> Any:
+    return draw(friction_errors_chart(found, "x", "error-time"))
+
+
+def eigenvalue_figure(models: Any) -> Any:
+    return draw(eigenvalue_chart(models, "x"))
+
+
 def study(errors: dict[str, list[float]], slope: float = 1e-3, force: float = np.nan) -> Study:
     full = Row("full", 0, 400, 0.0, 0.0, 0.0, 0, -1.0, 0.0, Timing(0, 0, 0), Timing(0.5, 0.4, 0.6), 0.0)
     rows = [Row(method, 5 + at, 8 + at, 0.1 * error, error, slope * error, 0, -1.0, 0.0, Timing(0.1, 0.09, 0.2),
@@ -79,11 +96,11 @@ def test_error_against_time_has_two_panels_a_study_and_none_of_rounding() -> Non
     axis = drawn(figure)[0]
     assert axis.get_ylim()[0] > 0.01 * ROUNDING  # an error of 1e-16 does not stretch the axis
     assert {tuple(line.get_xdata()) for line in axis.lines if line.get_linestyle() == "--"} == {(0.5, 0.5)}  # the full model
-    marks = {(line.get_marker(), line.get_markerfacecolor() == "white") for line in axis.lines if line.get_marker() in "s^"}
+    marks = {(line.get_marker(), line.get_markerfacecolor() == "none") for line in axis.lines if line.get_marker() in "s^"}
     assert marks == {("s", True), ("s", False), ("^", True), ("^", False)}
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels[:3] == ["full model, 400 DOF", "Craig-Bampton", "Craig-Chang"]
-    assert labels[3:] == ["no other is both as fast and as accurate", "rounding"]
+    assert labels == ["Craig-Bampton", "Craig-Chang", "no other is both as fast and as accurate", "full model, 400 DOF",
+                      "rounding"]
 
 
 def test_labels_of_points_cover_no_mark_and_no_other_label() -> None:
@@ -109,11 +126,11 @@ def test_a_label_without_room_is_left_out() -> None:
 
 def test_systems_have_a_panel_for_each_error_and_models_with_a_missing_mode_none() -> None:
     found = study({"rubin": [1e-2, 1e-3]}, force=1e-2)
-    titles = [axis.get_title() for axis in drawn(errors_figure(found, "x"))]
+    titles = [axis.get_title() for axis in drawn(errors_figure(found))]
     assert titles == ["frequencies ω", "growth rates Re λ", "critical slope", "forces in the joints"]
-    assert [axis.get_title() for axis in drawn(errors_figure(study({"rubin": [1e-2]}), "x"))] == titles[:3]
+    assert [axis.get_title() for axis in drawn(errors_figure(study({"rubin": [1e-2]})))] == titles[:3]
     for change in ({"missing": 1}, {"extra": 1}, {"size": 400}):  # the full model alone
-        figure = errors_figure(replace(found, rows=tuple(replace(row, **change) for row in found.rows)), "x")
+        figure = errors_figure(replace(found, rows=tuple(replace(row, **change) for row in found.rows)))
         assert len(figure.legends[0].get_texts()) == 1
 
 
@@ -121,9 +138,9 @@ def test_models_under_friction_without_a_counterpart_have_no_error_to_draw() -> 
     time = Timing(0.1, 0.1, 0.1)
     row = Row("rubin", 5, 10, np.nan, np.nan, np.nan, 1, np.inf, 0.0, time, time, 0.0, missed=1)
     found = Study("x", (0.0, 1.0), 1, row, (row,), parameter="mu", between=(0.0, 1.0))
-    friction_errors_figure(found, "x").canvas.draw()
+    friction_errors_figure(found).canvas.draw()
     more = replace(row, method="contact-modes", error_eigenvalue=1e-3, error_real=1e-4)
-    figure = friction_errors_figure(replace(found, rows=(row, more)), "x")
+    figure = friction_errors_figure(replace(found, rows=(row, more)))
     assert [axis.get_title() for axis in drawn(figure)] == ["eigenvalues λ", "growth rates Re λ"]
     assert "misses an unstable mode" in [text.get_text() for text in figure.legends[0].get_texts()]
 
@@ -133,20 +150,21 @@ def test_models_under_friction_without_a_counterpart_have_no_error_to_draw() -> 
 
 def spectrum(model: str, top: float, panel: str = "a") -> dict[str, Any]:
     values = np.linspace(-top, top, 20) * 1j + 0.01
-    return {"panel": panel, "model": model, "size": 5, "eigenvalues": values, "above_cutoff": np.zeros(20, bool)}
+    return {"panel": panel, "model": model, "size": 5, "eigenvalues": values, "above_cutoff": np.zeros(20, bool),
+            "error_bar": np.zeros(20)}
 
 
 def test_a_clump_of_eigenvalues_is_enlarged() -> None:
-    assert len(drawn(eigenvalue_figure([spectrum("full", 2.0), spectrum("rubin", 1.9)], "x"))) == 1
-    upper, lower = drawn(eigenvalue_figure([spectrum("full", 2.0), spectrum("rubin", 0.2)], "x"))
+    assert len(drawn(eigenvalue_figure([spectrum("full", 2.0), spectrum("rubin", 1.9)]))) == 1
+    upper, lower = drawn(eigenvalue_figure([spectrum("full", 2.0), spectrum("rubin", 0.2)]))
     assert upper.get_ylim()[1] > 2.0 and 0.2 < lower.get_ylim()[1] < 0.3
     several = [spectrum("full", 2.0), spectrum("rubin", 0.2), spectrum("full", 2.0, "b"), spectrum("rubin", 0.1, "b")]
-    axes = drawn(eigenvalue_figure(several, "x"))
+    axes = drawn(eigenvalue_figure(several))
     assert axes[2].get_ylim()[1] > 0.2 > axes[3].get_ylim()[1] > 0.1  # each its own part
 
 
 def test_marks_that_lie_on_each_other_are_all_seen() -> None:
-    axis = eigenvalue_figure([spectrum(name, 2.0) for name in ("full", "craig-bampton", "craig-chang", "rubin")], "x").axes[0]
+    axis = eigenvalue_figure([spectrum(name, 2.0) for name in ("full", "craig-bampton", "craig-chang", "rubin")]).axes[0]
     sizes = [line.get_markersize() for line in axis.lines if line.get_marker() not in ("None", "")]
     assert len(sizes) == 4 and all(one > other for one, other in pairwise(sizes))
     assert all(line.get_zorder() > 2 for line in axis.lines if line.get_marker() not in ("None", ""))
@@ -178,9 +196,9 @@ def test_figures_have_units_texts_that_can_be_read_and_legends_beside_the_data(n
     scene, run = load(str(tmp_path / "scene.toml"))
     drawings = run(scene, lambda _: None).drawings
     assert drawings
-    for title, draw in drawings.items():
+    for title, made in drawings.items():
         with rc_context(STYLE):
-            figure = draw()
+            figure = made()
         assert figure.get_figwidth() <= PAGE
         small = [text.get_text() for text in figure.findobj(Text) if text.get_text().strip() and text.get_fontsize() < SMALL
                  and "$" not in text.get_text()]
@@ -214,6 +232,31 @@ def test_a_wide_table_has_its_heads_broken_and_then_continues_below() -> None:
     assert len(parts) > 2 and max(len(line) for part in parts for line in part.splitlines()) <= WIDTH
     assert all("Dual Craig-Bampton  100000" in part for part in parts)  # the keys stand in each
     assert "".join(parts).count("1.5e-03") == 27
+
+
+def test_a_table_prints_its_columns_and_files_all_keys() -> None:
+    rows = [{"model": "full", "modes": 0, "is_stable": None, "multiplier": 3 + 4j, "extra": 1},
+            {"model": "rubin", "modes": 2, "is_stable": True, "multiplier": None, "extra": 2}]
+    one = Table("a", rows, ("model", "modes", "is_stable", "multiplier"))
+    assert [line.split() for line in one.text().splitlines()[2:]] == [["full", "-", "?", "5"], ["Rubin", "2", "yes", "-"]]
+    assert [at.key for at in one.every] == ["model", "modes", "is_stable", "multiplier", "extra"] and one.filed is rows
+    assert [(at.head, at.form) for at in one.every[-1:]] == [(KNOWN["extra"].head, "")]
+    short = Table("a", rows, ("model",), only=("model", "gone"), most=1)
+    assert short.filed[1] == {"model": "rubin", "gone": None} and len(short.text().splitlines()) == 3
+    assert Table("a", rows).text() == ""
+
+
+def test_a_figure_draws_what_the_page_is_told() -> None:
+    chart = error_time_chart([("{m1}", FOUND)])
+    panels = [panel for place in chart.plain()["places"] for panel in place["panels"]]
+    for axis, panel in zip(drawn(draw(chart)), panels, strict=False):  # those of the page alone come last
+        assert (axis.get_title(), axis.get_ylabel() or panel["y"]) == (panel["title"], panel["y"])
+        for one in panel["series"]:
+            x, y = (np.array(one[key], dtype=float) for key in "xy")
+            assert any(len(line.get_xdata()) == len(x) and np.allclose(line.get_xdata(), x, rtol=1e-6, atol=0, equal_nan=True)
+                       and np.allclose(line.get_ydata(), y, rtol=1e-6, atol=0, equal_nan=True)
+                       and line.get_color() == one["colour"] for line in axis.lines)
+    assert len(panels) == 4 and len(chart.drawn) == 2
 
 
 def test_what_has_no_value_is_a_dash_and_the_table_says_why() -> None:

@@ -257,6 +257,7 @@ def test_a_pipe_in_the_place_of_results_does_not_hang(tmp_path: Path, capsys: py
 SLOW = """
 import sys, time
 from femsub.app.scene import Result, Scene
+from femsub.studies import Table
 
 class SCENE(Scene):
     OUTPUTS = ("one",)
@@ -264,7 +265,7 @@ class SCENE(Scene):
 def run(scene, progress):
     print("begun", file=sys.stderr, flush=True)
     sys.stdin.readline()
-    return Result({}, {"one": [{"a": 1}]}, "done", {})
+    return Result({}, ["done", Table("one", [{"a": 1}])])
 """
 
 

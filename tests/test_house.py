@@ -25,8 +25,7 @@ LEVEL = {room: level for level, rooms in enumerate(ORDER) for room in rooms}
 ROOMS = 15  # entries of the package beside its __init__, at most
 ACROSS = 299  # later work does not move it
 PRIVATE = 19  # uses of private names of femsub's modules in tests, at most
-DRAWERS = ("figure_style.py", "figures.py", "figures_modes.py", "figures_parts.py", "figures_cycles.py",  # import matplotlib
-           "figures_errors.py", "figures_flutter.py", "figures_transient.py")
+DRAWERS = ("figure_style.py", "figures.py", "figures_modes.py", "figures_parts.py", "charts_transient.py")  # import matplotlib
 
 
 @cache
@@ -199,6 +198,19 @@ def test_one_importer_of_petsc_and_one_of_matplotlib(path: Path) -> None:
         assert not external(path) & {"petsc4py", "slepc4py"}
     if path.name not in DRAWERS:
         assert "matplotlib" not in external(path)
+
+
+def printed_by_hand(package: Path = PACKAGE) -> list[Path]:
+    """Modules of the last room that print rows themselves, whose heads would be unknown to files and pages."""
+    return [path for path in (package / "app").rglob("*.py") for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) == "table"]
+
+
+def test_scenes_give_tables_and_print_none(tmp_path: Path) -> None:
+    assert not printed_by_hand()
+    (tmp_path / "app").mkdir()
+    (tmp_path / "app" / "one.py").write_text("from femsub.studies import table\nprint(table(['a'], [[1]], ['d']))\n")
+    assert len(printed_by_hand(tmp_path)) == 1
 
 
 def seconds(code: str) -> float:

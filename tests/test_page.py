@@ -10,7 +10,8 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,14 @@ import pytest
 from test_results import CHAIN, SMALL, difference, results, scene_file
 
 import femsub as fs
-from femsub.app import page
+from femsub.app import page, report
+from femsub.app.charts import critical_slopes_chart
+from femsub.app.charts_errors import error_time_chart, errors_chart
 from femsub.app.cli import main
 from femsub.app.moving import MODE_FILE, moving, read_mode
-from femsub.app.page_plots import plots
-from femsub.app.scene import load
-from femsub.app.verdict import verdict
+from femsub.app.scene import Result, load
+from femsub.reduction import METHODS
+from femsub.studies import Remark, Study, answer, cycles_verdict, study_choice
 
 pytest.importorskip("plotly", reason="the page of a run is drawn by Plotly")
 
@@ -59,7 +62,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def test_a_scene_that_does_not_ask_loads_and_writes_nothing(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, "chain", 'outputs = ["eigenvalues"]\n')
     code = ("import sys; from femsub.app.cli import main; status = main(sys.argv[1:]); "
-            "sys.exit(status or any(name in sys.modules for name in ('plotly', 'femsub.app.page', 'femsub.app.verdict')))")
+            "sys.exit(status or any(name in sys.modules for name in ('plotly', 'femsub.app.page')))")
     subprocess.run([sys.executable, "-c", code, "run", "-q", scene, "--no-figures", "--out", str(tmp_path / "out")], check=True)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "eigenvalues.csv"}
 
@@ -136,14 +139,14 @@ def test_the_page_has_every_table_every_input_and_short_sentences(name: str, fol
     for file in tables:
         with (folders[name] / file).open(encoding="utf-8", newline="") as lines:
             rows = list(csv.DictReader(lines))
-        shown = page.rows_of(told, file.removesuffix(".csv"))
+        shown = page.rows_of(told, told["tables"][file.removesuffix(".csv")])
         assert len(shown) == len(rows) and f"({len(rows)} row{'s' * (len(rows) != 1)}, {file})" in text
         for row, known in zip(rows, shown, strict=True):
             differ = {key: (row[key], value) for key, value in known.items() if isinstance(value, float) and key in row
                       and float(row[key]) != value}
             assert not differ
             assert {key for key, value in row.items() if len(value.split()) == 1} <= {*known, "eigenvalues", "multiplier"}
-    assert tables and plots(told)
+    assert tables and panels_of(told)
     # the inputs are a scene file of the same scene
     again = tmp_path / "again.toml"
     again.write_text(page.inputs_toml(told["inputs"]), encoding="utf-8")
@@ -151,11 +154,19 @@ def test_the_page_has_every_table_every_input_and_short_sentences(name: str, fol
     if not told["files"]:
         one, other = (asdict(load(str(path))[0]) | {"folder": ""} for path in (again, folders[name] / "results.json"))
         assert not difference(one, other)
-    found = verdict(told)
-    for line in (found.headline, *found.decides, *found.unchecked):
+    found = told["verdict"]
+    for line in (found["headline"], *found["decides"], *found["unchecked"]):
         for sentence in re.split(r"(?<=[.:;]) ", line):
             assert len(sentence.split()) <= WORDS, sentence
         assert line.endswith(".")
+
+
+def places_of(told: dict[str, Any]) -> int:
+    return sum(len(chart["places"]) for chart in told["charts"])
+
+
+def panels_of(told: dict[str, Any]) -> list[dict[str, Any]]:
+    return [panel for chart in told["charts"] for place in chart["places"] for panel in place["panels"]]
 
 
 def without_empty(value: Any) -> Any:
@@ -166,66 +177,124 @@ def without_empty(value: Any) -> Any:
     return {key: without_empty(item) for key, item in value.items() if item not in (None, "", [])}
 
 
-def test_the_verdict_follows_the_recommendation(folders: dict[str, Path]) -> None:
+@pytest.fixture(scope="module")
+def found() -> Study:
+    """A study in which a reduced model may replace the full one."""
+    study = fs.study(fs.chain(10, belt=2), [fs.CraigChang(4), fs.CraigBampton(2)], band=(0.0, 0.3), contacts=fs.Belt(slope=-0.1),
+                     repeats=1)
+    assert study.recommended() is not None
+    return study
+
+
+def with_rows(study: Study, **changes: Any) -> Study:
+    return replace(study, rows=tuple(replace(row, **changes) for row in study.rows))
+
+
+def test_the_verdict_follows_the_recommendation(found: Study) -> None:
+    row = found.recommended()
+    assert row is not None
+    yes = answer([study_choice(found)])
+    assert yes.answer == "yes" and f"({row.size} DOF)" in yes.headline and "of 10 DOF" in yes.headline
+    assert "In the band both models are unstable." in yes.decides
+    other = answer([study_choice(with_rows(found, stable=True))])
+    assert any(line.startswith("Mind: in the band the full model is unstable and the small one stable") for line in other.decides)
+    none = study_choice(with_rows(found, error_growth=1.0))
+    assert answer([none]).answer == "no" and answer([none, study_choice(found, where="m1")]).answer == "in part"
+    assert answer([]).answer == "open" and answer([Remark(unchecked=["this."])]).unchecked == ["this."]
+    never = study_choice(with_rows(found, critical=-np.inf, error_critical=0.0))
+    assert "At no slope does it lose its stability in the band, and neither does the full model." in never.decides
+    far = study_choice(with_rows(found, critical=-np.inf, error_critical=1.0))
+    assert any("critical slope is -inf, within 1.0e+00" in line for line in far.decides)
+
+
+def test_the_page_says_what_the_study_recommends(folders: dict[str, Path]) -> None:
     told = results(folders["solid"])
     model = told["recommended"]["model"]
-    yes = verdict(told)
-    assert yes.answer == "yes" and f"({model['size']} DOF)" in yes.headline and f"of {told['size']} DOF" in yes.headline
-    assert "In the band both models are unstable." in yes.decides
-    other = verdict(told | {"recommended": told["recommended"] | {"model": model | {"stable": True}}})
-    assert any(line.startswith("Mind: in the band the full model is unstable and the small one stable") for line in other.decides)
-    none = told | {"recommended": told["recommended"] | {"model": None, "sentence": "none of these models is accurate enough"}}
-    assert verdict(none).answer == "no"
-    assert any("joined-interface" in line for line in verdict(
-        told | {"inputs": told["inputs"] | {"outputs": ["error-time"]}}).unchecked)
-    assert any("modes failed: too few" in line for line in verdict(told | {"failed": {"modes": "too few"}}).unchecked)
-    bare = {key: value for key, value in told.items() if key not in ("recommended", "error-time")}
-    assert verdict(bare).answer == "open"
-    never = told | {"recommended": told["recommended"] | {"model": model | {"critical": "-inf", "error_critical": 0.0}}}
-    assert "At no slope does it lose its stability in the band, and neither does the full model." in verdict(never).decides
-    far = told | {"recommended": told["recommended"] | {"model": model | {"critical": "-inf", "error_critical": 1.0}}}
-    assert any("critical slope is -inf, within 1.0e+00" in line for line in verdict(far).decides)
+    assert told["verdict"]["answer"] == "yes" and f"({model['size']} DOF)" in told["verdict"]["headline"]
+    assert f"of {told['size']} DOF" in told["verdict"]["headline"]
+    page_text = (folders["solid"] / page.PAGE_FILE).read_text(encoding="utf-8")
+    assert all(escape(line) in page_text for line in (told["verdict"]["headline"], *told["verdict"]["decides"]))
     chain = results(folders["chain"])  # one interface has a model that is good enough, the other has none
     assert [bool(one["model"]) for one in chain["error-time"]["recommended"]] == [False, True]
-    assert verdict(chain).answer == "in part"
+    assert chain["verdict"]["answer"] == "in part"
+
+
+def test_the_verdict_tells_what_was_not_asked_for_and_what_failed() -> None:
+    told = report.results(Result({"failed": {"modes": "too few"}, "complete": False}), left_out=["joined-interface"])["verdict"]
+    assert len(told["unchecked"]) == 3
+    for words in ("joined-interface", "modes failed: too few", "interrupted"):
+        assert any(words in line for line in told["unchecked"])
 
 
 def test_the_verdict_on_limit_cycles(folders: dict[str, Path]) -> None:
-    told = results(folders["chain-limit-cycle"])
-    full = {row["family"]: row["is_stable"] for row in told["cycles"] if row["model"] == "full"}
-    for agrees, answer in ((True, "yes"), (False, "no")):
-        rows = [row | {"is_stable": full[row["family"]] == agrees} for row in told["cycles"] if row["model"] != "full"]
-        assert verdict(told | {"cycles": [row for row in told["cycles"] if row["model"] == "full"] + rows}).answer == answer
+    told = results(folders["chain-limit-cycle"])["cycles"]
+    full = {row["family"]: row["is_stable"] for row in told if row["model"] == "full"}
+    for agrees, expected in ((True, "yes"), (False, "no")):
+        rows = [row | {"is_stable": full[row["family"]] == agrees} for row in told if row["model"] != "full"]
+        assert cycles_verdict([row for row in told if row["model"] == "full"] + rows, "here").answer == expected
     gone = [row if row["model"] == "full" else {key: row[key] for key in ("family", "model", "size")} | {"why": "none"}
-            for row in told["cycles"]]
-    assert verdict(told | {"cycles": gone}).answer == "no"
-    assert verdict(told | {"cycles": [row for row in told["cycles"] if row["model"] != "full"]}).answer == "open"
+            for row in told]
+    assert cycles_verdict(gone, "here").answer == "no"
+    assert cycles_verdict([row for row in told if row["model"] != "full"], "here").answer == "open"
 
 
-@pytest.mark.parametrize("value", [None, "inf", "-inf"])
-@pytest.mark.parametrize("name", FOUR)
-def test_numbers_that_are_infinite_or_unknown_are_told_and_not_drawn(name: str, value: str | None,
-                                                                     folders: dict[str, Path]) -> None:
-    keys = ("slope", "critical", "error_critical", "error", "error_real", "rms_error", "rms")
-    told = changed(results(folders[name]), keys, value)
-    told["slope"], told["inputs"] = -0.3, results(folders[name])["inputs"]
-    if name == "chain-limit-cycle":
-        told["cycles"] = results(folders[name])["cycles"]
-    assert verdict(told).headline
-    for plot in plots(told):
-        for trace in plot["traces"]:
-            for values in (trace["x"], trace["y"], *trace.get("columns", {}).values()):
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_numbers_that_are_infinite_or_unknown_are_told_and_not_drawn(value: float, found: Study) -> None:
+    odd = with_rows(found, critical=value, error_critical=value, error_eigenvalue=value, error_force=value)
+    assert study_choice(odd).decides
+    slopes = [{"model": row.method, "size": row.size, "slope": row.critical, "error": row.error_critical}
+              for row in (odd.full, *odd.rows)]
+    for chart in (error_time_chart([("{m1}", odd)]), errors_chart(odd, "x", "methods"), critical_slopes_chart(slopes)):
+        told = json.loads(report.to_json(chart.plain()))
+        assert told["places"]
+        for series in (one for place in told["places"] for panel in place["panels"] for one in panel["series"]):
+            for values in (series["x"], series["y"], *(values for _, values in series["told"])):
                 assert all(item is None or isinstance(item, (int, float)) for item in values)
 
 
-def changed(data: Any, keys: tuple[str, ...], value: Any) -> Any:
-    """Results with another value of these keys."""
-    if isinstance(data, list):
-        return [changed(item, keys, value) for item in data]
-    if not isinstance(data, dict):
-        return data
-    return {key: value if key in keys and not isinstance(item, (list, dict)) else changed(item, keys, value)
-            for key, item in data.items()}
+OWN = """
+import femsub as fs
+from femsub.app.scene import Result, Scene
+from femsub.studies import Chart, Panel, Series, Table, Verdict, column
+
+class SCENE(Scene):
+    OUTPUTS = ("places",)
+
+def run(scene, progress):
+    rows = [{"belt": belt, "method": "craig-chang", "width": 0.5 * belt, "omega": 2.0 * belt} for belt in (1, 2, 3)]
+    columns = ["belt", "method", column("width", "the width", ".2f", meaning="how wide it is"), "omega"]
+    series = Series("a", [1.0, 2.0, 3.0], [0.5, 1.0, 1.5], "craig-chang", told={"omega [rad/time]": [2.0, 4.0, 6.0]})
+    chart = Chart("widths", "Widths", [Panel([series], "belt  [-]", "width  [length]")])
+    return Result({"places": {"rows": rows}}, ["Places", Table("places", rows, columns, "Widths of places"), chart,
+                                               Verdict(["It is wide."], [], "yes", "Wide enough at 6 rad/time.", "Is it wide?")])
+"""
+
+
+def test_what_a_scene_gives_is_printed_filed_drawn_and_on_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No other file has to know of a scene, its columns, its charts or its verdict."""
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "my.toml").write_text('scene = "own.py"\nunits = "SI"\noutputs = ["page"]\n')
+    assert main(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in said[:2]] == [["Places"], ["belt", "model", "the", "width", "ω", "Hz"]]
+    assert said[3].split() == ["1", "Craig-Chang", "0.50", "2", "0.31831"]
+    told = results(tmp_path / "out")
+    with (tmp_path / "out" / "places.csv").open(encoding="utf-8", newline="") as lines:
+        assert [list(row.values()) for row in csv.DictReader(lines)][2][:4] == ["3", "craig-chang", "1.5", "6.0"]
+    assert told["tables"]["places"]["place"] == ["places", "rows"]
+    assert told["tables"]["places"]["columns"][2] == {"key": "width", "head": "the width", "unit": "", "role": "",
+                                                      "meaning": "how wide it is"}
+    series, = told["charts"][0]["places"][0]["panels"][0]["series"]
+    assert series["x"] == [1.0, 2.0, 3.0] and series["colour"] == METHODS["craig-chang"].colour
+    assert [name for name, _ in series["told"]] == ["omega [rad/s]", "f [Hz]"] and (tmp_path / "out" / "widths.png").exists()
+    assert told["verdict"]["headline"] == "Wide enough at 6 rad/s (0.9549 Hz)."
+    for run_again in (False, True):
+        if run_again:
+            assert main(["show", str(tmp_path / "out")]) == 0
+        text = (tmp_path / "out" / page.PAGE_FILE).read_text(encoding="utf-8")
+        for words in ('title="how wide it is">the width<', "Widths of places", "Is it wide?", "Wide enough at 6 rad/s",
+                      ">Craig-Chang<"):
+            assert words in text
 
 
 def test_what_stands_in_results_cannot_break_the_page(tmp_path: Path, folders: dict[str, Path]) -> None:
@@ -234,7 +303,7 @@ def test_what_stands_in_results_cannot_break_the_page(tmp_path: Path, folders: d
     told = results(copy)
     evil = "</script><script>alert(1)</script>%%BODY%%"
     told |= {"scene": evil, "warnings": [evil]}
-    told["eigenvalues"]["models"][0]["interface"] = evil
+    told["charts"][0]["title"] = told["charts"][0]["places"][0]["panels"][0]["series"][0]["name"] = evil
     (copy / "results.json").write_text(json.dumps(told))
     assert main(["show", str(copy)]) == 0
     text = (copy / page.PAGE_FILE).read_text(encoding="utf-8")
@@ -311,7 +380,8 @@ class Opened:
         canvas.scroll_into_view_if_needed()
         x, y = canvas.evaluate("""box => {
           const known = one => (v, i) => v !== null && one.y[i] !== null;
-          const trace = box._fullData.find(one => one.x.some(known(one))), i = trace.x.findIndex(known(trace));
+          const trace = box._fullData.find(one => one.mode.includes("markers") && one.x.some(known(one)));
+          const i = trace.x.findIndex(known(trace));
           const frame = box.getBoundingClientRect(), { xaxis, yaxis } = box._fullLayout;
           return [frame.x + xaxis._offset + xaxis.d2p(trace.x[i]), frame.y + yaxis._offset + yaxis.d2p(trace.y[i])];
         }""")
@@ -364,8 +434,9 @@ def test_a_page_in_a_browser(name: str, folders: dict[str, Path], browser: Any) 
     path = folders[name] / page.PAGE_FILE
     opened = Opened(browser, path, viewport={"width": 1200, "height": 900})
     told = results(folders[name])
-    assert opened.page.locator("#verdict li").count() >= 2 and opened.page.locator(".plot").count() == len(plots(told))
-    said, marks = opened.hover(0)
+    assert opened.page.locator("#verdict li").count() >= 2 and opened.page.locator(".plot").count() == places_of(told)
+    firsts = [place["panels"][0]["series"] for chart in told["charts"] for place in chart["places"]]
+    said, marks = opened.hover(next(at for at, series in enumerate(firsts) if any(one["marker"] for one in series)))
     numbers = [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e[-+]?\d+)?", said)]
     assert marks and all(np.isclose(numbers, value, rtol=1e-5, atol=1e-300).any() for value in marks[0])
     # a click sorts, another sorts the other way round

@@ -363,7 +363,7 @@ stiffness = 1.0
     found = fs.normal_modes(system, band=(10.0, 3e4))  # above those of the chain
     assert len(rows) == 8 + len(found.frequencies) > 10
     np.testing.assert_allclose([row["omega"] for row in rows[8:]], found.frequencies, rtol=1e-8)
-    assert "not drawn, since they have no mesh: chain" in result.text
+    assert "not drawn, since they have no mesh: chain" in result.text()
     pieces = {"modes": [0, 1]} if kinds[0] == kinds[1] else {"modes-hexahedron": [0], "modes-tetra": [1]}
     assert set(result.drawings) == set(pieces) == {name.removesuffix(".vtu") for name in result.files}
     moved, fields = system.expand(found.shapes[:, 2]), []

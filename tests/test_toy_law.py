@@ -12,8 +12,9 @@ import pytest
 from extendpages import names_of
 
 import femsub as fs
+from femsub.app.charts import friction_chart
 from femsub.app.cli import main
-from femsub.app.figures import friction_figure
+from femsub.app.figure_style import draw
 from femsub.app.scene import load
 from femsub.coupling.contacts.belt import LAWS, FrictionLaw
 
@@ -86,7 +87,7 @@ def test_scenes_take_it_by_its_key(law: str, tmp_path: Path, capsys: pytest.Capt
 def test_figures_have_a_panel_for_it() -> None:
     speeds = np.linspace(-1, 1, 9)
     curves = [{"law": key, "eps": 0.1, "value": law(eps=0.1).value(speeds)} for key, law in LAWS.items()]
-    figure = friction_figure(speeds, curves, {key: getattr(law, "label", key) for key, law in LAWS.items()}, 0.2, -0.1)
+    figure = draw(friction_chart(speeds, curves, {key: getattr(law, "label", key) for key, law in LAWS.items()}, 0.2, -0.1))
     assert [axis.get_title() for axis in figure.axes] == ["as printed, eq. (7)", "odd variant", "rational", "bare"]
 
 

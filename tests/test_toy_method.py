@@ -12,9 +12,10 @@ import pytest
 from extendpages import names_of
 
 import femsub as fs
+from femsub.app.charts import size_sweep_chart
+from femsub.app.charts_errors import error_time_chart
 from femsub.app.cli import main
-from femsub.app.figures import size_sweep_figure
-from femsub.app.figures_errors import error_time_figure
+from femsub.app.figure_style import draw
 from femsub.reduction.method import METHODS, Method
 
 KEY, LABEL, COLOUR = "second-order", "Second order", "#2a7f3f"
@@ -74,11 +75,11 @@ def test_study_table_and_figures_name_it(second: Any) -> None:
     assert found.rows[2].error_eigenvalue < found.rows[0].error_eigenvalue
     assert f" {LABEL} " in str(found) and "Craig-Chang" in str(found)
     assert any(f"{LABEL} with 5 modes" in text for text in told)
-    figure = error_time_figure([("{m1}", found)])
-    assert [text.get_text() for text in figure.legends[0].get_texts()][1:3] == ["Craig-Chang", LABEL]
+    figure = draw(error_time_chart([("{m1}", found)]))
+    assert [text.get_text() for text in figure.legends[0].get_texts()][:2] == ["Craig-Chang", LABEL]
     assert any((line.get_color(), line.get_marker()) == (COLOUR, "D") for line in figure.axes[0].lines)
     curves = [{"interface": "{m1}", "method": KEY, "sizes": [3, 4], "slope": [-0.1, -0.1], "error": [0.1, 0.01], "full": -0.1}]
-    line = size_sweep_figure(curves, 2).axes[0].lines[0]
+    line = draw(size_sweep_chart(curves, 2)).axes[0].lines[0]
     assert (line.get_label(), line.get_color(), line.get_marker()) == (LABEL, COLOUR, "D")
 
 

@@ -10,8 +10,9 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
+from femsub.app.charts_flutter import flutter_chart
 from femsub.app.cli import main
-from femsub.app.figures_flutter import flutter_figure
+from femsub.app.figure_style import draw
 from femsub.components.two_mode import two_mode, two_mode_critical
 from femsub.components.ziegler import ziegler, ziegler_critical
 from femsub.modes.quadratic.matching import match
@@ -232,9 +233,9 @@ def test_full_and_reduced_models_in_one_diagram() -> None:
     models = {"full": full, "craig-chang": fs.reduce(full, fs.CraigChang(modes=4), ports=True)}
     tracks = {name: fs.track(model, fs.Belt(slope=0.0), "slope", np.linspace(-0.05, 0.0, 11), band=(0.0, 0.8))
               for name, model in models.items()}
-    figure = flutter_figure(tracks, {"full": [-0.0256], "craig-chang": [-0.0256]}, "slope", "chain")
+    figure = draw(flutter_chart("a", tracks, {"full": [-0.0256], "craig-chang": [-0.0256]}, "slope", "chain"))
     told = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert told == ["full", "a mode grows (bold, filled)", "full: stability lost at -0.0256", "Craig-Chang",
+    assert told == ["full", "a mode grows (bold, filled)", "Craig-Chang", "full: stability lost at -0.0256",
                     "Craig-Chang: stability lost at -0.0256"]
     above, below = figure.axes
     assert above.get_ylabel() == "Im λ  [rad/time]" and below.get_ylabel() == "Re λ  [1/time]"
@@ -244,7 +245,7 @@ def test_many_branches_are_grey_and_models_solved_here_and_there_have_circles() 
     chain = fs.chain(10, belt=2)
     tracked = fs.track(chain, fs.Belt(slope=0.0), "slope", np.linspace(-0.05, 0.0, 4))
     solved = [(-0.05, fs.complex_modes(chain, fs.Belt(slope=-0.05)).eigenvalues), (0.0, fs.complex_modes(chain).eigenvalues)]
-    figure = flutter_figure({"all": tracked}, {}, "slope", "chain", {"full": solved})
+    figure = draw(flutter_chart("a", {"all": tracked}, {}, "slope", "chain", {"full": solved}))
     told = [text.get_text() for text in figure.legends[0].get_texts()]
     assert told == ["all", "a mode grows (red)", "full, stable", "full, unstable"]
     circles = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines if line.get_label().startswith("full")}

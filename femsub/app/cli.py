@@ -177,7 +177,7 @@ def _run(options: argparse.Namespace) -> int:
         scene, run = load(options.scene, options.trust)
         # Imported late: a scene that is misspelt should not wait for numpy.
         from femsub.app.record import Record, computed
-        from femsub.app.report import in_units, output_folder, progress, progress_done
+        from femsub.app.report import output_folder, progress, progress_done
         from femsub.studies import fitted
 
         if options.no_figures:
@@ -187,7 +187,7 @@ def _run(options: argparse.Namespace) -> int:
                 loud = logging.getLogger("femsub.app").info if options.verbose else progress
                 tell = (lambda _: None) if options.quiet else loud
                 record = None if folder is None else Record(scene, folder)
-                result = in_units(computed(scene, run, tell, record, options.trust), scene.system)
+                result = computed(scene, run, tell, record, options.trust)
                 written = []
                 if record is not None:
                     tell("writing")
@@ -197,7 +197,7 @@ def _run(options: argparse.Namespace) -> int:
     for text in _texts(caught):
         print(f"femsub: warning: {text}", file=sys.stderr)
     if not options.quiet:
-        _say(fitted(result.text))
+        _say(fitted(result.text(scene.system)))
     if folder is not None and not options.quiet:
         below = Counter(path.parent.name for path in written if path.parent != folder)
         names = [path.name for path in written if path.parent == folder] + [f"{name}/ ({n} files)" for name, n in below.items()]

@@ -4,40 +4,21 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from femsub.app.units import UNKNOWN, Units
 from femsub.checks import Array
 from femsub.errors import MissingPackageError
-from femsub.reduction import METHODS
+from femsub.studies import ROUNDING, Chart, Panel
 
 HERTZ = (lambda omega: omega / (2 * np.pi), lambda hertz: 2 * np.pi * hertz)
 PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one is smaller there
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labelsize": 8, "ytick.labelsize": 8,
          "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True}
 SMALL = 8  # points, of numbers beside marks
-ROUNDING = 1e-13  # errors below are rounding, and drawn there
-SETTLED = {"contact-modes": ("Contact modes of the system", "#c51b7d", "*"),
-           "real-modes": ("Real modes of the system", "#8a8a8a", "o")}  # of whole systems, which no key of a scene names
-
-
-class Look(NamedTuple):
-    """How a model is named and drawn."""
-
-    label: str
-    colour: str
-    marker: str
-
-
-def look(kind: str) -> Look:
-    """That of a reduced model by its method's key; of the full model, or any other, black circles."""
-    if kind in SETTLED:
-        return Look(*SETTLED[kind])
-    method = METHODS.get(kind)
-    return Look(kind, "black", "o") if method is None else Look(method.label, method.colour, method.marker)
-
+DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
 
 def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note: str = "") -> None:
     """Writes a PNG of what a drawing function makes, in these units, with a note below its title."""
@@ -85,6 +66,61 @@ def new_figure(width: float, height: float) -> Any:
     figure = _matplotlib().figure.Figure(figsize=(width, height), layout="constrained")
     _matplotlib().backends.backend_agg.FigureCanvasAgg(figure)
     return figure
+
+
+def draw(chart: Chart) -> Any:
+    """The figure of a chart."""
+    shown = chart.drawn
+    across = min(chart.across, len(shown))
+    down = -(-len(shown) // across)
+    figure = new_figure(chart.width * PAGE, chart.height * down + 1.0)
+    axes = figure.subplots(down, across, squeeze=False).ravel()
+    shared: dict[tuple[str, str], Any] = {}
+    labels: list[Any] = []
+    for at, panel in enumerate(shown):
+        axis = axes[at]
+        for which, word in panel.share.items():
+            if (which, word) in shared:
+                getattr(axis, f"share{which}")(shared[which, word])
+            shared.setdefault((which, word), axis)
+        labels += _drawn(axis, panel)
+        below, beside = shown[at + across:at + across + 1], shown[at - 1:at] if at % across else []
+        axis.set(title=panel.title, **{"xlabel": panel.x} if not below or below[0].x != panel.x else {},
+                 **{"ylabel": panel.y} if not beside or beside[0].y != panel.y else {})
+        for other, which in ((below, "x"), (beside, "y")):
+            if other and panel.share.get(which, at) == other[0].share.get(which):
+                axis.tick_params(**{"labelbottom" if which == "x" else "labelleft": False})
+    for axis in axes[len(shown):]:
+        axis.set_visible(False)
+    for axis in {id(axis): axis for axis, panel in zip(axes, shown, strict=False) if "x" in panel.logs}.values():
+        few_decades(axis)
+    legend_below(figure, axes[:len(shown)], chart.columns)
+    figure.suptitle("\n".join(filter(None, (chart.title, chart.about))))
+    label_points(figure, labels)
+    return figure
+
+
+def _drawn(axis: Any, panel: Panel) -> list[Any]:
+    """Draws the series and the levels of a panel; what is returned labels points, those at the ends first."""
+    if panel.band:
+        axis.axhspan(*panel.band, color="0.88", lw=0, zorder=0)
+    axis.set(**{f"{which}scale": "log" for which in panel.logs})
+    labels = []
+    for one in panel.series:
+        name, colour, marker = one.look
+        x, y = np.asarray(one.x, dtype=float), np.asarray(one.y, dtype=float)
+        axis.plot(x, y, color=colour, ls=DASHES[one.line], lw=one.width, marker=marker or "none", ms=one.size, mew=0.9,
+                  mfc="none" if one.hollow else colour, label=name if one.legend else None, zorder=3 if marker else 2)
+        places = sorted(range(len(one.labels)), key=lambda at: at not in (0, len(one.labels) - 1))
+        labels += [(axis, x[at], y[at], one.labels[at], colour) for at in places if np.isfinite(y[at])]
+    for level in panel.levels:
+        getattr(axis, "axvline" if level.axis == "x" else "axhline")(
+            level.at, color=level.colour, ls=DASHES[level.line], lw=0.9, label=level.text or None, zorder=1.5)
+    if panel.rounding:
+        rounding_below(axis, [value for one in panel.series for value in np.asarray(one.y, dtype=float)])
+    axis.set(**{f"{which}lim": limits for which, limits in panel.limits.items()})
+    axis.grid(lw=0.4)
+    return labels
 
 
 def few_decades(axis: Any) -> None:

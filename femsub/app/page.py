@@ -16,72 +16,24 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from femsub.app.explain import toml
-from femsub.app.figure_style import look
 from femsub.app.inputs import RESULTS, results_of
 from femsub.app.moving import MODE_FILE, Moving, read_mode
-from femsub.app.page_plots import plots
 from femsub.app.report import output_folder, put
 from femsub.app.scene import OWN, SCENES
-from femsub.app.verdict import Verdict, units_of, verdict
+from femsub.app.units import SYSTEMS, UNKNOWN
 from femsub.checks import Array, package
 from femsub.errors import FemsubError, InputError
+from femsub.studies import label
 
 PAGE_FILE = "report.html"
 TEMPLATE = Path(__file__).with_name("page.html")
 WHY = 'the page of a run is drawn by Plotly: pip install "femsub[page]"'
 OPEN = 40  # rows of a table that is shown at once; longer ones are folded
 ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found"}
-MODELS = ("method", "model")  # columns that name a model
 TIMES = ("reduction_median_s", "solution_median_s")  # other times are in the files alone
 SLIDERS = (("phase", "phase φ", 0, 360, 1, 0), ("speed", "periods per second", 0.1, 2, 0.1, 0.5),
            ("scale", "scale", 0, 3, 0.05, 1))  # name, label, least, most, step and value
 CELLS_OF_LISTS = 6  # longest list that stands in a cell
-#: names of tables, and of their columns: what stands at the head, and what it tells
-TABLES = {"critical-slope": "Critical slopes", "size-sweep": "Critical slope over the model's size", "eigenvalues": "Eigenvalues",
-          "error-time": "Error against run time", "modes": "Normal modes", "joined-interface": "Interface on springs",
-          "unstable": "Unstable modes of the full model", "flutter": "Eigenvalues over mu", "losses": "Losses of stability",
-          "cycles": "Limit cycles", "branches": "Branches, point by point", "transients": "Transients",
-          "models": "Models in time", "meetings": "Where modes meet", "critical-value": "Critical values",
-          "spectrum": "Peaks of the spectra",
-          "spectrogram": "Strongest frequency over time", "growth": "Growth in time", "quality": "Quality under self-excitation",
-          "parts": "Parts", "methods": "Methods, error against run time", "modes-per-part": "Modes of each part"}
-COLUMNS = {
-    "method": ("model", "the full model, or the method of reduction"),
-    "model": ("model", "the full model, or the method of reduction"),
-    "modes": ("modes", "modes kept in the basis"), "size": ("DOF", "degrees of freedom of the model"),
-    "error_eigenvalue": ("err λ", "largest error of a complex eigenvalue, over its modulus"),
-    "error_growth": ("err Re λ", "largest error of a growth rate, over the rates of damping and friction"),
-    "error_critical": ("err critical", "relative error of the critical slope, or of another parameter"),
-    "error_frequency": ("err ω", "largest relative error of an undamped frequency"),
-    "error_force": ("err force", "relative error of the forces in the joints"),
-    "missing": ("missing", "eigenvalues of the full model that the small one lacks"),
-    "extra": ("extra", "eigenvalues of the small model that the full one lacks"),
-    "mac": ("MAC", "least agreement of the shapes; 1: the same"), "memory": ("MB", "size of the model's matrices"),
-    "stable": ("stable", "the verdict in the band; undecided within the error bars: no value"),
-    "is_stable": ("stable", "the verdict in the band; undecided within the error bars: no value"),
-    "pareto": ("front", "no other model is both as fast and as accurate in Re λ"),
-    "reduction_median_s": ("reduce [s]", "time to reduce, median of the runs"),
-    "solution_median_s": ("solve [s]", "time to solve, median of the runs"),
-    "growth": ("Re λ", "largest growth rate; above 0 a motion grows"), "full_growth": ("Re λ, full", "that of the full model"),
-    "omega": ("ω", "angular frequency"), "frequency_hz": ("f [Hz]", "frequency"), "hertz": ("f [Hz]", "frequency"),
-    "up_to": ("up to ω", "end of the comparison: the band's, or the model's cut-off"),
-    "cutoff": ("cut-off ω", "above it the reduced model's modes mean nothing"),
-    "slope": ("slope dμ/dv", "critical slope, or the slope of the friction law"), "full": ("full", "the full model's value"),
-    "error": ("rel. error", "error relative to the full model, or to the closed form"),
-    "port_error": ("port error", "error of the static response at the contact, in the energy norm"),
-    "error_bar": ("error bar", "bound of the error of Re λ from rounding"), "residual": ("residual", "relative residual"),
-    "belt": ("belt", "number of the mass under the belt"), "reason": ("why not", "why there is no value"),
-    "shape_error": ("shape error", "sine of the angle between the least stable shapes, in the norm of M"),
-    "family": ("from ω", "frequency of the mode from which the cycle begins"), "rms": ("rms", "rms of the speed under the belt"),
-    "peak": ("peak", "largest speed under the belt"), "sticking": ("sticking", "share of the period in which it sticks"),
-    "harmonics": ("harmonics", "harmonics of the cycle"), "truncation": ("left out", "share of the harmonics that are left out"),
-    "multiplier": ("multiplier", "largest Floquet multiplier; inside the unit circle: stable"),
-    "missed": ("missed", "unstable modes of the full model that are stable in the small one"),
-    "invented": ("invented", "unstable modes of the small model that are stable in the full one"),
-    "critical": ("critical", "where stability is first lost: the slope, or another parameter"),
-    "error_real": ("err Re λ, over |λ|", "largest error of Re λ, over |λ|"),
-    "springs": ("springs", "stiffness of the springs over that of the interface"),
-    "damping": ("equiv. damping", "-2 Re λ / |λ|"), "evidence": ("evidence", "how completeness was shown")}
 
 
 def check_plotly() -> None:
@@ -114,10 +66,9 @@ def show(folder: Path) -> Path:
             raise InputError(f"{folder} holds no results.json of a run; name the folder that was given by --out")
         place = folder / MODE_FILE
         mode = read_mode(place) if place.is_file() else None
-        names = [name.removesuffix(".csv") for name in told["written"] if str(name).endswith(".csv") and "/" not in name]
         content = io.BytesIO()
         try:
-            write_page(told, names, mode, content)
+            write_page(told, mode, content)
         except FemsubError:
             raise
         except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
@@ -127,11 +78,11 @@ def show(folder: Path) -> Path:
     return made
 
 
-def write_page(told: Mapping[str, Any], tables: Sequence[str], mode: Moving | None, file: BinaryIO) -> None:
-    """The page of results as results.json has them, with these of its tables, and with the mode to be shown if there is one."""
+def write_page(told: Mapping[str, Any], mode: Moving | None, file: BinaryIO) -> None:
+    """The page of results as results.json has them, and with the mode to be shown if there is one."""
     script = package("plotly.offline", WHY).get_plotlyjs()
-    parts = {"TITLE": escape(str(told["scene"])), "BODY": "\n".join(_body(told, tables, mode)),
-             "DATA": _embedded({"plots": plots(told), "mode": None if mode is None else _sent(mode)}), "PLOTLY": script}
+    parts = {"TITLE": escape(str(told["scene"])), "BODY": "\n".join(_body(told, mode)),
+             "DATA": _embedded({"charts": told["charts"], "mode": None if mode is None else _sent(mode)}), "PLOTLY": script}
     text = TEMPLATE.read_text(encoding="utf-8")
     pieces = text.split("%%")  # text, name, text, name, ...: what is put in is not searched again
     pieces[1::2] = [parts[name] for name in pieces[1::2]]
@@ -154,11 +105,11 @@ def _sent(mode: Moving) -> dict[str, Any]:
             "imag": coded(np.rint(mode.u.imag / top * 32767), "<i2")}
 
 
-def _body(told: Mapping[str, Any], tables: Sequence[str], mode: Moving | None) -> Iterator[str]:
+def _body(told: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
     kind = told["inputs"]["scene"]
     by = f"femsub {told.get('versions', {}).get('femsub', '')}, {str(told.get('date', ''))[:16].replace('T', ' ')} UTC"
     yield f"<header><h1>{escape(str(told['scene']))}</h1><p>{escape(f'Scene {kind}, run by {by}')}</p></header>"
-    yield from _verdict(verdict(told))
+    yield from _verdict(told["verdict"])
     yield from _warned(told)
     if mode is not None:
         yield from _mode(told, mode)
@@ -166,17 +117,16 @@ def _body(told: Mapping[str, Any], tables: Sequence[str], mode: Moving | None) -
            'hide it. Drag to zoom; double-click to zoom out.</p><div class="plots"></div></section>')
     yield ('<section id="tables"><h2>Tables</h2><p class="note">Click a head to sort by its column. Point at it to read what it '
            'means.</p>')
-    for name in tables:
-        yield from _table(name, rows_of(told, name))
+    for name, table in told["tables"].items():
+        yield from _table(name, table, rows_of(told, table))
     yield "</section>"
     yield from _rests_on(told, mode)
 
 
-def _verdict(found: Verdict) -> Iterator[str]:
-    badge = found.answer.replace(" ", "-")
-    yield f'<section id="verdict" class="{badge}"><h2>{escape(found.question)}</h2>'
-    yield f'<p class="answer"><strong>{ANSWERS[found.answer]}.</strong> {escape(found.headline)}</p>'
-    for title, lines in (("What decides it", found.decides), ("What is not checked", found.unchecked)):
+def _verdict(found: Mapping[str, Any]) -> Iterator[str]:
+    yield f'<section id="verdict" class="{found["answer"].replace(" ", "-")}"><h2>{escape(found["question"])}</h2>'
+    yield f'<p class="answer"><strong>{ANSWERS[found["answer"]]}.</strong> {escape(found["headline"])}</p>'
+    for title, lines in (("What decides it", found["decides"]), ("What is not checked", found["unchecked"])):
         if lines:
             yield f"<h3>{title}</h3><ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
     yield "</section>"
@@ -191,7 +141,7 @@ def _warned(told: Mapping[str, Any]) -> Iterator[str]:
 def _mode(told: Mapping[str, Any], mode: Moving) -> Iterator[str]:
     (growth, omega), said = mode.told["eigenvalue"], str(mode.told["title"])
     verb = "grows" if growth > 0 else "decays"
-    at = units_of(told).said(f"{omega:.6g} rad/time")
+    at = SYSTEMS.get(told["inputs"].get("units", ""), UNKNOWN).said(f"{omega:.6g} rad/time")
     fewer = f" Drawn are {len(mode.points)} of {mode.told['nodes']} nodes." if len(mode.points) < mode.told["nodes"] else ""
     sliders = "".join(
         f'<label>{title} <input type="range" id="{name}" min="{low}" max="{high}" step="{step}" value="{value}"><output></output>'
@@ -203,48 +153,35 @@ def _mode(told: Mapping[str, Any], mode: Moving) -> Iterator[str]:
            f'{fewer}</p></section>')
 
 
-def rows_of(told: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
-    """The rows of a table by its name, which is that of its CSV file."""
-    key = max((key for key in told if name == key or name.startswith(f"{key}-")), key=len, default="")
-    found: Any = told.get(key, [])
-    if isinstance(found, dict):
-        inner = name[len(key) + 1:]
-        found = found.get(inner) if inner else next((found[word] for word in ("rows", "strongest", "parts") if word in found), [])
-    rows = found if isinstance(found, list) else []
-    if any("points" in row for row in rows):  # of a branch of limit cycles
-        rows = [{"model": item["model"], "family": item["family"], **point} for item in rows for point in item.get("points", [])]
+def rows_of(told: Mapping[str, Any], table: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The rows of a table, without lists that no cell has room for."""
+    found: Any = table.get("rows", told)
+    for key in table.get("place", ()):
+        found = found[key]
     return [{key: value for key, value in row.items() if not (isinstance(value, dict) or (isinstance(value, list) and (
-        len(value) > CELLS_OF_LISTS or any(isinstance(item, (list, dict)) for item in value))))} for row in rows]
+        len(value) > CELLS_OF_LISTS or any(isinstance(item, (list, dict)) for item in value))))} for row in found]
 
 
-def _table(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    keys = dict.fromkeys(key for row in rows for key in row if key in TIMES or not key.endswith("_s"))
-    if "frequency_hz" in keys:
-        keys.pop("hertz", None)
-    columns = [key for key in keys if any(row.get(key) not in (None, "", []) for row in rows)]
+def _table(name: str, table: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    columns = [one for one in table["columns"] if (one["key"] in TIMES or not one["key"].endswith("_s"))
+               and any(row.get(one["key"]) not in (None, "", []) for row in rows)]
+    if any(one["key"] == "frequency_hz" for one in columns):
+        columns = [one for one in columns if one["key"] != "hertz"]
     if not columns:
         return
-    known, count = TABLES.get(name, name.replace("-", " ").capitalize()), f"{len(rows)} row{'s' * (len(rows) != 1)}"
+    known, count = table["title"] or name.replace("-", " ").capitalize(), f"{len(rows)} row{'s' * (len(rows) != 1)}"
     yield f"<details{' open' if len(rows) <= OPEN else ''}><summary>{escape(known)} <span>({count}, {escape(name)}.csv)</span>"
     yield '</summary><div class="scroll"><table><thead><tr>'
-    for key in columns:
-        label, told = _head(key)
-        number = all(isinstance(row.get(key), (int, float, type(None))) and not isinstance(row.get(key), bool) for row in rows)
-        yield (f'<th scope="col"{" class=number" if number else ""}><button type="button" title="{escape(told or key)}">'
-               f'{escape(label)}</button></th>')
+    for one in columns:
+        values = [row.get(one["key"]) for row in rows]
+        number = all(isinstance(value, (int, float, type(None))) and not isinstance(value, bool) for value in values)
+        yield (f'<th scope="col"{" class=number" if number else ""}><button type="button" '
+               f'title="{escape(one["meaning"] or one["key"])}">{escape(one["head"])}</button></th>')
     yield "</tr></thead><tbody>"
     for row in rows:
-        yield "<tr>" + "".join(_cell(look(str(row[key])).label if key in MODELS and row.get(key) else row.get(key))
-                               for key in columns) + "</tr>"
+        yield "<tr>" + "".join(_cell(label(row[one["key"]]) if one["role"] == "model" and row.get(one["key"]) else
+                                     row.get(one["key"])) for one in columns) + "</tr>"
     yield "</tbody></table></div></details>"
-
-
-def _head(key: str) -> tuple[str, str]:
-    """What stands at the head of a column, and what it tells."""
-    if key in COLUMNS or not key.endswith("_hz"):
-        return COLUMNS.get(key, (key.replace("_", " "), ""))
-    label, told = _head(key.removesuffix("_hz"))
-    return f"{label.removesuffix(' ω')} [Hz]", told
 
 
 def _cell(value: Any) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from femsub.app.inputs import RESULTS, hash_of, results_of
 from femsub.app.keys import item_kind, keys_of, kinds
-from femsub.app.report import machine, remove, to_json, versions, write
+from femsub.app.report import machine, remove, results, to_json, versions, write
 from femsub.app.scene import SCENES, Progress, Result, Scene
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.io import including, texts_read
@@ -77,7 +77,8 @@ class Record:
             told["paper"] = {"paper": PAPER, "figures": {f"{name}.png": number for name, number in drawn.items()}}
         if warned:
             told["warnings"] = list(warned)
-        result = replace(result, data=told | result.data)
+        result = replace(result, data=told | results(
+            result, self.scene.system, [name for name in self.scene.OUTPUTS if name not in self.scene.outputs]))
         if self.scene.paged:
             result = replace(result, files=result.files | _page(result))
         notes = {name: f"corresponds to {number} of the conference paper" for name, number in drawn.items()}
@@ -133,7 +134,7 @@ def _page(result: Result) -> dict[str, Writer]:
             content = io.BytesIO()
             result.files[MODE_FILE](content)
             mode = read_mode(Path(MODE_FILE), content)
-        write_page(json.loads(to_json(result.data)), [name for name, rows in result.tables.items() if rows], mode, file)
+        write_page(json.loads(to_json(result.data)), mode, file)
 
     return {PAGE_FILE: page}
 

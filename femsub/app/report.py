@@ -25,6 +25,7 @@ from femsub.app.scene import Result
 from femsub.app.units import UNKNOWN, Units
 from femsub.errors import InputError
 from femsub.io import HASHES, OURS, Writer, hashed, held, write_whole
+from femsub.studies import Remark, answer
 
 
 @contextmanager
@@ -73,7 +74,8 @@ def write(result: Result, folder: Path, figures: bool, name: str = "results", un
 
     `units` are those that figures are drawn in, `notes` what stands at the foot of some, by name.
     """
-    writers: dict[str, Writer] = {f"{table}.csv": partial(_csv, rows) for table, rows in result.tables.items() if rows}
+    writers: dict[str, Writer] = {f"{file}.csv": partial(_csv, units.with_hertz(table.filed))
+                                  for file, table in result.tables.items()}
     if figures and result.drawings:
         from femsub.app.figure_style import render
 
@@ -118,10 +120,39 @@ def remove(folder: Path, hashes: Mapping[Any, Any]) -> None:
                     (whole / parent).rmdir()
 
 
-def in_units(result: Result, units: Units) -> Result:
-    """A result with Hz beside rad per unit of time where the units are known."""
-    tables = {name: units.with_hertz(rows) for name, rows in result.tables.items()}
-    return replace(result, data=units.with_hertz(result.data), tables=tables, text=units.said(result.text))
+def results(result: Result, units: Units = UNKNOWN, left_out: Sequence[str] = ()) -> dict[str, Any]:
+    """The data, with Hz beside rad per unit of time where the units are known; what the columns of its tables tell; its charts;
+    its verdict, which was not asked for these outputs.
+    """
+    tables = {}
+    for name, one in result.tables.items():
+        place, rows = _place(result.data, one.rows), units.with_hertz(one.filed)
+        tables[name] = {"title": units.said(one.title), "columns": [
+            {"key": at.key, "head": units.said(at.head), "unit": units.said(at.unit), "meaning": at.meaning, "role": at.role}
+            for at in replace(one, rows=rows, only=()).every], **({"place": place} if place else {"rows": rows})}
+    charts = [units.with_hertz(chart.plain(units.known)) for chart in result.charts]
+    return {**units.with_hertz(result.data), "tables": tables, "charts": charts,
+            "verdict": answer([*result.shown, _undone(result, left_out)]).said(units.said)}
+
+
+def _undone(result: Result, left_out: Sequence[str]) -> Remark:
+    """What was not asked for, failed or was interrupted."""
+    said = [f"The output {name} failed: {reason}." for name, reason in result.data.get("failed", {}).items()]
+    if not result.data.get("complete", True):
+        said.append("The run was interrupted. What came after is missing.")
+    if left_out:
+        said.append(f"Outputs of this scene that were not asked for: {', '.join(left_out)}.")
+    return Remark(unchecked=said)
+
+
+def _place(data: Mapping[str, Any], rows: Any) -> list[str]:
+    """The keys that lead to the rows of a table; none where they are not part of the data."""
+    for key, value in data.items():
+        if value is rows:
+            return [key]
+        if isinstance(value, dict) and (found := _place(value, rows)):
+            return [key, *found]
+    return []
 
 
 def to_json(data: Any) -> str:

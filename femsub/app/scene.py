@@ -8,10 +8,11 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import partial
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 from femsub.algebra import Interruptible
 from femsub.app.keys import check_keys, key, keys_of, values_of
@@ -22,9 +23,19 @@ from femsub.errors import FemsubError, InputError, unknown_name
 if TYPE_CHECKING:
     from femsub import Belt
     from femsub.io import Writer
+    from femsub.studies import Chart, Table
 
 Progress = Callable[[str], None]
-Tables: TypeAlias = dict[str, list[dict[str, Any]]]  # rows by the table's name
+
+
+class Picture(NamedTuple):
+    """A figure: the name of its file, without ending, and a function that draws it onto a new matplotlib figure."""
+
+    name: str
+    draw: Callable[[], Any]
+
+
+Shown: TypeAlias = Any  # str, Table, Chart or Picture
 
 #: name of a built-in scene: (module in femsub.app.scenes, one line)
 SCENES = {
@@ -182,30 +193,54 @@ class Result:
     ----------
     data : dict
         Everything printed or drawn, for results.json.
-    tables : dict of str to list of dict
-        Rows of each table by its name, which is that of its CSV file. A table without rows is not written.
-    text : str
-        The tables for the terminal.
-    drawings : dict of str to callable
-        File name (without ending) to a function that draws onto a new matplotlib figure.
+    shown : sequence of str, Table, Chart or Picture
+        What is shown, in this order: sentences; tables, which are printed and have a CSV file each if they have rows; charts
+        and pictures, each a PNG file. A page has tables and charts.
     files : dict of str to callable
         File name, which may name a folder below that of the results, to a function that writes the file's content. Called
         only where there is a folder to write to.
     """
 
     data: dict[str, Any]
-    tables: Tables
-    text: str
-    drawings: dict[str, Callable[[], Any]]
+    shown: Sequence[Shown] = ()
     files: dict[str, Writer] = field(default_factory=dict)
 
+    @property
+    def tables(self) -> dict[str, Table]:
+        """Those with rows by the names of their files."""
+        from femsub.studies import Table
 
-def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], text: list[str],
-                complete: bool = True, long: Sequence[str] = (), tables: Tables | None = None) -> Result:
+        return {one.name: one for one in self.shown if isinstance(one, Table) and one.name and one.rows}
+
+    @property
+    def drawings(self) -> dict[str, Callable[[], Any]]:
+        """File names (without ending) to functions that draw onto a new matplotlib figure."""
+        from femsub.app.figure_style import draw
+
+        return {chart.name: partial(draw, chart) for chart in self.charts if chart.drawn} | {
+            one.name: one.draw for one in self.shown if isinstance(one, Picture)}
+
+    @property
+    def charts(self) -> list[Chart]:
+        """Those for a page."""
+        from femsub.studies import Chart
+
+        return [one for one in self.shown if isinstance(one, Chart)]
+
+    def text(self, units: Units = UNKNOWN) -> str:
+        """What is printed."""
+        from femsub.studies import Table
+
+        return units.said("\n".join(one if isinstance(one, str) else one.text(units.known) for one in self.shown
+                                    if isinstance(one, str) or (isinstance(one, Table) and one.columns)))
+
+
+def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: dict[str, Any], shown: Sequence[Shown],
+                complete: bool = True, long: Sequence[str] = ()) -> Result:
     """A result, output by output: one that fails, or is interrupted, takes nothing from what was computed before.
 
-    `data`, `text` and `tables` are what the result begins with; `long` outputs are not begun once there was an interruption.
-    Failures are told in the text and in data["failed"], an interruption by data["complete"] = False.
+    `data` and `shown` are what the result begins with; `long` outputs are not begun once there was an interruption. Failures are
+    told in the text and in data["failed"], an interruption by data["complete"] = False.
 
     Raises
     ------
@@ -213,9 +248,7 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
         The first failure, where every output has failed.
     """
     outputs = [output for output in outputs if output != PAGE]
-    tables = dict(tables or {})
-    drawings: dict[str, Callable[[], Any]] = {}
-    files: dict[str, Writer] = {}
+    parts = [Result({}, shown)]
     failed: dict[str, FemsubError] = {}
     with Interruptible() as work:
         for output in outputs:
@@ -225,24 +258,21 @@ def run_outputs(outputs: Sequence[str], compute: Callable[[str], Result], data: 
                 part = compute(output)
             except FemsubError as error:  # the others are worth having without it
                 failed[output] = error
-                text.append(f"{output}: failed; {error}")
-                continue
-            data |= part.data
-            tables |= part.tables
-            drawings |= part.drawings
-            files |= part.files
-            if part.text:
-                text.append(part.text)
+                part = Result({}, [f"{output}: failed; {error}"])
+            parts.append(part)
             complete = complete and part.data.get("complete", True)  # False: interrupted within it
     complete = complete and work.complete
     if failed and len(failed) == len(outputs):
         raise next(iter(failed.values()))
+    for part in parts:
+        data |= part.data
     if failed:
         data["failed"] = {output: f"{type(error).__name__}: {error}" for output, error in failed.items()}
     if not complete:
         data["complete"] = False
-        text.append("Interrupted: these results are incomplete.")
-    return Result(data, tables, "\n\n".join(text), drawings, files)
+        parts.append(Result({}, ["Interrupted: these results are incomplete."]))
+    every = [one for part in parts for one in (*[""] * bool(part is not parts[0] and part.text()), *part.shown)]
+    return Result(data, every, {name: file for part in parts for name, file in part.files.items()})
 
 
 def load(source: str, trusted: Sequence[str] = ()) -> tuple[Scene, Callable[[Scene, Progress], Result]]:

@@ -29,10 +29,6 @@ class Units:
         """Whether the scene has named them; then the unit of time is the second."""
         return self.time == "s"
 
-    def beside(self, *columns: str) -> tuple[str, ...]:
-        """The columns of a table that have Hz beside them: these, or none."""
-        return columns if self.known else ()
-
     def frequency(self, omega: float) -> str:
         """'123.4 Hz', or '775.2 rad/time'."""
         return f"{omega / (2 * pi):.4g} Hz" if self.known else f"{omega:.4g} rad/time"

@@ -1,17 +1,198 @@
-"""Tables and texts on the terminal."""
+"""Tables of results: rows, and what stands in their columns. The terminal, files and pages show them from one definition."""
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from femsub.reduction import METHODS
+
 WIDTH = 100  # columns of a terminal that every table fits
 GAP = "  "  # between columns
 NONE = "-"  # where there is no value
+RATE = "rad/time"  # the unit of columns that have one in Hz beside them, where the unit of time is known
+#: of whole systems, which no key of a scene names: label, colour, marker
+SETTLED = {"contact-modes": ("Contact modes of the system", "#c51b7d", "*"),
+           "real-modes": ("Real modes of the system", "#8a8a8a", "o")}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Attributes
+    ----------
+    key : str
+        Of the rows, and in files.
+    head : str
+        What stands above it.
+    form : str
+        How numbers are printed, as of `format`. A column without one is not printed, and stands in files and on the page.
+    unit, meaning : str
+    role : str
+        'model': the key of a method, shown by its name. 'modes': of the full model there is none. 'verdict': yes, no, or ?
+    cell : callable, optional
+        What is printed of a row, if it is not the value.
+    """
+
+    key: str
+    head: str = ""
+    form: str = ""
+    unit: str = ""
+    meaning: str = ""
+    role: str = ""
+    cell: Callable[[Mapping[str, Any]], Any] | None = None
+
+    def printed(self, row: Mapping[str, Any]) -> Any:
+        """What the terminal shows of a row."""
+        value = self.cell(row) if self.cell else row.get(self.key)
+        if self.role == "modes":
+            return None if row.get("model", row.get("method")) == "full" else value
+        if self.role == "model":
+            return label(value)
+        return yes_no(value) if self.role == "verdict" else value
+
+
+#: columns of several tables
+KNOWN = {one.key: one for one in (
+    Column("model", "model", "s", "", "the full model, or the method of reduction", "model"),
+    Column("method", "model", "s", "", "the full model, or the method of reduction", "model"),
+    Column("modes", "modes", "d", "", "modes kept in the basis", "modes"),
+    Column("size", "DOF", "d", "", "degrees of freedom of the model"),
+    Column("mode", "mode", "d"),
+    Column("part", "part", "s"),
+    Column("interface", "interface", "d"),
+    Column("error_eigenvalue", "err λ", ".1e", "", "largest error of a complex eigenvalue, over its modulus"),
+    Column("error_growth", "err Re λ", ".1e", "", "largest error of a growth rate, over the rates of damping and friction"),
+    Column("critical", "critical", ".6g", "", "where stability is first lost: the slope, or another parameter"),
+    Column("error_critical", "err critical", ".1e", "", "relative error of the critical slope, or of another parameter"),
+    Column("error_real", "err Re λ, over |λ|", ".1e", "", "largest error of Re λ, over |λ|"),
+    Column("error_frequency", "err ω", ".1e", "", "largest relative error of an undamped frequency"),
+    Column("error_force", "err force", ".1e", "", "relative error of the forces in the joints"),
+    Column("missing", "missing", "d", "", "eigenvalues of the full model that the small one lacks"),
+    Column("extra", "extra", "d", "", "eigenvalues of the small model that the full one lacks"),
+    Column("mac", "MAC", ".3f", "", "least agreement of the shapes; 1: the same"),
+    Column("memory", "MB", ".3g", "", "size of the model's matrices"),
+    Column("stable", "stable", "s", "", "the verdict in the band; undecided within the error bars: no value", "verdict"),
+    Column("is_stable", "stable", "s", "", "the verdict in the band; undecided within the error bars: no value", "verdict"),
+    Column("pareto", "front", "s", "", "no other model is both as fast and as accurate in Re λ"),
+    Column("reduction_median_s", "reduce [s]", ".2g", "s", "time to reduce, median of the runs"),
+    Column("solution_median_s", "solve [s]", ".2g", "s", "time to solve, median of the runs"),
+    Column("counted", "count", "d", "", "eigenvalues up to that frequency"),
+    Column("full_counted", "in full", "d", "", "those of the full model"),
+    Column("growth", "Re λ", ".6g", "1/time", "largest growth rate; above 0 a motion grows"),
+    Column("full_growth", "in full", ".6g", "1/time", "the growth rate of the full model",
+           cell=lambda row: row["full_growth"] if np.isfinite(row["full_growth"]) else None),
+    Column("omega", "ω", ".6g", RATE, "angular frequency"),
+    Column("hertz", "f [Hz]", ".6g", "Hz", "frequency"),
+    Column("frequency_hz", "f [Hz]", ".6g", "Hz", "frequency"),
+    Column("up_to", "up to ω", ".5g", RATE, "end of the comparison: the band's, or the model's cut-off"),
+    Column("cutoff", "cut-off ω", ".5g", RATE, "above it the reduced model's modes mean nothing"),
+    Column("slope", "slope dμ/dv", ".6g", "time/length", "critical slope, or the slope of the friction law",
+           cell=lambda row: "never" if row["slope"] == -np.inf else row["slope"]),
+    Column("full", "full model", ".6g", "", "the full model's value",
+           cell=lambda row: "never" if row["full"] == -np.inf else row["full"]),
+    Column("error", "rel. error", ".1e", "", "error relative to the full model, or to the closed form"),
+    Column("port_error", "static port error", ".1e", "", "error of the static response at the contact, in the energy norm"),
+    Column("error_bar", "error bar", ".0e", "1/time", "bound of the error of Re λ from rounding"),
+    Column("residual", "residual", ".0e", "", "relative residual"),
+    Column("backward_error", "backward error", ".0e", "", "relative residual of the equation; 1e-16 is rounding"),
+    Column("belt", "belt", "d", "", "number of the mass under the belt"),
+    Column("reason", "why not", "s", "", "why there is no value"),
+    Column("why", "why not", "s", "", "why there is no value"),
+    Column("shape_error", "shape error", ".1e", "", "sine of the angle between the least stable shapes, in the norm of M"),
+    Column("family", "from ω", ".4g", RATE, "frequency of the mode from which the cycle begins"),
+    Column("rms", "rms of v", ".5g", "length/time", "rms of the speed under the belt"),
+    Column("peak", "peak of v", ".5g", "length/time", "largest speed under the belt"),
+    Column("sticking", "sticking", ".1%", "", "share of the time in which it sticks"),
+    Column("harmonics", "harmonics", "d", "", "harmonics of the cycle"),
+    Column("truncation", "truncation", ".0e", "", "error by the harmonics that are left out, relative to v"),
+    Column("multiplier", "multiplier", ".4g", "", "largest Floquet multiplier; inside the unit circle: stable",
+           cell=lambda row: None if row["multiplier"] is None else abs(row["multiplier"])),
+    Column("missed", "missed", "d", "", "unstable modes of the full model that are stable in the small one"),
+    Column("invented", "invented", "d", "", "unstable modes of the small model that are stable in the full one"),
+    Column("springs", "springs", ".3g", "", "stiffness of the springs over that of the interface"),
+    Column("damping", "equivalent damping", ".2e", "", "-2 Re λ / |λ|"),
+    Column("seconds", "seconds", ".2g", "s", "time of the computation"),
+    Column("steps", "steps", "d", "", "steps of the integration"),
+    Column("energy_residual", "energy balance", ".0e", "", "energy lost or gained by the integration, over that turned over"),
+    Column("evidence", "evidence", "s", "", "how completeness was shown"))}
+
+
+def column(key: str, head: str = "", form: str = "", **others: Any) -> Column:
+    """A column of `KNOWN`, or another, with its own head, form and whatever else differs."""
+    known = KNOWN.get(key, Column(key, key.replace("_", " ")))
+    if key.endswith("_hz") and key not in KNOWN:
+        known = replace(column(key[:-3]), key=key, unit="Hz", cell=None)
+        known = replace(known, head=f"{known.head.removesuffix(' ω')} [Hz]")
+    return replace(known, head=head or known.head, form=form or known.form, **others)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows, and the columns that are printed. Other keys of the rows are columns in files and on the page.
+
+    Attributes
+    ----------
+    name : str
+        That of its CSV file; a table without a name is only printed.
+    rows : sequence of mappings
+    columns : sequence of Column or str
+        Printed ones; words are those of `KNOWN`. Without columns nothing is printed.
+    title : str
+    keys : int
+        Columns that stand again where a wide table continues below itself.
+    none : str
+        What a dash stands for.
+    most : int, optional
+        Rows that are printed.
+    only : sequence of str
+        Keys that stand in files; all where there are none.
+    """
+
+    name: str
+    rows: Sequence[Mapping[str, Any]]
+    columns: Sequence[Any] = ()
+    title: str = ""
+    keys: int = 1
+    none: str = ""
+    most: int | None = None
+    only: Sequence[str] = ()
+
+    @property
+    def every(self) -> list[Column]:
+        """All columns, in the order of the rows' keys."""
+        own = {one.key: one for one in self._printed}
+        return [own[key] if key in own else replace(column(key), form="")
+                for key in self.only or dict.fromkeys(key for row in self.rows for key in row)]
+
+    @property
+    def filed(self) -> Sequence[Mapping[str, Any]]:
+        """The rows as they stand in files."""
+        return [{key: row.get(key) for key in self.only} for row in self.rows] if self.only else self.rows
+
+    @property
+    def _printed(self) -> list[Column]:
+        return [column(one) if isinstance(one, str) else one for one in self.columns]
+
+    def text(self, hertz: bool = False) -> str:
+        """The printed columns; with `hertz` those in rad/time have one in Hz beside them."""
+        shown = self._printed
+        if not shown:
+            return ""
+        return table([one.head for one in shown], [[one.printed(row) for one in shown] for row in self.rows[:self.most]],
+                     [one.form for one in shown], [one.head for one in shown if one.unit == RATE] if hertz else (), self.keys,
+                     self.none)
+
+
+def label(model: Any) -> str:
+    """The name of a model by its method's key; of another, such as 'full', the key itself."""
+    return METHODS[model].label if model in METHODS else SETTLED[model][0] if model in SETTLED else str(model)
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[str], hertz: Sequence[str] = (), keys: int = 1,
@@ -25,7 +206,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[
     for name in hertz:
         at = list(head).index(name) + 1
         head, formats = [*head[:at], "Hz", *head[at:]], [*formats[:at], formats[at - 1], *formats[at:]]
-        rows = [[*row[:at], None if row[at - 1] is None else row[at - 1] / (2 * np.pi), *row[at:]] for row in rows]
+        rows = [[*row[:at], None if row[at - 1] is None else (np.asarray(row[at - 1]) / (2 * np.pi)).tolist(), *row[at:]]
+                for row in rows]
     body = [[_cell(value, form) for value, form in zip(row, formats, strict=True)] for row in rows]
     wide = [max((len(row[at]) for row in body), default=0) for at in range(len(head))]
     heads = [[text] for text in head]
@@ -48,6 +230,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[
 def _cell(value: Any, form: str) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return NONE
+    if isinstance(value, list):
+        return ", ".join(_cell(one, form) for one in value) or NONE
     return value if isinstance(value, str) else format(value, form)
 
 

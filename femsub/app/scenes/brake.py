@@ -30,19 +30,19 @@ from femsub import (
     study,
     track,
 )
-from femsub.app.figures_errors import friction_errors_figure
-from femsub.app.figures_flutter import flutter_figure
+from femsub.app.charts_errors import friction_errors_chart
+from femsub.app.charts_flutter import flutter_chart
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.keys import key
 from femsub.app.moving import mode_file
-from femsub.app.scene import Progress, Result, Scene, run_outputs
+from femsub.app.scene import Picture, Progress, Result, Scene, Shown, run_outputs
 from femsub.app.scenes.outputs import least_stable, motion_files, vtu
 from femsub.app.scenes.system_shapes import by_kind
 from femsub.checks import Array, check_band, interval
 from femsub.coupling import brake_meshes, check_held, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
 from femsub.reduction import METHODS
-from femsub.studies import Loss, Row, Study, affine_over, first_loss, table
+from femsub.studies import Loss, Remark, Row, Study, Table, affine_over, column, first_loss, study_choice
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -258,26 +258,29 @@ def _unstable(brake: Brake) -> Result:
             f"{modes.evidence}")
     paged = _mode_file(brake, modes, mu)
     data = {"unstable": rows, "completeness": modes.evidence}
+    complete = Remark.of_completeness(modes.evidence)
     if not rows:
-        return Result(data, {}, f"{head}. All modes decay; give a larger mu, or less damping", {}, paged)
-    said = table(["f [Hz]", "Re λ", "error bar", "equivalent damping", *(f"energy {name}" for name in shares)],
-                 [list(row.values())[2:] for row in rows], [".6g", ".5g", ".0e", ".2e", *[".2f"] * len(shares)])
-    result = Result(data, {"unstable": rows}, f"{head}\n{said}", {}, paged)
+        return Result(data, [f"{head}. All modes decay; give a larger mu, or less damping", complete, Remark(
+            ["The full model has no unstable mode in the band."])], paged)
+    columns = ("hertz", column("growth", form=".5g"), "error_bar", "damping",
+               *(column(f"energy_{name}", form=".2f") for name in shares))
+    drawn: list[Shown] = [head, Table("unstable", rows, columns, "Unstable modes of the full model"), complete,
+                          Remark([f"At mu = {mu:g} the full model has {len(rows)} unstable mode{'s' * (len(rows) != 1)} in the "
+                                  "band."])]
     if not scene.figures:
-        return result
+        return Result(data, drawn, paged)
     (_, (mesh, fields)), = by_kind(system, brake.meshes, modes.shapes[:, chosen]).items()
     fields = fields * np.exp(-1j * np.angle(_largest(fields)))
     titles = [f"{row['hertz']:.5g} Hz, Re λ = {row['growth']:.4g}" for row in rows]
     names = [f"{row['hertz']:.5g} Hz" for row in rows]
     title = f"{scene.name}: unstable modes at mu = {mu:g}, at the phase of the largest displacement"
-    result.drawings["unstable"] = partial(shapes_figure, mesh, fields[..., :DRAWN].real, titles[:DRAWN], title, {})
+    drawn.append(Picture("unstable", partial(shapes_figure, mesh, fields[..., :DRAWN].real, titles[:DRAWN], title, {})))
     shown = {f"{part} {name}": getattr(fields[..., i], attribute) for i, name in enumerate(names)
              for part, attribute in (("real-part", "real"), ("imaginary-part", "imag"))}
     phases = {f"phase {name}": np.degrees(np.angle(fields[..., i])) for i, name in enumerate(names)}
     worst = int(np.argmax([row["growth"] for row in rows]))
-    result.files["unstable.vtu"] = partial(vtu, mesh, shown | phases)
-    result.files.update(motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst], "most-unstable"))
-    return result
+    motion = motion_files(mesh, fields[..., worst], float(rows[worst]["omega"]), names[worst], "most-unstable")
+    return Result(data, drawn, {**paged, "unstable.vtu": partial(vtu, mesh, shown | phases), **motion})
 
 
 def _mode_file(brake: Brake, modes: ComplexModes, mu: float) -> dict[str, Writer]:
@@ -313,8 +316,8 @@ def _error_time(brake: Brake) -> Result:
     rows, best, words = [row.flat() for row in (found.full, *found.rows)], found.recommended(WITHIN), found.recommendation(WITHIN)
     data = {"error-time": {"parameter": "mu", "values": scene.full, "rows": rows, "left_out": found.left_out,
                            "recommendation": words, "recommended": best.flat() if best else None}}
-    return Result(data, {"error-time": rows}, "\n".join([head, str(found), words]),
-                  {"error-time": lambda: friction_errors_figure(found, scene.name)})
+    return Result(data, [head, str(found), words, Table("error-time", rows, title="Error against run time"),
+                         friction_errors_chart(found, scene.name, "error-time"), study_choice(found, WITHIN)])
 
 
 def _flutter(brake: Brake) -> Result:
@@ -338,19 +341,18 @@ def _flutter(brake: Brake) -> Result:
     data = {"flutter": {"rows": rows, "critical": {key: {"mu": one.value, "omega": one.omega} for key, one in critical.items()}}}
     name = f"reduced to {small.size} DOF"
     lost = {name: [own]} if np.isfinite(own) else {}
-    drawings = {"flutter": lambda: flutter_figure({name: followed}, lost, "mu  [-]", scene.name,
-                                                  {f"full model of {brake.system.size} DOF": crosses})}
-    return Result(data, {"flutter": rows}, f"{words}\n{followed!r}", drawings)
+    losses = ", ".join(f"of the {key} model at mu = {one.value:.6g}" for key, one in critical.items() if np.isfinite(one.value))
+    told = Remark([f"Loss of stability in the flutter diagram: {losses}."] if losses else ())
+    return Result(data, [words, repr(followed), told, Table("flutter", rows, title="Eigenvalues over mu"), flutter_chart(
+        "flutter", {name: followed}, lost, "mu  [-]", scene.name, {f"full model of {brake.system.size} DOF": crosses})])
 
 
 def _losses(brake: Brake) -> Result:
     """All losses and regains of stability of the best reduced model, and the proof that there are no others."""
-    scene = brake.scene
     brake.tell("all losses of stability")
     found = critical_value(brake.affine, None, "mu", between=brake.range, band=brake.band)
     rows = [{"what": what, "mu": one.value, "omega": one.omega, "kind": one.kind}
             for what, several in (("loss", found.losses), ("regain", found.regains)) for one in several]
-    cells = [list(row.values()) for row in rows]
-    said = table(["what", "mu", "ω", "kind"], cells, ["s", ".6g", ".6g", "s"], scene.system.beside("ω"))
     data = {"losses": {"evidence": found.evidence, "rows": rows}}
-    return Result(data, {"losses": rows}, f"Losses of stability: {found!r}\n{said}", {})
+    columns = (column("what", form="s"), column("mu", form=".6g"), "omega", column("kind", form="s"))
+    return Result(data, [f"Losses of stability: {found!r}", Table("losses", rows, columns, "Losses of stability")])

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from femsub import Belt, ComplexModes, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
-from femsub.app.figure_style import look
-from femsub.app.figures import belt_sweep_figure, eigenvalue_figure, friction_figure, size_sweep_figure
-from femsub.app.figures_errors import error_time_figure
+from femsub.app.charts import belt_places_chart, eigenvalue_chart, friction_chart, size_sweep_chart
+from femsub.app.charts_errors import error_time_chart
+from femsub.app.figures import belt_sweep_figure
 from femsub.app.keys import key
 from femsub.app.moving import mode_file
-from femsub.app.scene import Progress, Result, Scene, run_outputs
-from femsub.app.scenes.outputs import NO_GROWTH, comparable, growth_cell, least_stable, slope_cell
+from femsub.app.scene import Picture, Progress, Result, Scene, run_outputs
+from femsub.app.scenes.outputs import NO_GROWTH, comparable, least_stable
 from femsub.checks import check_band
 from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
 from femsub.modes import relative_error
 from femsub.reduction import METHODS
-from femsub.studies import first_loss, table, yes_no
+from femsub.studies import Table, column, first_loss, stability_remark, study_choice
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -129,8 +129,8 @@ def _friction(scene: ChainScene, _: Progress) -> Result:
     titles = {name: getattr(law, "label", name) for name, law in LAWS.items()}
     curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)}
               for name in LAWS for eps in sorted({1e-1, 1e-2, 1e-3, scene.eps}, reverse=True)]
-    return Result({"friction": {"speed": speeds, "curves": curves}}, {}, "", {
-        "friction": lambda: friction_figure(speeds, curves, titles, scene.speed, scene.linear_belt.slope or 0.0)})
+    return Result({"friction": {"speed": speeds, "curves": curves}}, [
+        friction_chart(speeds, curves, titles, scene.speed, scene.linear_belt.slope or 0.0)])
 
 
 def _critical(scene: ChainScene, _: Progress) -> Result:
@@ -145,13 +145,14 @@ def _critical(scene: ChainScene, _: Progress) -> Result:
                 rows.append({"belt": belt, "interface": _masses(sub.interface + 1), "method": method, "size": rom.size,
                              "slope": found[0], "omega": found[1], "full": exact[0], "error": relative_error(found[0], exact[0]),
                              "port_error": rom.port_error["belt"], "reason": found[2] or exact[2]})
-    lines = [table(["belt", "interface", "model", "DOF", "critical slope", "full model", "rel. error", "static port error"],
-                   [[f"m{row['belt']}", row["interface"], look(row["method"]).label, row["size"], slope_cell(row["slope"]),
-                     slope_cell(row["full"]), row["error"], row["port_error"]] for row in rows],
-                   ["s", "s", "s", "d", ".6f", ".6f", ".1e", ".1e"], keys=4)]
-    lines += dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"])
-    head = f"Critical slopes dμ/dv in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time"
-    return Result({"critical-slope": {"rows": rows}}, {"critical-slope": rows}, "\n".join([head, *lines]), {})
+    columns = (column("belt", cell=lambda row: f"m{row['belt']}"), "interface", "method", "size",
+               column("slope", "critical slope", ".6f"),
+               column("full", form=".6f"), "error", "port_error")
+    return Result({"critical-slope": {"rows": rows}}, [
+        f"Critical slopes dμ/dv in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time",
+        Table("critical-slope", rows, columns, "Critical slopes", keys=4),
+        *dict.fromkeys(f"no critical slope: {row['reason']}" for row in rows if row["reason"]),
+        belt_places_chart(rows, _masses(scene.interface))])
 
 
 def _border(scene: ChainScene, model: Substructure) -> tuple[float, float, str]:
@@ -180,7 +181,7 @@ def _belt_sweep(scene: ChainScene, _: Progress) -> Result:
             panels.append({"model": kind, "interface": "{m1, belt}" if widened else _masses(scene.interface),
                            "growth": np.array(growth), "critical_slope": border})
     found = {"slopes": slopes, "belts": scene.belts, "panels": panels}
-    return Result({"belt-sweep": found}, {}, "", {"belt-sweep": lambda: belt_sweep_figure(found)})
+    return Result({"belt-sweep": found}, [Picture("belt-sweep", lambda: belt_sweep_figure(found))])
 
 
 def _size_sweep(scene: ChainScene, _: Progress) -> Result:
@@ -193,18 +194,19 @@ def _size_sweep(scene: ChainScene, _: Progress) -> Result:
             found = [_border(scene, scene.reduced(sub, method, size))[0] for size in sizes]
             curves.append({"interface": _masses(sub.interface + 1), "method": method, "sizes": sizes, "slope": found,
                            "full": exact, "error": [relative_error(value, exact) for value in found]})
-    lines = [table(["interface", "model", *(f"{size} DOF" for size in scene.sizes)],
-                   [[curve["interface"], look(curve["method"]).label,
-                     *(dict(zip(curve["sizes"], curve["error"], strict=True)).get(size) for size in scene.sizes)]
-                    for curve in curves], ["s", "s", *[".1e"] * len(scene.sizes)], keys=2,
-                   none="the band reaches above the model's cut-off, or the model has no DOF beside its interface")]
+    wide = Table("", [{"interface": curve["interface"], "method": curve["method"],
+                       **{str(size): error for size, error in zip(curve["sizes"], curve["error"], strict=True)}}
+                      for curve in curves],
+                 ("interface", "method", *(column(str(size), f"{size} DOF", ".1e") for size in scene.sizes)), keys=2,
+                 none="the band reaches above the model's cut-off, or the model has no DOF beside its interface")
     rows = [{"belt": scene.belt, "interface": curve["interface"], "method": curve["method"], "size": size, "slope": slope,
              "full": curve["full"], "error": error} for curve in curves
             for size, slope, error in zip(curve["sizes"], curve["slope"], curve["error"], strict=True)]
     head = (f"Relative error of the critical slope in the band {scene.band[0]:g} to {scene.band[1]:.4g} rad/time, belt under "
             f"m{scene.belt}")
-    return Result({"size-sweep": {"curves": curves, "rows": rows}}, {"size-sweep": rows}, "\n".join([head, *lines]),
-                  {"size-sweep": lambda: size_sweep_figure(curves, scene.belt)})
+    return Result({"size-sweep": {"curves": curves, "rows": rows}}, [
+        head, wide, Table("size-sweep", rows, title="Critical slope over the model's size"),
+        size_sweep_chart(curves, scene.belt)])
 
 
 def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
@@ -225,20 +227,17 @@ def _eigenvalues(scene: ChainScene, _: Progress) -> Result:
             limit = min(model.cutoff, float(exact.frequencies.max(initial=0.0)))
             models.append({"model": kind, "interface": _masses(sub.interface + 1), "size": model.size, "cutoff": model.cutoff,
                            **comparable(exact, modes, limit)})
-    said = table(["interface", "model", "DOF", "up to ω", "count", "in full", "largest Re λ", "in full", "stable",
-                  "backward error"],
-                 [[m["interface"], look(m["model"]).label, m["size"], m["up_to"], m["counted"], m["full_counted"],
-                   growth_cell(m["growth"]), growth_cell(m["full_growth"]), yes_no(m["is_stable"]),
-                   float(m["backward_error"].max(initial=0.0))] for m in models],
-                 ["s", "s", "d", ".4g", "d", "d", ".4f", ".4f", "s", ".0e"], scene.system.beside("up to ω"), keys=3,
-                 none=NO_GROWTH)
+    said = Table("", models, (
+        "interface", "model", "size", column("up_to", form=".4g"), "counted", "full_counted",
+        column("growth", "largest Re λ", ".4f"), column("full_growth", form=".4f"), "is_stable",
+        column("backward_error", cell=lambda row: float(row["backward_error"].max(initial=0.0)))), keys=3, none=NO_GROWTH)
     panels = [{**model, "panel": f"interface {model['interface']}"} for model in models]
     rows = [{"belt": scene.belt, "interface": m["interface"], "method": m["model"], "size": m["size"], "up_to": m["up_to"],
              "growth": m["growth"], "full_growth": m["full_growth"], "is_stable": m["is_stable"]} for m in models]
     head = f"Complex modes, belt under m{scene.belt}, dμ/dv = {belt.slope:.5g}"
     data = {"belt": scene.belt, "models": models, "rows": rows}
-    return Result({"eigenvalues": data}, {"eigenvalues": rows}, f"{head}\n{said}", {
-        "eigenvalues": lambda: eigenvalue_figure(panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}")}, files)
+    return Result({"eigenvalues": data}, [head, said, Table("eigenvalues", rows, title="Eigenvalues"), eigenvalue_chart(
+        panels, f"belt under m{scene.belt}, dμ/dv = {belt.slope:.4g}"), stability_remark(models)], files)
 
 
 def _mode_file(scene: ChainScene, modes: ComplexModes) -> dict[str, Writer]:
@@ -265,7 +264,9 @@ def _error_time(scene: ChainScene, progress: Progress) -> Result:
     choices = [{"interface": interface, "sentence": found.recommendation(),
                 "model": None if (best := found.recommended()) is None else best.flat()} for interface, found in studies]
     data = {"rows": rows, "band": scene.band, "repeats": scene.repeats, "recommended": choices}
-    return Result({"error-time": data}, {"error-time": rows}, said, {"error-time": lambda: error_time_figure(studies)})
+    return Result({"error-time": data}, [said, Table("error-time", rows, title="Error against run time"),
+                                         error_time_chart(studies),
+                                         *(study_choice(found, where=f"interface {place}") for place, found in studies)])
 
 
 PARTS: dict[str, Callable[[ChainScene, Progress], Result]] = {

@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 
 from femsub import transient
 from femsub.algebra import QUADRATIC, Interruptible
-from femsub.app.figure_style import look
 from femsub.app.keys import key
-from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
+from femsub.app.scene import NO_SLOPE, Progress, Result, Shown, run_outputs
 from femsub.app.scenes.chain import ChainKeys
-from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, whole
+from femsub.app.scenes.in_time import Track, growth, quality, signals, spectra, spectrograms, told, track, verdict, whole
 from femsub.checks import interval
 from femsub.errors import InputError
+from femsub.studies import label
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def run(scene: ChainTransientScene, progress: Progress) -> Result:
     with Interruptible() as work:
         for kind in ("full", *scene.methods):
             def tell(text: str, kind: str = kind) -> None:
-                progress(f"{scene.name}: {look(kind).label}, {text}")
+                progress(f"{scene.name}: {label(kind)}, {text}")
 
             model = full if kind == "full" else scene.reduced(full, kind, scene.size)
             found = transient(model, belt, (scene.time[0], scene.time[1]), impulse=scene.impulse, step=scene.step, tol=scene.tol,
@@ -66,7 +66,7 @@ def run(scene: ChainTransientScene, progress: Progress) -> Result:
             tracks.append(track(kind, model, found, window))
             whole(found)
     parts: dict[str, Callable[[], Result]] = {
-        "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt, scene.system),
+        "growth": lambda: growth([(item.kind, item.model) for item in tracks], belt),
         "quality": lambda: quality(tracks, belt), "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
         "spectrogram": lambda: spectrograms(tracks, scene.length)}
     data: dict[str, Any] = {
@@ -75,8 +75,8 @@ def run(scene: ChainTransientScene, progress: Progress) -> Result:
         **scene.friction,
         "impulse": scene.impulse, "time": scene.time, "window": scene.window, "step": scene.step, "tol": scene.tol,
         "models": [item.row for item in tracks]}
-    text = [f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
-            f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
-            f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}\n{told(tracks, scene.system)}"]
-    return run_outputs(scene.outputs, lambda output: parts[output](), data | {"complete": True}, text, work.complete,
-                       tables={"models": data["models"]})
+    shown: list[Shown] = [
+        f"{scene.name}: {scene.n} masses, belt under m{scene.belt} at {scene.speed:g}, F = {scene.force:g}, {scene.law}, ε = "
+        f"{scene.eps:g}: μ' = {belt.slope:.6g}; each model from its own sliding equilibrium and a blow of {scene.impulse:g}",
+        "", f"Velocity at m{scene.belt} over t = {window[0]:g} to {window[1]:g}", told(data["models"]), verdict(tracks)]
+    return run_outputs(scene.outputs, lambda output: parts[output](), data | {"complete": True}, shown, work.complete)

@@ -11,15 +11,14 @@ import numpy as np
 
 from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_balance, spectrum, transient
 from femsub.algebra import QUADRATIC
-from femsub.app.figure_style import look
-from femsub.app.figures_cycles import bifurcation_figure
+from femsub.app.charts_cycles import bifurcation_chart
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
 from femsub.checks import Array, interval
 from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.motion import PARAMETERS, of_signal, onsets, sliding, with_parameter
-from femsub.studies import table, yes_no
+from femsub.studies import Table, column, cycles_verdict, label
 
 NEAR = 0.05  # frequencies of two models that differ by less belong to the same mode
 
@@ -82,7 +81,7 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
         found: dict[str, LimitCycle] = {}
         here: list[dict[str, Any]] = []
         for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):
-            tell(f"limit cycle of {look(name).label} near ω = {family:.4g}")
+            tell(f"limit cycle of {label(name)} near ω = {family:.4g}")
             begun = time.perf_counter()
             row: dict[str, Any] = {"family": family, "model": name, "size": model.size}
             try:
@@ -108,19 +107,18 @@ def _cycles(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[fl
         here.sort(key=lambda row: list(models).index(row["model"]))
         rows += here
     kept = [row for row in rows if "omega" in row]
-    said = table(["model", "DOF", "from ω", "ω", "error of ω", "rms of v", "error of rms", "peak of v", "sticking", "stable",
-                  "multiplier", "harmonics", "truncation", "seconds"],
-                 [[look(row["model"]).label, row["size"], row["family"], row["omega"], row.get("omega_error"), row["rms"],
-                   row.get("rms_error"), row["peak"], row["sticking"], yes_no(row["is_stable"]),
-                   None if row["multiplier"] is None else abs(row["multiplier"]), row["harmonics"], row["truncation"],
-                   row["seconds"]] for row in kept],
-                 ["s", "d", ".4g", ".6g", ".1e", ".5g", ".1e", ".5g", ".0%", "s", ".4g", "d", ".0e", ".2f"],
-                 scene.system.beside("ω"), keys=3)
-    text = [f"Limit cycles at v0 = {scene.speed:g}, F = {scene.force:g}; v is the speed under the belt\n{said}"]
+    columns = ("model", "size", column("family", unit=""), "omega", column("omega_error", "error of ω", ".1e"), "rms",
+               column("rms_error", "error of rms", ".1e"), "peak", column("sticking", form=".0%"), "is_stable", "multiplier",
+               "harmonics", "truncation", column("seconds", form=".2f"))
+    shown: list[Any] = [f"Limit cycles at v0 = {scene.speed:g}, F = {scene.force:g}; v is the speed under the belt",
+                        Table("", kept, columns, keys=3), Table("cycles", rows, title="Limit cycles")]
     if any(row["is_stable"] is None for row in kept):
-        text.append("?, and no multiplier: of large models the stability of cycles is not computed")
-    text += [f"{look(row['model']).label} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row]
-    return Result({"cycles": rows}, {"cycles": rows}, "\n".join(text), {})
+        shown.append("?, and no multiplier: of large models the stability of cycles is not computed")
+    shown += [f"{label(row['model'])} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row]
+    branched = ["Branches are drawn and listed, not judged: the verdict is that of the cycles at one parameter."]
+    shown.append(cycles_verdict(rows, f"at v0 = {scene.speed:g}, F = {scene.force:g}",
+                                branched if "branches" in scene.outputs else ()))
+    return Result({"cycles": rows}, shown)
 
 
 def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[float, float], tell: Progress) -> Result:
@@ -129,7 +127,7 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
     found: list[dict[str, Any]] = []
     for name, model in sorted(models.items(), key=lambda pair: not _small(pair[1])):  # large ones start from the others' cycles
         for family in families:
-            tell(f"branch of {look(name).label} from ω = {family:.4g}")
+            tell(f"branch of {label(name)} from ω = {family:.4g}")
             begun = time.perf_counter()
             try:
                 traced, missed = _large(scene, found, family, model, tell) if not _small(model) else \
@@ -150,36 +148,38 @@ def _branches(scene: CycleKeys, models: Mapping[str, Substructure], band: tuple[
                              [item["branch"] for item in found if item["model"] == name and "branch" in item])]
     rows = [{"model": item["model"], "family": item["family"], **row} for item in found if "branch" in item
             for row in item["branch"].rows()]
-    lines, special = [], []
+    lines: list[dict[str, Any]] = []
+    special = []
     ends: dict[str, list[str]] = {}
     for item in found:
         ends.setdefault(item["why"] if "why" in item else item["branch"].ended, []).append(
-            f"{look(item['model']).label} from ω = {item['family']:.4g}")
+            f"{label(item['model'])} from ω = {item['family']:.4g}")
+        lines.append({"model": item["model"], "family": item["family"]})
         if "why" in item:
-            lines.append([look(item["model"]).label, item["family"], *[None] * 6])
             continue
         traced = item["branch"]
-        hopf = traced.hopf
-        lines.append([look(item["model"]).label, item["family"], hopf.value if hopf else None, hopf.error if hopf else None,
-                      ("super" if hopf.supercritical else "sub") if hopf else None, len(traced.points),
-                      sum(flag is True for flag in traced.stable), item["seconds"]])
-        special += [f"  {look(item['model']).label}, ω {item['family']:.4g}: {point.kind} at {scene.parameter} = "
+        lines[-1] |= {"cycles": len(traced.points), "stable": sum(flag is True for flag in traced.stable),
+                      "seconds": item["seconds"]}
+        if traced.hopf:
+            lines[-1] |= {"begins": traced.hopf.value, "error": traced.hopf.error,
+                          "critical": "super" if traced.hopf.supercritical else "sub"}
+        special += [f"  {label(item['model'])}, ω {item['family']:.4g}: {point.kind} at {scene.parameter} = "
                     f"{point.value:.6g} (ω = {point.omega:.5g}, rms = {point.rms:.4g})" for point in traced.special]
-    said = table(["model", "from ω", "Hopf point at", "rel. error", "critical", "cycles", "stable", "seconds"], lines,
-                 ["s", ".4g", ".6g", ".0e", "s", "d", "d", ".1f"], scene.system.beside("from ω"), keys=2,
-                 none="no branch was found, or it does not begin at a Hopf point")
-    text = "\n".join([f"Branches over the {scene.parameter}\n{said}",
-                      *(f"ended: {why}: {', '.join(names)}" for why, names in ends.items()), *(
-        f"{look(item['model']).label} near ω = {item['family']:.4g}: no cycle at {scene.parameter} = "
-        f"{gap[scene.parameter]:.5g}: {gap['why']}"
-        for item in found for gap in item.get("missed", []))])
-    if special:
-        text += "\nSpecial points\n" + "\n".join(special)
+    columns = ("model", "family", column("begins", "Hopf point at", ".6g"), column("error", form=".0e"),
+               column("critical", form="s"), column("cycles", form="d"), column("stable", form="d", role=""),
+               column("seconds", form=".1f"))
     data = {"branches": [{key: value for key, value in item.items() if key != "branch"} |
                          (_plain(item["branch"]) if "branch" in item else {}) for item in found], "transients": dots}
     now = float(getattr(scene.rubbing, scene.parameter))
-    return Result(data, {"branches": rows, "transients": dots}, text, {"bifurcation": lambda: bifurcation_figure(
-        [item for item in found if "branch" in item], dots, scene.parameter, families, now, scene.name)})
+    return Result(data, [
+        f"Branches over the {scene.parameter}",
+        Table("", lines, columns, keys=2, none="no branch was found, or it does not begin at a Hopf point"),
+        *(f"ended: {why}: {', '.join(names)}" for why, names in ends.items()),
+        *(f"{label(item['model'])} near ω = {item['family']:.4g}: no cycle at {scene.parameter} = {gap[scene.parameter]:.5g}: "
+          f"{gap['why']}" for item in found for gap in item.get("missed", [])),
+        *["Special points"] * bool(special), *special,
+        Table("branches", rows, title="Branches, point by point"), Table("transients", dots, title="Transients"),
+        bifurcation_chart([item for item in found if "branch" in item], dots, scene.parameter, families, now, scene.name)])
 
 
 def _plain(traced: Branch) -> dict[str, Any]:
@@ -242,7 +242,7 @@ def _dots(scene: CycleKeys, name: str, model: Substructure, limits: tuple[float,
     part = 0.75 if scene.dots_from == "blow" else 0.5
     end = scene.periods * 2 * np.pi / families[0]
     for value in np.linspace(limits[0], limits[1], scene.dots + 2)[1:-1]:
-        tell(f"transient of {look(name).label}, {scene.parameter} = {value:.5g}")
+        tell(f"transient of {label(name)}, {scene.parameter} = {value:.5g}")
         belt = with_parameter(scene.rubbing, scene.parameter, float(value))
         if scene.dots_from == "cycle":
             near = [cycle for one in traced for cycle in one.at(float(value)) if cycle.is_stable]

@@ -10,11 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub import Affine, CriticalValue, Tracked, critical_value, track
+from femsub.app.charts_flutter import flutter_chart
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.checks import interval
 from femsub.errors import InputError
-from femsub.studies import table
+from femsub.studies import Table, Verdict, column
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
 TOLD = 5  # open intervals that are listed
@@ -58,16 +59,17 @@ def flutter(scene: FlutterScene, models: Mapping[str, Affine], parameter: str, e
 
     def compute(output: str) -> Result:
         if output == "critical-value":
-            return _critical(found, exact, label, scene.system.beside("ω"))
+            return _critical(found, exact, label, between)
         return _diagram({name: tracked(name) for name in models},
                         {name: [one.value for one in item.losses] for name, item in found.items()}, label, scene.name)
 
     head = f"{scene.name}: {label} from {between[0]:g} to {between[1]:g}"
     head += f", modes from {band[0]:g} to {band[1]:g} rad/time" if band else ""
-    return run_outputs(scene.outputs, compute, {**data, "between": scene.between}, ["\n".join([head, *text])])
+    return run_outputs(scene.outputs, compute, {**data, "between": scene.between}, [head, *text])
 
 
-def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], label: str, hertz: Sequence[str]) -> Result:
+def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], label: str,
+              between: tuple[float, float]) -> Result:
     rows: list[dict[str, Any]] = []
     for name, item in found.items():
         located = any(one.value == item.value for one in item.losses)
@@ -81,20 +83,30 @@ def _critical(found: Mapping[str, CriticalValue], exact: Mapping[str, float], la
                 rows.append({"model": name, "stability": what, "value": one.value, "kind": one.kind, "omega": one.omega,
                              "exact": exact[name] if first else None, "error": abs(one.value - exact[name]) if first else None,
                              "width": one.width, "evidence": item.evidence})
-    columns = {"model": "s", "stability": "s", "value": ".10f", "kind": "s", "omega": ".6g",
-               **({"exact": ".10f", "error": ".0e"} if exact else {}), "evidence": "s"}
-    heads = {"value": label, "omega": "ω", "exact": "closed form"}
-    cells = [{**row, "value": _digits(row["value"], row["width"])} for row in rows]
-    said = table([heads.get(column, column) for column in columns], [[row[column] for column in columns] for row in cells],
-                 list(columns.values()), hertz)
+    columns = ["model", column("stability", form="s"), column("value", label, "s", cell=_digits), column("kind", form="s"),
+               "omega", *([column("exact", "closed form", ".10f"), column("error", "error", ".0e")] if exact else []), "evidence"]
     left = [line for name, item in found.items() for line in _left_open(name, item)]
     places = {name: [list(one) for one in item.open] for name, item in found.items()}
-    return Result({"critical-value": rows, "not_excluded": places}, {"critical-value": rows},
-                  "\n".join([f"Where stability is lost, over {label}:", said, *left]), {})
+    return Result({"critical-value": rows, "not_excluded": places}, [
+        f"Where stability is lost, over {label}:", Table("critical-value", rows, columns, "Critical values"), *left,
+        _verdict(rows, between)])
 
 
-def _digits(value: float | None, width: float | None) -> str | None:
+def _verdict(rows: Sequence[Mapping[str, Any]], between: tuple[float, float]) -> Verdict:
+    lost = sum(row["stability"] == "lost" for row in rows)
+    decides = []
+    for row in rows:
+        at = "" if row["value"] is None else f" at {row['value']:.8g} by {row['kind']}"
+        closed = "" if row["value"] is None or row["exact"] is None else f" The closed form gives {row['exact']:.8g}."
+        decides.append(f"{row['model']}: stability is {row['stability']}{at} ({row['evidence']}).{closed}")
+    return Verdict(decides, ["Values of the parameter outside the range were not searched."], "found",
+                   f"{lost} loss{'es' * (lost != 1)} of stability from {between[0]:g} to {between[1]:g}. The model is small as "
+                   "it is, so that nothing is reduced.", "Where is stability lost?")
+
+
+def _digits(row: Mapping[str, Any]) -> str | None:
     """Up to 10 places behind the point, none of them below the width."""
+    value, width = row["value"], row["width"]
     return None if value is None else f"{value:.{min(max(-int(np.floor(np.log10(width or 1e-10))), 0), 10)}f}"
 
 
@@ -108,17 +120,15 @@ def _left_open(name: str, item: CriticalValue) -> list[str]:
 
 
 def _diagram(tracks: Mapping[str, Tracked], critical: Mapping[str, list[float]], label: str, title: str) -> Result:
-    from femsub.app.figures_flutter import flutter_figure
-
     branches, meetings = branch_rows(tracks), meeting_rows(tracks)
-    said = table(["model", "meeting", label, "branches", "Re λ", "Im λ", "gap", "condition", "error bar"],
-                 [[row["model"], row["kind"], row["value"], f"{row['branches'][0]}, {row['branches'][1]}", row["growth"],
-                   row["omega"], row["gap"], row["condition"], row["error_bar"]] for row in meetings],
-                 ["s", "s", ".8g", "s", ".6f", ".6f", ".0e", ".0e", ".0e"], keys=2)
-    told = "\n".join(f"{name}: {item!r}" for name, item in tracks.items())
-    return Result({"branches": branches, "meetings": meetings}, {"branches": branches, "meetings": meetings},
-                  f"Modes tracked:\n{told}" + (f"\n{said}" if meetings else ""),
-                  {"flutter-diagram": lambda: flutter_figure(tracks, critical, label, title)})
+    columns = ["model", column("kind", "meeting", "s"), column("value", label, ".8g"), column("branches", form="d"),
+               column("growth", form=".6f"), column("omega", "Im λ", ".6f"), column("gap", form=".0e"),
+               column("condition", form=".0e"), "error_bar"]
+    return Result({"branches": branches, "meetings": meetings}, [
+        "Modes tracked:", *(f"{name}: {item!r}" for name, item in tracks.items()),
+        Table("branches", branches, title=f"Branches over {label}"),
+        Table("meetings", meetings, columns if meetings else (), "Where modes meet", keys=2),
+        flutter_chart("flutter-diagram", tracks, critical, label, title)])
 
 
 def branch_rows(tracks: Mapping[str, Tracked]) -> list[dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,13 +22,11 @@ from femsub import (
     transient,
 )
 from femsub.algebra import Interruptible
-from femsub.app.figure_style import look
-from femsub.app.figures_transient import signals_figure, spectra_figure, spectrogram_figure
-from femsub.app.scene import Result
-from femsub.app.units import Units
+from femsub.app.charts_transient import signals_chart, spectra_chart, spectrogram_figure
+from femsub.app.scene import Picture, Result
 from femsub.modes import relative_error
 from femsub.motion import Spectrum, sliding
-from femsub.studies import table, table_rows
+from femsub.studies import NEVER, Remark, Table, Verdict, column, label, named, sentence, table_rows
 
 LISTED = 3  # frequencies in the table
 FAINT, STILL = 1e-6, 1e-3  # of the belt's speed: growth is followed from one to the other, where the model is linear
@@ -76,21 +74,20 @@ def most_unstable(found: ComplexModes) -> int | None:
     return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None
 
 
-def growth(models: Sequence[tuple[str, Substructure]], belt: Belt, units: Units) -> Result:
+def growth(models: Sequence[tuple[str, Substructure]], belt: Belt) -> Result:
     """From the most unstable complex mode, a millionth of the belt's speed: the growth measured in time beside Re λ."""
     rows: list[dict[str, Any]] = []
     with Interruptible() as work:
         for kind, model in models:
             rows.append(_grown(kind, model, belt))
-    said = table(["model", "DOF", "growth in time", "Re λ", "error", "ω in time", "Im λ", "Re λ above cut-off"],
-                 [[look(str(row["model"])).label, row["size"], row["growth"], row["growth_of_cea"], row["error"],
-                   row["omega"], row["omega_of_cea"], row["above"]] for row in rows],
-                 ["s", "d", ".5g", ".5g", ".0e", ".5g", ".5g", ".5g"], units.beside("ω in time", "Im λ"), keys=2,
-                 none="no mode grows below the cut-off, or none lies above it")
+    columns = ["model", "size", column("growth", "growth in time", ".5g"), column("growth_of_cea", "Re λ", ".5g"),
+               column("error", "error", ".0e"), column("omega", "ω in time", ".5g"),
+               column("omega_of_cea", "Im λ", ".5g", unit="rad/time"), column("above", "Re λ above cut-off", ".5g")]
     head = f"Growth of the most unstable mode below the cut-off, from {FAINT:g} of the belt's speed"
     if any(row["above"] is not None and row["above"] > (row["growth_of_cea"] or 0.0) for row in rows):
         head += "; where a mode above the cut-off (the reduction's own) grows faster, it takes over"
-    return Result({"growth": rows} | ({} if work.complete else {"complete": False}), {"growth": rows}, f"{head}\n{said}", {})
+    return Result({"growth": rows} | ({} if work.complete else {"complete": False}), [head, Table(
+        "growth", rows, columns, "Growth in time", 2, "no mode grows below the cut-off, or none lies above it")])
 
 
 def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
@@ -112,23 +109,25 @@ def _grown(kind: str, model: Substructure, belt: Belt) -> dict[str, Any]:
                   "error": abs(found.rate / value.real - 1)} | above
 
 
-def told(tracks: Sequence[Track], units: Units) -> str:
-    """The table of what was seen."""
-    def listed(omega: Sequence[float]) -> str | None:
-        return ", ".join(f"{at:.5g}" for at in omega) or None
+def told(rows: Sequence[dict[str, Any]]) -> Table:
+    """The table of what was seen: the rows of tracks."""
+    def first(row: Mapping[str, Any]) -> list[float] | None:
+        return None if row["peaks"] is None else [float(at) for at in row["peaks"]][:LISTED]
 
-    rows = []
-    for item in tracks:
-        row = item.row
-        peaks = [float(at) for at in (row["peaks"] if row["peaks"] is not None else [])][:LISTED]
-        rows.append([look(item.kind).label, row["size"], row["rms"], listed(peaks),
-                     *([listed([at / (2 * np.pi) for at in peaks])] if units.known else []),
-                     row["sticking"], row["energy_residual"], row["seconds"],
-                     "yes" if row["complete"] else f"to t = {row['end']:.5g}"])
-    head = ["model", "DOF", "rms of v", units.said("peaks (rad/time)"), *units.beside("peaks (Hz)"), "sticking",
-            "energy balance", "seconds", "complete"]
-    return table(head, rows, ["s", "d", ".5g", "s", *units.beside("s"), ".1%", ".0e", ".2g", "s"], keys=2,
-                 none="the run, or its window, was too short")
+    columns = ["model", "size", "rms", column("peaks", "peaks (rad/time)", ".5g", unit="rad/time", cell=first), "sticking",
+               "energy_residual", "seconds",
+               column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
+    return Table("models", rows, columns, "Models in time", 2, "the run, or its window, was too short")
+
+
+def verdict(tracks: Sequence[Track]) -> Verdict:
+    """What single trajectories can decide: nothing, but their figures stand side by side."""
+    seen = [(named(item.kind, item.model.size), item.row) for item in tracks]
+    return Verdict([f"{name}: rms {row['rms']:.5g}, strongest at {row['peaks'][0]:.5g} rad/time." for name, row in seen
+                    if row["rms"] is not None and len(row["peaks"])],
+                   [NEVER, "Where several motions exist, another start may end in another one. One trajectory does not show it."],
+                   headline="The models are compared in time, each by one trajectory. No tolerance is set, so the figures below "
+                   "are yours to judge.")
 
 
 def highest(tracks: Sequence[Track]) -> float:
@@ -141,7 +140,7 @@ def highest(tracks: Sequence[Track]) -> float:
 def signals(tracks: Sequence[Track]) -> Result:
     """Velocities under the belt: all of the run, and the last ten periods."""
     seen = any(len(item.run.t) > 1 for item in tracks)
-    return Result({}, {}, "", {"signals": lambda: signals_figure(tracks)} if seen else {})
+    return Result({}, [signals_chart(tracks)] if seen else [])
 
 
 def spectra(tracks: Sequence[Track]) -> Result:
@@ -149,8 +148,8 @@ def spectra(tracks: Sequence[Track]) -> Result:
     known = [item for item in tracks if item.spectrum is not None]
     rows = [{"model": item.kind, "size": item.model.size, "omega": at, "amplitude": height} for item in known
             if item.spectrum is not None for at, height in zip(item.spectrum.peaks, item.spectrum.heights, strict=True)]
-    drawings = {"spectrum": lambda: spectra_figure(known, highest(known))} if known else {}
-    return Result({"spectrum": rows}, {"spectrum": rows}, "", drawings)
+    return Result({"spectrum": rows}, [Table("spectrum", rows, title="Peaks of the spectra"), *(
+        [spectra_chart(known, highest(known))] if known else [])])
 
 
 def spectrograms(tracks: Sequence[Track], length: float) -> Result:
@@ -160,8 +159,9 @@ def spectrograms(tracks: Sequence[Track], length: float) -> Result:
     rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,
              "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
             for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
-    return Result({"spectrogram": {"length": length, "strongest": rows}}, {"spectrogram": rows}, "",
-                  {"spectrogram": lambda: spectrogram_figure(made, highest(tracks))} if made else {})
+    return Result({"spectrogram": {"length": length, "strongest": rows}}, [
+        Table("spectrogram", rows, title="Strongest frequency over time"),
+        *[Picture("spectrogram", lambda: spectrogram_figure(made, highest(tracks)))] * bool(made)])
 
 
 def quality(tracks: Sequence[Track], belt: Belt) -> Result:
@@ -171,16 +171,17 @@ def quality(tracks: Sequence[Track], belt: Belt) -> Result:
     """
     known = [item for item in tracks if item.spectrum is not None and len(item.spectrum.peaks)]
     if not known or known[0].kind != "full":
-        return Result({"quality": []}, {}, "", {})
+        return Result({"quality": []})
     exact, reduced = known[0], known[1:]
     measured = [{"model": item.kind, "error_frequency": relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
                  "error_amplitude": relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
     rows = table_rows(exact.model, [item.model for item in reduced], belt, measured)
-    keys = ("missing_share", "spurious_share", "growth_error", "projection_loss", "compliance_mean", "error_frequency",
-            "error_amplitude")
-    said = table(["model", "DOF", "missing", "spurious", "err Re λ", "loss", "compliance", "err ω in time", "err rms"],
-                 [[look(row["model"]).label, row["size"], *(row[key] for key in keys)] for row in rows],
-                 ["s", "d", ".0%", ".0%", ".1%", ".1%", ".1%", ".1%", ".1%"])
-    verdicts = [f"{look(row['model']).label}: {row['verdict']}" for row in rows]
-    head = "Quality of the reduced models under self-excitation, from linear data, beside this run's errors"
-    return Result({"quality": rows}, {"quality": rows}, "\n".join([head, said, *verdicts]), {})
+    columns = ["model", "size", *(column(key, head, form) for key, head, form in (
+        ("missing_share", "missing", ".0%"), ("spurious_share", "spurious", ".0%"), ("growth_error", "err Re λ", ".1%"),
+        ("projection_loss", "loss", ".1%"), ("compliance_mean", "compliance", ".1%"),
+        ("error_frequency", "err ω in time", ".1%"), ("error_amplitude", "err rms", ".1%")))]
+    return Result({"quality": rows}, [
+        "Quality of the reduced models under self-excitation, from linear data, beside this run's errors",
+        Table("quality", rows, columns, "Quality under self-excitation"),
+        *(f"{label(row['model'])}: {row['verdict']}" for row in rows),
+        Remark([sentence(row["verdict"], named(row["model"], row["size"])) for row in rows])])

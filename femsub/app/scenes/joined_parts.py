@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from femsub import ContactModes, Substructure, System, normal_modes, study
-from femsub.app.figures_errors import errors_figure, friction_errors_figure
+from femsub.app.charts_errors import errors_chart, friction_errors_chart
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, method_keys, other_method_names
 from femsub.model import Contacts
 from femsub.modes import NEAR, match
 from femsub.reduction import METHODS, PORT_LIMIT, Method
-from femsub.studies import Row, Study, all_frequencies, elastic, table
+from femsub.studies import Row, Study, Table, all_frequencies, column, elastic, study_choice
 
 RIGID = 6  # rigid-body modes that a part has at most
 LISTED = 20  # frequencies that are printed; the table in the file has all
@@ -66,15 +66,15 @@ def compared(scene: JoinedScene, system: System, contacts: Contacts, title: str,
     flat = [row.flat() for row in (found.full, *found.rows)]
     parts = [{"part": part, "size": sub.size, "interface": len(sub.interface)} for part, sub in system.parts.items()]
     frequencies = [] if over else _frequencies(scene, system, None if best is None else found.models[found.rows.index(best)])
-    said = [f"{title}: {system!r}", str(found), *_full_words(found), *_port_words(found), words,
-            *_frequency_words(scene, frequencies, best)]
     data: dict[str, Any] = {"system": repr(system), "parts": parts, "rows": flat, "left_out": found.left_out,
                             "recommendation": words, "recommended": None if best is None else best.flat(),
                             "frequencies": frequencies}
     data |= {"parameter": over.parameter, "values": over.values} if over else {}
-    tables = {name: flat} | ({} if over else {f"{name}-frequencies": frequencies})
-    return Result({name: data}, tables, "\n".join(said),
-                  {name: lambda: (friction_errors_figure if over else errors_figure)(found, title)})
+    return Result({name: data}, [
+        f"{title}: {system!r}", str(found), *_full_words(found), *_port_words(found), words,
+        *_frequencies_told(frequencies, best, f"{name}-frequencies"), Table(name, flat, title="Methods, error against run time"),
+        (friction_errors_chart if over else errors_chart)(found, title, name),
+        study_choice(found, scene.tolerance, name.removeprefix("methods").strip("-").replace("-", " "))])
 
 
 def _frequencies(scene: JoinedScene, system: System, model: Substructure | None) -> list[dict[str, Any]]:
@@ -90,18 +90,15 @@ def _frequencies(scene: JoinedScene, system: System, model: Substructure | None)
     return rows
 
 
-def _frequency_words(scene: JoinedScene, rows: Sequence[Mapping[str, Any]], best: Row | None) -> list[str]:
+def _frequencies_told(rows: Sequence[Mapping[str, Any]], best: Row | None, name: str) -> list[str | Table]:
     """The lowest of them as a table."""
     if not rows:
         return []
-    head, columns, formats = "natural frequencies of the full system in the band", ["mode", "ω"], ["d", ".6g"]
-    cells = [[row["mode"], row["omega"]] for row in rows[:LISTED]]
-    if best is not None:
-        head += f", and of {best.label} with {best.size} DOF"
-        columns, formats = [*columns, "reduced ω", "rel. error"], [*formats, ".6g", ".1e"]
-        cells = [[*cell, row.get("reduced"), row.get("error")] for cell, row in zip(cells, rows, strict=False)]
-    more = [f"and {len(rows) - LISTED} more"] * (len(rows) > LISTED)
-    return [f"{head}, in rad/time:", table(columns, cells, formats, scene.system.beside("ω")), *more]
+    reduced = [column("reduced", "reduced ω", ".6g"), "error"] if best is not None else []
+    of = f", and of {best.label} with {best.size} DOF" if best is not None else ""
+    return [f"natural frequencies of the full system in the band{of}, in rad/time:",
+            Table(name, rows, ("mode", "omega", *reduced), "Natural frequencies", most=LISTED),
+            *[f"and {len(rows) - LISTED} more"] * (len(rows) > LISTED)]
 
 
 def _full_words(found: Study) -> list[str]:

@@ -59,4 +59,4 @@ def _written(work: Work) -> Result:
     files = {f"{method.key}-{method.modes}/{file}": writer
              for method, model in work.reduced for file, writer in matrix_files(model, work.scene.format).items()}
     folders = sorted({file.split("/")[0] for file in files})
-    return Result({"reduced-matrices": folders}, {}, f"reduced matrices, with --out: {', '.join(folders)}", {}, files)
+    return Result({"reduced-matrices": folders}, [f"reduced matrices, with --out: {', '.join(folders)}"], files)

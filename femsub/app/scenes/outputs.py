@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, complex_modes, study
-from femsub.app.figure_style import look
-from femsub.app.figures import eigenvalue_figure
-from femsub.app.figures_errors import error_time_figure
+from femsub.app.charts import critical_slopes_chart, eigenvalue_chart
+from femsub.app.charts_errors import error_time_chart
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.moving import mode_file
-from femsub.app.scene import Progress, Result, run_outputs
+from femsub.app.scene import Picture, Progress, Result, run_outputs
 from femsub.app.scenes.component import ComponentScene, Work
 from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
 from femsub.model import in_band
 from femsub.modes import listed, relative_error
-from femsub.studies import first_loss, table, yes_no
+from femsub.studies import Remark, Table, column, first_loss, label, stability_remark, study_choice
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer
@@ -41,18 +40,18 @@ def run_component(scene: ComponentScene, progress: Progress, more: Mapping[str, 
     data: dict[str, Any] = {
         "model": repr(sub), "size": sub.size, "interface": len(sub.interface),
         **scene.friction, "methods": scene.methods, "modes_kept": scene.modes, "ports": scene.ports}
-    text = [f"{scene.name}: {sub!r}\n{scene.friction_words}"]
+    text = [f"{scene.name}: {sub!r}", scene.friction_words]
     if work.mesh is not None:
         data["mesh"] = repr(work.mesh)
     if work.mesh is not None and work.mesh.repairs:
         data["repairs"] = list(work.mesh.repairs)
-        text[0] += f"\nmesh: {'; '.join(work.mesh.repairs)}"
+        text.append(f"mesh: {'; '.join(work.mesh.repairs)}")
     if set(scene.outputs) & {"critical-slope", "eigenvalues", "error-time"}:
         band, rule = work.band
         data |= {"band": band, "band_rule": rule}
         modes = ", ".join(map(str, scene.modes))
-        text[0] += f"\nband {band[0]:g} to {band[1]:.6g} rad/time ({rule}); {scene.labels} with {modes} modes" + \
-                   (", static responses to the contact joined" if scene.ports else "")
+        text.append(f"band {band[0]:g} to {band[1]:.6g} rad/time ({rule}); {scene.labels} with {modes} modes"
+                    + (", static responses to the contact joined" if scene.ports else ""))
     return run_outputs(scene.outputs, lambda output: parts[output](work), data, text)
 
 
@@ -60,22 +59,20 @@ def _modes(work: Work) -> Result:
     found = work.normal
     rows = [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
             for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
-    said = table(["mode", "ω", "residual"], [[row["mode"], row["omega"], row["residual"]] for row in rows], ["d", ".6g", ".0e"],
-                 work.units.beside("ω"))
     limit, count = found.counted
     proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
     if found.unlisted:
         proof += f", {found.unlisted} of them outside the band"
     head = f"Normal modes of {work.sub.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}"
     data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
+    said = [head, Table("modes", rows, ("mode", "omega", "residual"), "Normal modes")]
     mesh, shapes = work.mesh, work.field(found.shapes)
     if mesh is None or shapes is None or not work.scene.figures:
-        return Result({"modes": data}, {"modes": rows}, f"{head}\n{said}", {})
+        return Result({"modes": data}, said)
     titles, title = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows], f"{work.scene.name}: normal modes"
     fields = {f"mode-{row['mode']:02d} {work.units.frequency(row['omega'])}": shapes[..., i] for i, row in enumerate(rows)}
-    return Result({"modes": data}, {"modes": rows}, f"{head}\n{said}",
-                  {"modes": lambda: shapes_figure(mesh, shapes[..., :DRAWN], titles[:DRAWN], title, work.marks)},
-                  {"modes.vtu": partial(vtu, mesh, fields)})
+    drawn = Picture("modes", lambda: shapes_figure(mesh, shapes[..., :DRAWN], titles[:DRAWN], title, work.marks))
+    return Result({"modes": data}, [*said, drawn], {"modes.vtu": partial(vtu, mesh, fields)})
 
 
 def vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
@@ -88,22 +85,21 @@ def _critical(work: Work) -> Result:
     band, _ = work.band
     rows: list[dict[str, Any]] = []
     for name, modes, model in work.models:
-        work.tell(f"critical slope, {look(name).label} with {model.size} DOF")
+        work.tell(f"critical slope, {label(name)} with {model.size} DOF")
         slope, omega, reason = first_loss(model, work.belt, "slope", None, band)
         full = rows[0]["slope"] if rows else slope
         rows.append({"model": name, "modes": modes, "size": model.size, "slope": slope, "omega": omega,
                      "error": relative_error(slope, full), "port_error": _port_error(model), "reason": reason})
     work.slopes = [row["slope"] for row in rows]
-    said = table(["model", "modes", "DOF", "critical slope", "at ω", "rel. error", "static port error"],
-                 [[look(row["model"]).label, row["modes"] if row["model"] != "full" else None, row["size"],
-                   slope_cell(row["slope"]), row["omega"], row["error"], row["port_error"]] for row in rows],
-                 ["s", "d", "d", ".6g", ".5g", ".1e", ".1e"], work.units.beside("at ω"), keys=3)
-    notes = [f"{look(row['model']).label} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
+    columns = ("model", "modes", "size", column("slope", "critical slope"), column("omega", "at ω", ".5g"), "error",
+               "port_error")
+    notes = [f"{label(row['model'])} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"]]
     if any(row["omega"] == 0 for row in rows):
         notes.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
                      f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * band[1]:.3g}, {band[1]:.6g}]")
-    text = "\n".join(["Critical slopes dμ/dv in the band", said, *notes])
-    return Result({"critical-slope": rows}, {"critical-slope": rows}, text, {})
+    return Result({"critical-slope": rows}, ["Critical slopes dμ/dv in the band",
+                                             Table("critical-slope", rows, columns, "Critical slopes", keys=3), *notes,
+                                             critical_slopes_chart(rows)])
 
 
 def _port_error(model: Substructure) -> float:
@@ -124,36 +120,20 @@ def _eigenvalues(work: Work) -> Result:
         if isinstance(model, ReducedSubstructure) and at is not None and len(found):
             item["shape_error"] = _shape_error(work.sub, model.expand(_counterpart(found, exact, at)[1]), exact.shapes[:, at])
         spectra.append(item)
-    said = table(["model", "modes", "DOF", "up to ω", "count", "in full", "largest Re λ", "in full", "stable", "shape error"],
-                 [[look(m["model"]).label, m["modes"] if m["model"] != "full" else None, m["size"], m["up_to"],
-                   m["counted"], m["full_counted"], growth_cell(m["growth"]), growth_cell(m["full_growth"]),
-                   yes_no(m["is_stable"]), m.get("shape_error")]
-                  for m in spectra], ["s", "d", "d", ".5g", "d", "d", ".6g", ".6g", "s", ".1e"],
-                 work.units.beside("up to ω"), keys=3)
     head = f"Complex modes in the band, dμ/dv = {work.belt.slope:.5g} (full model: completeness {exact.evidence})"
-    columns = ("model", "modes", "size", "up_to", "growth", "full_growth", "is_stable", "shape_error")
-    rows = [{key: m.get(key) for key in columns} for m in spectra]
+    said = Table("eigenvalues", spectra, ("model", "modes", "size", "up_to", "counted", "full_counted",
+                                          column("growth", "largest Re λ"), "full_growth", "is_stable", "shape_error"),
+                 "Eigenvalues", 3, only=("model", "modes", "size", "up_to", "growth", "full_growth", "is_stable", "shape_error"))
     data: dict[str, Any] = {"eigenvalues": spectra}
     kept = work.scene.modes
     panels = [{**m, "panel": f"{modes} modes"} for modes in dict.fromkeys([kept[0], kept[len(kept) // 2], kept[-1]])
               for m in spectra if m["model"] == "full" or m["modes"] == modes]
     title = f"{work.scene.name}: dμ/dv = {work.belt.slope:.4g}, F = {work.belt.force:g}"
-    drawings: dict[str, Callable[[], Any]] = {"eigenvalues": lambda: eigenvalue_figure(panels, title)}
+    shown = [head, said, eigenvalue_chart(panels, title), stability_remark(spectra), Remark.of_completeness(exact.evidence)]
     if at is None:
-        return Result(data, {"eigenvalues": rows}, f"{head}\n{said}", drawings)
-    shown = _recovered(work, exact, at, models[-1])
-    return Result(data | {"least-stable": shown.data}, {"eigenvalues": rows}, f"{head}\n{said}\n{shown.text}",
-                  drawings | shown.drawings, shown.files)
-
-
-def slope_cell(slope: float) -> float | str:
-    """A critical slope in a table: 'never' where stability is never lost."""
-    return "never" if slope == -np.inf else slope
-
-
-def growth_cell(growth: float) -> float | None:
-    """The largest Re λ in a table; None where there is no eigenvalue."""
-    return growth if np.isfinite(growth) else None
+        return Result(data, shown)
+    last = _recovered(work, exact, at, models[-1])
+    return Result(data | {"least-stable": last.data}, [*shown, *last.shown], last.files)
 
 
 def comparable(exact: ComplexModes, found: ComplexModes, limit: float) -> dict[str, Any]:
@@ -190,11 +170,11 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
     name, modes, model, found = last
     assert isinstance(model, ReducedSubstructure)
     if not len(found):
-        return Result({}, {}, f"{look(name).label} with {modes} modes has no eigenvalue in the band: no shape is recovered", {})
+        return Result({}, [f"{label(name)} with {modes} modes has no eigenvalue in the band: no shape is recovered"])
     value, q = _counterpart(found, exact, at)
     u = model.expand(q)
     error = float(work.sub.linearised(work.belt).backward_error(np.array([value]), u[:, None])[0])
-    told = (f"least stable mode, recovered from {look(name).label} with {modes} modes ({model.size} DOF): λ = {value.real:.6g} "
+    told = (f"least stable mode, recovered from {label(name)} with {modes} modes ({model.size} DOF): λ = {value.real:.6g} "
             f"{value.imag:+.6g}i, full model {exact.eigenvalues[at].real:.6g} {exact.eigenvalues[at].imag:+.6g}i; backward error "
             f"in the full pencil {error:.1e}")
     told += f"; it oscillates at {value.imag:.6g} rad/time"
@@ -202,22 +182,22 @@ def _recovered(work: Work, exact: ComplexModes, at: int, last: tuple[str, int, S
             "full": complex(exact.eigenvalues[at]), "backward_error": error}
     mesh, whole = work.mesh, work.field(u)
     if mesh is None or whole is None:
-        return Result(data, {}, told, {})
-    files = mode_file(mesh, whole, f"least stable mode, from {look(name).label} with {model.size} DOF", value) \
+        return Result(data, [told])
+    files = mode_file(mesh, whole, f"least stable mode, from {label(name)} with {model.size} DOF", value) \
         if work.scene.paged else {}
     if not work.scene.figures:
-        return Result(data, {}, told, {}, files)
+        return Result(data, [told], files)
     # any phase will do: the one in which the place that moves most is at its largest
     largest = whole.ravel()[np.argmax(np.abs(whole))]
     shape = whole * (np.conj(largest) / abs(largest))
     small = float(np.linalg.norm(shape.imag, axis=1).max()) or 1.0
     parts = np.stack([shape.real, shape.imag / small], axis=-1)
     titles = ["real part", f"imaginary part, drawn {1 / small:.3g} times larger"]
-    title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {look(name).label} with "
+    title = (f"{work.scene.name}: least stable mode, λ = {value.real:.4g} {value.imag:+.5g}i, from {label(name)} with "
              f"{model.size} DOF")
     named = f"{work.units.frequency(value.imag)} growth {value.real:.4g} 1/{work.units.time}"
     files |= {"least-stable.vtu": partial(vtu, mesh, {f"real-part {named}": shape.real, f"imaginary-part {named}": shape.imag})}
-    return Result(data, {}, told, {"least-stable": lambda: shapes_figure(mesh, parts, titles, title, work.marks)},
+    return Result(data, [told, Picture("least-stable", lambda: shapes_figure(mesh, parts, titles, title, work.marks))],
                   files | (motion_files(mesh, shape, value.imag, named) if value.imag > 0 else {}))
 
 
@@ -247,8 +227,8 @@ def _error_time(work: Work) -> Result:
     data = {"error-time": rows, "recommended": {"tolerance": scene.tolerance, "sentence": words,
                                                 "model": None if best is None else best.flat()}}
     studies = [(f"of {len(work.sub.interface)} DOF", found)]
-    return Result(data, {"error-time": rows}, f"Error against run time\n{found}\n{words}",
-                  {"error-time": lambda: error_time_figure(studies)})
+    return Result(data, ["Error against run time", str(found), words, Table("error-time", rows, title="Error against run time"),
+                         error_time_chart(studies), study_choice(found, scene.tolerance)])
 
 
 PARTS: dict[str, Part] = {"modes": _modes, "critical-slope": _critical, "eigenvalues": _eigenvalues, "error-time": _error_time,

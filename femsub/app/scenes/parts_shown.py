@@ -10,18 +10,18 @@ import numpy as np
 
 from femsub import CraigBampton, Mesh, ReducedSubstructure, System, reduce
 from femsub.app.figures_parts import parts_figure
-from femsub.app.scene import Progress, Result
+from femsub.app.scene import Picture, Progress, Result
 from femsub.app.scenes.joined_parts import JoinedScene
-from femsub.studies import table
+from femsub.studies import Table, column
 
 
 def picture(meshes: Mapping[str, Mesh], title: str) -> Result:
     """The parts in colours, parts.png; and parts.vtu with the number of the part, counted from 1, at each node."""
     rows = [{"part": name, "nodes": len(mesh.points), "cells": len(mesh.cells), "kind": mesh.kind}
             for name, mesh in meshes.items()]
-    said = table(["part", "nodes", "cells", "kind"], [list(row.values()) for row in rows], ["", "d", "d", ""])
-    return Result({"parts": rows}, {"parts": rows}, said, {"parts": lambda: parts_figure(meshes, title)},
-                  {"parts.vtu": partial(_vtu, meshes)})
+    columns = ("part", column("nodes", form="d"), column("cells", form="d"), column("kind", form="s"))
+    drawn = Picture("parts", lambda: parts_figure(meshes, title))
+    return Result({"parts": rows}, [Table("parts", rows, columns, "Parts"), drawn], {"parts.vtu": partial(_vtu, meshes)})
 
 
 def _vtu(meshes: Mapping[str, Mesh], file: BinaryIO) -> None:
@@ -51,7 +51,7 @@ def chosen_modes(scene: JoinedScene, system: System, name: str, progress: Progre
     words = (f"recommendation: Craig-Bampton with {sum(own.modes for own in kept.values())} modes in all, {found.size} of "
              f"{system.size} DOF. {most} needs the most, {kept[most].modes}")
     words += f". Constraint modes are enough for {without}" if without else ""
-    columns = table(["part", "DOF", "interface", "modes", "reduced DOF"], [list(row.values()) for row in rows], ["", *4 * ["d"]])
-    said = (f"fixed-interface modes of each part, for all natural frequencies in the band within {scene.tolerance:g}:\n"
-            f"{columns}\n{words}")
-    return Result({name: {"parts": rows, "size": found.size, "recommendation": words}}, {name: rows}, said, {})
+    columns = ("part", "size", "interface", "modes", column("reduced", "reduced DOF", "d"))
+    return Result({name: {"parts": rows, "size": found.size, "recommendation": words}}, [
+        f"fixed-interface modes of each part, for all natural frequencies in the band within {scene.tolerance:g}:",
+        Table(name, rows, columns, "Modes of each part"), words])

@@ -10,17 +10,16 @@ import numpy as np
 
 from femsub import Belt, State, complex_modes, transient
 from femsub.algebra import Interruptible
-from femsub.app.figure_style import look
-from femsub.app.figures_transient import period_figure
+from femsub.app.charts_transient import period_chart
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
 from femsub.app.scenes.component import Work
-from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, whole
+from femsub.app.scenes.in_time import growth, most_unstable, signals, spectra, spectrograms, told, track, verdict, whole
 from femsub.app.scenes.solid import SolidScene
 from femsub.errors import InputError
 from femsub.modes import relative_error
 from femsub.motion import project
-from femsub.studies import table
+from femsub.studies import Table, column, label
 
 POINTS = 40  # of the recorded grid, per period
 SETTLED = 1 / 4  # of the long run, at its end: where its spectrum is taken
@@ -75,7 +74,7 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
         return lambda text: work.tell(f"{name}, {text}")
 
     long = transient(reference, belt, (0.0, scene.periods * period), impulse=scene.impulse, step=step, tol=scene.tol,
-                     progress=told_by(f"{look(kind).label} from the blow"))
+                     progress=told_by(f"{label(kind)} from the blow"))
     window = ((1 - SETTLED) * long.t[-1], float(long.t[-1])) if long.complete else (0.0, 0.0)
     tracks = [track(kind, reference, long, window)]
     data: dict[str, Any] = {
@@ -83,10 +82,10 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
         "rayleigh": scene.rayleigh,
         "growth": rate, "omega": omega, "period": period, "periods": scene.periods, "compared": scene.compared,
         "impulse": scene.impulse, "tol": scene.tol, "full_tol": scene.full_tol, "models": [item.row for item in tracks]}
-    text = [f"{scene.name}: {work.sub!r}\n{scene.friction_words}; a mode at {omega:.6g} rad/time grows (Re λ = {rate:.5g})",
-            f"From a blow of {scene.impulse:g} over {scene.periods:g} periods\n{told(tracks, scene.system)}"]
+    shown = [f"{scene.name}: {work.sub!r}\n{scene.friction_words}; a mode at {omega:.6g} rad/time grows (Re λ = {rate:.5g})",
+            "", f"From a blow of {scene.impulse:g} over {scene.periods:g} periods", told(data["models"]), verdict(tracks)]
     views: dict[str, Callable[[], Result]] = {
-        "growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt, scene.system),
+        "growth": lambda: growth([(kind, rom) for kind, _, rom in models], belt),
         "signals": lambda: signals(tracks), "spectrum": lambda: spectra(tracks),
         "spectrogram": lambda: spectrograms(tracks, 20 * period)}
 
@@ -95,8 +94,8 @@ def run(scene: SolidTransientScene, progress: Progress) -> Result:
         return _error_time(scene, work, belt, state, period, work.models, told_by)
 
     views["error-time"] = error_time
-    return run_outputs(scene.outputs, lambda output: views[output](), data | {"complete": True}, text, long.complete,
-                       ["error-time"], {"models": data["models"]})
+    return run_outputs(scene.outputs, lambda output: views[output](), data | {"complete": True}, shown, long.complete,
+                       ["error-time"])
 
 
 def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State, period: float,
@@ -109,7 +108,7 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
             start = state if kind == "full" else State(*(project(model, work.sub.M, part) for part in
                                                          (state.displacement, state.velocity)))
             tol, method, times = (scene.full_tol, "alpha", 1) if kind == "full" else (scene.tol, "lsoda", TIMED)
-            tell = told_by(f"{look(kind).label} with {model.size} DOF")
+            tell = told_by(f"{label(kind)} with {model.size} DOF")
             runs = [whole(transient(model, belt, (0.0, scene.compared * period), start=start, step=period / POINTS, tol=tol,
                                     method=method, progress=tell)) for _ in range(times)]
             v = runs[0].velocity("belt")
@@ -120,11 +119,10 @@ def _error_time(scene: SolidTransientScene, work: Work, belt: Belt, state: State
                          "amplitude_error": relative_error(amplitude, exact), "seconds_per_period": seconds,
                          "speedup": rows[0]["seconds_per_period"] / seconds if rows else 1.0, "steps": runs[0].effort.steps,
                          "energy_residual": runs[0].energy.residual, "method": runs[0].effort.method})
-    said = table(["model", "modes", "DOF", "rms of v", "error", "s per period", "times faster", "steps", "energy balance"],
-                 [[look(row["model"]).label, row["modes"] or None, row["size"], row["rms"], row["amplitude_error"],
-                   row["seconds_per_period"], row["speedup"], row["steps"], row["energy_residual"]] for row in rows],
-                 ["s", "d", "d", ".6g", ".1e", ".2g", ".4g", "d", ".0e"])
+    columns = ["model", "modes", "size", column("rms", form=".6g"), column("amplitude_error", "error", ".1e"),
+               column("seconds_per_period", "s per period", ".2g"), column("speedup", "times faster", ".4g"), "steps",
+               "energy_residual"]
     head = f"Full and reduced models from one physical state over {scene.compared:g} periods (amplitudes over the second half)"
     data = {"error-time": rows} | ({} if course.complete else {"complete": False})
-    drawings = {"error-time": lambda: period_figure(rows)} if len(rows) > 1 else {}
-    return Result(data, {"error-time": rows}, f"{head}\n{said}", drawings)
+    return Result(data, [head, Table("error-time", rows, columns, "Error against run time"),
+                         *([period_chart(rows)] if len(rows) > 1 else [])])

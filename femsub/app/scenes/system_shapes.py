@@ -10,10 +10,10 @@ import numpy as np
 
 from femsub import Mesh, System, displacements, normal_modes
 from femsub.app.figures_modes import shapes_figure
-from femsub.app.scene import Result
+from femsub.app.scene import Picture, Result, Shown
 from femsub.app.scenes.joined_parts import LISTED, JoinedScene
 from femsub.checks import Array
-from femsub.studies import table
+from femsub.studies import Table
 
 DRAWN = 6  # modes
 Drawn = tuple[Mesh, Array]
@@ -25,13 +25,13 @@ def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh])
     rows: list[dict[str, Any]] = [{"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
                                   for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), 1)]
     if not rows:
-        return Result({"modes": rows}, {}, f"{scene.name}: the system has no normal mode in the band", {})
-    said = [f"Normal modes of {system.name!r} in the band in rad/time, {found.rigid} of them rigid; {found.evidence}",
-            table(["mode", "ω", "residual"], [[row["mode"], row["omega"], row["residual"]] for row in rows[:LISTED]],
-                  ["d", ".6g", ".0e"], scene.system.beside("ω"))]
+        return Result({"modes": rows}, [f"{scene.name}: the system has no normal mode in the band"])
+    shown: list[Shown] = [
+        f"Normal modes of {system.name!r} in the band in rad/time, {found.rigid} of them rigid; {found.evidence}",
+        Table("modes", rows, ("mode", "omega", "residual"), "Normal modes", most=LISTED)]
     if bare := [name for name in system.parts if meshes and name not in meshes]:
-        said.append(f"not drawn, since they have no mesh: {', '.join(bare)}")
-    result = Result({"modes": rows}, {"modes": rows}, "\n".join(said), {})
+        shown.append(f"not drawn, since they have no mesh: {', '.join(bare)}")
+    result = Result({"modes": rows}, shown)
     if not meshes or not scene.figures:
         return result
     titles = [f"mode {row['mode']}: ω = {row['omega']:.5g} rad/time" for row in rows[:DRAWN]]
@@ -39,7 +39,7 @@ def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh])
     drawn = by_kind(system, meshes, found.shapes)
     for kind, (mesh, fields) in drawn.items():
         name = "modes" if len(drawn) == 1 else f"modes-{kind}"
-        result.drawings[name] = partial(shapes_figure, mesh, fields[..., :DRAWN], titles, f"{scene.name}: normal modes", {})
+        shown.append(Picture(name, partial(shapes_figure, mesh, fields[..., :DRAWN], titles, f"{scene.name}: normal modes", {})))
         result.files[f"{name}.vtu"] = partial(_vtu, mesh, {named: fields[..., i] for i, named in enumerate(names)})
     return result
 

@@ -1,0 +1,169 @@
+"""Charts of components and of the paper: friction laws, critical slopes, eigenvalues, interfaces on springs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from femsub.studies import ROUNDING, Chart, Level, Panel, Series, floored, look
+
+CLUMP = 0.4  # of the range of the full model's eigenvalues: reduced ones that fill less are drawn enlarged as well
+CROWD = 60  # eigenvalues of the full model from which on its circles are small
+SLOPE, ERROR = "critical slope dμ/dv  [time/length]", "relative error  [-]"
+MISSING = "A slope below the border destabilises. Where a point is missing, the band reaches above the model's cut-off."
+HOLLOW = "Right of the line Re λ = 0 a mode grows. Hollow marks of reduced models lie above their cut-off."
+PLANE = "Re λ  [1/time]", "Im λ  [rad/time]"
+SHADES = ("#9ecae1", "#4292c6", "#08519c", "#000000")
+
+Curve: TypeAlias = tuple[str, str, str, Sequence[Mapping[str, Any]]]  # name, model, line, rows
+
+
+def friction_chart(speeds: Any, curves: Sequence[Mapping[str, Any]], titles: Mapping[str, str], speed: float,
+                   slope: float) -> Chart:
+    """μ over the sliding speed for several ε, a panel for each law by its key (the paper's Fig. 2)."""
+    shades = dict(zip(sorted({curve["eps"] for curve in curves}, reverse=True), SHADES, strict=False))
+    panels = [Panel([Series(f"ε = {curve['eps']:g}", speeds, curve["value"], line="solid", marker="", colour=shades[curve["eps"]])
+                     for curve in curves if curve["law"] == law], "sliding speed v  [length/time]", "friction coefficient μ  [-]",
+                    title, levels=[Level(speed, f"v0 = {speed:g}, μ' = {slope:.4f}", colour="#4d4d4d")], share={"y": "mu"})
+              for law, title in titles.items()]
+    return Chart("friction", "Friction laws", panels, len(panels), height=2.8)
+
+
+def size_sweep_chart(curves: Sequence[Mapping[str, Any]], belt: int) -> Chart:
+    """Critical slope, and its relative error, over the size of the reduced model (the paper's Fig. 3b)."""
+    places = {name: [curve for curve in curves if curve["interface"] == name] for name in dict.fromkeys(
+        curve["interface"] for curve in curves)}
+    panels = []
+    for key, label, rounding in (("slope", SLOPE, False), ("error", ERROR, True)):
+        for name, mine in places.items():
+            series = [_sized(curve["method"], curve["sizes"], curve[key], at, rounding, {"DOF": curve["sizes"], "critical slope":
+                             curve["slope"], "relative error": curve["error"]}) for at, curve in enumerate(mine)]
+            levels = [] if rounding else [Level(mine[0]["full"], f"full model: {mine[0]['full']:.6f}", "y")]
+            panels.append(Panel(series, "DOF of the reduced model  [-]", label,
+                                "" if rounding else f"belt under m{belt}, interface {name}", "y" * rounding, levels,
+                                rounding=rounding, share={"x": "size", "y": key}, among=f"interface {name}"))
+    return Chart("size-sweep", "Critical slope over the model's size", panels, len(places), note=MISSING,
+                 width=1.0 if len(places) > 1 else 0.65, height=2.4)
+
+
+def _sized(method: str, x: Sequence[float], y: Sequence[float], at: int, error: bool, told: Mapping[str, Any]) -> Series:
+    """Values over the size or place; infinite ones are left out, and marks that are drawn later are smaller."""
+    values = floored(y) if error else np.where(np.isfinite(np.asarray(y, dtype=float)), np.asarray(y, dtype=float), np.nan)
+    return Series(look(method).label, x, values, method, "solid", size=nested(at), told=told)
+
+
+def critical_slopes_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
+    """Critical slopes, or their errors, over the size of the reduced models: for a page."""
+    reduced, full = [row for row in rows if row["model"] != "full"], rows[0]
+    levels = [Level(full["slope"], f"full, {full['size']} DOF", "y")] if np.isfinite(full["slope"]) else []
+    curves: list[Curve] = [(look(model).label, model, "solid", sorted((row for row in reduced if row["model"] == model),
+                                                         key=lambda row: row["size"]))
+              for model in dict.fromkeys(row["model"] for row in reduced)]
+    return _slopes("Critical slope over the model's size", "DOF of the reduced model  [-]", levels, curves, "size")
+
+
+def belt_places_chart(rows: Sequence[Mapping[str, Any]], given: str) -> Chart:
+    """Critical slopes, or their errors, over the belt's place, with the interface given and with the belt in it: for a page."""
+    curves: list[Curve] = []
+    for method in dict.fromkeys(row["method"] for row in rows):
+        for widened in (False, True):
+            own = [row for row in rows if row["method"] == method and (row["interface"] != given) == widened]
+            curves.append((look(method).label + ", belt in the interface" * widened, method, "dot" if widened else "solid", own))
+    exact = [{"belt": belt, "slope": full, "error": None} for belt, full in {row["belt"]: row["full"] for row in rows}.items()]
+    curves.append(("full model", "full", "solid", exact))
+    return _slopes("Critical slope over the belt's place", "belt under mass number  [-]", [], curves, "belt")
+
+
+def _slopes(title: str, x: str, levels: Sequence[Level], curves: Sequence[Curve], over: str) -> Chart:
+    def values(rows: Sequence[Mapping[str, Any]], key: str) -> Sequence[float]:
+        return floored(row[key] for row in rows) if key == "error" else [row[key] for row in rows]
+
+    told = {"DOF": "size", "interface": "interface", "critical slope": "slope", "relative error": "error",
+            "ω [rad/time]": "omega", "static port error": "port_error", "why": "reason"}
+    return Chart("critical-slope", title, [
+        Panel([Series(name, [row[over] for row in rows], values(rows, key), model, line, told={
+            word: [row[at] for row in rows] for word, at in told.items() if at in rows[0]}) for name, model, line, rows in curves
+            if rows], x, label, label.split("  ")[0], "y" * (key == "error"), () if key == "error" else levels,
+            among="critical slope", where="page") for key, label in (("slope", SLOPE), ("error", ERROR))], note=MISSING)
+
+
+def nested(at: int) -> float:
+    """The size of a mark: those drawn later are smaller, so that marks that lie on each other are all seen."""
+    return max(7.5 - 2 * at, 3.0)
+
+
+def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str) -> Chart:
+    """Eigenvalues in the complex plane (the paper's Fig. 4); hollow above the reduced model's cut-off.
+
+    Where those of the reduced models would lie in one clump, a second row of the figure shows them enlarged.
+    """
+    places = {name: [model for model in models if model["panel"] == name] for name in dict.fromkeys(
+        model["panel"] for model in models)}
+    frames = {name: frame for name, several in places.items() if (frame := _clump(several)) is not None}
+    line = [Level(0.0, line="solid", colour="#808080")]
+    panels = [Panel(_spectra(several), *PLANE, f"{name} ({_sizes(several)})" if len(several) > 1 else name, levels=line,
+                    share={"x": "all", "y": "all"}, band=frames[name][1] if name in frames else None)
+              for name, several in places.items()]
+    for name, several in places.items() if frames else ():
+        limits = dict(zip("xy", frames[name], strict=True)) if name in frames else {}
+        panels.append(Panel(_spectra(several, True) if name in frames else (), *PLANE,
+                            "the grey part, enlarged" if name in frames else "", levels=line, limits=limits,
+                            where="figure"))
+    return Chart("eigenvalues", f"Eigenvalues: {title}", panels, len(places), note=HOLLOW, width=1.0 if len(places) > 1 else 0.7,
+                 height=3.6, columns=3)
+
+
+def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False) -> list[Series]:
+    """The full model as large circles, the reduced ones within them."""
+    series = []
+    for at, model in enumerate(models):
+        values, beyond = np.asarray(model["eigenvalues"]), np.asarray(model["above_cutoff"])
+        full, label = model["model"] == "full", look(model["model"]).label
+        size = (10.0 if len(values) <= CROWD or enlarged else 5.0) if full else nested(at - 1)
+        for chosen, hollow, word in ((~beyond, full, label), (beyond, True, f"{label}, above its cut-off")):
+            own = values[chosen]
+            if len(own):
+                told = {"DOF": [model["size"]] * len(own), "Re λ": own.real, "ω [rad/time]": own.imag,
+                        "error bar of Re λ": np.asarray(model["error_bar"])[chosen],
+                        "damping ratio": [-z.real / abs(z) if z.imag else None for z in own]}
+                series.append(Series(word, own.real, own.imag, model["model"], size=size, hollow=hollow, told=told))
+    return series
+
+
+def _clump(models: Sequence[Mapping[str, Any]]) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """The frame around the reduced models' eigenvalues below their cut-off, if they lie in a small part of the full model's."""
+    reduced = [model for model in models if model["model"] != "full"]
+    inside = [np.asarray(model["eigenvalues"])[~np.asarray(model["above_cutoff"])] for model in reduced]
+    all_values = np.concatenate([np.asarray(model["eigenvalues"]) for model in models])
+    values = np.concatenate([*inside, np.zeros(0)])
+    values = values[values.imag >= 0]
+    if not len(values) or values.imag.max() >= CLUMP * all_values.imag.max():
+        return None
+    low, high = -0.05 * values.imag.max(), 1.15 * values.imag.max()
+    seen = all_values[(all_values.imag >= low) & (all_values.imag <= high)]
+    room = 0.08 * (np.ptp(seen.real) or high)
+    return (float(seen.real.min() - room), float(seen.real.max() + room)), (float(low), float(high))
+
+
+def _sizes(models: Sequence[Mapping[str, Any]]) -> str:
+    """'5 DOF', or '9 and 10 DOF' where the methods differ."""
+    sizes = dict.fromkeys(str(model["size"]) for model in models if model["model"] != "full")
+    return f"{' and '.join(sizes)} DOF"
+
+
+def springs_chart(rows: Sequence[Mapping[str, Any]], title: str) -> Chart:
+    """Error of the lowest frequencies over the stiffness of the springs under the interface; a line for each model."""
+    kept = list(dict.fromkeys(row["modes"] for row in rows))
+    series = []
+    for model, modes in dict.fromkeys((row["model"], row["modes"]) for row in rows):
+        own = [row for row in rows if (row["model"], row["modes"]) == (model, modes)]
+        told = {"modes": [modes] * len(own), "springs": [row["springs"] for row in own], "error": [row["error"] for row in own]}
+        width = 0.6 + 1.2 * kept.index(modes) / max(len(kept) - 1, 1)
+        series.append(Series(f"{look(model).label}, {own[0]['size']} DOF", told["springs"], floored(told["error"]), model,
+                             "solid", width=width, told=told))
+    return Chart("joined-interface", title, [Panel(
+        series, "springs under the interface / static stiffness of the component there  [-]", "relative error of ω  [-]",
+        logs="xy")], note=f"Soft springs leave the interface nearly free, stiff ones nearly fixed. Errors of zero are drawn at "
+        f"{ROUNDING:g}.", height=4.0, columns=3)

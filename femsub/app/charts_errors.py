@@ -1,0 +1,125 @@
+"""Charts of errors against run time: of components, of systems part by part, of systems under friction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from femsub.studies import ROUNDING, Chart, Level, Panel, Series, floored, look
+
+if TYPE_CHECKING:
+    from femsub.studies import Row, Study
+
+COMPONENT = {"error_growth": "growth rates Re λ", "error_critical": "critical slope", "error_eigenvalue": "eigenvalues λ",
+             "error_frequency": "frequencies ω"}
+SYSTEM = {"error_frequency": "frequencies ω", "error_growth": "growth rates Re λ", "error_critical": "critical slope",
+          "error_force": "forces in the joints", "error_eigenvalue": "eigenvalues λ"}
+FRICTION = {"error_eigenvalue": "eigenvalues λ", "error_real": "growth rates Re λ", "error_critical": "critical μ"}
+LEGEND = "filled: to solve once; hollow: to reduce and to solve; numbers: DOF"
+NOTE = ("Below and to the left is better. Filled: the time to solve once. Hollow: to reduce and to solve. Dashed: the full "
+        f"model. Errors of zero are drawn at {ROUNDING:g}.")
+TOP = 2  # errors of a component that its figure shows; a page has all
+
+
+class Point(NamedTuple):
+    """A reduced model: its errors, and seconds to solve, and to reduce and to solve, each as (median, least, most)."""
+
+    row: Row
+    solve: tuple[float, float, float]
+    whole: tuple[float, float, float]
+
+
+def error_time_chart(studies: Sequence[tuple[str, Study]]) -> Chart:
+    """Errors over seconds: a row of panels for each study, by the name of its interface.
+
+    Models of full size are not shown, since their errors are rounding. The figure has the two errors that tell most: those of
+    growth rates and of the critical slope, or of eigenvalues where there is no slope or its error is rounding.
+    """
+    shown = [[row for row in found.rows if row.missing == 0 and row.size < found.full.size] for _, found in studies]
+    rows = [row for several in shown for row in several]
+    kinds = [kind for kind in COMPONENT if any(getattr(row, kind) > ROUNDING for row in rows)][:TOP] or ["error_growth"]
+    found = studies[0][1]
+    panels = [panel for (interface, one), several in zip(studies, shown, strict=True)
+              for panel in _panels(one, several, COMPONENT, kinds, f"interface {interface}" if len(studies) > 1 else "")]
+    return _chart("error-time", found, found.name, panels, len(kinds), _runs([one for _, one in studies]))
+
+
+def errors_chart(found: Study, title: str, name: str) -> Chart:
+    """Errors of frequencies, growth rates, critical slope and forces in the joints of a system over seconds."""
+    rows = [row for row in found.rows if row.sound and row.size < found.full.size]
+    kinds = [kind for kind in list(SYSTEM)[:4] if any(np.isfinite(getattr(row, kind)) for row in found.rows)]
+    about = _runs([found]) + "\nnot shown: models of full size, and those with a mode missing or added in the band"
+    return _chart(name, found, title, _panels(found, rows, SYSTEM, kinds, ""), 2, about)
+
+
+def friction_errors_chart(found: Study, title: str, name: str) -> Chart:
+    """The errors of eigenvalues, growth rates and critical μ over the seconds at one μ; those of a system under friction."""
+    kinds = [kind for kind in FRICTION if any(np.isfinite(getattr(row, kind)) for row in found.rows)] or ["error_eigenvalue"]
+    points, full = [_point(row) for row in found.rows], Level(found.full.solution.median, "full model, one μ")
+    panels = [_panel(points, kind, FRICTION[kind], full, "largest error over |λ|, or over μ  [-]") for kind in kinds]
+    return Chart(name, f"{title}: error against run time at one μ", panels, len(kinds), LEGEND, NOTE, columns=3)
+
+
+def _chart(name: str, found: Study, title: str, panels: Sequence[Panel], across: int, about: str) -> Chart:
+    head = f"{title}: error against run time, band {found.band[0]:g} to {found.band[1]:.4g} rad/time"
+    return Chart(name, head, panels, across, f"{LEGEND}{about}", NOTE, height=2.7, columns=3)
+
+
+def _runs(studies: Sequence[Study]) -> str:
+    times = [time for found in studies for row in found.rows for time in (row.reduction, row.solution)]
+    spread = any(time.most > time.least for time in times)
+    runs = studies[0].repeats
+    return (f"; medians of {runs} runs" if runs > 1 else "; one run") + (", bars from least to most" if spread else "")
+
+
+def _panels(found: Study, rows: Sequence[Row], kinds: Mapping[str, str], drawn: Sequence[str], place: str) -> list[Panel]:
+    """A panel for each error that is known; those that are not drawn are on the page alone."""
+    points = [_point(row) for row in rows]
+    full = Level(found.full.solution.median, f"full model, {found.full.size} DOF")
+    return [_panel(points, kind, name + (f", {place}" if place else ""), full, "relative error  [-]", place or "errors",
+                   "" if kind in drawn else "page", ring=kind == "error_growth")
+            for kind, name in kinds.items() if kind in drawn or any(np.isfinite(getattr(row, kind)) for row in rows)]
+
+
+def _point(row: Row) -> Point:
+    reduce, solve = row.reduction, row.solution
+    whole = (reduce.median + solve.median, reduce.least + solve.least, reduce.most + solve.most)
+    return Point(row, (solve.median, solve.least, solve.most), whole)
+
+
+def _panel(points: Sequence[Point], kind: str, title: str, full: Level, y: str, place: str = "errors", where: str = "",
+           ring: bool = False) -> Panel:
+    known = [point for point in points if np.isfinite(getattr(point.row, kind))]
+    series = [one for method in dict.fromkeys(point.row.method for point in known)
+              for one in _method(method, [point for point in known if point.row.method == method], kind)]
+    for which, mark, size, word in (([point for point in known if point.row.pareto and ring], "o", 10.0,
+                                     "no other is both as fast and as accurate"),
+                                    ([point for point in known if point.row.missed], "x", 9.0, "misses an unstable mode")):
+        if which:
+            series.append(Series(word, [point.solve[0] for point in which], floored(getattr(point.row, kind) for point in which),
+                                 marker=mark, size=size, hollow=True))
+    times = [time for point in points for time in (*point.solve, *point.whole) if time > 0] + [full.at]
+    limits = {"x": (min(times) / 1.7, max(times) * 1.7)} if min(times) > 0 else {}
+    return Panel(series, "run time  [s]", y, title, "xy", [full], limits, True, {"x": "time"}, place, where)
+
+
+def _method(method: str, points: Sequence[Point], kind: str) -> list[Series]:
+    """The models of one method: filled and hollow marks, dotted between them, and bars from the least to the most seconds."""
+    height = floored(getattr(point.row, kind) for point in points)
+    solve, whole = (np.array([getattr(point, key) for point in points]) for key in ("solve", "whole"))
+    told: dict[str, list[Any]] = {"DOF": [point.row.size for point in points], "modes": [point.row.modes for point in points],
+                                  "error": [getattr(point.row, kind) for point in points],
+                                  "s to solve": list(solve[:, 0]), "s to reduce": list(whole[:, 0] - solve[:, 0])}
+    told |= {word: [getattr(point.row, word) for point in points] for word in ("missing", "extra", "missed", "invented")}
+    label = look(method).label
+
+    def bars(low: Iterable[float], high: Iterable[float], line: str, width: float) -> Series:
+        x = [value for pair in zip(low, high, strict=True) for value in (*pair, np.nan)]
+        return Series(label, x, np.repeat(height, 3), method, line, "", width=width, legend=False)
+
+    return [bars(solve[:, 0], whole[:, 0], "dot", 0.8),
+            *(bars(one[:, 1], one[:, 2], "solid", 1.6) for one in (solve, whole) if (one[:, 1] < one[:, 2]).any()),
+            Series(label, solve[:, 0], height, method, "solid", width=0.6, labels=[str(size) for size in told["DOF"]], told=told),
+            Series(label, whole[:, 0], height, method, "solid", width=0.6, hollow=True, legend=False, told=told)]

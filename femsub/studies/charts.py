@@ -1,0 +1,200 @@
+"""Charts of results: lines and marks on axes, as data. Figures, files and pages draw them from one definition."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from femsub.reduction import METHODS
+from femsub.studies.tables import SETTLED
+
+ROUNDING = 1e-13  # errors below are rounding, and drawn there
+DIGITS = 7  # of numbers in files: a chart shows no more
+
+
+class Look(NamedTuple):
+    """How a model is named and drawn."""
+
+    label: str
+    colour: str
+    marker: str
+
+
+def look(kind: str) -> Look:
+    """That of a reduced model by its method's key; of the full model, or any other, black circles."""
+    if kind in SETTLED:
+        return Look(*SETTLED[kind])
+    method = METHODS.get(kind)
+    return Look(kind, "black", "o") if method is None else Look(method.label, method.colour, method.marker)
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points (x, y), as marks, a line or both; a gap where one of the two is NaN.
+
+    Attributes
+    ----------
+    name : str
+        In the legend; those of one name are shown and hidden together.
+    x, y : sequence of float
+    model : str
+        The key of the model that colour and mark are those of, where none are given.
+    line : str
+        'solid', 'dash', 'dot', or '' for none.
+    marker, colour : str
+        A mark by matplotlib's letter, '' for none.
+    size, width : float
+        Of marks and lines, in points.
+    hollow, legend : bool
+    labels : sequence of str
+        Beside the points.
+    told : mapping of str to sequence
+        What else a page tells of each point.
+    """
+
+    name: str
+    x: Any
+    y: Any
+    model: str = ""
+    line: str = ""
+    marker: str | None = None
+    colour: str = ""
+    size: float = 5.0
+    width: float = 1.2
+    hollow: bool = False
+    legend: bool = True
+    labels: Sequence[str] = ()
+    told: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def look(self) -> Look:
+        """The name, the colour and the mark."""
+        model = look(self.model)
+        return Look(self.name, self.colour or model.colour, model.marker if self.marker is None else self.marker)
+
+
+class Level(NamedTuple):
+    """A straight line across a panel at x or y."""
+
+    at: float
+    text: str = ""
+    axis: str = "x"
+    line: str = "dash"
+    colour: str = "black"
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Series on a pair of axes.
+
+    Attributes
+    ----------
+    series : sequence of Series
+    x, y : str
+        The labels of the axes, with units in brackets.
+    title : str
+    logs : str
+        The logarithmic axes: '', 'x', 'y' or 'xy'.
+    levels : sequence of Level
+    limits : mapping of str to (float, float)
+        Of 'x' and 'y', where they are not those of the data.
+    rounding : bool
+        Whether y are errors, of which those of rounding lie on a grey band.
+    share : mapping of str to str
+        Panels of one word for 'x', or for 'y', have that axis in common.
+    among : str
+        Panels of one word stand in one place of a page, where one of them is chosen.
+    where : str
+        'figure' or 'page', where it is not drawn on both.
+    band : (float, float), optional
+        A range of y that is grey.
+    """
+
+    series: Sequence[Series]
+    x: str
+    y: str
+    title: str = ""
+    logs: str = ""
+    levels: Sequence[Level] = ()
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    rounding: bool = False
+    share: Mapping[str, str] = field(default_factory=dict)
+    among: str = ""
+    where: str = ""
+    band: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Panels side by side and one below the other.
+
+    Attributes
+    ----------
+    name : str
+        That of its PNG file.
+    title : str
+    panels : sequence of Panel
+    across : int
+        Panels side by side.
+    about : str
+        Lines below the title.
+    note : str
+        How it is read, for a page.
+    width, height : float
+        Of the figure over that of a page; of a row of panels in inches.
+    columns : int
+        Of the legend.
+    """
+
+    name: str
+    title: str
+    panels: Sequence[Panel]
+    across: int = 1
+    about: str = ""
+    note: str = ""
+    width: float = 1.0
+    height: float = 3.0
+    columns: int = 4
+
+    @property
+    def drawn(self) -> list[Panel]:
+        """The panels of its figure; a chart without them has none."""
+        return [panel for panel in self.panels if panel.where != "page"]
+
+    def plain(self, hertz: bool = False) -> dict[str, Any]:
+        """As it stands in results.json, for a page; with `hertz` what is told in rad/time is told in Hz as well."""
+        places: dict[str, list[dict[str, Any]]] = {}
+        for panel in self.panels:
+            if panel.where != "figure" and panel.series:
+                places.setdefault(panel.among or panel.title, []).append(_panel(panel, hertz))
+        return {"name": self.name, "title": self.title, "note": self.note,
+                "places": [{"title": title, "panels": panels} for title, panels in places.items()]}
+
+
+def _panel(panel: Panel, hertz: bool) -> dict[str, Any]:
+    series = []
+    for one in panel.series:
+        _, colour, marker = one.look
+        told = list(one.told.items())
+        if hertz:
+            told += [("f [Hz]", np.asarray(values, dtype=float) / (2 * np.pi)) for name, values in told if "[rad/time]" in name]
+        series.append({"name": one.name, "x": _plain(one.x), "y": _plain(one.y), "line": one.line, "marker": marker,
+                       "colour": colour, "size": one.size, "width": one.width, "hollow": one.hollow, "legend": one.legend,
+                       "told": [[name, _plain(values)] for name, values in told]})
+    return {"title": panel.title, "x": panel.x, "y": panel.y, "logs": panel.logs, "series": series,
+            "levels": [one._asdict() for one in panel.levels if math.isfinite(one.at)]}
+
+
+def _plain(values: Iterable[Any]) -> list[Any]:
+    """Numbers to the digits that are seen, None for what no axis has a place for; words as they are."""
+    return [value if isinstance(value, str) or value is None else float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None
+            for value in values]
+
+
+def floored(errors: Iterable[float | None]) -> list[float]:
+    """Errors as they are drawn: those of rounding at `ROUNDING`, NaN for those that are not known."""
+    return [max(float(error), ROUNDING) if error is not None and math.isfinite(error) else math.nan for error in errors]

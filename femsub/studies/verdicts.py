@@ -1,0 +1,214 @@
+"""The answer of a run in plain sentences: may a small model replace the full one, what decides it, what is not checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from femsub.checks import NOT_CHECKED
+from femsub.studies.tables import label
+
+if TYPE_CHECKING:
+    from femsub.studies.results import Row, Study
+
+STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
+#: what no run can tell, for every scene that compares models
+NEVER = ("All errors are relative to the full model. The run does not tell how well its mesh, its materials and its friction law "
+         "describe the real part.")
+LINEAR = ("The verdict is that of the linear model about steady sliding. Motion beyond the border was not computed: see the "
+          "scenes of limit cycles and those in time.")
+OUTSIDE = "Frequencies outside the band were not compared."
+
+
+@dataclass(frozen=True)
+class Remark:
+    """What one output adds to the answer of a run: lines of what decides it, and of what is not checked."""
+
+    decides: Sequence[str] = ()
+    unchecked: Sequence[str] = ()
+
+    @classmethod
+    def of_completeness(cls, evidence: str) -> Remark:
+        """Whether all eigenvalues of the full model in the band were found."""
+        said = [f"Completeness of the full model's eigenvalues in the band: {evidence}."]
+        return cls(unchecked=said) if evidence == NOT_CHECKED else cls(said)
+
+
+@dataclass(frozen=True)
+class Verdict(Remark):
+    """'yes', 'no', 'in part', 'open' or 'found'; the answer in a sentence; what decides it; what is not checked."""
+
+    answer: str = "open"
+    headline: str = ("This run compares no models by their errors, so it does not decide whether a small model may replace the "
+                     "full one.")
+    question: str = "May a small model replace the full one?"
+
+    def said(self, words: Any) -> dict[str, Any]:
+        """As it stands in results.json; `words` puts units into a text."""
+        return {key: words(value) if isinstance(value, str) else [words(line) for line in dict.fromkeys(value)]
+                for key, value in asdict(self).items()}
+
+
+@dataclass(frozen=True)
+class Choice(Remark):
+    """What one comparison recommends: `model` in words with its `size`, or '' if none will do, and for what it holds."""
+
+    sentence: str = ""
+    model: str = ""
+    size: int = 0
+    full: int = 0
+    band: tuple[float, float] = (0.0, 0.0)
+    where: str = ""
+
+
+def answer(found: Iterable[Any]) -> Verdict:
+    """The verdict of a run from the choices, verdicts and remarks of its outputs."""
+    known = [one for one in found if isinstance(one, Remark)]
+    choices = [one for one in known if isinstance(one, Choice)]
+    base = _of_choices(choices) if choices else next((one for one in known if isinstance(one, Verdict)), Verdict())
+    others = [one for one in known if not isinstance(one, (Choice, Verdict))]
+    return replace(base, decides=[*base.decides, *(line for one in others for line in one.decides)],
+                   unchecked=[*base.unchecked, *(line for one in others for line in one.unchecked)])
+
+
+def _of_choices(choices: Sequence[Choice]) -> Verdict:
+    fit = [one for one in choices if one.model]
+    low, high = choices[0].band
+    band = f"in the band {low:g} to {high:.4g} rad/time"
+    if not fit:
+        return Verdict([sentence(one.sentence, one.where) for one in choices], [NEVER, LINEAR], "no",
+                       f"No small model of this run may replace the full one {band}.")
+    best = min(fit, key=lambda one: one.size)
+    decides: list[str] = []
+    for one in choices:
+        said = one.decides if one.model else [sentence(one.sentence)]
+        several = one.where and len(choices) > 1
+        decides += [f"{one.where.capitalize()}: {' '.join(said)}"] if several else said
+    where = f" ({best.where})" if best.where else ""
+    return Verdict(decides, [OUTSIDE, *best.unchecked, NEVER, LINEAR], "yes" if len(fit) == len(choices) else "in part",
+                   f"{best.model} may replace the full model of {best.full} DOF {band}{where}.")
+
+
+def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Choice:
+    """What a study recommends, and what makes that model fit, figure by figure."""
+    row, full = found.recommended(tol), found.full
+    choice = Choice(sentence=found.recommendation(tol), full=full.size, band=found.band, where=where)
+    if found.values:
+        at = ", ".join(f"{value:g}" for value in found.values)
+        choice = replace(choice, unchecked=[f"The full model was solved at {found.parameter} = {at} alone."])
+    if row is None:
+        return choice
+    said = _over_range(found, row) if found.between else _in_band(row, full, tol)
+    return replace(choice, decides=said, model=_model(row), size=row.size)
+
+
+def _over_range(found: Study, row: Row) -> list[str]:
+    """What makes a model fit over a range of a parameter."""
+    invented = f", but {row.invented} invented" if row.invented else " and none is invented"
+    return [f"{_model(row)}: no unstable mode of the full model is missed{invented}.",
+            f"Its critical {found.parameter} is within {_shown(row.error_critical, '.1e')} of the full model's.",
+            f"Its eigenvalues are within {_shown(row.error_eigenvalue, '.1e')} of their modulus, its growth rates within "
+            f"{_shown(row.error_real, '.1e')}."]
+
+
+def _in_band(row: Row, full: Row, tol: float) -> list[str]:
+    """What makes a model fit in the band."""
+    said = [f"{_model(row)}: the growth rates in the band are within {_shown(row.error_growth, '.1e')} of the rates of "
+            f"damping and friction; the tolerance is {tol:g}.",
+            "No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off."]
+    if row.critical == -math.inf and row.error_critical == 0:
+        said.append("At no slope does it lose its stability in the band, and neither does the full model.")
+    elif math.isfinite(row.error_critical):
+        said.append(f"Its critical slope is {_shown(row.critical, '.5g')}, within {_shown(row.error_critical, '.1e')} of the "
+                    "full model's.")
+    if math.isfinite(row.error_force):
+        said.append(f"The forces in the joints are within {_shown(row.error_force, '.1e')}.")
+    if row.stable != full.stable:
+        said.append(f"Mind: in the band the full model is {STABLE[full.stable]} and the small one {STABLE[row.stable]}. "
+                    "The border is nearer than the error.")
+    else:
+        said.append(f"In the band both models are {STABLE[full.stable]}.")
+    if full.solution.median and row.solution.median:
+        reducing, small, large = (_seconds(one.median) for one in (row.reduction, row.solution, full.solution))
+        said.append(f"It takes {reducing} to reduce and {small} to solve. The full model takes {large}: {_pays(row, full)}.")
+    return said
+
+
+def stability_remark(models: Sequence[Mapping[str, Any]]) -> Remark:
+    """What the eigenvalues of the full model say, and which model says otherwise; `growth` and `is_stable` of each model."""
+    full = next(one for one in models if one["model"] == "full")
+    if not math.isfinite(full["growth"]):
+        return Remark()
+    return Remark([f"Steady sliding is {STABLE[full['is_stable']]}: the full model's largest Re λ is {full['growth']:.5g}.",
+                   *(f"Mind: {named(one['model'], one['size'])} says {STABLE[one['is_stable']]}." for one in models
+                     if one["is_stable"] != full["is_stable"])])
+
+
+def cycles_verdict(rows: Sequence[Mapping[str, Any]], where: str, unchecked: Sequence[str] = ()) -> Verdict:
+    """Limit cycles: whether each reduced model has those of the full one, with the same stability."""
+    known = [row for row in rows if "omega" in row]
+    full = {row["family"]: row for row in known if row["model"] == "full"}
+    names = {row["model"]: row["size"] for row in rows if row["model"] != "full"}
+    decides, good = [], []
+    for name, size in names.items() if full else ():
+        own = {row["family"]: row for row in known if row["model"] == name}
+        both = [family for family in full if family in own]
+        other = [family for family in both if own[family]["is_stable"] != full[family]["is_stable"]]
+        said = f"{named(name, size)} has {len(both)} of the {len(full)} cycles of the full model"
+        if both:
+            said += (f", with frequencies within {max(own[at]['omega_error'] for at in both):.1e} and amplitudes (rms) within "
+                     f"{max(own[at]['rms_error'] for at in both):.1e}")
+        decides.append(f"{said}.")
+        decides += [f"{named(name, size)}: the cycle near ω = {at:.4g} is {STABLE[own[at]['is_stable']]}, but "
+                    f"{STABLE[full[at]['is_stable']]} in the full model." for at in other]
+        if len(both) == len(full) and not other:
+            good.append(named(name, size))
+    unchecked = [NEVER, "Cycles that begin from no mode of the band were not sought. Motions that are no cycle were not either.",
+                 *unchecked]
+    if not full:
+        return Verdict(decides, unchecked, "open", "The full model's limit cycles are not among the results. Nothing is decided.")
+    if not names:
+        return Verdict(decides, unchecked, "open",
+                       f"The full model has {len(full)} limit cycles. No small model was compared.")
+    if good:
+        return Verdict(decides, unchecked, "yes" if len(good) == len(names) else "in part",
+                       f"{' and '.join(good)} may replace the full model for its limit cycles {where}, if the errors told here "
+                       "will do. The same cycles exist and are stable alike.")
+    return Verdict(decides, unchecked, "no",
+                   f"No small model has all limit cycles of the full model {where} with the same stability.")
+
+
+def named(model: str, size: int) -> str:
+    """'Craig-Bampton (11 DOF)'."""
+    return f"{label(model)} ({size} DOF)"
+
+
+def sentence(text: str, start: str = "") -> str:
+    """A recommendation as a sentence of its own."""
+    text = f"{start}: {text}" if start else text
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
+
+
+def _pays(row: Row, full: Row) -> str:
+    """From how many solutions on the reduction is worth its time."""
+    gain = full.solution.median - row.solution.median
+    if gain <= 0:
+        return "nothing is gained in time"
+    count = math.ceil(row.reduction.median / gain)
+    return "the reduction pays at once" if count <= 1 else f"the reduction pays from {count} solutions on"
+
+
+def _model(row: Row) -> str:
+    """'Craig-Bampton with 8 modes (11 DOF)'."""
+    return f"{label(row.method)} with {row.modes} modes ({row.size} DOF)"
+
+
+def _seconds(value: float) -> str:
+    """'3.1 ms', '2.4 s'."""
+    return f"{value * 1e3:.3g} ms" if value < 1 else f"{value:.3g} s"
+
+
+def _shown(value: float, form: str) -> str:
+    return "unknown" if math.isnan(value) else format(value, form)
