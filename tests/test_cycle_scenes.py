@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.app.charts_cycles import bifurcation_chart
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.app.scenes import cycle_keys
 from femsub.app.scenes.chain_cycles import ChainCycleScene
 from femsub.motion.cycles.branch import Branch
 from femsub.motion.cycles.continuation import with_parameter
+from femsub.studies.charts_cycles import bifurcation_chart
 
 
 def scene_file(folder: Path, text: str) -> str:

@@ -19,11 +19,11 @@ from femsub.studies.tables import KNOWN, WIDTH, Table, fitted, table
 
 pytest.importorskip("matplotlib")
 
-from femsub.app.charts import eigenvalue_chart
-from femsub.app.charts_errors import error_time_chart, errors_chart, friction_errors_chart
-from femsub.app.charts_transient import COLUMNS, envelope
 from femsub.app.figure_style import PAGE, SMALL, STYLE, draw, label_points, new_figure, render
 from femsub.studies import ROUNDING, look
+from femsub.studies.charts_components import eigenvalue_chart
+from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
+from femsub.studies.charts_transient import COLUMNS, envelope
 
 #: what those see who lack one kind of cones, on linear RGB (Machado, Oliveira and Fernandes 2009, severity 1)
 SEEN = {"all": np.eye(3),

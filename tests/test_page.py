@@ -21,13 +21,13 @@ from test_results import CHAIN, SMALL, difference, results, scene_file
 
 import femsub as fs
 from femsub.app import page, report
-from femsub.app.charts import critical_slopes_chart
-from femsub.app.charts_errors import error_time_chart, errors_chart
 from femsub.app.cli import main
 from femsub.app.moving import MODE_FILE, moving, read_mode
 from femsub.app.scene import Result, load
 from femsub.reduction import METHODS
 from femsub.studies import Remark, Study, answer, cycles_verdict, study_choice
+from femsub.studies.charts_components import critical_slopes_chart
+from femsub.studies.charts_errors import error_time_chart, errors_chart
 
 pytest.importorskip("plotly", reason="the page of a run is drawn by Plotly")
 

@@ -339,8 +339,8 @@ def test_texts_and_labels_take_the_units(plain: str, said: str) -> None:
 
 def test_figures_have_an_axis_in_hertz(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    from femsub.app.charts import eigenvalue_chart
     from femsub.app.figure_style import draw, render
+    from femsub.studies.charts_components import eigenvalue_chart
 
     models = [{"panel": panel, "eigenvalues": np.array([1j, 2 + 6j]), "above_cutoff": np.zeros(2, bool), "model": "full",
                "error_bar": np.zeros(2), "size": 3} for panel in ("one", "two")]

@@ -12,11 +12,11 @@ import pytest
 from extendpages import names_of
 
 import femsub as fs
-from femsub.app.charts import friction_chart
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.app.scene import load
 from femsub.coupling.contacts.belt import LAWS, FrictionLaw
+from femsub.studies.charts_components import friction_chart
 
 Rational: Any = names_of("law", blocks=1)["Rational"]  # rises within ε, then falls; only what the protocol asks for
 

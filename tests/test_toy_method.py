@@ -12,11 +12,11 @@ import pytest
 from extendpages import names_of
 
 import femsub as fs
-from femsub.app.charts import size_sweep_chart
-from femsub.app.charts_errors import error_time_chart
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.reduction.method import METHODS, Method
+from femsub.studies.charts_components import size_sweep_chart
+from femsub.studies.charts_errors import error_time_chart
 
 KEY, LABEL, COLOUR = "second-order", "Second order", "#2a7f3f"
 SCENE = f"""

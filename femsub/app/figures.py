@@ -1,14 +1,16 @@
-"""Figures that are pictures of a field: growth over the slope and the belt's place."""
+"""Figures that are pictures of a field: growth over the slope and the belt's place, spectrograms."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from femsub.app.figure_style import PAGE, legend_below, new_figure
 from femsub.studies import look
+
+DECADES = 3  # of the spectrograms' scale
 
 
 def belt_sweep_figure(found: Mapping[str, Any]) -> Any:
@@ -38,4 +40,24 @@ def belt_sweep_figure(found: Mapping[str, Any]) -> Any:
     figure.suptitle("Growth and critical slope over the belt's place; in braces the interface")
     decades = 10.0 ** np.arange(np.ceil(np.log10(1e-2 * top)), np.log10(top))
     figure.colorbar(mesh, ax=axes, label="max Re λ  [1/time]", shrink=0.8, ticks=[*-decades[::-1], 0.0, *decades])
+    return figure
+
+
+def spectrogram_figure(made: Sequence[tuple[Any, Any]], highest: float) -> Any:
+    """Short-time spectra side by side, on one scale (the paper's Fig. 5)."""
+    from matplotlib.colors import LogNorm
+
+    figure = new_figure(PAGE, 3.6)
+    axes = figure.subplots(1, len(made), squeeze=False, sharey=True)[0]
+    top = max(float(found.amplitude.max()) for _, found in made)
+    scale = LogNorm(top / 10**DECADES, top)
+    for axis, (item, found) in zip(axes, made, strict=True):
+        inside = found.omega <= highest
+        values = np.maximum(found.amplitude[inside], top / 10**DECADES)
+        picture = axis.pcolormesh(found.t, found.omega[inside], values, norm=scale, shading="nearest", cmap="magma",
+                                  rasterized=True)
+        axis.set(title=f"{look(item.kind).label}, {item.model.size} DOF", xlabel="t  [time]", ylim=(0, highest))
+        axis.locator_params(axis="x", nbins=4)
+    axes[0].set_ylabel("ω  [rad/time]")
+    figure.colorbar(picture, ax=list(axes), label="amplitude of v under the belt\n[length/time]")
     return figure

@@ -30,8 +30,6 @@ from femsub import (
     study,
     track,
 )
-from femsub.app.charts_errors import friction_errors_chart
-from femsub.app.charts_flutter import flutter_chart
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.keys import key
 from femsub.app.moving import mode_file
@@ -42,7 +40,19 @@ from femsub.checks import Array, check_band, interval
 from femsub.coupling import brake_meshes, check_held, opposite
 from femsub.errors import FemsubWarning, InputError, PortWarning, warn
 from femsub.reduction import METHODS
-from femsub.studies import Loss, Remark, Row, Study, Table, affine_over, column, first_loss, study_choice
+from femsub.studies import (
+    Loss,
+    Remark,
+    Row,
+    Study,
+    Table,
+    affine_over,
+    column,
+    first_loss,
+    flutter_chart,
+    friction_errors_chart,
+    study_choice,
+)
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer

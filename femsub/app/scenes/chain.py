@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from femsub import Belt, ComplexModes, Mesh, ReducedSubstructure, Substructure, chain, complex_modes, reduce, study, sweep
-from femsub.app.charts import belt_places_chart, eigenvalue_chart, friction_chart, size_sweep_chart
-from femsub.app.charts_errors import error_time_chart
 from femsub.app.figures import belt_sweep_figure
 from femsub.app.keys import key
 from femsub.app.moving import mode_file
@@ -22,7 +20,18 @@ from femsub.coupling import LAWS
 from femsub.errors import InputError, PortWarning
 from femsub.modes import relative_error
 from femsub.reduction import METHODS
-from femsub.studies import Table, column, first_loss, stability_remark, study_choice
+from femsub.studies import (
+    Table,
+    belt_places_chart,
+    column,
+    eigenvalue_chart,
+    error_time_chart,
+    first_loss,
+    friction_chart,
+    size_sweep_chart,
+    stability_remark,
+    study_choice,
+)
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer

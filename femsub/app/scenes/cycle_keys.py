@@ -11,14 +11,13 @@ import numpy as np
 
 from femsub import Branch, LimitCycle, State, Substructure, branch, harmonic_balance, spectrum, transient
 from femsub.algebra import QUADRATIC
-from femsub.app.charts_cycles import bifurcation_chart
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, Scene, run_outputs
 from femsub.app.scenes.in_time import whole
 from femsub.checks import Array, interval
 from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.motion import PARAMETERS, of_signal, onsets, sliding, with_parameter
-from femsub.studies import Table, column, cycles_verdict, label
+from femsub.studies import Table, bifurcation_chart, column, cycles_verdict, label
 
 NEAR = 0.05  # frequencies of two models that differ by less belong to the same mode
 

@@ -10,12 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from femsub import Affine, CriticalValue, Tracked, critical_value, track
-from femsub.app.charts_flutter import flutter_chart
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, run_outputs
 from femsub.checks import interval
 from femsub.errors import InputError
-from femsub.studies import Table, Verdict, column
+from femsub.studies import Table, Verdict, column, flutter_chart
 
 NO_BELT = "the model is a pencil with one parameter: it has no belt, and is not reduced"
 TOLD = 5  # open intervals that are listed

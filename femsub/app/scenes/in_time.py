@@ -22,11 +22,23 @@ from femsub import (
     transient,
 )
 from femsub.algebra import Interruptible
-from femsub.app.charts_transient import signals_chart, spectra_chart, spectrogram_figure
+from femsub.app.figures import spectrogram_figure
 from femsub.app.scene import Picture, Result
 from femsub.modes import relative_error
 from femsub.motion import Spectrum, sliding
-from femsub.studies import NEVER, Remark, Table, Verdict, column, label, named, sentence, table_rows
+from femsub.studies import (
+    NEVER,
+    Remark,
+    Table,
+    Verdict,
+    column,
+    label,
+    named,
+    sentence,
+    signals_chart,
+    spectra_chart,
+    table_rows,
+)
 
 LISTED = 3  # frequencies in the table
 FAINT, STILL = 1e-6, 1e-3  # of the belt's speed: growth is followed from one to the other, where the model is linear

@@ -8,11 +8,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub import CraigBampton, Substructure, normal_modes
-from femsub.app.charts import springs_chart
 from femsub.app.scene import Result
 from femsub.app.scenes.component import UP_TO, Work
 from femsub.checks import Array
-from femsub.studies import Table, column
+from femsub.studies import Table, column, springs_chart
 
 RATIOS = np.array([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4])  # of the springs to the component's own static stiffness at the interface
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from femsub import ContactModes, Substructure, System, normal_modes, study
-from femsub.app.charts_errors import errors_chart, friction_errors_chart
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, Scene, method_keys, other_method_names
-from femsub.model import Contacts
 from femsub.modes import NEAR, match
 from femsub.reduction import METHODS, PORT_LIMIT, Method
-from femsub.studies import Row, Study, Table, all_frequencies, column, elastic, study_choice
+from femsub.studies import Row, Study, Table, all_frequencies, column, elastic, errors_chart, friction_errors_chart, study_choice
+
+if TYPE_CHECKING:
+    from femsub.model import Contacts
 
 RIGID = 6  # rigid-body modes that a part has at most
 LISTED = 20  # frequencies that are printed; the table in the file has all

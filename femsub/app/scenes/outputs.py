@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from femsub import ComplexModes, Mesh, ReducedSubstructure, Substructure, complex_modes, study
-from femsub.app.charts import critical_slopes_chart, eigenvalue_chart
-from femsub.app.charts_errors import error_time_chart
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.moving import mode_file
 from femsub.app.scene import Picture, Progress, Result, run_outputs
@@ -19,7 +17,18 @@ from femsub.app.scenes.interface_on_springs import interface_on_springs
 from femsub.checks import Array
 from femsub.model import in_band
 from femsub.modes import listed, relative_error
-from femsub.studies import Remark, Table, column, first_loss, label, stability_remark, study_choice
+from femsub.studies import (
+    Remark,
+    Table,
+    column,
+    critical_slopes_chart,
+    eigenvalue_chart,
+    error_time_chart,
+    first_loss,
+    label,
+    stability_remark,
+    study_choice,
+)
 
 if TYPE_CHECKING:
     from femsub.app.scene import Writer

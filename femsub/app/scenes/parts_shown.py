@@ -12,6 +12,7 @@ from femsub import CraigBampton, Mesh, ReducedSubstructure, System, reduce
 from femsub.app.figures_parts import parts_figure
 from femsub.app.scene import Picture, Progress, Result
 from femsub.app.scenes.joined_parts import JoinedScene
+from femsub.app.scenes.outputs import vtu
 from femsub.studies import Table, column
 
 
@@ -25,8 +26,6 @@ def picture(meshes: Mapping[str, Mesh], title: str) -> Result:
 
 
 def _vtu(meshes: Mapping[str, Mesh], file: BinaryIO) -> None:
-    from femsub.io import mesh_bytes
-
     first = next(iter(meshes.values()))
     nodes, cells = (np.cumsum([0, *(len(values) for values in each)]) for each in
                     zip(*((mesh.points, mesh.cells) for mesh in meshes.values()), strict=True))
@@ -34,7 +33,7 @@ def _vtu(meshes: Mapping[str, Mesh], file: BinaryIO) -> None:
                  np.vstack([mesh.cells + start for mesh, start in zip(meshes.values(), nodes, strict=False)]), first.kind,
                  groups={name: np.arange(a, b) for name, a, b in zip(meshes, cells, cells[1:], strict=False)})
     number = np.repeat(np.arange(1.0, len(meshes) + 1), np.diff(nodes))
-    file.write(mesh_bytes(whole, {"part": number}, ".vtu"))
+    vtu(whole, {"part": number}, file)
 
 
 def chosen_modes(scene: JoinedScene, system: System, name: str, progress: Progress) -> Result:

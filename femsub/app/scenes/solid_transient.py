@@ -10,7 +10,6 @@ import numpy as np
 
 from femsub import Belt, State, complex_modes, transient
 from femsub.algebra import Interruptible
-from femsub.app.charts_transient import period_chart
 from femsub.app.keys import key
 from femsub.app.scene import NO_SLOPE, Progress, Result, run_outputs
 from femsub.app.scenes.component import Work
@@ -19,7 +18,7 @@ from femsub.app.scenes.solid import SolidScene
 from femsub.errors import InputError
 from femsub.modes import relative_error
 from femsub.motion import project
-from femsub.studies import Table, column, label
+from femsub.studies import Table, column, label, period_chart
 
 POINTS = 40  # of the recorded grid, per period
 SETTLED = 1 / 4  # of the long run, at its end: where its spectrum is taken

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from femsub import Mesh, System, displacements, normal_modes
 from femsub.app.figures_modes import shapes_figure
 from femsub.app.scene import Picture, Result, Shown
 from femsub.app.scenes.joined_parts import LISTED, JoinedScene
+from femsub.app.scenes.outputs import vtu
 from femsub.checks import Array
 from femsub.studies import Table
 
@@ -40,7 +41,7 @@ def system_modes(scene: JoinedScene, system: System, meshes: Mapping[str, Mesh])
     for kind, (mesh, fields) in drawn.items():
         name = "modes" if len(drawn) == 1 else f"modes-{kind}"
         shown.append(Picture(name, partial(shapes_figure, mesh, fields[..., :DRAWN], titles, f"{scene.name}: normal modes", {})))
-        result.files[f"{name}.vtu"] = partial(_vtu, mesh, {named: fields[..., i] for i, named in enumerate(names)})
+        result.files[f"{name}.vtu"] = partial(vtu, mesh, {named: fields[..., i] for i, named in enumerate(names)})
     return result
 
 
@@ -58,9 +59,3 @@ def by_kind(system: System, meshes: Mapping[str, Mesh], shapes: Array) -> dict[s
                      np.vstack([meshes[name].cells + start for name, start in zip(names, starts, strict=False)]), kind)
         drawn[kind] = whole, np.concatenate([fields[name] for name in names]) / np.where(largest > 0, largest, 1.0)
     return drawn
-
-
-def _vtu(mesh: Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
-    from femsub.io import mesh_bytes
-
-    file.write(mesh_bytes(mesh, shapes))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.studies import Chart, Level, Panel, Series, look
+from femsub.studies.charts import Chart, Level, Panel, Series, look
 
 WIDTHS = (2.0, 1.0, 1.3)  # of reduced models, in turn: where lines lie on each other, each is seen
 ACROSS = 2  # families side by side

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from femsub.studies import ROUNDING, Chart, Level, Panel, Series, floored, look
+from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, look
 
 CLUMP = 0.4  # of the range of the full model's eigenvalues: reduced ones that fill less are drawn enlarged as well
 CROWD = 60  # eigenvalues of the full model from which on its circles are small

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from femsub.checks import Array
-from femsub.reduction import METHODS
-from femsub.studies import Chart, Level, Panel, Series, look
+from femsub.studies.charts import Chart, Level, Panel, Series, look
 
 if TYPE_CHECKING:
     from femsub.stability import Tracked
@@ -40,7 +39,7 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
               for i, value in enumerate(critical.get(first[0], ()))]
     for at, (model, item) in enumerate(others):
         style = look(model)
-        colour, marker = (style.colour, style.marker) if model in METHODS else OTHERS[at % len(OTHERS)]
+        colour, marker = (style.colour, style.marker) if style.label != model else OTHERS[at % len(OTHERS)]
         pairs.append(_marks(style.label, item, colour, marker))
         levels += [Level(value, f"{style.label}: stability lost at {value:.4g}" if i == 0 else "", "x", "dot", colour)
                    for i, value in enumerate(critical.get(model, ()))]

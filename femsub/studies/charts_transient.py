@@ -1,4 +1,4 @@
-"""Charts of models in time: signals, spectra, error against the time per period; spectrograms side by side."""
+"""Charts of models in time: signals, spectra, error against the time per period."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from femsub.app.figure_style import PAGE, new_figure
 from femsub.checks import Array
-from femsub.studies import Chart, Level, Panel, Series, look
+from femsub.studies.charts import Chart, Level, Panel, Series, look
 
-DECADES = 3  # of the spectrograms' scale
 PERIODS = 10  # of the highest peak, at the end of a signal
 COLUMNS = 600  # of pixels across an envelope
 FLOOR = 1e-8  # errors below are drawn there: amplitudes are not known better
@@ -71,26 +69,6 @@ def spectra_chart(tracks: Sequence[Any], highest: float) -> Chart:
             "ω  [rad/time]", "amplitude  [length/time]", f"{name}: t = {item.window[0]:g} to {item.window[1]:g}", "y",
             limits={"x": (0, highest), "y": (top * 1e-4, top * 5)}, share={"x": "omega", "y": "amplitude"}))
     return Chart("spectrum", "Spectra of the velocity under the belt", panels, note="Marks are the peaks.", height=1.7)
-
-
-def spectrogram_figure(made: Sequence[tuple[Any, Any]], highest: float) -> Any:
-    """Short-time spectra side by side, on one scale (the paper's Fig. 5)."""
-    from matplotlib.colors import LogNorm
-
-    figure = new_figure(PAGE, 3.6)
-    axes = figure.subplots(1, len(made), squeeze=False, sharey=True)[0]
-    top = max(float(found.amplitude.max()) for _, found in made)
-    scale = LogNorm(top / 10**DECADES, top)
-    for axis, (item, found) in zip(axes, made, strict=True):
-        inside = found.omega <= highest
-        values = np.maximum(found.amplitude[inside], top / 10**DECADES)
-        picture = axis.pcolormesh(found.t, found.omega[inside], values, norm=scale, shading="nearest", cmap="magma",
-                                  rasterized=True)
-        axis.set(title=_name(item), xlabel="t  [time]", ylim=(0, highest))
-        axis.locator_params(axis="x", nbins=4)
-    axes[0].set_ylabel("ω  [rad/time]")
-    figure.colorbar(picture, ax=list(axes), label="amplitude of v under the belt\n[length/time]")
-    return figure
 
 
 def period_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:

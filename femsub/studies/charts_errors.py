@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from femsub.studies import ROUNDING, Chart, Level, Panel, Series, floored, look
+from femsub.studies.charts import ROUNDING, Chart, Level, Panel, Series, floored, look
 
 if TYPE_CHECKING:
-    from femsub.studies import Row, Study
+    from femsub.studies.results import Row, Study
 
 COMPONENT = {"error_growth": "growth rates Re λ", "error_critical": "critical slope", "error_eigenvalue": "eigenvalues λ",
              "error_frequency": "frequencies ω"}
