@@ -206,7 +206,7 @@ def test_a_border_of_a_sparse_model_that_does_not_hold_is_noticed(monkeypatch: p
 
     def spoilt(*arguments: object) -> object:
         found = dense(*arguments)
-        return type(found)(1.01 * found.c, found.crossing, found.shape, found.growth, found.method)
+        return type(found)(1.01 * found.c, found.crossing, found.shapes, found.growth, found.method)
 
     monkeypatch.setattr(border, "dense_border", spoilt)
     with pytest.raises(fs.NotConvergedError, match="does not hold on the full model"):

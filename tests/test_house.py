@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 import subprocess
 import sys
 import time
 import tomllib
 from collections import Counter
+from collections.abc import Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -362,3 +364,65 @@ def test_a_way_past_the_door_is_seen(tmp_path: Path) -> None:
     package = package_of(tmp_path, modes_one="from femsub.model.one import f\nfrom femsub.model.two import two\n"
                                              "from femsub.model import g\nfrom femsub.modes.two import h")
     assert past_the_door(package / "modes" / "one.py", package) == {"femsub.model.one.f"}
+
+
+# one question, one path
+
+
+def classes(package: Path = PACKAGE) -> Iterator[tuple[str, ast.ClassDef]]:
+    for path in modules(package):
+        yield from ((name_of(path, package), node) for node in nodes(path) if isinstance(node, ast.ClassDef))
+
+
+def members(node: ast.ClassDef) -> set[str]:
+    """Fields and methods of a class."""
+    return {item.target.id if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name) else item.name
+            for item in node.body if isinstance(item, (ast.FunctionDef, ast.AnnAssign))}
+
+
+def answers_of(package: Path = PACKAGE) -> tuple[set[str], set[str], set[str]]:
+    """Classes that answer where stability is lost, those that hold the answer, and modules that make one."""
+    solvers = {node.name for _, node in classes(package) if members(node) >= {"unfit", "solve"}} - {"Solver"}  # the protocol
+    results = {node.name for _, node in classes(package) if members(node) >= {"losses", "regains"}}
+    makers = {name_of(path, package) for path in modules(package) for node in nodes(path)
+              if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[0] in results}
+    return solvers, results, makers
+
+
+def test_the_loss_of_stability_has_three_solvers_and_one_result() -> None:
+    from femsub.stability.critical_value import SOLVERS
+
+    solvers, results, makers = answers_of()
+    assert solvers == {type(solver).__name__ for solver in SOLVERS.values()} == {"Discs", "Followed", "PortRoot"}
+    assert results == {"CriticalValue"}
+    assert makers == {f"femsub.stability.{name}" for name in ("discs", "followed", "port_root")}
+    roots = {name_of(path) for path in modules() for node in nodes(path)
+             if isinstance(node, ast.ImportFrom) and any(alias.name == "brentq" for alias in node.names)}
+    assert roots == {"femsub.stability.bracketing", "femsub.motion.cycles.hopf"}  # the latter: where μ'(v) has a value
+
+
+def test_another_answer_is_seen(tmp_path: Path) -> None:
+    package = package_of(tmp_path, modes_one="class Border:\n    losses: int\n    regains: int\nclass Secant:\n"
+                                             "    def unfit(self): 0\n    def solve(self): return Border(1, 2)")
+    assert answers_of(package) == ({"Secant"}, {"Border"}, {"femsub.modes.one"})
+
+
+def public_arguments() -> dict[str, list[str]]:
+    """The names of the arguments of each public function."""
+    import femsub
+
+    found = {name: getattr(femsub, name) for name in femsub.__all__}
+    return {name: list(inspect.signature(one).parameters) for name, one in found.items()
+            if callable(one) and not isinstance(one, type)}
+
+
+def test_contacts_have_one_name_and_a_comparison_one_row() -> None:
+    named = public_arguments()
+    other = {name for name, arguments in named.items() if {"belts", "slope", "slopes", "mu"} & set(arguments)}
+    numbers = {"chain", "cut_chain", "chain_limit_cycle"}  # there `belt` is the number of a mass
+    assert not other and {name for name, arguments in named.items() if "belt" in arguments} <= numbers
+    assert {name for name, arguments in named.items() if {"port", "force"} <= set(arguments)} == {"critical_slope"}
+    asked = {"complex_modes", "critical_value", "sweep", "track", "study", "self_excitation", "transient", "harmonic_balance",
+             "shoot", "branch", "reduce", "refine"}
+    assert asked <= {name for name, arguments in named.items() if "contacts" in arguments}
+    assert [node.name for _, node in classes() if node.name.endswith("Row")] == ["Row"]

@@ -104,7 +104,7 @@ def test_a_mode_that_the_small_model_gets_wrong_is_told(monkeypatch: pytest.Monk
     """Without refinement the candidates do not solve the full pencil: none is listed, and their places are open."""
     family, band = brake_like(18)
     monkeypatch.setattr(followed, "_newton", lambda over, between, start, x: x[:, None])
-    monkeypatch.setattr(followed, "_verified", lambda over, one, x: (x, followed._error(over, one, x)))
+    monkeypatch.setattr(followed, "_verified", lambda over, one, x: (x, followed.error_of(over, one, x)))
     found = fs.critical_value(family, None, "mu", between=(0.0, 0.01), band=band)
     assert found.open and found.evidence == "not checked"
 

@@ -233,8 +233,8 @@ def test_a_mode_that_only_the_count_misses_is_fetched_before_any_is_kept() -> No
     found = part.found
     part.replace(replace(found, eigenvalues=np.delete(found.eigenvalues, 3), shapes=np.delete(found.shapes, 3, axis=1),
                          residual=np.delete(found.residual, 3)))
-    assert part.confirmed(8) is None
-    kept = part.confirmed(8)
+    assert part.counted_in(8) is None
+    kept = part.counted_in(8)
     assert kept is not None
     np.testing.assert_allclose(np.append(np.sqrt(kept.values), kept.cutoff), fs.chain_frequencies(500, 9), rtol=1e-10)
 
@@ -350,7 +350,7 @@ def test_the_estimate_goes_with_another_damping_and_stays_in_files(tmp_path: Pat
 
 def test_a_study_takes_tolerances() -> None:
     methods = [fs.CraigBampton(band=(0.0, 0.5), tol=1e-2), fs.CraigChang(band=(0.0, 0.5), tol=1e-4)]
-    found = fs.study(fs.chain(40, contacts=2), methods, band=(0.0, 0.5), belt=fs.Belt(slope=-0.1), repeats=1)
+    found = fs.study(fs.chain(40, belt=2), methods, band=(0.0, 0.5), contacts=fs.Belt(slope=-0.1), repeats=1)
     assert [row.error_eigenvalue <= method.tol for row, method in zip(found.rows, methods, strict=True)] == [True, True]
     assert all(row.modes >= 9 for row in found.rows)
 

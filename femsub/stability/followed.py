@@ -148,7 +148,7 @@ def _refined(question: Question, piece: _Piece, samples: dict[float, ComplexMode
         if turn + 1 < ROUNDS:
             starts = [(one, V @ one.shape) for one in crossings]
             for one, shape in starts:
-                if _error(over, one, shape) > EXACT:
+                if error_of(over, one, shape) > EXACT:
                     V = _joined(V, _newton(over, (lo, hi), one, shape))
     good: Found = ([], [])
     poor: list[tuple[float, float]] = []
@@ -167,14 +167,14 @@ def _verified(over: PencilOver, one: Crossing, x: Array) -> tuple[Array, float]:
 
     Where two modes coalesce the small pencil tells the shape beside the crossing only; a solution mends it.
     """
-    error = _error(over, one, x)
+    error = error_of(over, one, x)
     if error > GOOD and (factor := _factor(over(one.value), 1j * one.omega)) is not None:
         x = factor.solve(factor.solve(x.conj(), transposed=True).conj())  # (PᴴP)⁻¹x: yᴴP'x = 0 at an exceptional point
-        error = _error(over, one, x)
+        error = error_of(over, one, x)
     return x, error
 
 
-def _error(over: PencilOver, one: Crossing, x: Array) -> float:
+def error_of(over: PencilOver, one: Crossing, x: Array) -> float:
     """The backward error of a crossing on the full pencil."""
     return float(over(one.value).backward_error(np.array([1j * one.omega]), x[:, None].astype(complex))[0])
 

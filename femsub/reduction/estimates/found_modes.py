@@ -87,7 +87,7 @@ class FoundModes:
         self.found = found
         self.rest = self.statics.handle.deflate(self.rest, found.shapes)
 
-    def confirmed(self, count: int) -> Kept | None:
+    def counted_in(self, count: int) -> Kept | None:
         """The modes kept, once the inertia counts them and the next one; None if one had been missed, which is then found."""
         found, more = self.found, count < self.all
         if found.tally.counted is None:

@@ -436,7 +436,7 @@ class FrictionSpace(Space):
             self.grow(1.5)
         return None
 
-    def confirmed(self, counts: Array) -> dict[str, Kept]:
+    def counted_in(self, counts: Array) -> dict[str, Kept]:
         """The modes are counted already."""
         found, loads = self.modes.found, [self.loads[load] for load in self.choice]
         cutoff = np.append(found.frequencies[found.rigid:], np.inf)[counts[0]]

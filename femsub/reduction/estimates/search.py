@@ -155,9 +155,9 @@ class Space:
             factor = (best.worst / best.tol) ** (1 / max(slope, 0.5))
         return float(np.clip(1.1 * factor, 1.5, 3.0))
 
-    def confirmed(self, counts: Array) -> dict[str, Kept]:
+    def counted_in(self, counts: Array) -> dict[str, Kept]:
         """The modes kept of each part, once the inertia counts them; empty if some had been missed, which are then found."""
-        kept = {name: part.confirmed(count) for (name, part), count in zip(self.parts.items(), counts.tolist(), strict=True)}
+        kept = {name: part.counted_in(count) for (name, part), count in zip(self.parts.items(), counts.tolist(), strict=True)}
         found = {name: one for name, one in kept.items() if one is not None}
         return found if len(found) == len(kept) else {}
 
@@ -190,7 +190,7 @@ def chosen(space: Space, goal: Goal) -> tuple[dict[str, Kept], Estimate]:
     """
     space.reach(goal.band[1])
     while True:
-        if (best := space.best(goal)) is not None and (kept := space.confirmed(best[0])):
+        if (best := space.best(goal)) is not None and (kept := space.counted_in(best[0])):
             return kept, best[1]
 
 
