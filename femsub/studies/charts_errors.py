@@ -94,9 +94,10 @@ def _panel(points: Sequence[Point], kind: str, title: str, full: Level, y: str, 
     known = [point for point in points if np.isfinite(getattr(point.row, kind))]
     series = [one for method in dict.fromkeys(point.row.method for point in known)
               for one in _method(method, [point for point in known if point.row.method == method], kind)]
-    for which, mark, size, word in (([point for point in known if point.row.pareto and ring], "o", 10.0,
-                                     "no other is both as fast and as accurate"),
-                                    ([point for point in known if point.row.missed], "x", 9.0, "misses an unstable mode")):
+    front = [point for point in known if point.row.pareto and ring]
+    misses = [point for point in known if point.row.missed and kind in FRICTION]
+    for which, mark, size, word in ((front, "o", 10.0, "no other is both as fast and as accurate"),
+                                    (misses, "x", 9.0, "misses an unstable mode")):
         if which:
             series.append(Series(word, [point.solve[0] for point in which], floored(getattr(point.row, kind) for point in which),
                                  marker=mark, size=size, hollow=True))

@@ -32,7 +32,8 @@ from femsub.reduction import ContactModes, Method, Reductor
 from femsub.reduction.reduce import reduce
 from femsub.studies.joint_forces import force_error
 from femsub.studies.losses import Loss, first_belt, first_loss, with_value
-from femsub.studies.results import PHASES, Row, Study, Timing, label_of, with_front
+from femsub.studies.results import PHASES, Row, Study, Timing, with_front
+from femsub.studies.tables import label
 
 Step: TypeAlias = Method | Mapping[str, Method]
 Steps: TypeAlias = Step | Sequence[Step]
@@ -386,7 +387,7 @@ def _key(steps: Sequence[Step]) -> str:
 
 def _name(steps: Sequence[Step]) -> str:
     """The label of the method, or what each part is reduced by."""
-    return in_words(steps) if _key(steps) == "mixed" else label_of(_key(steps))
+    return in_words(steps) if _key(steps) == "mixed" else label(_key(steps))
 
 
 def in_words(steps: Sequence[Step]) -> str:

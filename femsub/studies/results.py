@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import positive_number
-from femsub.reduction import METHODS
-from femsub.studies.tables import fitted, table, yes_no
+from femsub.studies.tables import fitted, label, table, yes_no
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -125,7 +124,7 @@ class Row:
     @property
     def label(self) -> str:
         """The method's name in tables."""
-        return label_of(self.method)
+        return label(self.method)
 
     @property
     def seconds(self) -> float:
@@ -288,17 +287,12 @@ class Study:
         if short and self.parameter:
             lines.append(f"{what} where the band reaches above the cut-off: {reaching(short)}")
         without = [row for row in (self.full, *self.rows) if row.reason and row not in short]
-        for label, reason in dict.fromkeys((row.label, row.reason) for row in without):
-            sizes = ", ".join(str(row.size) for row in without if (row.label, row.reason) == (label, reason))
-            lines.append(f"{what} of {label} with {sizes} DOF: {reason}")
+        for name, reason in dict.fromkeys((row.label, row.reason) for row in without):
+            sizes = ", ".join(str(row.size) for row in without if (row.label, row.reason) == (name, reason))
+            lines.append(f"{what} of {name} with {sizes} DOF: {reason}")
         if any(np.isnan(row.error_force) for row in self.rows) and forces:
             lines.append("no error of the forces where a mode of the full system has no counterpart")
         return fitted("\n".join([*lines, *self.left_out]))
-
-
-def label_of(method: str) -> str:
-    """'Craig-Bampton' of its key; 'Contact modes' of one that is not offered by its key."""
-    return METHODS[method].label if method in METHODS else method.replace("-", " ").capitalize() if "-" in method else method
 
 
 def reaching(rows: Sequence[Row]) -> str:

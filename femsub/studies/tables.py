@@ -17,8 +17,8 @@ GAP = "  "  # between columns
 NONE = "-"  # where there is no value
 RATE = "rad/time"  # the unit of columns that have one in Hz beside them, where the unit of time is known
 #: of whole systems, which no key of a scene names: label, colour, marker
-SETTLED = {"contact-modes": ("Contact modes of the system", "#c51b7d", "*"),
-           "real-modes": ("Real modes of the system", "#8a8a8a", "o")}
+SETTLED = {"contact-modes": ("Contact modes", "#c51b7d", "*"),
+           "real-modes": ("Real modes", "#8a8a8a", "o")}
 
 
 @dataclass(frozen=True)
