@@ -62,7 +62,7 @@ class Followed:
         margin = AROUND * (band[1] - band[0])
         wide = max(0.0, band[0] - margin), band[1] + margin
         samples = {float(p): complex_modes(over(float(p)), band=wide) for p in values}
-        found = [_refined(question, piece, samples) for piece in _pieces(band, wide, samples)]
+        found = [_refined(question, piece) for piece in _pieces(band, wide, samples)]
         losses, regains, unclear = ([one for part in found for one in getattr(part, name)] for name in
                                     ("losses", "regains", "open"))
         losses, regains = (sorted(several, key=lambda one: (one.value, one.omega)) for several in (losses, regains))
@@ -133,7 +133,7 @@ def _joined(V: Array, vectors: Array) -> Array:
     return V
 
 
-def _refined(question: Question, piece: _Piece, samples: dict[float, ComplexModes]) -> CriticalValue:
+def _refined(question: Question, piece: _Piece) -> CriticalValue:
     """The crossings in a part of the band, of the full pencil; `open` tells where a candidate could not be verified."""
     over, (lo, hi), V = question.over, question.between, piece.V
     places: list[float] = []
