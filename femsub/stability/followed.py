@@ -41,7 +41,7 @@ STILL = 1e-9  # of the range: the movement of crossings at which the rounds end
 STEPS = 6  # of Newton's method, each with a factorisation,
 FAR = 0.05  # of the range: the longest step in p,
 SETTLED = 1e-12  # and the change of ω and p, relatively, at which it ends
-EXACT, GOOD = 1e-12, 1e-8  # backward errors on the full pencil, up to which a crossing is not refined, and is accepted
+EXACT, GOOD = 1e-11, 1e-8  # backward errors on the full pencil, up to which a crossing is not refined, and is accepted
 BESIDE = 1e-9  # of |λ|: a shift beside an eigenvalue at which P is singular to working precision
 
 
@@ -62,7 +62,7 @@ class Followed:
         margin = AROUND * (band[1] - band[0])
         wide = max(0.0, band[0] - margin), band[1] + margin
         samples = {float(p): complex_modes(over(float(p)), band=wide) for p in values}
-        found = [_refined(question, piece, samples) for piece in _pieces(band, wide, samples)]
+        found = [_refined(question, piece) for piece in _pieces(band, wide, samples)]
         losses, regains, unclear = ([one for part in found for one in getattr(part, name)] for name in
                                     ("losses", "regains", "open"))
         losses, regains = (sorted(several, key=lambda one: (one.value, one.omega)) for several in (losses, regains))
@@ -133,23 +133,22 @@ def _joined(V: Array, vectors: Array) -> Array:
     return V
 
 
-def _refined(question: Question, piece: _Piece, samples: dict[float, ComplexModes]) -> CriticalValue:
+def _refined(question: Question, piece: _Piece) -> CriticalValue:
     """The crossings in a part of the band, of the full pencil; `open` tells where a candidate could not be verified."""
     over, (lo, hi), V = question.over, question.between, piece.V
-    places: list[float] | None = None
+    places: list[float] = []
     for turn in range(ROUNDS):
         small = replace(question, over=over.projected(V, (lo, hi)), band=piece.band, falls=False)
         found = Discs().solve(small)
         crossings = [*found.losses, *found.regains]
+        rough = [(one, x) for one in crossings if error_of(over, one, x := V @ one.shape) > EXACT]
         now = [value for one in crossings for value in (one.value, one.omega / piece.band[1] * (hi - lo))]
-        if places is not None and len(now) == len(places) and np.allclose(now, places, rtol=0.0, atol=STILL * (hi - lo)):
+        still = len(now) == len(places) and np.allclose(now, places, rtol=0.0, atol=STILL * (hi - lo))
+        if not rough or still or turn == ROUNDS - 1:
             break
         places = now
-        if turn + 1 < ROUNDS:
-            starts = [(one, V @ one.shape) for one in crossings]
-            for one, shape in starts:
-                if error_of(over, one, shape) > EXACT:
-                    V = _joined(V, _newton(over, (lo, hi), one, shape))
+        for one, x in rough:
+            V = _joined(V, _newton(over, (lo, hi), one, x))
     good: Found = ([], [])
     poor: list[tuple[float, float]] = []
     for several, kept in zip((found.losses, found.regains), good, strict=True):

@@ -42,10 +42,12 @@ def first_loss(model: Substructure, contacts: Contacts, parameter: str, between:
                 return Loss(slope.value, slope.omega)
             if between is None:
                 raise InputError(f"a critical {parameter} is looked for in a range: give between=(lo, hi)")
+            acting: Contacts = given
+            asked: Substructure | Affine = model
             if pencil_over(model, given, parameter).affine(between):  # its matrices are made once
-                found = critical_value(affine_over(model, given, parameter, between), None, parameter, between=between, band=band)
-            else:
-                found = critical_value(model, given, parameter, between=between, band=band)
+                asked, acting = affine_over(model, given, parameter, between), None
+            # all modes of a model would be excluded at a price that a table of many models need not pay
+            found = critical_value(asked, acting, parameter, between=between, band=band, solver="followed")
             return Loss(found.value, found.omega if found.first else abs(found.fastest.imag))
     except FemsubError as error:
         return Loss(reason=str(error))
