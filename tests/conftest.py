@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -35,12 +36,22 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.skip("about CHOLMOD, which this PETSc was built without")
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest looks at -m
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """
+    Of a test marked sampled(k), each k-th case stays quick, and the others are slow.
+
     A run of all tests leaves out those marked slow; what is selected (-m, -k) or named (a file, a test of it) runs as asked.
 
     Not by `-m 'not slow'` among pytest's addopts: that leaves out a test that is named, too.
     """
+    seen: Counter[str] = Counter()
+    for item in items:
+        if sampled := item.get_closest_marker("sampled"):
+            function = item.nodeid.partition("[")[0]
+            if seen[function] % sampled.args[0]:
+                item.add_marker("slow")
+            seen[function] += 1
     option = config.option
     named = any((config.invocation_params.dir / arg.partition("::")[0]).is_file() for arg in config.args)
     if option.slow or option.markexpr or option.keyword or named:

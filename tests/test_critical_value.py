@@ -21,6 +21,7 @@ EYE = np.eye(2)
 TWO_MODE = fs.Affine(EYE, None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(10))
 def test_random_models_agree_with_a_dense_scan(seed: int) -> None:
     """Flutter, negative damping, divergence, several losses and regains."""

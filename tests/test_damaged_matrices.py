@@ -164,6 +164,7 @@ def saved(path: Path, **parts: Any) -> Path:
 CSR = {"format": "csr", "shape": (3, 3), "data": np.ones(2), "indices": np.array([0, 1]), "indptr": np.array([0, 1, 2, 2])}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("change", [
     {"indices": np.array([0, 3])}, {"indices": np.array([0, -1])}, {"indices": np.array([0, 10 ** 9])},
     {"indptr": np.array([0, 9, 2, 2])}, {"indptr": np.array([0, 1, 2, 3])}, {"indptr": np.array([5, 1, 2, 2])},

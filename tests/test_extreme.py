@@ -29,6 +29,7 @@ LONGEST = {"critical damping, 25 models", "alpha, tiny blows", "study beyond the
 assert set(CASES) >= LONGEST
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in LONGEST else ())
                                   for name, case in CASES.items() if case.quick])
 def test_case(name: str) -> None:

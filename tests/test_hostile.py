@@ -196,6 +196,7 @@ def test_a_name_or_a_band_that_cannot_be_is_refused(line: str, tmp_path: Path, c
 # ---- what is shown
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("entries", [
     {"written": 5}, {"written": ["critical-slope.csv", 3]}, {"versions": []}, {"machine": 3}, {"warnings": 7}, {"failed": [1]},
     {"date": 1}, {"files": [1]}, {"files": [{}]}, {"inputs": {"scene": ["chain"]}}, {"inputs": {"scene": "chain", "units": []}},

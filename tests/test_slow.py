@@ -25,6 +25,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("args", "ran"), [
     ((), ("test_quick",)),
     (("tests",), ("test_quick",)),

@@ -61,6 +61,7 @@ def test_a_system_meets_its_tolerance_with_few_modes(seed: int) -> None:
     assert chosen.sum() <= 1.3 * fewest(case, full, chosen, TOL)[0]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kinds", [(fs.CraigBampton, fs.Rubin), (fs.CraigChang, fs.Herting), (fs.MacNeal, fs.CraigBampton),
                                    (fs.DualCraigBampton,)])
 @pytest.mark.parametrize("seed", [6, 9, 14, 23])

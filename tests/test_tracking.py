@@ -158,6 +158,7 @@ def test_real_eigenvalues_have_branches_of_their_own() -> None:
     assert found.eigenvalues.shape[1] == 4 and np.abs(found.eigenvalues[-1].imag).max() == 0.0
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(10))
 def test_random_models_agree_with_fine_steps(seed: int) -> None:
     model = random_model(seed)
