@@ -20,7 +20,7 @@ from femsub.studies.tables import KNOWN, WIDTH, Table, fitted, table
 pytest.importorskip("matplotlib")
 
 from femsub.app.figure_style import PAGE, SMALL, STYLE, draw, label_points, new_figure, render
-from femsub.studies import ROUNDING, look
+from femsub.studies import ROUNDING, Chart, Panel, Series, look
 from femsub.studies.charts_components import eigenvalue_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
 from femsub.studies.charts_transient import COLUMNS, envelope
@@ -281,3 +281,11 @@ def test_the_widest_study_fits() -> None:
         found = Study("x", (0.0, 1.0), 5, replace(row, method="full", size=100_000, error_force=force), (row, row))
         assert max(map(len, str(found).splitlines())) <= WIDTH
         assert "\n\n" not in str(found)  # in one piece
+
+
+def test_panels_that_share_an_axis_of_errors_show_all_of_them() -> None:
+    """The last panel has the smaller errors: its limits must not cut off those of the first."""
+    panels = [Panel([Series("Rubin", [5.0], [error], "rubin")], "DOF", "error", rounding=True, share={"y": "error"}, logs="y")
+              for error in (2.6e-3, 1e-13)]
+    for axis in draw(Chart("errors", "Errors", panels, across=2)).axes:
+        assert axis.get_ylim()[0] < 1e-13 and axis.get_ylim()[1] > 2.6e-3

@@ -83,7 +83,8 @@ def draw(chart: Chart) -> Any:
             if (which, word) in shared:
                 getattr(axis, f"share{which}")(shared[which, word])
             shared.setdefault((which, word), axis)
-        labels += _drawn(axis, panel)
+        alike = [other for other in shown if other is panel or ("y" in panel.share and other.share.get("y") == panel.share["y"])]
+        labels += _drawn(axis, panel, [value for other in alike for one in other.series for value in np.asarray(one.y, dtype=float)])
         below, beside = shown[at + across:at + across + 1], shown[at - 1:at] if at % across else []
         axis.set(title=panel.title, **{"xlabel": panel.x} if not below or below[0].x != panel.x else {},
                  **{"ylabel": panel.y} if not beside or beside[0].y != panel.y else {})
@@ -100,8 +101,11 @@ def draw(chart: Chart) -> Any:
     return figure
 
 
-def _drawn(axis: Any, panel: Panel) -> list[Any]:
-    """Draws the series and the levels of a panel; what is returned labels points, those at the ends first."""
+def _drawn(axis: Any, panel: Panel, values: Sequence[float]) -> list[Any]:
+    """Draws the series and the levels of a panel; what is returned labels points, those at the ends first.
+
+    `values` are those of all panels that share its axis of errors.
+    """
     if panel.band:
         axis.axhspan(*panel.band, color="0.88", lw=0, zorder=0)
     axis.set(**{f"{which}scale": "log" for which in panel.logs})
@@ -117,7 +121,7 @@ def _drawn(axis: Any, panel: Panel) -> list[Any]:
         getattr(axis, "axvline" if level.axis == "x" else "axhline")(
             level.at, color=level.colour, ls=DASHES[level.line], lw=0.9, label=level.text or None, zorder=1.5)
     if panel.rounding:
-        rounding_below(axis, [value for one in panel.series for value in np.asarray(one.y, dtype=float)])
+        rounding_below(axis, values)
     axis.set(**{f"{which}lim": limits for which, limits in panel.limits.items()})
     axis.grid(lw=0.4)
     return labels
