@@ -84,7 +84,8 @@ def draw(chart: Chart) -> Any:
                 getattr(axis, f"share{which}")(shared[which, word])
             shared.setdefault((which, word), axis)
         alike = [other for other in shown if other is panel or ("y" in panel.share and other.share.get("y") == panel.share["y"])]
-        labels += _drawn(axis, panel, [value for other in alike for one in other.series for value in np.asarray(one.y, dtype=float)])
+        values = [value for other in alike for one in other.series for value in np.asarray(one.y, dtype=float)]
+        labels += _drawn(axis, panel, values)
         below, beside = shown[at + across:at + across + 1], shown[at - 1:at] if at % across else []
         axis.set(title=panel.title, **{"xlabel": panel.x} if not below or below[0].x != panel.x else {},
                  **{"ylabel": panel.y} if not beside or beside[0].y != panel.y else {})
