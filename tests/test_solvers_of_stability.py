@@ -106,7 +106,7 @@ def test_a_mode_that_the_small_model_gets_wrong_is_told(monkeypatch: pytest.Monk
     """Without refinement the candidates do not solve the full pencil: none is listed, and their places are open."""
     family, band = brake_like(18)
     monkeypatch.setattr(followed, "_newton", lambda over, between, start, x: x[:, None])
-    monkeypatch.setattr(followed, "_verified", lambda over, one, x: (x, followed.error_of(over, one, x)))
+    monkeypatch.setattr(followed, "GOOD", 0.0)
     found = fs.critical_value(family, None, "mu", between=(0.0, 0.01), band=band)
     assert found.open and found.evidence == "not checked"
 
@@ -139,6 +139,9 @@ def test_sweep_takes_any_parameter() -> None:
     border = fs.critical_value(family, None, "mu", between=(0.0, 1.0)).value
     beside = fs.sweep(family, None, "mu", [border - 1e-6, border + 1e-6]).growth
     assert beside[0] < 0 < beside[1]
+    forces = fs.sweep(fs.chain(10, belt=2), fs.Belt(slope=-0.1), "force", [0.1, 0.5, 1.0])  # a negative one would be refused
+    slopes = fs.sweep(fs.chain(10, belt=2), fs.Belt(slope=0.0), "slope", [-0.01, -0.05, -0.1])
+    assert forces.growth == pytest.approx(slopes.growth)
     law = fs.StribeckArctan(eps=1e-2)
     speeds = fs.sweep(fs.chain(10, belt=2), fs.Belt(speed=1.0, law=law), "speed", [0.2, 5.0])
     assert speeds.growth[0] > 0 > speeds.growth[1]

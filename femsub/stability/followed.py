@@ -39,6 +39,7 @@ NEW = 1e-8  # share of a vector outside the basis with which it joins
 ROUNDS = 6  # of refining
 STILL = 1e-9  # of the range: the movement of crossings at which the rounds end
 STEPS = 6  # of Newton's method, each with a factorisation,
+DIFFERENCE = 1e-6  # of the range: the step of the difference for ∂P/∂p
 FAR = 0.05  # of the range: the longest step in p,
 SETTLED = 1e-12  # and the change of ω and p, relatively, at which it ends
 EXACT, GOOD = 1e-11, 1e-8  # backward errors on the full pencil, up to which a crossing is not refined, and is accepted
@@ -105,7 +106,7 @@ def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[
     heights = heights[(heights > band[0]) & (heights < band[1])]
     half = float(np.median(heights)) if len(heights) else sum(band) / 2
     if not band[0] < half < band[1] or min(half - band[0], band[1] - half) < 1e-3 * band[1]:
-        return [_Piece(band, V[:, :room])]
+        return [_Piece(band, V[:, :room])]  # what it lacks shows in the counts
     beside = AROUND * (band[1] - band[0])
     return [*_pieces((band[0], half), (wide[0], half + beside), samples),
             *_pieces((float(np.nextafter(half, np.inf)), band[1]), (half - beside, wide[1]), samples)]
@@ -153,24 +154,26 @@ def _refined(question: Question, piece: _Piece) -> CriticalValue:
     poor: list[tuple[float, float]] = []
     for several, kept in zip((found.losses, found.regains), good, strict=True):
         for one in several:
-            shape, error = _verified(over, one, V @ one.shape)
-            if error <= GOOD:
-                kept.append(replace(one, shape=shape / np.linalg.norm(shape), width=max(one.width, error * (hi - lo))))
+            if (verified := _verified(over, (lo, hi), one, V @ one.shape)) is not None:
+                kept.append(verified)
             else:
                 poor.append((max(lo, one.value - FAR * (hi - lo)), min(hi, one.value + FAR * (hi - lo))))
     return replace(found, losses=tuple(good[0]), regains=tuple(good[1]), open=(*found.open, *poor))
 
 
-def _verified(over: PencilOver, one: Crossing, x: Array) -> tuple[Array, float]:
-    """The shape of a crossing on the full pencil, and its backward error.
+def _verified(over: PencilOver, between: tuple[float, float], one: Crossing, x: Array) -> Crossing | None:
+    """A crossing with its shape on the full pencil, and as wide as Newton's next step would move it; None if it does not hold.
 
     Where two modes coalesce the small pencil tells the shape beside the crossing only; a solution mends it.
     """
-    error = error_of(over, one, x)
-    if error > GOOD and (factor := _factor(over(one.value), 1j * one.omega)) is not None:
+    factor = _factor(over(one.value), 1j * one.omega)
+    if factor is not None and error_of(over, one, x) > GOOD:
         x = factor.solve(factor.solve(x.conj(), transposed=True).conj())  # (PᴴP)⁻¹x: yᴴP'x = 0 at an exceptional point
-        error = error_of(over, one, x)
-    return x, error
+    if factor is None or error_of(over, one, x) > GOOD:
+        return None
+    _, moves = _step(over, between, one, factor, x / np.linalg.norm(x), x.conj())
+    far = 2 * abs(float(moves[1]))
+    return replace(one, shape=x / np.linalg.norm(x), width=max(one.width, far)) if np.isfinite(far) else None
 
 
 def error_of(over: PencilOver, one: Crossing, x: Array) -> float:
@@ -183,34 +186,40 @@ def _newton(over: PencilOver, between: tuple[float, float], start: Crossing, x: 
 
     Where two modes coalesce on the axis Newton's step fails, but its vectors are those that the small model lacks.
     """
-    p, omega, y = start.value, start.omega, x.conj()
-    step = 1e-6 * (between[1] - between[0])
+    at, width, vectors = start, between[1] - between[0], np.stack([x, x.conj()], axis=1)
     for _ in range(STEPS):
-        pencil = over(p)
-        factor = _factor(pencil, 1j * omega)
+        factor = _factor(over(at.value), 1j * at.omega)
         if factor is None:
             break
-        for _ in range(2):  # the first left vector is a guess
-            x = factor.solve(_slope(pencil, omega, x))
-            y = factor.solve(_slope(pencil, omega, y, left=True), transposed=True).conj()
-            x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
-        beside = over(p + step if p + step <= between[1] else p - step)
-        rest, other = (one.residual(np.array([1j * omega]), x[:, None])[:, 0] for one in (pencil, beside))
-        change = (y.conj() @ (other - rest)) / (step if p + step <= between[1] else -step)
-        turning = 1j * (y.conj() @ (2j * omega * (pencil.M @ x) + pencil.D @ x))
-        error = y.conj() @ rest
-        if start.kind == "divergence":
-            moves = np.array([0.0, -error.real / change.real if change.real else np.inf])
-        else:
-            system = np.array([[turning.real, change.real], [turning.imag, change.imag]])
-            with np.errstate(all="ignore"):
-                moves = np.linalg.lstsq(system, -np.array([error.real, error.imag]), rcond=None)[0]
-        if not np.isfinite(moves).all() or abs(moves[1]) > FAR * (between[1] - between[0]) or abs(moves[0]) > FAR * omega:
+        vectors, (turn, move) = _step(over, between, at, factor, vectors[:, 0], vectors[:, 1])
+        if not np.isfinite([turn, move]).all() or abs(move) > FAR * width or abs(turn) > FAR * at.omega:
             break
-        omega, p = omega + float(moves[0]), min(max(p + float(moves[1]), between[0]), between[1])
-        if abs(moves[0]) <= SETTLED * omega and abs(moves[1]) <= SETTLED * (between[1] - between[0]):
+        at = replace(at, omega=at.omega + float(turn), value=min(max(at.value + float(move), between[0]), between[1]))
+        if abs(turn) <= SETTLED * at.omega and abs(move) <= SETTLED * width:
             break
-    return np.stack([x, y], axis=1)
+    return vectors
+
+
+def _step(over: PencilOver, between: tuple[float, float], at: Crossing, factor: ComplexFactor, x: Array, y: Array
+          ) -> tuple[Array, Array]:
+    """Better vectors x and y (n, 2) of the full pencil, and Newton's step (Δω, Δp) with them."""
+    pencil = over(at.value)
+    for _ in range(2):  # the first left vector is a guess
+        x = factor.solve(_slope(pencil, at.omega, x))
+        y = factor.solve(_slope(pencil, at.omega, y, left=True), transposed=True).conj()
+        x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+    aside = DIFFERENCE * (between[1] - between[0])
+    aside = aside if at.value + aside <= between[1] else -aside
+    rest, other = (one.residual(np.array([1j * at.omega]), x[:, None])[:, 0] for one in (pencil, over(at.value + aside)))
+    error, change = y.conj() @ rest, (y.conj() @ (other - rest)) / aside
+    turning = 1j * (y.conj() @ (2j * at.omega * (pencil.M @ x) + pencil.D @ x))
+    if at.kind == "divergence":
+        moves = np.array([0.0, -error.real / change.real if change.real else np.inf])
+    else:
+        system = np.array([[turning.real, change.real], [turning.imag, change.imag]])
+        known = np.isfinite(system).all() and np.isfinite(error)
+        moves = np.linalg.lstsq(system, -np.array([error.real, error.imag]), rcond=None)[0] if known else np.full(2, np.nan)
+    return np.stack([x, y], axis=1), moves
 
 
 def _factor(pencil: Pencil, value: complex) -> ComplexFactor | None:

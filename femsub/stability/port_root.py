@@ -97,9 +97,12 @@ class PortRoot:
 
 
 def port_fed(question: Question) -> Fed | None:
-    """How the parameter feeds a port; None if it does anything else."""
+    """How the parameter feeds a port; None if it does anything else, or if its contact refuses the begin or a value beyond."""
     begin, end = question.between
-    found = question.over.port_damping(begin, min(begin + 1.0, end))
+    try:
+        found = question.over.port_damping(begin, min(begin + 1.0, end))
+    except InputError:
+        return None
     if found is None or not isinstance(question.model, Substructure):
         return None
     pencil = question.over(begin)

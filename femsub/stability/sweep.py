@@ -109,8 +109,9 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     p = np.atleast_1d(real_array("values", values))
     if p.ndim != 1 or p.size == 0:
         raise InputError("values must be a flat, non-empty sequence of finite numbers")
-    question = question_of(model, contacts, parameter, (0.0, -np.inf), band)
-    limits, pencil = question.band, question.over(-p[0])
+    sign = -1.0 if p.sum() < 0 else 1.0  # of the values: a contact may refuse those of the other sign
+    question = question_of(model, contacts, parameter, (0.0, sign * np.inf), band)
+    limits, pencil = question.band, question.over(sign * p[0])
     growth, omega = np.empty(len(p)), np.empty(len(p))
     if pencil.is_sparse and pencil.size > QUADRATIC and band is None:
         raise InputError(f"a sparse model of {pencil.size} DOF needs a band: give band=(lo, hi) in rad per unit of time")
@@ -125,8 +126,8 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
         return StabilitySweep(parameter, p, growth, omega, limits)
     few = pencil.size <= QUADRATIC if pencil.is_sparse else band is None or not is_narrow(pencil, limits[1])
     whole, fast = np.zeros(len(p), dtype=bool), np.zeros(len(p), dtype=bool)
-    if (fed := port_fed(question)) is not None and fed.s < 0:
-        c, pencil = -fed.s * p, fed.pencil
+    if (fed := port_fed(question)) is not None:
+        c, pencil = fed.s * sign * p, fed.pencil
         fast = np.zeros(len(p), dtype=bool) if few else _fast(pencil, fed.W, c, limits[1])
         whole = np.full(len(p), few) if few or pencil.is_sparse else fast.copy()
         form = modal_form(pencil.dense()) if whole.any() else None
@@ -140,7 +141,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     untold = fast & pencil.is_sparse
     for i in np.flatnonzero(~whole):
         searched = None if few or (fast[i] and not untold[i]) else limits
-        modes = complex_modes(question.over(-p[i]), band=searched, evidence=False)
+        modes = complex_modes(question.over(sign * p[i]), band=searched, evidence=False)
         growth[i], omega[i] = _leading(modes.eigenvalues[~modes.rigid], limits)
     if untold.any():
         warn(f"at {parameter} of {p[untold].max():.4g} and below, max Re λ may be larger than reported. In a large "
