@@ -164,9 +164,22 @@ def rounding_below(axis: Any, errors: Iterable[float]) -> None:
 def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
     """Texts beside points: (axis, x, y, text, colour). They cover no mark and no other text; where there is no room, none stands.
 
-    Those of the first points are placed first.
+    Those of the first points are placed first. They stand once the figure is drawn, for then only have its axes their places.
     """
-    figure.draw_without_rendering()  # the axes have their places now
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    class Labelled(ConstrainedLayoutEngine):  # type: ignore[misc]
+        waiting = labels
+
+        def execute(self, fig: Any) -> None:
+            super().execute(fig)
+            _put_labels(fig, self.waiting)
+            self.waiting = ()
+
+    figure.set_layout_engine(Labelled())
+
+
+def _put_labels(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
     pixels = figure.dpi / 72
     for axis in dict.fromkeys(label[0] for label in labels):
         frame = axis.get_window_extent()
