@@ -53,6 +53,7 @@ SMALL = {
     "ziegler": 'damping = [0.0, 0.1]\npoints = 11\n',
 }
 CHAIN = 'belts = [2]\nsizes = [3, 5]\noutputs = ["critical-slope", "size-sweep"]\nfigures = false\n'
+SHORT = {"solid": SMALL["solid"] + 'outputs = ["modes"]\n', "matrices": SMALL["matrices"] + 'outputs = ["eigenvalues"]\n'}
 CLOCK = {"date", "sha256", "sentence", "seconds", "seconds_per_period", "speedup", "recommended", "pareto",  # by the clock
          "verdict"}
 
@@ -107,7 +108,7 @@ def without_folders(inputs: Any) -> Any:
             for key, value in inputs.items()}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", SMALL)
 def test_a_run_is_repeated_from_its_results_and_told_in_100_columns(
         tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -163,7 +164,7 @@ def test_the_package_that_factorised_is_told(tmp_path: Path) -> None:
                                                ("matrices", "M.npz")])
 def test_a_file_that_has_changed_since_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str,
                                                changed: str) -> None:
-    assert main(["run", scene_file(tmp_path, name), "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", scene_file(tmp_path, name, SHORT[name]), "--no-figures", "--out", str(tmp_path / "out")]) == 0
     capsys.readouterr()
     with (tmp_path / changed).open("ab") as file:
         file.write(b"\n")
@@ -174,7 +175,7 @@ def test_a_file_that_has_changed_since_is_told(tmp_path: Path, capsys: pytest.Ca
 
 @pytest.mark.parametrize("name", ["solid", "matrices"])
 def test_files_beside_the_results_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
-    assert main(["run", scene_file(tmp_path / "there", name), "--no-figures", "--out", str(tmp_path / "there" / "out")]) == 0
+    assert main(["run", scene_file(tmp_path / "there", name, SHORT[name]), "--no-figures", "--out", str(tmp_path / "there" / "out")]) == 0
     (tmp_path / "sent").mkdir()
     shutil.copy(tmp_path / "there" / "out" / "results.json", tmp_path / "sent")
     needed = [Path(item["path"]).name for item in results(tmp_path / "sent")["files"]]

@@ -98,6 +98,7 @@ def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert "SLEPc, MUMPS" in text and "half a table" not in text
 
 
+@pytest.mark.slow
 def test_certificates_cost_less_than_what_they_certify(tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "scripts" / "certificates.py"), "--models", "chain 10", "solid 3,000", "--repeats", "1",
                "--out", str(tmp_path)]
