@@ -175,7 +175,8 @@ def test_a_file_that_has_changed_since_is_told(tmp_path: Path, capsys: pytest.Ca
 
 @pytest.mark.parametrize("name", ["solid", "matrices"])
 def test_files_beside_the_results_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
-    assert main(["run", scene_file(tmp_path / "there", name, SHORT[name]), "--no-figures", "--out", str(tmp_path / "there" / "out")]) == 0
+    scene = scene_file(tmp_path / "there", name, SHORT[name])
+    assert main(["run", scene, "--no-figures", "--out", str(tmp_path / "there" / "out")]) == 0
     (tmp_path / "sent").mkdir()
     shutil.copy(tmp_path / "there" / "out" / "results.json", tmp_path / "sent")
     needed = [Path(item["path"]).name for item in results(tmp_path / "sent")["files"]]
