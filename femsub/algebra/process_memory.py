@@ -24,9 +24,8 @@ def available() -> float | None:
     try:
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
         found.append(1024.0 * int(lines["MemAvailable"].split()[0]))
-    except (OSError, KeyError, ValueError):
-        if hasattr(os, "sysconf") and "SC_AVPHYS_PAGES" in os.sysconf_names:
-            found.append(float(os.sysconf("SC_AVPHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
+    except (OSError, KeyError, ValueError):  # no Linux
+        pass
     try:  # a container's own limit
         group = Path("/sys/fs/cgroup")
         found.append(float((group / "memory.max").read_text()) - float((group / "memory.current").read_text()))
