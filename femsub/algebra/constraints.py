@@ -46,7 +46,7 @@ class Freed:
 
         found = np.zeros((pencil.size, len(values)), dtype=complex)
         found[self.rest] = x
-        unit = _units(pencil)[self.rest]
+        unit = units(pencil.M.diagonal(), pencil.K.diagonal())[0][self.rest]
         C = sp.csc_array(sp.csr_array(pencil.K)[self.rest][:, self.held].multiply(unit[:, None]))
         size = np.sqrt(C.multiply(C).sum(axis=0))
         C = sp.csc_array(C / size)
@@ -70,7 +70,7 @@ def freed(pencil: Pencil) -> Freed | None:
         return None
     rest, K = np.setdiff1d(np.arange(pencil.size), held), sp.csr_array(pencil.K)
     B, C = sp.csr_array(K[held][:, rest]), sp.csr_array(K[rest][:, held].T)
-    unit = _units(pencil)[rest]
+    unit = units(pencil.M.diagonal(), pencil.K.diagonal())[0][rest]
     X = _motions(B, unit, held)
     Y = X if same(B, C) else _motions(C, unit, held)
     if not X.shape[1]:
@@ -95,10 +95,6 @@ def _multipliers(pencil: Pencil) -> Array:
         others = linked.indices[linked.indptr[row]:linked.indptr[row + 1]]
         taken[row] = not taken[others[others < row]].any()
     return still[taken]
-
-
-def _units(pencil: Pencil) -> Array:
-    return units(np.abs(pencil.M.diagonal()), pencil.K.diagonal())[0]
 
 
 def _motions(B: Matrix, unit: Array, held: Array) -> Matrix:
