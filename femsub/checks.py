@@ -95,9 +95,9 @@ def finite_number(name: str, value: Any) -> float:
     try:
         number = float(value)
     except OverflowError:
-        raise InputError(f"{name} is larger than a floating-point number can be: {shown(value)}") from None
+        number = math.inf
     if not math.isfinite(number):
-        raise InputError(f"{name} must be a finite number, not {value!r}")
+        raise InputError(f"{name} must be a finite number, not {shown(value)}")
     return number
 
 

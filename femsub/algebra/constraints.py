@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.elimination import LEAST, Equations, eliminate, product, units
+from femsub.algebra.elimination import LEAST, Equations, eliminate, masked, product, units
 from femsub.algebra.matrices import is_symmetric, same, unit_length
 from femsub.algebra.rigid_motion import Restricted, changed
 from femsub.checks import Array, Matrix
@@ -113,9 +113,7 @@ def _projected(pencil: Pencil, rest: Array, X: Matrix, Y: Matrix) -> Pencil:
         own = A[rest][:, rest] if sp.issparse(A) else A[np.ix_(rest, rest)]
         found = product(Y.T, product(own, X))
         size = product(abs(Y.T), product(abs(own), abs(X)))
-        found = found.multiply(abs(found) > LEAST * size) if sp.issparse(found) else np.where(np.abs(found) > LEAST * size,
-                                                                                               found, 0.0)
-        found = sp.csr_array(found) if sp.issparse(found) else found
+        found = masked(found, abs(found) > LEAST * size)
         return (found + found.T) / 2 if X is Y and is_symmetric(own) else found
 
     found = type(pencil)(*(between(A) for A in (pencil.M, pencil.D, pencil.K)))

@@ -238,8 +238,12 @@ def _rank(R: Array) -> int:
 
 def links_without_rounding(B: Matrix, unit: Array, whole: Array) -> Matrix:
     """Motions B x, (m, n), with 0 for rounding; `whole` (m,) is their size at unit energy before the joints."""
-    keep = abs(B) * unit > ROUNDING * whole[:, None]
-    return B.multiply(keep) if sp.issparse(B) else np.where(keep, B, 0.0)
+    return masked(B, abs(B) * unit > ROUNDING * whole[:, None])
+
+
+def masked(A: Matrix, keep: Matrix) -> Matrix:
+    """A with 0 where `keep` is not True."""
+    return sp.csr_array(A.multiply(keep)) if sp.issparse(A) else np.where(keep, A, 0.0)
 
 
 def independent(equations: Equations, size: Array) -> Array:
@@ -281,8 +285,8 @@ def without_dust(A: Matrix, bound: Array) -> Matrix:
     dust = A.diagonal() <= LEAST * bound
     if not A.diagonal()[dust].any():
         return A
-    kept = (~dust).astype(float)
-    return sp.csr_array(A.multiply(kept[:, None]).multiply(kept)) if sp.issparse(A) else kept[:, None] * A * kept
+    kept = ~dust
+    return masked(masked(A, kept[:, None]), kept)
 
 
 def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:

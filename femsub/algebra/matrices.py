@@ -69,17 +69,13 @@ def is_symmetric(matrix: Matrix) -> bool:
     """Whether A = Aᵀ exactly."""
     if sp.issparse(matrix):
         other = matrix.T.tocsr()  # canonical, as `matrix` is
-        if np.array_equal(matrix.indptr, other.indptr) and np.array_equal(matrix.indices, other.indices):
-            return np.array_equal(matrix.data, other.data)
-        return (matrix != other).nnz == 0
+        return same(matrix, other) or (matrix != other).nnz == 0
     return bool(np.array_equal(matrix, matrix.T))
 
 
 def is_identity(matrix: Matrix) -> bool:
     """Whether a sparse A in canonical form is the unit matrix."""
-    places = np.arange(matrix.shape[0])
-    return bool(matrix.shape[0] == matrix.shape[1] == matrix.nnz and np.array_equal(matrix.indices, places)
-                and np.array_equal(matrix.indptr[:-1], places) and (matrix.data == 1.0).all())
+    return matrix.shape[0] == matrix.shape[1] and same(matrix, sp.eye_array(matrix.shape[0], format="csr"))
 
 
 def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:

@@ -273,12 +273,11 @@ def sizes(Z: Array, unit: Array, least: float = LEAST) -> Array:
     return size + least * unit[:, None] * (size / unit[:, None]).max(axis=0, initial=0.0)
 
 
-def _stacked(blocks: list[tuple[Any, Any]], columns: int) -> tuple[Array, Array]:
+def _stacked(blocks: list[tuple[Matrix, Matrix]], columns: int) -> tuple[Array, Array]:
     """Conditions and their sizes below each other, dense, (m, columns) each."""
-    none = [np.zeros((0, columns))]
-    one, other = ([A.toarray() if sp.issparse(A) else np.asarray(A) for A in side] for side in zip(*blocks, strict=True)) \
-        if blocks else ([], [])
-    return np.vstack(none + one), np.vstack(none + other)
+    none = sp.csr_array((0, columns))
+    one, other = (sp.vstack([none, *(block[side] for block in blocks)]).toarray() for side in (0, 1))
+    return one, other
 
 
 def null_space(B: Array, size: Array) -> Array | None:

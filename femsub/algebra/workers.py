@@ -16,6 +16,7 @@ import subprocess
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import import_module
 from multiprocessing import current_process
 from pathlib import Path
@@ -115,12 +116,12 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
         return {name: call(*arguments) for name, arguments in tasks.items()}
     sent = sum(_bytes((call, arguments), f"{what} {name!r}") for name, arguments in tasks.items())
     with task_folder(MEMORY if executor is None and has_room(sent) else Path(gettempdir())) as folder:
-        run = _Run(tasks, Path(folder), what)
         _store(Path(folder, "call"), call)
+        results = partial(_results, tasks, Path(folder), what, advice)
         if executor is not None:
-            return run.results([executor] * len(tasks), None, advice)
+            return results([executor] * len(tasks))
         with _processes(folder) as started:
-            return run.results(started(count), started, advice)
+            return results(started(count), started)
 
 
 def fitting(needs: Mapping[str, float], count: int, what: str) -> int:
@@ -136,75 +137,59 @@ def fitting(needs: Mapping[str, float], count: int, what: str) -> int:
     return fits
 
 
-class _Run:
-    """The tasks of one call, and what has become of them."""
+def _results(tasks: Mapping[str, tuple[Any, ...]], folder: Path, what: str, advice: str, free: list[Executor],
+             restart: Callable[[int], list[Executor]] | None = None) -> dict[str, Any]:
+    """Give each free executor a task until all are done; `restart` replaces one whose process has died."""
+    from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 
-    def __init__(self, tasks: Mapping[str, tuple[Any, ...]], folder: Path, what: str) -> None:
-        self.tasks, self.folder, self.what = tasks, folder, what
-        self.done: dict[str, Any] = {}
-        self.lost: dict[str, BaseException] = {}
-        self.told: list[Warning] = []
-
-    def results(self, free: list[Executor], restart: Callable[[int], list[Executor]] | None, advice: str) -> dict[str, Any]:
-        """Give each free executor a task until all are done; `restart` replaces one whose process has died."""
-        from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
-
-        waiting = list(enumerate(self.tasks))
-        running: dict[Future[None], tuple[str, Executor, Path]] = {}
-        try:
-            while waiting or running:
-                while waiting and free:
-                    (number, name), lane = waiting.pop(0), free.pop()
-                    path = _store(self.folder / str(number), self.tasks[name])
-                    try:
-                        running[lane.submit(_run, str(path), f"{self.what} {name!r}")] = name, lane, path
-                    except BrokenExecutor as error:
-                        self.lost[name] = error
-                    except RuntimeError as error:
-                        raise InputError(f"the executor takes no task: {error}") from error
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    name, lane, path = running.pop(future)
-                    self._taken(future, name, path)
-                    broken = isinstance(self.lost.get(name), BrokenExecutor)
-                    if broken and restart and waiting:
-                        free += restart(1)
-                    elif not broken:
-                        free.append(lane)
-        finally:
-            for future in running:
-                future.cancel()
-        for warning in self.told:
-            warn(warning)
-        if self.lost:
-            raise self._error(advice)
-        return self.done
-
-    def _taken(self, future: Any, name: str, path: Path) -> None:
-        try:
-            future.result()
-        except Exception as error:
-            of_task = any(note.startswith("in the worker") for note in getattr(error, "__notes__", ()))
-            if of_task and not isinstance(error, MemoryError):
-                raise  # as it would be without workers
-            self.lost[name] = error
-        else:
-            self.done[name], told = load(_result(path))
-            self.told += told
-            log.info("%s %r is done, %d of %d: %r", self.what, name, len(self.done), len(self.tasks), self.done[name])
-        shutil.rmtree(path)
-
-    def _error(self, advice: str) -> WorkerError:
-        from concurrent.futures import BrokenExecutor
-
-        names, cause = list(self.lost), next(iter(self.lost.values()))
-        which = f"the {self.what} {names[0]!r}" if len(names) == 1 else f"the {self.what}s {', '.join(map(repr, names))}"
-        why = "ran out of memory" if isinstance(cause, MemoryError) else \
-            "ended, killed or out of memory" if isinstance(cause, BrokenExecutor) else "failed"
-        error = WorkerError(f"no result for {which}: the worker process {why} ({type(cause).__name__}: {cause}). The results of "
-                            f"the other {len(self.done)} of {len(self.tasks)} are in this error's .done. {advice}", names[0],
-                            self.done)
-        error.__cause__ = cause
-        return error
+    waiting = list(enumerate(tasks))
+    running: dict[Future[None], tuple[str, Executor, Path]] = {}
+    done: dict[str, Any] = {}
+    lost: dict[str, Exception] = {}
+    told: list[Warning] = []
+    try:
+        while waiting or running:
+            while waiting and free:
+                (number, name), lane = waiting.pop(0), free.pop()
+                path = _store(folder / str(number), tasks[name])
+                try:
+                    running[lane.submit(_run, str(path), f"{what} {name!r}")] = name, lane, path
+                except BrokenExecutor as error:
+                    lost[name] = error
+                except RuntimeError as error:
+                    raise InputError(f"the executor takes no task: {error}") from error
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                name, lane, path = running.pop(future)
+                next_lane = [lane]
+                try:
+                    future.result()
+                    done[name], warnings_of_task = load(_result(path))
+                except BrokenExecutor as error:
+                    lost[name] = error
+                    next_lane = restart(1) if restart and waiting else []
+                except Exception as error:
+                    of_task = any(note.startswith("in the worker") for note in getattr(error, "__notes__", ()))
+                    if of_task and not isinstance(error, MemoryError):
+                        raise  # as it would be without workers
+                    lost[name] = error
+                else:
+                    told += warnings_of_task
+                    log.info("%s %r is done, %d of %d: %r", what, name, len(done), len(tasks), done[name])
+                shutil.rmtree(path)
+                free += next_lane
+    finally:
+        for future in running:
+            future.cancel()
+    for warning in told:
+        warn(warning)
+    if not lost:
+        return done
+    cause = next(iter(lost.values()))
+    which = f"the {what}{'s' * (len(lost) > 1)} {', '.join(map(repr, lost))}"
+    why = "ran out of memory" if isinstance(cause, MemoryError) else \
+        "ended, killed or out of memory" if isinstance(cause, BrokenExecutor) else "failed"
+    raise WorkerError(f"no result for {which}: the worker process {why} ({type(cause).__name__}: {cause}). The results of the "
+                      f"other {len(done)} of {len(tasks)} are in this error's .done. {advice}", next(iter(lost)), done) from cause
 
 
 @contextmanager

@@ -150,7 +150,8 @@ class Pencil(Frozen):
         A number c stands for c times the unit matrix. What does not change is shared and not checked again. A sparse C stands
         for a surface, with too many columns to count with: it becomes part of `K0`.
         """
-        found, K0, contacts = self, self.K0, self.contacts
+        found, K0 = self, self.K0
+        contacts: tuple[Any, ...] = self.contacts
         surface = sp.issparse(damping) or sp.issparse(stiffness)
         if _any(stiffness):
             added = contact_matrix(W, stiffness)
