@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import warnings
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,9 +16,6 @@ from femsub.algebra.petsc import Factor, Kind
 from femsub.algebra.shared import FACTOR_BYTES, drop, forget, shared
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
-
-if TYPE_CHECKING:
-    from femsub.model import Pencil, Substructure
 
 log = logging.getLogger(__name__)
 
@@ -140,9 +137,9 @@ def forget_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float =
     forget(*_key(K, kind, M, sigma))
 
 
-def release(model: Pencil | Substructure) -> None:
-    """Gives up all that is shared of a model's matrices: its factors go as soon as nobody works with them."""
-    pencil: Any = getattr(model, "pencil", model)
+def release(model: Any) -> None:
+    """Gives up all that is shared of the matrices of a model or pencil: its factors go as soon as nobody works with them."""
+    pencil = getattr(model, "pencil", model)
     drop(model.M, model.K, pencil.M, pencil.K)
 
 

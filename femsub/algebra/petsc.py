@@ -405,6 +405,7 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
     `known` (n, m), M-orthonormal, is kept out of the search. Φ is M-normalised.
     """
     PETSc, SLEPc = load()
+    known = np.zeros((factor.size, 0)) if known is None else known
     with ExitStack() as stack:
         mats = [_until(stack, _matrix(part)) for part in (K, M)]
         st = _until(stack, SLEPc.ST().create(PETSc.COMM_SELF))
@@ -417,26 +418,25 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
         eps.setTarget(sigma)
         eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-        room = factor.size - (0 if known is None else known.shape[1])
-        eps.setDimensions(count, min(room, max(2 * count, count + 15)))
+        eps.setDimensions(count, min(factor.size - known.shape[1], max(2 * count, count + 15)))
         eps.setTolerances(tol, most)
         eps.setPurify(False)  # done below, in one block and between two deflations
         eps.setInitialSpace(_vectors(stack, mats[0], _start(factor.size, seed)))
-        if known is not None and known.shape[1]:
+        if known.shape[1]:
             eps.setDeflationSpace(_vectors(stack, mats[0], known))
         found = _solve(eps, count, tol, "modes", "check")
         values, shapes = _collect(stack, mats[0], found, lambda i, xr, xi: eps.getEigenpair(i, xr, xi).real, real=True)
     return values, _purified(factor, M, shapes, known)
 
 
-def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array | None) -> Array:
+def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array) -> Array:
     """x ← (K - σM)⁻¹Mx, M-normalised: takes out what lies in the null space of M, where Krylov vectors are arbitrary.
 
     It also blows up what is left of the `known` shapes, by 1/|σ|: with rigid-body modes and σ = -1e-7, 1e-9 of them in
     the Krylov vectors would come out as 1e-2 of each mode. So they are projected out before and after.
     """
     def deflated(x: Array) -> Array:
-        return x if known is None or not known.shape[1] else x - known @ (known.T @ (M @ x))
+        return x - known @ (known.T @ (M @ x)) if known.shape[1] else x
 
     x = deflated(factor.solve(M @ deflated(shapes)))
     return x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))

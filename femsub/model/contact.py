@@ -147,12 +147,10 @@ def contacts_of(contacts: Any) -> tuple[Contact, ...]:
     given = [contacts] if isinstance(contacts, Contact) and not isinstance(contacts, type) else \
         items("contacts", contacts, "Belts or other contacts, or one of them")
     for contact in given:
-        if isinstance(contact, Frozen) and hasattr(contact, "pencil"):  # it has ports and linearised(), too
-            raise InputTypeError("contacts must be a Belt, a LinearContact or other contacts, but a model was given: "
-                                 f"{shown(contact)}. Join models with couple")
-        if isinstance(contact, type) or not isinstance(contact, Contact):
+        model = hasattr(type(contact), "pencil")  # it has ports and linearised(), too
+        if model or isinstance(contact, type) or not isinstance(contact, Contact):
             raise InputTypeError("a contact must be a Belt, a LinearContact or another object with `ports` and "
-                                 f"linearised(model), not {shown(contact)}")
+                                 f"linearised(model), not {shown(contact)}{'. Join models with couple' * model}")
     return tuple(given)
 
 
@@ -183,10 +181,10 @@ def affine_fields(contact: Any) -> tuple[str, ...]:
     """The fields in which a contact's own class says that its matrices are affine."""
     if "affine" not in vars(type(contact)):
         return ()
-    names, what = contact.affine, f"`affine` of {type(contact).__name__}"
-    for name in (names := tuple(items(what, names, "names of its fields"))):
-        if not hasattr(contact, word(what, name)):
-            raise InputError(f"{what} names {name!r}, which it has not")
+    what = f"`affine` of {type(contact).__name__}"
+    names = tuple(word(what, name) for name in items(what, contact.affine, "names of its fields"))
+    if missing := [name for name in names if not hasattr(contact, name)]:
+        raise InputError(f"{what} names {missing[0]!r}, which it has not")
     return names
 
 
