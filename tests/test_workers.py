@@ -254,7 +254,7 @@ def test_a_full_disk_is_told(threads: ThreadPoolExecutor, monkeypatch: pytest.Mo
         raise OSError(28, "No space left on device")
 
     whole = system(2)
-    monkeypatch.setattr(workers, "store", full)
+    monkeypatch.setattr("numpy.save", full)
     with pytest.raises(fs.NotEnoughMemoryError, match=r"No space left on device.*TMPDIR"):
         fs.reduce(whole, methods(whole), executor=threads)
 

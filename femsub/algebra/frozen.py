@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, Self
@@ -28,7 +27,8 @@ class Frozen:
 
     def _with(self, **changed: Any) -> Self:
         """A copy with changed fields, without new checks. A cached value that is known already can be given as well."""
-        found = copy(self)
+        found = object.__new__(type(self))  # `copy` would go through the fields' arrays again, which takes 100 µs
+        vars(found).update({item.name: getattr(self, item.name) for item in fields(self)})  # type: ignore[arg-type]
         found._set(**changed)
         return found
 

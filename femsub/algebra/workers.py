@@ -116,7 +116,7 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
         return {name: call(*arguments) for name, arguments in tasks.items()}
     sent = sum(_bytes((call, arguments), f"{what} {name!r}") for name, arguments in tasks.items())
     with task_folder(MEMORY if executor is None and has_room(sent) else Path(gettempdir())) as folder:
-        _store(Path(folder, "call"), call)
+        store(Path(folder, "call"), call)
         results = partial(_results, tasks, Path(folder), what, advice)
         if executor is not None:
             return results([executor] * len(tasks))
@@ -151,7 +151,7 @@ def _results(tasks: Mapping[str, tuple[Any, ...]], folder: Path, what: str, advi
         while waiting or running:
             while waiting and free:
                 (number, name), lane = waiting.pop(0), free.pop()
-                path = _store(folder / str(number), tasks[name])
+                path = store(folder / str(number), tasks[name])
                 try:
                     running[lane.submit(_run, str(path), f"{what} {name!r}")] = name, lane, path
                 except BrokenExecutor as error:
@@ -265,7 +265,7 @@ def _run(path: str, name: str) -> None:
             with one_thread(True), warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 result = call(*arguments)
-            _store(_result(Path(path)), (result, [one.message for one in told if issubclass(one.category, FORWARDED)]))
+            store(_result(Path(path)), (result, [one.message for one in told if issubclass(one.category, FORWARDED)]))
         except Exception as error:
             error.add_note(f"in the worker of the {name}")
             raise
@@ -316,15 +316,6 @@ def has_room(sent: int) -> bool:
         shutil.disk_usage(MEMORY).free > ROOM * sent
 
 
-def _store(path: Path, thing: Any) -> Path:
-    """The same as `store`, with an error that tells what to do if there is no room."""
-    try:
-        return store(path, thing)
-    except OSError as error:
-        raise NotEnoughMemoryError(f"{path.parent.parent} cannot take what workers share ({error}). Set TMPDIR to a folder with "
-                                   "more room") from None
-
-
 class _Stored(pickle.Pickler):
     """A pickle in a folder, and beside it each array in a file of its own."""
 
@@ -340,10 +331,14 @@ class _Stored(pickle.Pickler):
 
 
 def store(folder: Path, thing: Any) -> Path:
-    """Write an object to a new folder that `load` reads."""
-    folder.mkdir()
-    with (folder / PICKLE).open("wb") as file:
-        _Stored(folder, file).dump(thing)
+    """Write an object to a new folder that `load` reads; an error tells what to do if there is no room."""
+    try:
+        folder.mkdir()
+        with (folder / PICKLE).open("wb") as file:
+            _Stored(folder, file).dump(thing)
+    except OSError as error:
+        raise NotEnoughMemoryError(f"{folder.parent.parent} cannot take what workers share ({error}). Set TMPDIR to a folder "
+                                   "with more room") from None
     return folder
 
 
