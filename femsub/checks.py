@@ -95,9 +95,9 @@ def finite_number(name: str, value: Any) -> float:
     try:
         number = float(value)
     except OverflowError:
-        raise InputError(f"{name} is larger than a floating-point number can be: {shown(value)}") from None
+        number = math.inf
     if not math.isfinite(number):
-        raise InputError(f"{name} must be a finite number, not {value!r}")
+        raise InputError(f"{name} must be a finite number, not {shown(value)}")
     return number
 
 
@@ -178,14 +178,9 @@ def interval(name: str, value: Any) -> tuple[float, float]:
 
 def check_band(band: object) -> tuple[float, float]:
     """A band (lo, hi) with 0 ≤ lo < hi, in radians per unit of time."""
-    try:
-        if isinstance(band, (set, dict)):
-            raise TypeError
-        lo, hi = (float(edge) for edge in band)  # type: ignore[attr-defined]
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"band must be a pair (lo, hi) in rad per unit of time, not {shown(band)}") from None
-    if not (0 <= lo < hi < math.inf):
-        raise InputError(f"band must satisfy 0 <= lo < hi < inf, but is ({lo!r}, {hi!r})")
+    lo, hi = interval("band", band)
+    if lo < 0:
+        raise InputError(f"band must be (lo, hi) with 0 <= lo, in rad per unit of time, but is ({lo:g}, {hi:g})")
     return lo, hi
 
 
@@ -201,6 +196,16 @@ def real_array(name: str, value: Any, finite: bool = True) -> np.ndarray:
         at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InputError(f"{name} holds a NaN or Inf, first at index {at[0] if len(at) == 1 else at}")
     return array
+
+
+def whole_numbers(name: str, value: Any) -> np.ndarray:
+    """A flat array of integers from a list or an array; it may be empty."""
+    import numpy as np
+
+    raw = rows(name, value if isinstance(value, np.ndarray) else items(name, value, "whole numbers"))
+    if raw.ndim != 1 or (raw.size and raw.dtype.kind not in "iu"):
+        raise InputTypeError(f"{name} must be a flat list of whole numbers, not {shown(value)}")
+    return raw if raw.size else raw.astype(np.intp)
 
 
 def rows(name: str, value: Any) -> np.ndarray:

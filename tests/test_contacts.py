@@ -79,7 +79,7 @@ def test_what_has_no_answer_is_refused() -> None:
 def test_a_model_is_no_contact() -> None:
     chain = fs.chain(4, belt=2)
     for given in (chain, [BELT, chain], fs.reduce(chain, fs.CraigChang(2), ports=True)):
-        with pytest.raises(fs.InputTypeError, match=r"contacts must be a Belt.*but a model was given.*couple"):
+        with pytest.raises(fs.InputTypeError, match=r"a contact must be a Belt.*Join models with couple"):
             fs.complex_modes(chain, given)
 
 

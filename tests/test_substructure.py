@@ -40,12 +40,12 @@ def changed(matrix: np.ndarray, at: tuple[int, int], value: float) -> np.ndarray
     ({"interface": [0, 0]}, "interface DOF 0 is listed 2 times"),
     ({"interface": [3]}, "interface DOF 3 is out of range: the model has 3 DOF"),
     ({"interface": [-1]}, "interface DOF -1 is out of range"),
-    ({"interface": [0.5]}, "interface must be a flat sequence of integers"),
-    ({"interface": 0}, "interface must be a sequence"),
+    ({"interface": [0.5]}, "interface must be a flat list of whole numbers"),
+    ({"interface": 0}, "interface must be a list of whole numbers"),
     ({"ports": {"belt": np.ones(2)}}, r"port 'belt' has the shape \(2,\)"),
-    ({"ports": {"belt": [1.0, np.nan, 0.0]}}, "port 'belt' holds a NaN or Inf, first at row 1"),
-    ({"ports": {"belt": "m1"}}, "port 'belt' must be a real column"),
-    ({"ports": [1.0, 0, 0]}, "ports must map names to columns"),
+    ({"ports": {"belt": [1.0, np.nan, 0.0]}}, "port 'belt' holds a NaN or Inf, first at index 1"),
+    ({"ports": {"belt": "m1"}}, "port 'belt' must be real numbers"),
+    ({"ports": [1.0, 0, 0]}, "ports must be a dict of names and columns"),
 ])
 def test_bad_input_is_named(arguments: dict, words: str) -> None:
     with pytest.raises((ValueError, TypeError), match=words) as caught:
@@ -255,7 +255,7 @@ def test_a_contact_of_a_pencil_keeps_its_columns() -> None:
 @pytest.mark.parametrize(("changes", "words"), [
     ({"V": None}, "V must be real numbers, not None"), ({"V": np.eye(4)}, r"V must have a row per DOF .* \(4, 4\)"),
     ({"V": np.ones(3)}, r"V must have a row per DOF"), ({"full_interface": [3]}, "interface DOF 3 is out of range"),
-    ({"full_interface": None}, "interface must be a sequence")])
+    ({"full_interface": None}, "interface must be a list of whole numbers")])
 def test_a_reduced_model_of_ones_own_needs_a_basis_that_fits(changes: dict, words: str) -> None:
     given = {"V": np.eye(3), "kinds": ["free"] * 3, "full_interface": [0], "cutoff": 1.0, "method": "mine"}
     assert fs.ReducedSubstructure(M, K, None, {}, "part", **given).interface.tolist() == [0]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.elimination import LEAST, Equations, eliminate, product, units
+from femsub.algebra.elimination import LEAST, Equations, eliminate, masked, product, units
 from femsub.algebra.matrices import is_symmetric, same, unit_length
 from femsub.algebra.rigid_motion import Restricted, changed
 from femsub.checks import Array, Matrix
@@ -46,7 +46,7 @@ class Freed:
 
         found = np.zeros((pencil.size, len(values)), dtype=complex)
         found[self.rest] = x
-        unit = _units(pencil)[self.rest]
+        unit = units(pencil.M.diagonal(), pencil.K.diagonal())[0][self.rest]
         C = sp.csc_array(sp.csr_array(pencil.K)[self.rest][:, self.held].multiply(unit[:, None]))
         size = np.sqrt(C.multiply(C).sum(axis=0))
         C = sp.csc_array(C / size)
@@ -70,7 +70,7 @@ def freed(pencil: Pencil) -> Freed | None:
         return None
     rest, K = np.setdiff1d(np.arange(pencil.size), held), sp.csr_array(pencil.K)
     B, C = sp.csr_array(K[held][:, rest]), sp.csr_array(K[rest][:, held].T)
-    unit = _units(pencil)[rest]
+    unit = units(pencil.M.diagonal(), pencil.K.diagonal())[0][rest]
     X = _motions(B, unit, held)
     Y = X if same(B, C) else _motions(C, unit, held)
     if not X.shape[1]:
@@ -97,10 +97,6 @@ def _multipliers(pencil: Pencil) -> Array:
     return still[taken]
 
 
-def _units(pencil: Pencil) -> Array:
-    return units(np.abs(pencil.M.diagonal()), pencil.K.diagonal())[0]
-
-
 def _motions(B: Matrix, unit: Array, held: Array) -> Matrix:
     """X (n, k), sparse, that spans all x with Bx = 0."""
     found = eliminate(Equations(B, unit, np.zeros(len(unit), dtype=bool), held), lambda *_: None)
@@ -117,9 +113,7 @@ def _projected(pencil: Pencil, rest: Array, X: Matrix, Y: Matrix) -> Pencil:
         own = A[rest][:, rest] if sp.issparse(A) else A[np.ix_(rest, rest)]
         found = product(Y.T, product(own, X))
         size = product(abs(Y.T), product(abs(own), abs(X)))
-        found = found.multiply(abs(found) > LEAST * size) if sp.issparse(found) else np.where(np.abs(found) > LEAST * size,
-                                                                                               found, 0.0)
-        found = sp.csr_array(found) if sp.issparse(found) else found
+        found = masked(found, abs(found) > LEAST * size)
         return (found + found.T) / 2 if X is Y and is_symmetric(own) else found
 
     found = type(pencil)(*(between(A) for A in (pencil.M, pencil.D, pencil.K)))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -36,26 +37,29 @@ class Equations:
         Which coordinates are displacements of a DOF, and no amplitudes of shapes.
     owner : ndarray of int, shape (m,)
         Which joint each equation belongs to, for messages.
+    scale : ndarray, shape (m,)
+        The largest entry of each equation in these units before anything cancelled in it; `eliminate` finds it.
     """
 
     A: Matrix
     unit: Array
     physical: Array
     owner: Array
+    scale: Any = None
 
     def chosen(self, rows: Array) -> Equations:
-        """Some of the equations."""
-        return Equations(self.A[np.flatnonzero(rows)], self.unit, self.physical, self.owner[rows])
+        """Some of the equations, by their numbers or by one bool for each."""
+        rows = np.arange(len(self.owner))[rows]
+        return replace(self, A=self.A[rows], owner=self.owner[rows], scale=None if self.scale is None else self.scale[rows])
 
-    def through(self, T: Matrix, unit: Array, physical: Array, rows: Array) -> Equations:
-        """Some of the equations in new coordinates y, x = T y."""
-        A = sp.csr_array(self.A[rows] @ T)
-        return Equations(A, unit, physical, self.owner[rows])
+    def through(self, T: Matrix, unit: Array, physical: Array) -> Equations:
+        """The equations in new coordinates y, x = T y."""
+        return replace(self, A=sp.csr_array(self.A @ T), unit=unit, physical=physical)
 
 
 def units(mass: Array, stiffness: Array) -> tuple[Array, float]:
-    """How far coordinates move at unit energy, (|k_jj| + ω² m_jj)^(-1/2), (n,), with a typical ω², which is the second result."""
-    size = np.abs(stiffness)
+    """How far coordinates move at unit energy, (|k_jj| + ω² |m_jj|)^(-1/2), (n,), and a typical ω², the second result."""
+    mass, size = np.abs(mass), np.abs(stiffness)
     both = (size > 0) & (mass > 0)
     typical = float(np.median(size[both] / mass[both])) if both.any() else 1.0
     energy = size + typical * mass
@@ -90,26 +94,17 @@ def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None]) -
     given, size = equations.A.shape
     L = sp.eye_array(size, format="csr")
     scale = largest(abs(equations.A) @ sp.diags_array(equations.unit)) if given else np.zeros(0)
-    while True:
-        equations, scale = _pruned(equations, scale)
-        step = _equal(equations)
-        if step is None:
-            break
-        L, (equations, scale) = L @ step[0], _changed(equations, scale, *step, np.arange(len(scale)))
+    equations = _pruned(replace(equations, scale=scale))
+    while step := _equal(equations):
+        L, equations = L @ step[0], _pruned(equations.through(*step))
     for take in (_dependent, _null_space):
-        equations, scale = _pruned(equations, scale)
-        if len(scale):
+        if len(equations.owner):
             step, rest = take(equations, refuse)
-            L, (equations, scale) = L @ step[0], _changed(equations, scale, *step, rest)
+            L, equations = L @ step[0], _pruned(equations.chosen(rest).through(*step))
     return Eliminated(sp.csr_array(L), equations.unit, equations.physical, given - (size - L.shape[1]))
 
 
 Step = tuple[Matrix, Array, Array]  # T (n, k) with x = T y; the units of y, and which of it are physical
-
-
-def _changed(equations: Equations, scale: Array, T: Matrix, unit: Array, physical: Array,
-             rows: Array) -> tuple[Equations, Array]:
-    return equations.through(T, unit, physical, rows), scale[rows]
 
 
 def largest(A: Matrix) -> Array:
@@ -117,14 +112,14 @@ def largest(A: Matrix) -> Array:
     return np.asarray(sp.csr_array(A).max(axis=1).todense()).ravel()
 
 
-def _pruned(equations: Equations, scale: Array) -> tuple[Equations, Array]:
+def _pruned(equations: Equations) -> Equations:
     """Without entries that are rounding, and without equations of which nothing is left."""
-    A = equations.A
+    A, scale = equations.A, equations.scale
     rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
     keep = np.abs(A.data) * equations.unit[A.indices] > ROUNDING * scale[rows]
     left = np.flatnonzero(np.bincount(rows[keep], minlength=A.shape[0]))
-    A = sp.csr_array((A.data[keep], (rows[keep], A.indices[keep])), shape=A.shape)[left]
-    return Equations(A, equations.unit, equations.physical, equations.owner[left]), scale[left]
+    A = sp.csr_array((A.data[keep], (rows[keep], A.indices[keep])), shape=A.shape)
+    return replace(equations, A=A).chosen(left)
 
 
 def _equal(equations: Equations) -> Step | None:
@@ -171,35 +166,34 @@ def _dependent(equations: Equations, refuse: Callable[[Array, int, int], None]) 
     used = np.zeros(m, dtype=bool)
     used[taken] = True
     others = used[rows] & kept[columns]
-    T = sp.csr_array((np.append(np.ones(kept.sum()), -A.data[others] / pivot[rows[others]]),
-                      (np.append(np.flatnonzero(kept), owner[rows[others]]), number[np.append(np.flatnonzero(kept),
-                                                                                             columns[others])])),
-                     shape=(n, int(kept.sum())))
+    rest = sp.csr_array((-A.data[others] / pivot[rows[others]], (owner[rows[others]], number[columns[others]])),
+                        shape=(n, int(kept.sum())))
+    T = sp.csr_array(sp.eye_array(n, format="csr")[:, kept] + rest)
     return (T, equations.unit[kept], equations.physical[kept]), np.flatnonzero(~used)
 
 
 def _null_space(equations: Equations, refuse: Callable[[Array, int, int], None]) -> tuple[Step, Array]:
     """An orthonormal basis, in units of energy, of what each group of equations leaves of its coordinates."""
-    n, unit = equations.A.shape[1], equations.unit
-    free = np.ones(n, dtype=bool)
-    blocks = []
+    unit = equations.unit
+    places, blocks = [], []
     for rows, columns in groups(equations.A):
         Q, rank = _decomposed(equations, rows, columns)
         if rank == len(columns):
             refuse(equations.owner[rows], len(rows), len(columns))
-        free[columns] = False
-        blocks.append((columns, unit[columns, None] * _clean(Q[:, rank:])))
-    kept = np.flatnonzero(free)
-    start = len(kept) + np.cumsum([0, *(block.shape[1] for _, block in blocks)])
-    entries = [(np.ones(len(kept)), kept, np.arange(len(kept)))]
-    for (columns, block), first in zip(blocks, start[:-1], strict=True):
-        entries.append((block.ravel(), np.repeat(columns, block.shape[1]),
-                        np.tile(first + np.arange(block.shape[1]), len(columns))))
-    data, at, to = (np.concatenate(part) for part in zip(*entries, strict=True))
-    T = sp.csr_array((data, (at, to)), shape=(n, int(start[-1])))
-    new = int(start[-1]) - len(kept)
+        places.append(columns)
+        blocks.append(unit[columns, None] * _clean(Q[:, rank:]))
+    T, kept = _beside_kept(len(unit), places, blocks)
+    new = T.shape[1] - len(kept)
     return ((T, np.append(unit[kept], np.ones(new)), np.append(equations.physical[kept], np.zeros(new, dtype=bool))),
             np.zeros(0, dtype=np.intp))
+
+
+def _beside_kept(n: int, places: list[Array], blocks: list[Array]) -> tuple[Matrix, Array]:
+    """x = T y for n coordinates x of which each block gives those in its places, and those in none stay; and which these are."""
+    taken = np.concatenate(places)
+    kept = np.setdiff1d(np.arange(n), taken)
+    T = sp.block_diag([sp.eye_array(len(kept)), *map(sp.coo_array, blocks)], format="csr")
+    return sp.csr_array(T[np.argsort(np.append(kept, taken))]), kept
 
 
 def _clean(Q: Array) -> Array:
@@ -244,8 +238,12 @@ def _rank(R: Array) -> int:
 
 def links_without_rounding(B: Matrix, unit: Array, whole: Array) -> Matrix:
     """Motions B x, (m, n), with 0 for rounding; `whole` (m,) is their size at unit energy before the joints."""
-    keep = abs(B) * unit > ROUNDING * whole[:, None]
-    return B.multiply(keep) if sp.issparse(B) else np.where(keep, B, 0.0)
+    return masked(B, abs(B) * unit > ROUNDING * whole[:, None])
+
+
+def masked(A: Matrix, keep: Matrix) -> Matrix:
+    """A with 0 where `keep` is not True."""
+    return sp.csr_array(A.multiply(keep)) if sp.issparse(A) else np.where(keep, A, 0.0)
 
 
 def independent(equations: Equations, size: Array) -> Array:
@@ -287,8 +285,8 @@ def without_dust(A: Matrix, bound: Array) -> Matrix:
     dust = A.diagonal() <= LEAST * bound
     if not A.diagonal()[dust].any():
         return A
-    kept = (~dust).astype(float)
-    return sp.csr_array(A.multiply(kept[:, None]).multiply(kept)) if sp.issparse(A) else kept[:, None] * A * kept
+    kept = ~dust
+    return masked(masked(A, kept[:, None]), kept)
 
 
 def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
@@ -333,8 +331,4 @@ def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
     lift[:, order] = Q[:, :len(rows)] @ la.solve_triangular(R[:len(rows)], np.eye(len(rows)), trans="T")
     block = unit[columns, None] * np.hstack([_clean(lift) / size, _clean(Q[:, len(rows):])])
     places[rows] = len(kept) + np.arange(len(rows))
-    T = sp.csr_array((np.append(np.ones(len(kept)), block.ravel()),
-                      (np.append(kept, np.repeat(columns, len(columns))),
-                       np.append(np.arange(len(kept)), np.tile(len(kept) + np.arange(len(columns)), len(columns))))),
-                     shape=(n, n))
-    return T, places
+    return _beside_kept(n, [columns], [block])[0], places

@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 import warnings
 from contextlib import suppress
-from itertools import chain
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,9 +17,6 @@ from femsub.algebra.shared import FACTOR_BYTES, drop, forget, shared
 from femsub.checks import EPS, Array, Matrix
 from femsub.errors import SingularMatrixError
 
-if TYPE_CHECKING:
-    from femsub.model import Pencil, Substructure
-
 log = logging.getLogger(__name__)
 
 COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is the quicker complex solver; beyond it MUMPS
@@ -28,9 +24,6 @@ COMPLEX = 20_000  # up to so many DOF, and 15 times as many nonzeros, SuperLU is
 QUADRATIC = 2000  # up to so many DOF all 2n eigenvalues of a quadratic problem are for LAPACK
 WIDE = 300  # up to so many DOF all eigenvalues of a dense quadratic problem are found where only a band is asked
 SMALL = 100  # up to so many DOF LAPACK is quicker than the set-up of a sparse factorisation
-
-
-AnyHandle = TypeVar("AnyHandle", bound="Handle")
 
 
 class Handle(Protocol):
@@ -104,6 +97,7 @@ def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
     SingularMatrixError
         A is singular, or not definite although it was called so.
     """
+    A = Difference.of(A)
     if (small := _small(A)) is not None:
         return _told(DenseFactor(small, kind))
     if kind == "definite" and A.diagonal().min() <= 0:
@@ -111,7 +105,7 @@ def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
     return _told(Factor(A, kind))
 
 
-def _told(handle: AnyHandle) -> AnyHandle:
+def _told(handle: Handle) -> Handle:
     """The same factor, once the log knows of it: sparse ones are worth a line each, small ones are for the curious."""
     log.log(logging.DEBUG if isinstance(handle, DenseFactor) else logging.INFO, "%s factor of %d DOF by %s", handle.kind,
             handle.size, handle.package.upper())
@@ -128,7 +122,7 @@ def shared_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float =
     """
     def made() -> Handle | str:
         try:
-            return factorise(Difference(K, M, sigma) if sigma else K, kind)
+            return factorise(Difference(K, M, sigma), kind)
         except SingularMatrixError as error:
             return str(error)
 
@@ -143,10 +137,10 @@ def forget_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float =
     forget(*_key(K, kind, M, sigma))
 
 
-def release(model: Pencil | Substructure) -> None:
-    """Gives up all that is shared of a model's matrices: its factors go as soon as nobody works with them."""
-    pencil: Any = getattr(model, "pencil", model)
-    drop(model.M, model.K, *chain((pencil.M, pencil.K), *pencil.rescaled.values()))
+def release(model: Any) -> None:
+    """Gives up all that is shared of the matrices of a model or pencil: its factors go as soon as nobody works with them."""
+    pencil = getattr(model, "pencil", model)
+    drop(model.M, model.K, pencil.M, pencil.K)
 
 
 def factors_made() -> int:
@@ -209,13 +203,12 @@ def counting(A: Matrix | Difference, keep: bool = True) -> Handle:
     SingularMatrixError
         A has a null pivot.
     """
+    A = Difference.of(A)
     if (small := _small(A)) is not None:
         return _told(DenseFactor(small, "symmetric"))
-    if (sparse := A.K if isinstance(A, Difference) else A).nnz < 3 * A.shape[0]:
-        sparse = A.formed() if isinstance(A, Difference) else A
-        if (order := leaves_first(sparse)) is not None:
-            with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS will tell
-                return _told(TreeFactor(sparse, order))
+    if A.K.nnz < 3 * A.shape[0] and (order := leaves_first(sparse := A.formed())) is not None:
+        with suppress(SingularMatrixError):  # a pivot can be zero where the matrix is regular: MUMPS will tell
+            return _told(TreeFactor(sparse, order))
     return _told(Factor(A, "symmetric", keep, probed=False))
 
 
@@ -241,13 +234,11 @@ def negative_eigenvalues(A: Array) -> int:
     return len(double) + int(np.count_nonzero(blocks.diagonal()[single] < 0))
 
 
-def _small(A: Matrix | Difference) -> Array | None:
+def _small(A: Difference) -> Array | None:
     """A as an array where LAPACK is to take it, else None."""
-    sparse = sp.issparse(A.K if isinstance(A, Difference) else A)
-    if sparse and A.shape[0] > SMALL:
-        return None
-    formed = A.formed() if isinstance(A, Difference) else A
-    return formed.toarray() if sparse else np.asarray(formed)
+    if not sp.issparse(A.K):
+        return np.asarray(A.formed())
+    return A.formed().toarray() if A.shape[0] <= SMALL else None
 
 
 class ComplexFactor:

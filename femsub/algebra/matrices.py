@@ -48,21 +48,14 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     if size is not None and matrix.shape[0] != size:
         raise InputError(f"{name} is {matrix.shape[0]} x {matrix.shape[1]}, but the other matrices are {size} x {size}")
     if not np.isfinite(data).all():
-        row, column = _first(matrix, ~np.isfinite(data))
+        entries = sp.coo_array(matrix)
+        row, column = (int(places[~np.isfinite(entries.data)][0]) for places in (entries.row, entries.col))
         raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
     largest = float(np.abs(data).max(initial=0.0))
     if largest > LARGEST or (name != "D" and 0 < largest < 1 / LARGEST):  # a damping may be as small as it likes
         raise InputError(f"{name}'s largest entry is {largest:.3g}. Products of such numbers leave the range of floating point. "
                          "Choose other units")
     return frozen(matrix)
-
-
-def _first(matrix: Matrix, mask: Array) -> tuple[int, int]:
-    where = int(np.flatnonzero(mask)[0])
-    if sp.issparse(matrix):
-        return int(np.searchsorted(matrix.indptr, where, side="right") - 1), int(matrix.indices[where])
-    row, column = np.unravel_index(where, matrix.shape)
-    return int(row), int(column)
 
 
 def same(A: Matrix, B: Matrix) -> bool:
@@ -76,17 +69,13 @@ def is_symmetric(matrix: Matrix) -> bool:
     """Whether A = Aᵀ exactly."""
     if sp.issparse(matrix):
         other = matrix.T.tocsr()  # canonical, as `matrix` is
-        if np.array_equal(matrix.indptr, other.indptr) and np.array_equal(matrix.indices, other.indices):
-            return np.array_equal(matrix.data, other.data)
-        return (matrix != other).nnz == 0
+        return same(matrix, other) or (matrix != other).nnz == 0
     return bool(np.array_equal(matrix, matrix.T))
 
 
 def is_identity(matrix: Matrix) -> bool:
     """Whether a sparse A in canonical form is the unit matrix."""
-    places = np.arange(matrix.shape[0])
-    return bool(matrix.shape[0] == matrix.shape[1] == matrix.nnz and np.array_equal(matrix.indices, places)
-                and np.array_equal(matrix.indptr[:-1], places) and (matrix.data == 1.0).all())
+    return matrix.shape[0] == matrix.shape[1] and same(matrix, sp.eye_array(matrix.shape[0], format="csr"))
 
 
 def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:
@@ -162,15 +151,20 @@ class Difference:
     """K - σM of symmetric sparse K and M, (n, n), formed only on demand: beside a large factor it may not fit in memory."""
 
     K: Matrix
-    M: Matrix
-    sigma: float
+    M: Matrix = None
+    sigma: float = 0.0
+
+    @classmethod
+    def of(cls, A: Matrix | Difference) -> Difference:
+        """A itself, with σ = 0 if it is a matrix."""
+        return A if isinstance(A, cls) else cls(A)
 
     @property
     def shape(self) -> tuple[int, int]:
         return self.K.shape
 
     def diagonal(self) -> Array:
-        return self.K.diagonal() - self.sigma * self.M.diagonal()
+        return self.K.diagonal() - self.sigma * self.M.diagonal() if self.sigma else self.K.diagonal()
 
     def formed(self) -> Matrix:
         """The matrix itself."""

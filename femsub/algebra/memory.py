@@ -36,17 +36,13 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int)
     if not sp.issparse(K) or K.shape[0] < LARGE:
         return
     parts = reduction_bytes(K, columns, modes)
-    need = sum(parts.values())
-    free = at_hand(need)
-    if free is not None and need > free:
-        largest = max(parts, key=lambda part: parts[part])
-        advice = {
-            "factorisation": "a coarser mesh, or linear elements",
-            "matrices": "a coarser mesh",
-            "columns": "fewer interface DOF (a rigid or averaged interface)" if interface > modes else "fewer modes"}[largest]
-        told = ", ".join(f"{value / 1e9:.1f} for the {part}" for part, value in parts.items())
-        raise NotEnoughMemoryError(f"reducing {name!r} needs about {need / 1e9:.0f} GB ({told}), but only {free / 1e9:.0f} GB "
-                                   f"are available. Use {advice}, or a larger machine")
+    largest = max(parts, key=lambda part: parts[part])
+    advice = {
+        "factorisation": "a coarser mesh, or linear elements",
+        "matrices": "a coarser mesh",
+        "columns": "fewer interface DOF (a rigid or averaged interface)" if interface > modes else "fewer modes"}[largest]
+    told = ", ".join(f"{value / 1e9:.1f} for the {part}" for part, value in parts.items())
+    check_room(f"reducing {name!r}", sum(parts.values()), f"Use {advice}, or a larger machine", f" ({told})")
 
 
 def check_columns(name: str, size: int, columns: int) -> None:
@@ -57,25 +53,23 @@ def check_columns(name: str, size: int, columns: int) -> None:
     NotEnoughMemoryError
         They need more than is available; the message tells both figures.
     """
-    need = 8.0 * size * columns
-    free = at_hand(need) if size >= LARGE else None
-    if free is not None and need > free:
-        raise NotEnoughMemoryError(f"more modes of {name!r} need about {need / 1e9:.0f} GB, but only {free / 1e9:.0f} GB are "
-                                   "available. Lower the band, raise the tolerance, or use a larger machine")
+    if size >= LARGE:
+        check_room(f"a larger search for modes of {name!r}", 8.0 * size * columns,
+                   "Lower the band, raise the tolerance, or use a larger machine")
 
 
-def check_room(what: str, need: float) -> None:
+def check_room(what: str, need: float, advice: str = "Make it smaller", told: str = "") -> None:
     """Compare the bytes that something needs with what is available, before any array is made.
 
     Raises
     ------
     NotEnoughMemoryError
-        It needs more than is available; the message tells both figures.
+        It needs more than is available; the message tells both figures, and `told` behind the first.
     """
-    free = at_hand(need) if need > 1e8 else None
+    free = at_hand(need)
     if free is not None and need > free:
-        raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB, but only {free / 1e9:.0f} GB are available. "
-                                   "Make it smaller")
+        raise NotEnoughMemoryError(f"{what} needs about {need / 1e9:.3g} GB{told}, but only {free / 1e9:.0f} GB are available. "
+                                   f"{advice}")
 
 
 def at_hand(need: float) -> float | None:

@@ -27,7 +27,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra.matrices import Difference, equilibrated, upper
+from femsub.algebra.matrices import Difference, equilibrated
 from femsub.algebra.memory import room_for_factor
 from femsub.algebra.ordering import good_order, slender
 from femsub.algebra.process_memory import give_back_freed_memory
@@ -147,20 +147,10 @@ def scotch_parts(graph: Matrix, count: int) -> Array | None:
         return np.array(found.getIndices(), dtype=np.intp)
 
 
-def _destroy(objects: list[Any]) -> None:
-    while objects:
-        objects.pop().destroy()
-
-
 def _matrix(A: Matrix | Difference, kind: Kind = "general") -> Any:
     """A as PETSc has it; for a symmetric factor the upper triangle alone."""
-    (PETSc, _), half = load(), kind != "general"
-    if not half:
-        A = sp.csr_array(A.formed() if isinstance(A, Difference) else A)
-    elif isinstance(A, Difference):
-        A = A.upper()
-    else:
-        A = upper(A)
+    (PETSc, _), half, given = load(), kind != "general", Difference.of(A)
+    A = given.upper() if half else sp.csr_array(given.formed())
     index = PETSc.IntType
     if A.nnz > np.iinfo(index).max:
         raise InputError(f"{A.nnz} nonzeros are more than this PETSc's {np.dtype(index).name} can count")
@@ -191,21 +181,20 @@ class Factor:
     def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True) -> None:
         PETSc, _ = load()
         self.kind, self.size, self.columns, self.keep = kind, int(A.shape[0]), 0, keep
-        pattern = A.K if isinstance(A, Difference) else A
-        self.package = package(kind, pattern)
-        room_for_factor(pattern)
-        self._order = good_order(pattern) if self.package == "mumps" else None
-        self._held: list[Any] = []
+        A = Difference.of(A)
+        self.package = package(kind, A.K)
+        room_for_factor(A.K)
+        self._order = good_order(A.K) if self.package == "mumps" else None
+        self._held = ExitStack()
         self._lock = RLock()  # threads share a factor, and while it is turned over it must not serve another
-        self._finalizer = weakref.finalize(self, _destroy, self._held)
-        probed = probed and self.package == "mumps"
-        scaling = equilibrated(A.formed() if isinstance(A, Difference) else A) if probed else None
+        self._finalizer = weakref.finalize(self, self._held.close)
+        scaling = equilibrated(A.formed()) if probed and self.package == "mumps" else None
         Factor.made += 1
         mat = _matrix(A, "general" if self.package == "petsc" else kind)
         try:
             pc = self._set_up(mat, ROOM[0])
             if self._told(1) in (-8, -9):  # delayed pivots took more than that
-                _destroy(self._held)
+                self._held.close()
                 pc = self._set_up(mat, ROOM[1])
         except PETSc.Error as error:
             raise self._refused(_last_line(error)) from None
@@ -227,10 +216,10 @@ class Factor:
 
     def _set_up(self, mat: Any, room: int) -> Any:
         """Makes the KSP with its factor; returns its PC."""
-        self._ksp = self._hold(load()[0].KSP().create(comm=load()[0].COMM_SELF))
+        self._ksp = _until(self._held, load()[0].KSP().create(comm=load()[0].COMM_SELF))
         self._ksp.setType("preonly")
         self._ksp.setOperators(mat)
-        pc = self._hold(self._ksp.getPC())
+        pc = _until(self._held, self._ksp.getPC())
         pc.setType("lu" if self.kind == "general" else "cholesky")
         pc.setFactorSolverType(self.package)
         if self.package == "petsc":
@@ -238,7 +227,7 @@ class Factor:
             pc.setFactorPivot(0.0)
             pc.setFactorOrdering("rcm")  # reverse Cuthill-McKee: from end to end
         pc.setFactorSetUpSolverType()
-        self._factor = self._hold(pc.getFactorMatrix())
+        self._factor = _until(self._held, pc.getFactorMatrix())
         if self.package != "mumps":
             self._ksp.setUp()
             return pc
@@ -262,17 +251,9 @@ class Factor:
     def __repr__(self) -> str:
         return f"Factor({self.kind}, by {self.package.upper()}, {self.size} x {self.size})"
 
-    def _hold(self, thing: Any) -> Any:
-        self._held.append(thing)
-        return thing
-
-    def _probe(self, A: Matrix | Difference, rows: Array, columns: Array, size: float) -> None:
+    def _probe(self, A: Difference, rows: Array, columns: Array, size: float) -> None:
         b = np.random.default_rng(0).standard_normal(self.size)
-        try:
-            x = self.solve(b / rows) / columns
-        except SingularMatrixError:
-            self.close()
-            raise
+        x = self.solve(b / rows) / columns
         self.columns = 0
         length, given = float(np.linalg.norm(x)), float(np.linalg.norm(b))
         growth = size * length / given
@@ -424,6 +405,7 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
     `known` (n, m), M-orthonormal, is kept out of the search. Φ is M-normalised.
     """
     PETSc, SLEPc = load()
+    known = np.zeros((factor.size, 0)) if known is None else known
     with ExitStack() as stack:
         mats = [_until(stack, _matrix(part)) for part in (K, M)]
         st = _until(stack, SLEPc.ST().create(PETSc.COMM_SELF))
@@ -436,26 +418,25 @@ def symmetric_modes(factor: Factor, K: Matrix, M: Matrix, sigma: float, count: i
         eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
         eps.setTarget(sigma)
         eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-        room = factor.size - (0 if known is None else known.shape[1])
-        eps.setDimensions(count, min(room, max(2 * count, count + 15)))
+        eps.setDimensions(count, min(factor.size - known.shape[1], max(2 * count, count + 15)))
         eps.setTolerances(tol, most)
         eps.setPurify(False)  # done below, in one block and between two deflations
         eps.setInitialSpace(_vectors(stack, mats[0], _start(factor.size, seed)))
-        if known is not None and known.shape[1]:
+        if known.shape[1]:
             eps.setDeflationSpace(_vectors(stack, mats[0], known))
         found = _solve(eps, count, tol, "modes", "check")
         values, shapes = _collect(stack, mats[0], found, lambda i, xr, xi: eps.getEigenpair(i, xr, xi).real, real=True)
     return values, _purified(factor, M, shapes, known)
 
 
-def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array | None) -> Array:
+def _purified(factor: Factor, M: Matrix, shapes: Array, known: Array) -> Array:
     """x ← (K - σM)⁻¹Mx, M-normalised: takes out what lies in the null space of M, where Krylov vectors are arbitrary.
 
     It also blows up what is left of the `known` shapes, by 1/|σ|: with rigid-body modes and σ = -1e-7, 1e-9 of them in
     the Krylov vectors would come out as 1e-2 of each mode. So they are projected out before and after.
     """
     def deflated(x: Array) -> Array:
-        return x if known is None or not known.shape[1] else x - known @ (known.T @ (M @ x))
+        return x - known @ (known.T @ (M @ x)) if known.shape[1] else x
 
     x = deflated(factor.solve(M @ deflated(shapes)))
     return x / np.sqrt(np.einsum("ij,ij->j", x, M @ x))

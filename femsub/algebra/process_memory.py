@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -20,20 +21,14 @@ def give_back_freed_memory() -> None:
 
 def available() -> float | None:
     """Bytes that this process may still allocate, by the system's and its own limit; None if unknown."""
-    found = []
-    try:
+    found = [] if (limit := left_of_limit()) is None else [limit]
+    with suppress(OSError, KeyError, ValueError):
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
         found.append(1024.0 * int(lines["MemAvailable"].split()[0]))
-    except (OSError, KeyError, ValueError):
-        if hasattr(os, "sysconf") and "SC_AVPHYS_PAGES" in os.sysconf_names:
-            found.append(float(os.sysconf("SC_AVPHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
-    try:  # a container's own limit
+    with suppress(OSError, ValueError):  # a container's own limit
         group = Path("/sys/fs/cgroup")
         found.append(float((group / "memory.max").read_text()) - float((group / "memory.current").read_text()))
-    except (OSError, ValueError):
-        pass
-    limit = left_of_limit()
-    return min([*found, *([] if limit is None else [limit])], default=None)
+    return min(found, default=None)
 
 
 def left_of_limit() -> float | None:

@@ -9,14 +9,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from femsub.algebra.elimination import largest, units
+from femsub.algebra.elimination import largest
 from femsub.algebra.matrices import is_symmetric, same
+from femsub.algebra.shared import shared
 from femsub.checks import Array, Matrix
 
 if TYPE_CHECKING:
@@ -155,11 +157,6 @@ class Damped:
     def __call__(self, motion: RigidMotion) -> RigidMotion:
         return RigidMotion.of(motion.shapes, self.D, np.where(self.mass > 0, self.mass, 1.0) ** -0.5)
 
-    @staticmethod
-    def unit(mass: Array, stiffness: Array) -> Array:
-        """How far DOF move at unit energy."""
-        return units(np.abs(mass), np.abs(stiffness))[0]
-
 
 @dataclass(frozen=True, eq=False)
 class Touched:
@@ -223,13 +220,7 @@ class Joined(Source):
         return replace(self, belong=(D, K)) if same(before[0], D) and same(before[1], K) else None
 
     def found(self, decide: Decide) -> RigidMotion | None:
-        if "motion" not in self.__dict__:
-            self.__dict__["motion"] = self._found(decide)
-        found: RigidMotion | None = self.__dict__["motion"]
-        return found
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "motion"}
+        return shared((self.equations, self.L), "rigid motion", partial(self._found, decide))
 
     def _found(self, decide: Decide) -> RigidMotion | None:
         own = []
@@ -240,7 +231,7 @@ class Joined(Source):
             own.append(motion)
         Z = sp.block_diag([sp.csr_array(motion.shapes) for motion in own], format="csr")
         if not Z.shape[1]:
-            return RigidMotion(np.zeros((self.L.shape[1], 0)), 0)
+            return RigidMotion.none(self.L.shape[1])
         unit = np.split(self.unit, np.cumsum([len(motion.shapes) for motion in own])[:-1])
         moved = (sizes(motion.shapes, one) for motion, one in zip(own, unit, strict=True))
         size = sp.block_diag([sp.csr_array(one) for one in moved], format="csr")
@@ -282,12 +273,11 @@ def sizes(Z: Array, unit: Array, least: float = LEAST) -> Array:
     return size + least * unit[:, None] * (size / unit[:, None]).max(axis=0, initial=0.0)
 
 
-def _stacked(blocks: list[tuple[Any, Any]], columns: int) -> tuple[Array, Array]:
+def _stacked(blocks: list[tuple[Matrix, Matrix]], columns: int) -> tuple[Array, Array]:
     """Conditions and their sizes below each other, dense, (m, columns) each."""
-    none = [np.zeros((0, columns))]
-    one, other = ([A.toarray() if sp.issparse(A) else np.asarray(A) for A in side] for side in zip(*blocks, strict=True)) \
-        if blocks else ([], [])
-    return np.vstack(none + one), np.vstack(none + other)
+    none = sp.csr_array((0, columns))
+    one, other = (sp.vstack([none, *(block[side] for block in blocks)]).toarray() for side in (0, 1))
+    return one, other
 
 
 def null_space(B: Array, size: Array) -> Array | None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import atexit
 import os
 import weakref
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from functools import partial
@@ -29,42 +28,11 @@ FREELY = 1e8  # bytes that are cached without a look at the available memory
 FACTOR_BYTES = 8 * 1.6  # bytes per nonzero of a factor
 
 
-class Kept(dict[Key, Any]):
-    """The cached objects; the bytes of the large ones, least recently used first; and their sum."""
-
-    total = 0
-
-    def __init__(self) -> None:
-        self.sizes: OrderedDict[Key, int] = OrderedDict()
-
-    def use(self, key: Key) -> Any:
-        if key in self.sizes:
-            self.sizes.move_to_end(key)
-        return self[key]
-
-    def keep(self, key: Key, made: Any, size: int) -> None:
-        self.give_up(key)
-        self[key] = made
-        if size:
-            self.sizes[key] = size
-            self.total += size
-
-    def give_up(self, key: Key) -> None:
-        if key in self:
-            self.total -= self.sizes.pop(key, 0)
-            del self[key]
-
-    def give_up_oldest(self) -> None:
-        key, size = self.sizes.popitem(last=False)
-        self.total -= size
-        self.pop(key, None)
-
-
 _lock = RLock()  # reentrant: the garbage collector may run inside and take it again
 if hasattr(os, "register_at_fork"):  # a forked child would wait forever for a thread of its parent
     os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release)
-_kept = Kept()
-_owners: dict[int, tuple[weakref.ref[Any], set[Key]]] = {}
+_kept: dict[Key, tuple[Any, int]] = {}  # cached objects and their bytes; what was used last comes last
+_owners: dict[int, weakref.ref[Any]] = {}
 
 
 def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], size: Callable[[T], float] = lambda _: 0.0) -> T:
@@ -75,17 +43,16 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
     key = tuple(map(id, owners)), what
     with _lock:
         # an id may be reused by another matrix: compare the weak references as well
-        if key in _kept and all(at in _owners and _owners[at][0]() is owner for at, owner in zip(key[0], owners, strict=True)):
-            return _kept.use(key)
+        if key in _kept and all(_owners[id(owner)]() is owner for owner in owners):
+            found: T = _kept.setdefault(key, _kept.pop(key))[0]
+            return found
     limit = _limit()
     made = make()
     with _lock:
-        _kept.keep(key, made, int(size(made)))
+        _kept[key] = made, int(size(made))
         for owner in owners:
-            at = id(owner)
-            if at not in _owners or _owners[at][0]() is not owner:
-                _owners[at] = weakref.ref(owner, partial(_gone, at)), set()
-            _owners[at][1].add(key)
+            if id(owner) not in _owners or _owners[id(owner)]() is not owner:
+                _owners[id(owner)] = weakref.ref(owner, partial(_gone, id(owner)))
         if size(made):
             give_up_until(partial(_within, limit))
     return made
@@ -93,7 +60,7 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
 
 def kept_bytes() -> int:
     """Bytes of all cached objects."""
-    return _kept.total
+    return sum(size for _, size in _kept.values())
 
 
 def _limit() -> float | None:
@@ -117,31 +84,29 @@ def _within(limit: float | None) -> bool:
 def give_up_until(enough: Callable[[], bool]) -> None:
     """Drop cached objects, least recently used first, until there is enough room; objects without size stay."""
     with _lock:
-        while not enough() and _kept.sizes:
-            _kept.give_up_oldest()
+        for key in [key for key, (_, size) in _kept.items() if size]:
+            if enough():
+                return
+            _kept.pop(key, None)
 
 
 def forget(owners: tuple[Matrix, ...], what: Hashable) -> None:
     """Drop one object."""
     with _lock:
-        _kept.give_up((tuple(map(id, owners)), what))
+        _kept.pop((tuple(map(id, owners)), what), None)
 
 
 def drop(*owners: Matrix) -> None:
     """Drop the cached objects of these matrices; without arguments, all."""
-    with _lock:
-        for at in list(map(id, owners) if owners else _owners):
-            _gone(at)
+    for at in list(map(id, owners) if owners else _owners):
+        _gone(at)
 
 
 def _gone(at: int, _: object = None) -> None:
     with _lock:
-        if at in _owners:
-            for key in _owners.pop(at)[1]:
-                _kept.give_up(key)
-                for other in key[0]:  # other owners may live on
-                    if other in _owners:
-                        _owners[other][1].discard(key)
+        _owners.pop(at, None)
+        for key in [key for key in _kept if at in key[0]]:
+            _kept.pop(key, None)
 
 
 atexit.register(drop)  # a matrix that outlives this module would call _gone without its globals

@@ -218,10 +218,8 @@ class System(Substructure):
 
     def estimated_by(self, estimate: Estimate | None) -> Self:
         """A copy that carries an estimate of its errors, whose cut-off is not above the system's."""
-        copy = object.__new__(type(self))
-        copy.__dict__.update(self.__dict__)
-        copy._set(estimate=None if estimate is None else replace(estimate, cutoff=min(estimate.cutoff, self.cutoff)))
-        return copy
+        within = None if estimate is None else replace(estimate, cutoff=min(estimate.cutoff, self.cutoff))
+        return self._with(estimate=within, pencil=self.pencil)
 
     def interface_forces(self, omega: Array, x: Array) -> dict[str, Array]:
         """The forces g on the interface of each part in undamped motion: Bᵀg = (K - ω²M)q with u_b = Bq, {name: (n_b, k)}.

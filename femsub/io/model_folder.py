@@ -192,7 +192,7 @@ def read_model(folder: Path) -> Substructure:
         modes=modes, cutoff=np.inf if reduced["cutoff"] is None else reduced["cutoff"], method=reduced["method"],
         dropped=reduced["dropped"], port_error={port: np.inf if error is None else error
                                                 for port, error in reduced["port_error"].items()},
-        factorisations=reduced["factorisations"], full_dofs=found, sets=about.get("sets"),
+        factorisations=reduced["factorisations"], full_dofs=found, sets=about.get("sets") or {},
         estimate=None if reduced.get("estimate") is None else _estimate(path, reduced["estimate"]),
         rigid_motion=None if reduced.get("rigid_motion") is None else _motion(path, reduced["rigid_motion"], V.shape[1]),
         noise=_noise(path, reduced.get("noise", []), V.shape[1]))

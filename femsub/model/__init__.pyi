@@ -24,6 +24,11 @@ from .contact import (
     small_matrices as small_matrices,
 )
 from .dof_map import LARGEST as LARGEST, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
-from .estimate import SHARE as SHARE, STILL as STILL, Estimate as Estimate, usable_band as usable_band
+from .estimate import SHARE as SHARE, STILL as STILL, Estimate as Estimate
 from .pencil import Pencil as Pencil, contact_matrix as contact_matrix
-from .substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure, checked_sets as checked_sets
+from .substructure import (
+    ReducedSubstructure as ReducedSubstructure,
+    Substructure as Substructure,
+    checked_sets as checked_sets,
+    usable_band as usable_band,
+)

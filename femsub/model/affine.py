@@ -109,7 +109,7 @@ class Affine(Frozen):
     def fixed(self, **values: float) -> Affine:
         """The same with values given to some of the parameters, and the others left."""
         self._check(values)
-        return self._with(lambda theta, A: (_fixed(theta, values), A))
+        return self._each(lambda theta, A: (_fixed(theta, values), A))
 
     def _check(self, values: Mapping[str, float]) -> None:
         for name, value in values.items():
@@ -122,12 +122,10 @@ class Affine(Frozen):
         basis = real_array("V", V)
         if basis.ndim != 2 or basis.shape[0] != self.size or not basis.shape[1]:
             raise InputError(f"V must have {self.size} rows, one per DOF, and a column or more, but its shape is {basis.shape}")
-        return self._with(lambda theta, A: (theta, projected(A, basis)))
+        return self._each(lambda theta, A: (theta, projected(A, basis)))
 
-    def _with(self, change: Callable[[Theta, Matrix], tuple[Theta, Matrix]]) -> Affine:
-        copy = object.__new__(Affine)
-        copy._set(**{name: tuple(change(*term) for term in getattr(self, name)) for name in "MDK"})
-        return copy
+    def _each(self, change: Callable[[Theta, Matrix], tuple[Theta, Matrix]]) -> Affine:
+        return self._with(**{name: tuple(change(*term) for term in getattr(self, name)) for name in "MDK"})
 
 
 def _terms(name: str, value: Any) -> list[tuple[Theta, Any]]:
@@ -173,16 +171,12 @@ def _names(theta: Theta) -> list[str]:
 
 def _fixed(theta: Theta, values: Mapping[str, float]) -> Theta:
     """A factor with some of its parameters given: a number once all are."""
-    names = _names(theta)
-    if not any(name in values for name in names):
-        return theta if names or not callable(theta) else _value(theta, {})
-    if isinstance(theta, str):
-        return float(values[theta])
-    assert callable(theta)
-    known = {name: float(values[name]) for name in names if name in values}
-    if len(known) < len(names):
-        return partial(theta, **known)
-    return _value(theta, known)
+    known = {name: float(values[name]) for name in _names(theta) if name in values}
+    if not callable(theta):
+        return known.get(theta, theta) if isinstance(theta, str) else theta
+    if len(known) == len(_names(theta)):
+        return _value(theta, known)
+    return partial(theta, **known) if known else theta
 
 
 def _value(theta: Callable[..., float], known: Mapping[str, float]) -> float:

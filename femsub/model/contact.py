@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,10 +19,9 @@ from femsub.algebra import Frozen, as_matrix
 from femsub.checks import Array, Matrix, items, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 
-if TYPE_CHECKING:
-    from femsub.model.substructure import Substructure
-
 log = logging.getLogger(__name__)
+
+Model: TypeAlias = Any  # a Substructure, which knows of contacts; they ask it for its ports and sets
 
 @runtime_checkable
 class Contact(Protocol):
@@ -58,7 +57,7 @@ class Contact(Protocol):
     @property
     def ports(self) -> tuple[str, ...]: ...
 
-    def linearised(self, model: Substructure) -> tuple[Any, Any]: ...
+    def linearised(self, model: Model) -> tuple[Any, Any]: ...
 
 
 Contacts: TypeAlias = Contact | Sequence[Contact] | None  # what functions take
@@ -126,7 +125,7 @@ class LinearContact(Frozen):
                 for name in ("stiffness", "damping") if (matrix := getattr(self, name)) is not None]
         return f"LinearContact: on {', '.join(self.ports)}; {'; '.join(told)}"
 
-    def linearised(self, model: Substructure) -> tuple[Array | None, Array | None]:
+    def linearised(self, model: Model) -> tuple[Array | None, Array | None]:
         """(C_D, C_K), whatever the model."""
         return self.damping, self.stiffness
 
@@ -148,12 +147,10 @@ def contacts_of(contacts: Any) -> tuple[Contact, ...]:
     given = [contacts] if isinstance(contacts, Contact) and not isinstance(contacts, type) else \
         items("contacts", contacts, "Belts or other contacts, or one of them")
     for contact in given:
-        if isinstance(contact, Frozen) and hasattr(contact, "pencil"):  # it has ports and linearised(), too
-            raise InputTypeError("contacts must be a Belt, a LinearContact or other contacts, but a model was given: "
-                                 f"{shown(contact)}. Join models with couple")
-        if isinstance(contact, type) or not isinstance(contact, Contact):
+        model = hasattr(type(contact), "pencil")  # it has ports and linearised(), too
+        if model or isinstance(contact, type) or not isinstance(contact, Contact):
             raise InputTypeError("a contact must be a Belt, a LinearContact or another object with `ports` and "
-                                 f"linearised(model), not {shown(contact)}")
+                                 f"linearised(model), not {shown(contact)}{'. Join models with couple' * model}")
     return tuple(given)
 
 
@@ -184,10 +181,10 @@ def affine_fields(contact: Any) -> tuple[str, ...]:
     """The fields in which a contact's own class says that its matrices are affine."""
     if "affine" not in vars(type(contact)):
         return ()
-    names, what = contact.affine, f"`affine` of {type(contact).__name__}"
-    for name in (names := tuple(items(what, names, "names of its fields"))):
-        if not hasattr(contact, word(what, name)):
-            raise InputError(f"{what} names {name!r}, which it has not")
+    what = f"`affine` of {type(contact).__name__}"
+    names = tuple(word(what, name) for name in items(what, contact.affine, "names of its fields"))
+    if missing := [name for name in names if not hasattr(contact, name)]:
+        raise InputError(f"{what} names {missing[0]!r}, which it has not")
     return names
 
 
@@ -199,7 +196,7 @@ def kinks_of(contact: Any, parameter: str) -> tuple[float, ...]:
     return tuple(np.atleast_1d(found).ravel().tolist())
 
 
-def columns_of(model: Substructure, contact: Contact) -> Matrix:
+def columns_of(model: Model, contact: Contact) -> Matrix:
     """W (n, p), the columns of a contact's ports and the DOF of its sets side by side; an unknown name is an InputError."""
     ports, sets = contact.ports, getattr(contact, "sets", ())
     if isinstance(ports, str) or isinstance(sets, str) or not (ports or sets):
@@ -212,7 +209,7 @@ def columns_of(model: Substructure, contact: Contact) -> Matrix:
     return sp.csc_array(sp.hstack(columns)) if any(map(sp.issparse, columns)) else np.hstack(columns)
 
 
-def small_matrices(model: Substructure, contact: Contact) -> tuple[Matrix, float | Matrix, float | Matrix]:
+def small_matrices(model: Model, contact: Contact) -> tuple[Matrix, float | Matrix, float | Matrix]:
     """W (n, p), C_D and C_K of a contact on a model, checked: each C is a number or a matrix (p, p)."""
     W = columns_of(model, contact)
     terms = contact.linearised(model)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from femsub.algebra import Frozen
-from femsub.checks import Array, items, word
+from femsub.checks import Array, items, real_array, whole_numbers, word
 from femsub.errors import InputError, unknown_name
 
 LARGEST = 10 ** 15  # limit of node numbers: node and motion are packed into one integer
@@ -55,7 +54,8 @@ class DofMap(Frozen):
 
     def __init__(self, nodes: Iterable[int] | Array, components: Iterable[int] | Array, labels: Sequence[str] = TRANSLATIONS,
                  points: Array | None = None) -> None:
-        numbers, kinds = _integers("nodes", nodes), _integers("components", components)
+        numbers, kinds = (whole_numbers(f"{name} of a DOF map", given)
+                          for name, given in (("nodes", nodes), ("components", components)))
         labels = tuple(word("labels of a DOF map", label) for label in items("labels of a DOF map", labels, "strings"))
         if len(numbers) != len(kinds):
             raise InputError("a DOF map needs one node and one component per DOF, but there are "
@@ -65,7 +65,9 @@ class DofMap(Frozen):
                              f"{kinds[(kinds < 0) | (kinds >= len(labels))][0]}")
         if len(numbers) and max(-int(numbers.min()), int(numbers.max())) >= LARGEST:
             raise InputError(f"nodes of a DOF map must be below {LARGEST:.0e}, but run from {numbers.min()} to {numbers.max()}")
-        where = None if points is None else _places(points, len(numbers))
+        where = None if points is None else np.array(real_array("points of a DOF map", points))
+        if where is not None and (where.ndim != 2 or len(where) != len(numbers)):
+            raise InputError(f"points of a DOF map must have {len(numbers)} rows, one per DOF, but their shape is {where.shape}")
         pairs = numbers.astype(np.int64) * len(labels) + kinds
         ordered = np.sort(pairs)
         twice = ordered[1:][ordered[1:] == ordered[:-1]]
@@ -107,30 +109,3 @@ class DofMap(Frozen):
     def _sorted(self) -> tuple[Array, Array]:
         order = np.argsort(self.nodes, kind="stable")
         return self.nodes[order], order
-
-
-def _places(points: Any, count: int) -> Array:
-    try:
-        raw = np.asarray(points)
-        found: Array = np.array(raw, dtype=float) if raw.dtype.kind in "biuf" else np.full(raw.shape, np.nan)
-    except (TypeError, ValueError):
-        raise InputError("points must be a table of coordinates with one row per DOF") from None
-    if found.ndim != 2 or len(found) != count:
-        raise InputError(f"points must have {count} rows, one per DOF, but their shape is {found.shape}")
-    if not np.isfinite(found).all():
-        raise InputError(f"points must be finite real numbers, but those of DOF {int(np.argmin(np.isfinite(found).all(axis=1)))} "
-                         "(counted from 0) are not")
-    return found
-
-
-def _integers(name: str, values: Any) -> Array:
-    found = values if isinstance(values, np.ndarray) else items(f"{name} of a DOF map", values, "whole numbers")
-    try:
-        array = np.asarray(found)
-    except ValueError:  # ragged
-        array = np.zeros((0, 0))
-    if not array.size and array.ndim == 1:
-        return array.astype(np.int64)
-    if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
-        raise InputError(f"{name} of a DOF map must be a flat sequence of integers")
-    return array

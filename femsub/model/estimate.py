@@ -1,4 +1,4 @@
-"""Error estimates of a model reduced to a tolerance, and the band in which a model's modes may be used."""
+"""Error estimates of a model reduced to a tolerance."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, check_band
+from femsub.checks import Array
 from femsub.errors import InputError
-from femsub.model.bands import LEAST, beyond, distance_outside
-from femsub.model.substructure import Substructure
+from femsub.model.bands import LEAST, distance_outside
 
 SHARE = 0.7  # a band ends below this share of the cut-off: the neglected terms of a series in (ω/ω_cut)² then stay below 1/2
 STILL = 1e-6  # of the band: |λ| up to which it counts as rigid motion
@@ -151,24 +150,3 @@ class Estimate:
             told += f", {self.unmatched} λ without a counterpart"
         return (f"Estimate: {told}, {self.tol:g} asked from {self.band[0]:.5g} to {self.band[1]:.5g} rad/time: "
                 f"{'met' if self.met else 'not met'} with {self.modes} modes (cut-off {self.cutoff:.4g})")
-
-
-def usable_band(model: Substructure, band: Any = None) -> tuple[float, float]:
-    """The band (lo, hi) for a stability verdict: hi must not exceed the cut-off; default (0, cut-off).
-
-    Above the cut-off the modes of a reduced model are artefacts of the reduction, often hardly damped. So a band that
-    reaches above it is refused. Up to SHARE of the cut-off errors are usually small; between the two they need not be.
-
-    Raises
-    ------
-    InputError
-        Not a band, or one that ends above the cut-off.
-    """
-    if band is None:
-        return 0.0, float(model.cutoff)
-    lo, hi = check_band(band)
-    if beyond(hi, model.cutoff):
-        raise InputError(f"band=({lo:.6g}, {hi:.6g}) reaches above the cut-off of {model.name!r}, {model.cutoff:.6g} rad/time: "
-                         "modes above it are artefacts of the reduction. Keep more modes, or end the band at the cut-off "
-                         f"(at {SHARE:g} of it, {SHARE * model.cutoff:.5g}, errors are usually small)")
-    return lo, hi

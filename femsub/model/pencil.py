@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -27,7 +27,7 @@ from femsub.algebra import (
     units as energy_units,
     without_rounding,
 )
-from femsub.algebra.frozen import frozen
+from femsub.algebra.shared import shared
 from femsub.checks import Array, Matrix
 
 SPREAD = 16.0  # ratio of the DOF's scales above which a sparse pencil is rescaled
@@ -86,7 +86,7 @@ class Pencil(Frozen):
         damping = sp.csr_array(mass.shape) if D is None else as_matrix("D", D, mass.shape[0])
         parts = (mass, damping, stiffness)
         if not all(sp.issparse(part) for part in ((mass, stiffness) if D is None else parts)):
-            parts = tuple(part.toarray() if sp.issparse(part) else part for part in parts)
+            parts = tuple(map(_dense, parts))
         checked, flags = zip(*(without_rounding(part) for part in parts), strict=True)
         self._set(**dict(zip("MDK", checked, strict=True)), symmetric=flags, contacts=(), K0=checked[2], rigid_motion=None,
                   noise=np.zeros((mass.shape[0], 0)))
@@ -132,21 +132,13 @@ class Pencil(Frozen):
         """The same pencil with sparse matrices."""
         if self.is_sparse:
             return self
-        M, D, K, K0 = (sp.csr_array(part) for part in (self.M, self.D, self.K, self.K0))
-        found = Pencil(M, D, K).carrying(self.rigid_motion, self.noise)
-        return found._with(contacts=self.contacts, **({} if self.K0 is self.K else {"K0": K0}))
+        found = Pencil(*(sp.csr_array(part) for part in (self.M, self.D, self.K)))
+        return found._with(rigid_motion=self.rigid_motion, noise=self.noise, contacts=self.contacts,
+                           K0=found.K if self.K0 is self.K else sp.csr_array(self.K0))
 
     def carrying(self, rigid_motion: Carried, noise: Array) -> Pencil:
         """A copy that brings along what is known of its rigid motion, and of the rounding in its D."""
         return self._with(rigid_motion=rigid_motion, noise=noise)
-
-    def _with(self, **changed: Any) -> Pencil:
-        """A copy with changed fields, without new checks."""
-        copy = object.__new__(Pencil)
-        copy.__dict__.update({item.name: getattr(self, item.name) for item in fields(self)} | changed)
-        if "K" not in changed:
-            copy.__dict__["rescaled"] = self.rescaled
-        return copy
 
     def transposed(self) -> Pencil:
         """λ²Mᵀ + λDᵀ + Kᵀ, whose right eigenvectors are the conjugated left ones of this pencil."""
@@ -158,30 +150,29 @@ class Pencil(Frozen):
         A number c stands for c times the unit matrix. What does not change is shared and not checked again. A sparse C stands
         for a surface, with too many columns to count with: it becomes part of `K0`.
         """
-        found = self
+        found, K0 = self, self.K0
+        contacts: tuple[Any, ...] = self.contacts
+        surface = sp.issparse(damping) or sp.issparse(stiffness)
         if _any(stiffness):
-            K, symmetric = without_rounding(as_matrix("K", self._plus(self.K, contact_matrix(W, stiffness)), self.size))
+            added = contact_matrix(W, stiffness)
+            K, symmetric = without_rounding(as_matrix("K", self._plus(self.K, added), self.size))
             found = self._with(K=K, symmetric=(*self.symmetric[:2], symmetric))
+            if surface:
+                K0 = K if self.K0 is self.K else self._plus(self.K0, added)
         if _any(damping):
             found = found.with_damping(contact_matrix(W, damping))
         if found is self:
             return self
-        found = found.carrying(changed(self.rigid_motion, Touched(damping, W, stiffness, self._moved)), self.noise)
-        if sp.issparse(damping) or sp.issparse(stiffness):
-            K0 = found.K if self.K0 is self.K else self._plus(self.K0, contact_matrix(W, stiffness))
-            return found._with(contacts=self.contacts, K0=K0 if _any(stiffness) else self.K0)
-        given = *(C if np.isscalar(C) else np.array(C) for C in (damping, stiffness)), np.array(W).reshape(len(W), -1)
-        return found._with(contacts=(*self.contacts, frozen(given)), K0=self.K0)
-
-    @property
-    def _moved(self) -> Array:
-        """How far each DOF moves at unit energy."""
-        return energy_units(np.abs(self.M.diagonal()), np.abs(self.K0.diagonal()))[0]
+        if not surface:
+            C_D, C_K = (C if np.isscalar(C) else np.array(C) for C in (damping, stiffness))
+            contacts = *contacts, (C_D, C_K, np.array(W).reshape(len(W), -1))
+        unit = energy_units(self.M.diagonal(), self.K0.diagonal())[0]
+        return found._with(contacts=contacts, K0=K0, noise=self.noise,
+                           rigid_motion=changed(self.rigid_motion, Touched(damping, W, stiffness, unit)))
 
     def with_damping(self, extra: Matrix) -> Pencil:
         """A copy with D + extra. M and K are shared and not checked again."""
-        found = self.damped_by(self._plus(self.D, extra))
-        return found.carrying(found.rigid_motion, self.noise)
+        return self.damped_by(self._plus(self.D, extra))._with(noise=self.noise)
 
     def _plus(self, part: Matrix, extra: Matrix) -> Matrix:
         return part + (sp.csr_array(extra) if self.is_sparse else _dense(extra))
@@ -193,11 +184,6 @@ class Pencil(Frozen):
         D, symmetric = without_rounding(as_matrix("D", D, self.size))
         return self._with(D=D, symmetric=(self.symmetric[0], symmetric, self.symmetric[2]), contacts=(), K0=self.K,
                           noise=np.zeros((self.size, 0)), rigid_motion=changed(self.rigid_motion, Damped(D, self.M.diagonal())))
-
-    @cached_property
-    def rescaled(self) -> dict[tuple[bytes, bytes], tuple[Matrix, Matrix]]:
-        """Rescaled M and K, shared by all pencils with the same M and K."""
-        return {}
 
     @cached_property
     def units(self) -> tuple[Array, Array]:
@@ -227,10 +213,9 @@ class Pencil(Frozen):
         if all(unit.max() <= SPREAD * unit.min() for unit in self.units):
             return self
         rows, columns = self.units
-        key = rows.tobytes(), columns.tobytes()
-        if key not in self.rescaled:  # kept, since their factors are looked up by the matrix
-            self.rescaled[key] = scaled(self.M, rows, columns), scaled(self.K, rows, columns)
-        mass, stiffness = self.rescaled[key]
+        # shared by all pencils with these M and K, since factors are looked up by the matrix
+        mass, stiffness = shared((self.M, self.K), ("scaled", rows.tobytes(), columns.tobytes()),
+                                 lambda: (scaled(self.M, rows, columns), scaled(self.K, rows, columns)))
         parts = {"M": mass, "D": scaled(self.D, rows, columns), "K": stiffness, "noise": rows[:, None] * self.noise,
                  "rigid_motion": changed(self.rigid_motion, Scaled(columns))}
         if np.array_equal(rows, columns):

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Carried, Frozen, RigidMotion, translations
-from femsub.checks import Array, Matrix, instance, mapping, real_array, shown, word
-from femsub.errors import FemsubWarning, InputError, InputTypeError, unknown_name, warn
+from femsub.checks import Array, Matrix, check_band, instance, mapping, real_array, whole_numbers, word
+from femsub.errors import InputError, unknown_name, warn
+from femsub.model.bands import beyond
 from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap
+from femsub.model.estimate import SHARE, Estimate
 from femsub.model.pencil import Pencil
-
-if TYPE_CHECKING:
-    from femsub.model.estimate import Estimate
 
 SYMMETRY = 1e-9  # largest |a_ij - a_ji| / sqrt(|a_ii a_jj|) that counts as rounding; other DOF's stiffness plays no role
 BALANCED, FEW = 1e-5, 4  # share of a row's entries to which they sum in a stiffness matrix; rows from which that says something
@@ -96,8 +95,7 @@ class Substructure(Frozen):
         _semidefinite_pairs(mass, diagonal)
         if _in_each_others_place(mass, stiffness):
             warn(f"M and K of {str(name)!r} seem to be in each other's place: most rows of M sum to 0 along a translation, as "
-                 "those of a stiffness matrix do, and those of K do not. The order is Substructure(M, K), read_component(M, K)",
-                 FemsubWarning)
+                 "those of a stiffness matrix do, and those of K do not. The order is Substructure(M, K), read_component(M, K)")
         if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:
             raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
         if isinstance(interface, Mapping):
@@ -107,7 +105,7 @@ class Substructure(Frozen):
                   ports=_ports({} if ports is None else ports, pencil.size), name=str(name), dofs=dofs, rigid_motion=None,
                   noise=pencil.noise)
         if mass is pencil.M and stiffness is pencil.K:
-            self.__dict__["pencil"] = pencil  # checked already
+            self._set(pencil=pencil)  # checked already
 
     def __repr__(self) -> str:
         kind = f"sparse, {self.K.nnz} nonzeros in K" if sp.issparse(self.K) else "dense"
@@ -158,16 +156,11 @@ class Substructure(Frozen):
     def with_damping(self, D: Any) -> Self:
         """A copy with another D, shape (n, n), symmetric or not; None removes all damping."""
         pencil = self.pencil.damped_by(D)
-        copy = object.__new__(type(self))
-        copy.__dict__.update(self.__dict__ | {"D": pencil.D, "pencil": pencil, "rigid_motion": pencil.rigid_motion,
-                                              "noise": pencil.noise})
-        return copy
+        return self._with(D=pencil.D, pencil=pencil, rigid_motion=pencil.rigid_motion, noise=pencil.noise)
 
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
         """What a model made of others knows from them."""
-        self._set(rigid_motion=rigid_motion, noise=noise)
-        if "pencil" in self.__dict__:
-            self.__dict__["pencil"] = self.pencil.carrying(rigid_motion, noise)
+        self._set(rigid_motion=rigid_motion, noise=noise, pencil=self.pencil.carrying(rigid_motion, noise))
 
     def port(self, name: str) -> Array:
         """The column(s) w of a port, shape (n,) or (n, p); an unknown name is an InputError."""
@@ -247,37 +240,32 @@ class ReducedSubstructure(Substructure):
     #: makes a model with more shapes, while the full component exists; not pickled
     wider: ClassVar[Callable[[ReducedSubstructure, Array, Array, str | None], ReducedSubstructure | None] | None] = None
 
-    def __init__(self, M: Any, K: Any, D: Any, ports: Mapping[str, Any], name: str, *, V: Array,
-                 kinds: Sequence[str], full_interface: Array, cutoff: float, method: str, modes: int = 0, dropped: int = 0,
-                 port_error: Mapping[str, float] | None = None, factorisations: int = 0, full_dofs: DofMap | None = None,
-                 interface_dofs: DofMap | None = None, sets: Mapping[str, Any] | None = None,
-                 estimate: Estimate | None = None, estimated: tuple[Matrix, Matrix, Matrix] | None = None,
-                 rigid_motion: Carried = None, noise: Array | None = None) -> None:
-        V = real_array("V", V)
-        if V.ndim != 2 or V.shape[1] != np.shape(M)[0]:
+    def __post_init__(self) -> None:
+        V = real_array("V", self.V)
+        if V.ndim != 2 or V.shape[1] != np.shape(self.M)[0]:
             raise InputError("V must have a row per DOF of the component and a column per coordinate, but its shape is "
-                             f"{V.shape}, and that of M is {np.shape(M)}")
-        full_interface = _interface(full_interface, len(V))
+                             f"{V.shape}, and that of M is {np.shape(self.M)}")
+        full_interface = _interface(self.full_interface, len(V))
         # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
         rows = V[full_interface]
         places = [int(np.argmax(row == 1.0)) for row in rows if np.count_nonzero(row) == 1 and 1.0 in row]
         physical = len(places) == len(rows) and len(set(places)) == len(places)
-        super().__init__(M, K, D, places if physical else (), ports, name)
+        sets, motion, noise = checked_sets(self.sets, len(full_interface)), self.rigid_motion, self.noise
+        super().__init__(self.M, self.K, self.D, places if physical else (), self.ports, self.name)
         own = self.M, self.D, self.K
-        if estimate is None or not all(A is B or (A.shape == B.shape and not (A != B).sum())
-                                       for A, B in zip(estimated or own, own, strict=True)):
-            estimate = estimated = None
-        if interface_dofs is None and full_dofs is not None:
-            interface_dofs = full_dofs.kept(full_interface)
-        self._set(V=V, interface_dofs=interface_dofs, sets=checked_sets(sets, len(full_interface)),
-                  kinds=tuple(kinds), modes=modes, cutoff=float(cutoff), method=method, dropped=dropped,
-                  port_error=port_error or {}, factorisations=factorisations, full_dofs=full_dofs,
-                  full_interface=full_interface, estimate=estimate,
-                  estimated=None if estimate is None else estimated or own)
+        estimated = self.estimated or own
+        valid = self.estimate is not None and all(A is B or (A.shape == B.shape and not (A != B).sum())
+                                                  for A, B in zip(estimated, own, strict=True))
+        known = self.interface_dofs
+        if known is None and self.full_dofs is not None:
+            known = self.full_dofs.kept(full_interface)
+        self._set(V=V, interface_dofs=known, sets=sets, kinds=tuple(self.kinds), cutoff=float(self.cutoff),
+                  port_error=self.port_error, full_interface=full_interface,
+                  estimate=self.estimate if valid else None, estimated=estimated if valid else None)
         if noise is not None and len(noise) == self.size:
             self._carry(None, noise)
-        if isinstance(rigid_motion, RigidMotion):
-            self._carry(rigid_motion.belonging(self.M, self.D, self.K), self.noise)
+        if isinstance(motion, RigidMotion):
+            self._carry(motion.belonging(*own), self.noise)
 
     def __repr__(self) -> str:
         limit = "complete" if np.isinf(self.cutoff) else f"cut-off {self.cutoff:.4g} rad/time"
@@ -295,9 +283,7 @@ class ReducedSubstructure(Substructure):
 
     def with_damping(self, D: Any) -> Self:
         """A copy with another D, shape (r, r), and without the estimate, which is not valid for it."""
-        copy = super().with_damping(D)
-        copy._set(estimate=None, estimated=None)
-        return copy
+        return super().with_damping(D)._with(estimate=None, estimated=None, wider=self.wider)
 
     def expand(self, q: Array) -> Array:
         """u = V q, shape (r,) or (r, k) to (n,) or (n, k)."""
@@ -305,6 +291,27 @@ class ReducedSubstructure(Substructure):
         if q.ndim == 0 or q.shape[0] != self.size:
             raise InputError(f"q must have {self.size} rows, one per coordinate, but its shape is {q.shape}")
         return self.V @ q
+
+
+def usable_band(model: Substructure, band: Any = None) -> tuple[float, float]:
+    """The band (lo, hi) for a stability verdict: hi must not exceed the cut-off; default (0, cut-off).
+
+    Above the cut-off the modes of a reduced model are artefacts of the reduction, often hardly damped. So a band that
+    reaches above it is refused. Up to SHARE of the cut-off errors are usually small; between the two they need not be.
+
+    Raises
+    ------
+    InputError
+        Not a band, or one that ends above the cut-off.
+    """
+    if band is None:
+        return 0.0, float(model.cutoff)
+    lo, hi = check_band(band)
+    if beyond(hi, model.cutoff):
+        raise InputError(f"band=({lo:.6g}, {hi:.6g}) reaches above the cut-off of {model.name!r}, {model.cutoff:.6g} rad/time: "
+                         "modes above it are artefacts of the reduction. Keep more modes, or end the band at the cut-off "
+                         f"(at {SHARE:g} of it, {SHARE * model.cutoff:.5g}, errors are usually small)")
+    return lo, hi
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:
@@ -323,15 +330,14 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
                          f"and friction as a contact. If it is rounding after all, give ({name} + {name}.T) / 2")
     if share[where] > UNUSUAL:
         warn(f"{found}. It is treated as rounding and averaged out. If it is friction, use Pencil(M, D, K), else give "
-             f"({name} + {name}.T) / 2", FemsubWarning)
+             f"({name} + {name}.T) / 2")
     mean = (matrix + matrix.T) * 0.5
     return sp.csr_array(mean) if sp.issparse(mean) else mean
 
 
 def _semidefinite_pairs(M: Matrix, diagonal: Array) -> None:
     """Check m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too expensive here."""
-    entries = M.tocoo() if sp.issparse(M) else sp.coo_array(M)
-    bound = np.sqrt(diagonal)
+    entries, bound = sp.coo_array(M), np.sqrt(diagonal)
     excess = np.abs(entries.data) - (1 + SYMMETRY) * bound[entries.row] * bound[entries.col]
     if excess.max(initial=0.0) > 0:
         where = int(excess.argmax())
@@ -353,16 +359,7 @@ def _in_each_others_place(M: Matrix, K: Matrix) -> bool:
 
 
 def _interface(values: Iterable[int], size: int) -> Array:
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise InputTypeError(f"interface must be a sequence of DOF numbers, not {values!r}")
-    try:
-        raw = np.asarray(list(values))
-    except ValueError:  # ragged
-        raise InputTypeError(f"interface must be a flat sequence of integers, not {shown(values)}") from None
-    if raw.size == 0:
-        return np.zeros(0, dtype=np.intp)
-    if raw.ndim != 1 or not (np.issubdtype(raw.dtype, np.integer)):
-        raise InputTypeError(f"interface must be a flat sequence of integers, not {raw!r:.80}")
+    raw = whole_numbers("interface", values)
     bad = raw[(raw < 0) | (raw >= size)]
     if bad.size:
         raise InputError(f"interface DOF {bad[0]} is out of range: the model has {size} DOF, counted from 0 to {size - 1}")
@@ -391,23 +388,11 @@ def checked_sets(sets: Mapping[str, Any] | None, count: int) -> dict[str, Array]
     return found
 
 
-def _ports(ports: Mapping[str, Any], size: int) -> Mapping[str, Array]:
-    if not isinstance(ports, Mapping):
-        raise InputTypeError(f"ports must map names to columns, e.g. {{'belt': w}}, not {type(ports).__name__}")
+def _ports(ports: Mapping[str, Any], size: int) -> dict[str, Array]:
     checked = {}
-    for name, column in ports.items():
-        if not isinstance(name, str):
-            raise InputTypeError(f"a port's name must be a string, not {name!r}")
-        try:
-            raw = np.asarray(column.toarray() if sp.issparse(column) else column)
-            if np.iscomplexobj(raw):
-                raise TypeError
-            w = np.array(raw, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InputTypeError(f"port {name!r} must be a real column of numbers") from None
+    for name, column in mapping("ports", ports, "names and columns, as {'belt': w}").items():
+        what = f"port {word('the name of a port', name)!r}"
+        checked[name] = w = np.array(real_array(what, column.toarray() if sp.issparse(column) else column))
         if w.ndim not in (1, 2) or w.shape[0] != size or w.size == 0:
-            raise InputError(f"port {name!r} has the shape {w.shape}; the model has {size} DOF, so ({size},) or ({size}, p)")
-        if not np.isfinite(w).all():
-            raise InputError(f"port {name!r} holds a NaN or Inf, first at row {int(np.argwhere(~np.isfinite(w))[0][0])}")
-        checked[name] = w
+            raise InputError(f"{what} has the shape {w.shape}; the model has {size} DOF, so ({size},) or ({size}, p)")
     return checked

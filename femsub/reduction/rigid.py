@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.algebra import SAME, Damped, RigidMotion, size_of_products, undamped, without
+from femsub.algebra import SAME, RigidMotion, size_of_products, undamped, units as energy_units, without
 from femsub.checks import Array
 from femsub.modes import motion_of, rounding_ratio, units
 
@@ -48,7 +48,7 @@ def damping(sub: Substructure, basis: Basis, D: Array) -> tuple[Array, RigidMoti
     if q is None:
         return D, None, noise
     found = free_first(q, motion, sub.pencil)
-    return without(D, found.undamped, Damped.unit(basis.M.diagonal(), basis.K.diagonal())), found, noise
+    return without(D, found.undamped, energy_units(basis.M.diagonal(), basis.K.diagonal())[0]), found, noise
 
 
 def _known(sub: Substructure, basis: Basis) -> tuple[Array | None, Array]:
