@@ -117,14 +117,19 @@ def nodes_of(mesh: Mesh, found: Patch) -> Array:
 
 
 def sides_of(kind: str, what: str) -> Array:
-    """The nodes of each face or edge of a cell, (s, k): corners first, as in `reference(kind).faces`."""
+    """The nodes of each face or edge of a cell, (s, k): the corners as in `reference(kind).faces`, the middles of the edges
+    between them in the same order, and the face's own.
+    """
     if kind not in KINDS:
         count = {"triangle": 3, "quad": 4}[kind]
         return np.stack([np.arange(count), (np.arange(count) + 1) % count], axis=1)
     element = reference(kind)
-    sides = element.faces if what == "faces" else element.edges
-    return np.array([(*side, *(element.corners + i for i, group in enumerate(element.middles) if set(group) <= set(side)))
-                     for side in sides])
+    middle = {frozenset(group): element.corners + i for i, group in enumerate(element.middles)}
+    found = []
+    for side in element.faces if what == "faces" else element.edges:
+        groups = map(frozenset, (*zip(side, (*side[1:], side[0]), strict=True), side))
+        found.append([*side, *dict.fromkeys(middle[group] for group in groups if group in middle)])
+    return np.array(found)
 
 
 def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
