@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
-from femsub.algebra import Equations, units
+from femsub.algebra import Equations, block_diagonal, units
 from femsub.checks import Array, Matrix, instance, mapping, word
 from femsub.coupling.dual import FORCE, by_forces
 from femsub.coupling.joints import Joint, Link
@@ -47,21 +46,16 @@ def linked(joint: Joint, parts: Mapping[str, Substructure]) -> Link:
 
 def check_connected(parts: Mapping[str, Substructure], links: Sequence[Link]) -> None:
     """All parts hang together, by joints or by the ground."""
-    if len(parts) == 1:
-        return
-    names = list(parts)
-    pairs = [(names[0], names[0])]
+    names, ground = list(parts), "."  # the ground is one more, whose name no part can have
+    groups = [{name} for name in (*names, ground)]
     for link in links:
-        members = [*link.equations, *link.motions, *(["."] if link.grounded else [])]
-        pairs += [(members[0], other) for other in members]
-    number = {name: at for at, name in enumerate((*names, "."))}  # the ground is one more, whose name no part can have
-    table = np.array([[number[one], number[other]] for one, other in pairs])
-    graph = sp.csr_array((np.ones(len(table)), (table[:, 0], table[:, 1])), shape=(len(number), len(number)))
-    group = connected_components(graph, directed=False)[1]
-    alone = [name for name, own in zip(names, group, strict=False) if np.count_nonzero(group == own) == 1]
-    if alone:
+        members = {*link.equations, *link.motions, *([ground] if link.grounded else [])}
+        touched = [group for group in groups if group & members]
+        groups = [group for group in groups if not group & members] + [set().union(*touched)]
+    first = next(group for group in groups if names[0] in group)
+    apart = [name for name in names if name not in first]
+    if apart and (alone := [name for name in names if {name} in groups]):
         raise InputError(f"the part {alone[0]!r} is joined to nothing: give a joint that names it, or leave it out")
-    apart = [name for name, own in zip(names, group, strict=False) if own != group[0]]
     if apart:
         raise InputError(f"no joints lead from {names[0]!r} to {', '.join(map(repr, apart))}: these are systems of their own")
 
@@ -79,62 +73,54 @@ def units_of_energy(parts: Mapping[str, Substructure]) -> Array:
     return units(M, K)[0]
 
 
-def physical_coordinates(parts: Mapping[str, Substructure]) -> Array:
-    """Which coordinates are displacements of interface DOF."""
-    found = np.zeros(sum(part.size for part in parts.values()), dtype=bool)
-    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
-        found[rows.start + part.interface] = True
-    return found
+def on_all_parts(table: Mapping[str, Matrix], widths: Mapping[str, int]) -> Matrix:
+    """The matrices of a joint on some parts, in one for the coordinates of all parts, sparse, shape (m, Σ widths)."""
+    rows = next(iter(table.values())).shape[0]
+    return sp.csr_array(sp.hstack([table.get(name, sp.csr_array((rows, width))) for name, width in widths.items()]))
 
 
-def equations_of(parts: Mapping[str, Substructure], links: Sequence[Link], unit: Array, physical: Array) -> Equations:
-    """Σ_p C_p B_p q_p = 0 of all joints below each other."""
-    rows = dict(zip(parts, rows_of_parts(parts), strict=True))
-    blocks, owner = [], []
-    interfaces = {name: sp.csr_array(part.interface_rows) for name, part in parts.items()}
-    for number, link in enumerate(links):
-        if link.equations:
-            block = sum(sp.csr_array(_spread(sp.csr_array(C) @ interfaces[part], rows[part].start, len(unit)))
-                        for part, C in link.equations.items())
-            blocks.append(block)
-            owner.append(np.full(block.shape[0], number))
-    A = sp.csr_array(sp.vstack(blocks)) if blocks else sp.csr_array((0, len(unit)))
-    return Equations(A, unit, physical, np.concatenate([np.zeros(0, dtype=int), *owner]))
+def conditions(parts: Mapping[str, Substructure], links: Sequence[Link]) -> tuple[Matrix, Array]:
+    """C (m, Σ n_b) with C u_b = 0 of all joints below each other, for the interfaces of all parts; and the joint of each row."""
+    widths = {name: len(part.interface_numbers) for name, part in parts.items()}
+    found = {number: on_all_parts(link.equations, widths) for number, link in enumerate(links) if link.equations}
+    owner = np.repeat(np.array([*found], dtype=int), np.array([C.shape[0] for C in found.values()], dtype=int))
+    none = sp.csr_array((0, sum(widths.values())))
+    return sp.csr_array(sp.vstack([none, *found.values()])), owner
 
 
-def _spread(C: Matrix, start: int, size: int) -> Matrix:
-    """The columns of a sparse C from a place on among `size`."""
-    return sp.csr_array((C.data, C.indices + start, C.indptr), shape=(C.shape[0], size))
+def equations_of(parts: Mapping[str, Substructure], C: Matrix, owner: Array) -> Equations:
+    """Σ_p C_p B_p q_p = 0 of `conditions`, on the coordinates of all parts."""
+    A = sp.csr_array(C @ block_diagonal([part.interface_rows for part in parts.values()]))
+    A.sort_indices()
+    physical = [np.isin(np.arange(part.size), part.interface) for part in parts.values()]
+    return Equations(A, units_of_energy(parts), np.concatenate(physical), owner)
 
 
-def joint_forces(parts: Mapping[str, Substructure], links: Sequence[Link], weak: Sequence[bool],
-                 unit: Array) -> tuple[Matrix, Array]:
-    """Of the parts that are reduced by interface forces g: -C_pᵀ in the rows of g, sparse, shape (N, m), of all weak joints; and,
-    for each g, the square of how far its DOF moves at unit energy of the part, shape (N,).
+def joint_forces(parts: Mapping[str, Substructure], C: Matrix, unit: Array) -> tuple[Matrix, Array]:
+    """Of the parts that are reduced by interface forces g: -Cᵀ of `conditions` in the rows of g, sparse, shape (N, m); and, for
+    each g, the square of how far its DOF moves at unit energy of the part, shape (N,).
     """
-    size, compliance = len(unit), np.zeros(len(unit))
-    at = {}
-    for (name, part), rows in zip(parts.items(), rows_of_parts(parts), strict=True):
+    compliance, places = np.zeros(len(unit)), []
+    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
+        place = sp.csr_array((part.size, len(part.interface_numbers)))
         if by_forces(part):
             force = np.array(part.kinds) == FORCE  # type: ignore[attr-defined]
-            at[name] = rows.start + np.flatnonzero(force)
-            compliance[at[name]] = (np.asarray(part.interface_rows)[:, ~force] ** 2 @ unit[rows][~force] ** 2
-                                    + part.K.diagonal()[force])  # modes may not move a DOF at all
-    columns = [sp.csr_array((size, 0))]
-    for link in (link for link, held in zip(links, weak, strict=True) if held):
-        column = sp.csr_array((size, next(iter(link.equations.values())).shape[0]))
-        for name in at.keys() & link.equations.keys():
-            C = sp.coo_array(link.equations[name])
-            column = column + sp.csr_array((-C.data, (at[name][C.col], C.row)), shape=column.shape)
-        columns.append(column)
-    return sp.csr_array(sp.hstack(columns)), compliance
+            place = sp.eye_array(part.size, format="csr")[:, np.flatnonzero(force)]
+            moved = np.asarray(part.interface_rows)[:, ~force] ** 2 @ unit[rows][~force] ** 2
+            compliance[rows] = place @ (moved + part.K.diagonal()[force])  # modes may not move a DOF at all
+        places.append(place)
+    return sp.csr_array(block_diagonal(places) @ -C.T), compliance
+
+
+def springs_of(parts: Mapping[str, Substructure], links: Sequence[Link]) -> list[tuple[Matrix, Link]]:
+    """R (s, N) of each joint with springs or dampers, on the coordinates of all parts: they act on the motion R q."""
+    widths = {name: part.size for name, part in parts.items()}
+    return [(on_all_parts(link.motions, widths), link) for link in links if link.motions]
 
 
 def sprung(parts: Mapping[str, Substructure], links: Sequence[Link]) -> Array:
     """Which coordinates of the parts springs move, shape (N,)."""
-    rows = dict(zip(parts, rows_of_parts(parts), strict=True))
     found = np.zeros(sum(part.size for part in parts.values()), dtype=bool)
-    for link in links:
-        for name, R in link.motions.items():
-            found[rows[name].start + sp.coo_array(R).col] = True
+    for R, _ in springs_of(parts, links):
+        found[R.indices] = True
     return found
