@@ -76,7 +76,7 @@ def units_of_energy(parts: Mapping[str, Substructure]) -> Array:
 def on_all_parts(table: Mapping[str, Matrix], widths: Mapping[str, int]) -> Matrix:
     """The matrices of a joint on some parts, in one for the coordinates of all parts, sparse, shape (m, Σ widths)."""
     rows = next(iter(table.values())).shape[0]
-    return sp.csr_array(sp.hstack([table.get(name, sp.csr_array((rows, width))) for name, width in widths.items()]))
+    return sp.csr_array(sp.hstack([sp.csr_array(table.get(name, (rows, width))) for name, width in widths.items()]))
 
 
 def conditions(parts: Mapping[str, Substructure], links: Sequence[Link]) -> tuple[Matrix, Array]:
