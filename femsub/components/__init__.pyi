@@ -8,9 +8,11 @@ from .mesh import (
     boundary_faces as boundary_faces,
     corner_nodes as corner_nodes,
     corners_of as corners_of,
+    edges_of as edges_of,
+    sides_of as sides_of,
 )
 from .mesh_checks import checked as checked
-from .patches import patch as patch, sides_of as sides_of
+from .patches import patch as patch
 from .solid import DIRECTIONS as DIRECTIONS, materials_of as materials_of
 from .solid_assembly import Material as Material, Pattern as Pattern, at_points as at_points
 from .solid_elements import KINDS as KINDS, reference as reference, shape_functions as shape_functions, skfem as skfem

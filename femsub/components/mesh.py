@@ -1,4 +1,4 @@
-"""`Mesh`: points, cells of one kind, named sets of nodes and of cells; the faces of its surface."""
+"""`Mesh`: points, cells of one kind, named sets of nodes and of cells; its faces and edges."""
 
 from __future__ import annotations
 
@@ -117,17 +117,66 @@ def corners_of(mesh: Mesh) -> Array:
     return mesh.cells[:, :reference(mesh.kind).corners] if mesh.kind in KINDS else mesh.cells
 
 
+def sides_of(kind: str, what: str) -> Array:
+    """The nodes of each face or edge of a cell, (s, k): the corners as in `reference(kind).faces`, the middles of the edges
+    between them in the same order, and the face's own. A plane cell has edges only.
+    """
+    if kind not in KINDS:
+        count = {"triangle": 3, "quad": 4}[kind]
+        return np.stack([np.arange(count), (np.arange(count) + 1) % count], axis=1)
+    element = reference(kind)
+    middle = {frozenset(group): element.corners + i for i, group in enumerate(element.middles)}
+    found = []
+    for side in element.faces if what == "faces" else element.edges:
+        groups = map(frozenset, (*zip(side, (*side[1:], side[0]), strict=True), side))
+        found.append([*side, *dict.fromkeys(middle[group] for group in groups if group in middle)])
+    return np.array(found)
+
+
+def distinct_sides(mesh: Mesh, sides: Array) -> tuple[Array, Array, Array]:
+    """The different faces or edges of a mesh, those of each cell, and how many cells have each.
+
+    Parameters
+    ----------
+    sides : ndarray, shape (s, c)
+        The corners of those of a cell.
+
+    Returns
+    -------
+    corners : ndarray, shape (f, c)
+        As rows of `points`, ascending in each row and from row to row.
+    number : ndarray, shape (m, s)
+    times : ndarray, shape (f,)
+    """
+    rows = np.sort(mesh.cells[:, sides].reshape(-1, sides.shape[1]), axis=1)
+    corners, number, times = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    return corners, number.reshape(len(mesh.cells), -1), times
+
+
 def boundary_faces(mesh: Mesh) -> tuple[Array, Array]:
     """The faces that belong to one cell only: their cells (f,), and their index among the cell's faces (f,)."""
-    faces = np.array(reference(mesh.kind).faces)
-    corners = np.sort(mesh.cells[:, faces].reshape(-1, faces.shape[1]), axis=1)
-    order = np.lexsort(corners.T)
-    same = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
-    alone = np.ones(len(order), dtype=bool)
-    alone[1:] &= ~same
-    alone[:-1] &= ~same
-    chosen = np.sort(order[alone])
-    return chosen // len(faces), chosen % len(faces)
+    _, number, times = distinct_sides(mesh, np.array(reference(mesh.kind).faces))
+    cells, sides = np.nonzero(times[number] == 1)
+    return cells, sides
+
+
+def edges_of(mesh: Mesh) -> tuple[Array, Array, Array]:
+    """The edges of a plane or solid mesh: their ends (e, 2), those of each cell (m, s), and which are on its border."""
+    table = sides_of(mesh.kind, "edges")[:, :2]
+    ends, number, times = distinct_sides(mesh, table)
+    if mesh.dimension == 2:
+        return ends, number, times == 1
+    cells, sides = boundary_faces(mesh)
+    of_face = np.array([[at for at, edge in enumerate(table) if set(edge) <= set(face)] for face in reference(mesh.kind).faces])
+    border = np.zeros(len(ends), dtype=bool)
+    border[number[cells[:, None], of_face[sides]]] = True
+    return ends, number, border
+
+
+def edges_within(ends: Array, border: Array, nodes: Array) -> Array:
+    """Which edges have both ends in a set, bool (e,). Between two nodes of the border only edges of the border count."""
+    outer = np.isin(ends, ends[border]).all(axis=1)
+    return np.isin(ends, nodes).all(axis=1) & (border | ~outer)
 
 
 def corner_nodes(mesh: Mesh, cells: Array, sides: Array) -> Array:

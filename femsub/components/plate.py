@@ -19,11 +19,10 @@ from femsub.components.bending_elements import (
     morley_matrices,
 )
 from femsub.components.build import component, gathered, optional_mapping, tell_rounding
-from femsub.components.mesh import Mesh
+from femsub.components.mesh import Mesh, edges_of, edges_within, sides_of
 from femsub.components.mesh_checks import refuse_spoilt
-from femsub.components.patches import Patch, patch, sides_of
+from femsub.components.patches import Patch, patch
 from femsub.components.solid_assembly import Material
-from femsub.components.solid_elements import skfem
 from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap, Substructure
 
@@ -114,7 +113,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
 
 
 class _Layout:
-    """The DOF of each node, at `plane` (n, 2), and of each edge of a mesh; edges and borders come from `grid`."""
+    """The DOF of each node, at `plane` (n, 2), and of each edge of a mesh."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh, self.plane = mesh, mesh.points[:, :2]
@@ -122,9 +121,8 @@ class _Layout:
             raise InputError(f"a plate lies in a plane of constant z, but z of {mesh.name!r} runs from "
                              f"{mesh.points[:, 2].min():.6g} to {mesh.points[:, 2].max():.6g}")
         self.triangles = mesh.kind == "triangle"
-        kind = skfem().MeshTri if self.triangles else skfem().MeshQuad
-        self.grid = kind(np.ascontiguousarray(self.plane.T), np.ascontiguousarray(mesh.cells.T))
-        self.size = len(self.plane) + self.grid.facets.shape[1] if self.triangles else 4 * len(self.plane)
+        self.ends, self.of_cell, self.border = edges_of(mesh)
+        self.size = len(self.plane) + len(self.ends) if self.triangles else 4 * len(self.plane)
         every = np.arange(self.size)
         self.deflections = every < len(self.plane) if self.triangles else every % 4 == 0  # which DOF are w
 
@@ -138,7 +136,7 @@ class _Layout:
     @property
     def _triangles(self) -> tuple[Array, Array]:
         """Corners of the triangles, and the edges opposite them, (m, 3)."""
-        return self.grid.t.T, self.grid.t2f.T[:, [1, 2, 0]]  # scikit-fem's edges are (0, 1), (1, 2), (0, 2)
+        return self.mesh.cells, self.of_cell[:, [1, 2, 0]]
 
     def _morley(self, nu: float) -> tuple[Matrix, Matrix]:
         cells, edges = self._triangles
@@ -155,7 +153,7 @@ class _Layout:
 
     def _normals(self) -> Array:
         """Unit normals of the edges (f, 2), pointing to +x, or to +y if the edge is parallel to x."""
-        along = self.plane[self.grid.facets[1]] - self.plane[self.grid.facets[0]]
+        along = self.plane[self.ends[:, 1]] - self.plane[self.ends[:, 0]]
         along = along / np.linalg.norm(along, axis=1)[:, None]
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
         leading = np.where(np.abs(normal[:, 0]) > SKEW, normal[:, 0], normal[:, 1])
@@ -181,11 +179,8 @@ class _Layout:
         return (4 * cells[:, :, None] + np.arange(4)).reshape(len(cells), 16), sides
 
     def edges(self, nodes: Array) -> Array:
-        """The edges with both nodes in a set. An edge between two nodes of the border counts only if it is on the border."""
-        facets, border = self.grid.facets, self.grid.boundary_facets()
-        member, outer, on_border = (np.zeros(count, dtype=bool) for count in (len(self.plane), len(self.plane), facets.shape[1]))
-        member[nodes], outer[facets[:, border]], on_border[border] = True, True, True
-        return np.flatnonzero(member[facets].all(axis=0) & (on_border | ~outer[facets].all(axis=0)))
+        """The edges within a set."""
+        return np.flatnonzero(edges_within(self.ends, self.border, nodes))
 
     def held(self, nodes: Array, kind: Any) -> Array:
         """The DOF that a support holds along a set."""
@@ -195,10 +190,9 @@ class _Layout:
             return self.all_of(nodes)
         if self.triangles:
             return nodes
-        edges = self.edges(nodes)
-        ends = self.grid.facets[:, edges]
-        along = np.abs(self.plane[ends[1]] - self.plane[ends[0]]).argmax(axis=1)  # 0: along x, so w,x is zero as well
-        return np.concatenate([4 * nodes, (4 * ends + 1 + along).ravel()])
+        ends = self.ends[self.edges(nodes)]
+        along = np.abs(self.plane[ends[:, 1]] - self.plane[ends[:, 0]]).argmax(axis=1)  # 0: along x, so w,x is zero as well
+        return np.concatenate([4 * nodes, (4 * ends + 1 + along[:, None]).ravel()])
 
     def all_of(self, nodes: Array) -> Array:
         """All DOF of the nodes and of the edges in a set."""
@@ -243,8 +237,7 @@ class _Layout:
     def _along_triangles(self, found: Patch, w: Array) -> None:
         """Add ∫ φ ds along edges. Between two triangles, whose functions differ there, it is the mean of both sides."""
         corners, edges = (part[found.cells] for part in self._triangles)
-        lone = self.mesh.cells[found.cells, (found.sides + 2) % 3]
-        integrals = morley_edge_integrals(self.plane[corners], self._normals()[edges], (corners == lone[:, None]).argmax(axis=1))
+        integrals = morley_edge_integrals(self.plane[corners], self._normals()[edges], (found.sides + 2) % 3)
         np.add.at(w, np.hstack([corners, len(self.plane) + edges]), found.share[:, None] * integrals)
 
     def _along_rectangles(self, found: Patch, w: Array) -> None:
@@ -265,7 +258,7 @@ class _Layout:
         if not self.triangles:
             return DofMap(np.repeat(numbers, 4), np.tile(np.arange(4), len(numbers)), ("w", "w,x", "w,y", "w,xy"),
                           np.repeat(self.plane, 4, axis=0))
-        count = self.grid.facets.shape[1]
-        middle = self.plane[self.grid.facets].mean(axis=0)
+        count = len(self.ends)
+        middle = self.plane[self.ends].mean(axis=1)
         return DofMap(np.concatenate([numbers, numbers.max() + 1 + np.arange(count)]),
                       np.repeat([0, 1], [len(numbers), count]), ("w", "w,n"), np.vstack([self.plane, middle]))

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra import Frozen, partition, runs
 from femsub.checks import Array, Matrix, choice, instance, items, whole_number
-from femsub.components import Mesh, corners_of
+from femsub.components import Mesh, corners_of, edges_of
 from femsub.coupling.joints import Rigid
 from femsub.coupling.matrix_cut import divided, members, pattern
 from femsub.errors import InputError, InputTypeError
@@ -185,11 +185,12 @@ def _pieces(mesh: Mesh, whole: Substructure, into: int) -> dict[str, Array]:
     neighbours = sp.coo_array(corners @ corners.T)
     beside = neighbours.data >= mesh.dimension
     graph = sp.csr_array((np.ones(beside.sum()), (neighbours.row[beside], neighbours.col[beside])), shape=(count, count))
-    nodes, numbers = _incidence(mesh.cells, len(mesh.points)), mesh.numbers
+    cells, numbers = mesh.cells, mesh.numbers
     if mesh.kind == "triangle":  # a plate's edges have DOF, too
-        edges = _edges(mesh)
-        nodes = sp.csr_array(sp.hstack([nodes, (nodes @ _incidence(edges, len(mesh.points)).T >= 2) * 1.0]))
+        edges, of_cell, _ = edges_of(mesh)
+        cells = np.hstack([cells, len(numbers) + of_cell])
         numbers = np.concatenate([numbers, numbers.max() + 1 + np.arange(len(edges))])
+    nodes = _incidence(cells, len(numbers))
     assert whole.dofs is not None
     together = []
     for w in whole.ports.values():
@@ -237,19 +238,14 @@ def _places(whole: DofMap | None, part: DofMap | None, mesh: Mesh, piece: Mesh, 
     beyond = np.flatnonzero(numbers > piece.numbers.max())
     if len(beyond):  # edges of triangles, whose numbers continue those of the nodes
         ends = np.array([len(mesh.points), 1])
-        edges = nodes[_edges(piece)[numbers[beyond] - piece.numbers.max() - 1]] @ ends
-        numbers[beyond] = mesh.numbers.max() + 1 + np.searchsorted(_edges(mesh) @ ends, edges)
+        edges = nodes[edges_of(piece)[0][numbers[beyond] - piece.numbers.max() - 1]] @ ends
+        numbers[beyond] = mesh.numbers.max() + 1 + np.searchsorted(edges_of(mesh)[0] @ ends, edges)
     count = len(whole.labels)
     known, wanted = whole.nodes * count + whole.components, numbers * count + part.components
     order = np.argsort(known)
     place = order[np.minimum(np.searchsorted(known[order], wanted), len(order) - 1)]
     kept = np.flatnonzero(known[place] == wanted)
     return place[kept], kept
-
-
-def _edges(mesh: Mesh) -> Array:
-    """The edges of a mesh of triangles as pairs of nodes, in the order in which `plate` numbers them."""
-    return np.unique(np.sort(mesh.cells[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0)
 
 
 def _cut_matrices(whole: Substructure, into: int) -> Cut:
