@@ -14,7 +14,7 @@ from femsub.algebra import Frozen, partition, runs
 from femsub.checks import Array, Matrix, choice, instance, items, whole_number
 from femsub.components import Mesh, corners_of, edges_of
 from femsub.coupling.joints import Rigid
-from femsub.coupling.matrix_cut import divided, members, pattern
+from femsub.coupling.matrix_cut import divided, members
 from femsub.errors import InputError, InputTypeError
 from femsub.model import Substructure
 
@@ -249,7 +249,7 @@ def _places(whole: DofMap | None, part: DofMap | None, mesh: Mesh, piece: Mesh, 
 
 
 def _cut_matrices(whole: Substructure, into: int) -> Cut:
-    A = pattern(whole)
+    A = sp.csr_array(sum(abs(sp.csr_array(B)) for B in (whole.K, whole.M, whole.D, whole.D.T)))
     if whole.dofs is None:
         node = runs(A)
     else:
@@ -265,7 +265,13 @@ def _cut_matrices(whole: Substructure, into: int) -> Cut:
     ported[np.concatenate([*under, np.zeros(0, dtype=int)]).astype(int)] = True
     member, common = members(graph, owner, ported, into)
     member, common = member[node], [sp.csr_array(of_node.T @ one @ of_node) for one in common]
-    rows = {f"p{at + 1}": np.flatnonzero(column) for at, column in enumerate(member.T)}
+    return in_rows(whole, {f"p{at + 1}": np.flatnonzero(column) for at, column in enumerate(member.T)}, common)
+
+
+def in_rows(whole: Substructure, rows: dict[str, Array], common: Sequence[Matrix] | None = None) -> Cut:
+    """The parts of a substructure that have these DOF; see `members` for `common`."""
+    member = np.stack([np.isin(np.arange(whole.size), own) for own in rows.values()], axis=1)
+    common = common or [sp.csr_array(whole.M.shape)] * len(rows)
     shares = [divided(sp.csr_array(B), common, member) for B in (whole.M, whole.D, whole.K)]
     return _joined(whole, rows, dict(zip(rows, zip(*shares, strict=True), strict=True)))
 
@@ -273,9 +279,7 @@ def _cut_matrices(whole: Substructure, into: int) -> Cut:
 def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, tuple[Matrix, Matrix, Matrix]]) -> Cut:
     """The parts with their interfaces, sets and ports, and the joints between them."""
     names, count = list(rows), whole.size
-    member = np.zeros((count, len(names)), dtype=bool)
-    for number, own in enumerate(rows.values()):
-        member[own, number] = True
+    member = np.stack([np.isin(np.arange(count), own) for own in rows.values()], axis=1)
     cut_sets, joints = _meetings(names, member)
     owner = _owners(whole, names, member)
     named = {key: whole.interface[places] for key, places in whole.sets.items()} | cut_sets

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,18 +10,8 @@ import scipy.sparse as sp
 from femsub.checks import Array, Matrix
 from femsub.errors import InputError
 
-if TYPE_CHECKING:
-    from femsub.model import Substructure
-
 DOMINANT = 1e-9  # share of the diagonal entry that the sum of the others may exceed it by, as rounding
 BALANCING = 100  # steps at most
-
-
-def pattern(whole: Substructure) -> Matrix:
-    """|K| + |M| + |D| + |D|ᵀ by its pattern, each entry 1."""
-    found = sum(sp.csr_array(abs(B)) for B in (whole.K, whole.M, whole.D, whole.D.T))
-    found = sp.csr_array(found)
-    return sp.csr_array((np.ones(found.nnz), found.indices, found.indptr), shape=found.shape)
 
 
 def members(graph: Matrix, owner: Array, ported: Array, count: int) -> tuple[Array, list[Matrix]]:
