@@ -24,7 +24,8 @@ ELEMENTS = {"hexahedron": skfem.ElementHex1, "hexahedron20": skfem.ElementHexS2,
 
 def warped(kind: str, counts: tuple[int, int, int]) -> fs.Mesh:
     """A block whose cells have straight edges but are no parallelepipeds."""
-    points, cells = solid_elements.box((1.0, 0.6, 0.4), counts, "tetra" if kind.startswith("tetra") else "hexahedron")
+    points, cells = solid_elements.box(counts, "tetra" if kind.startswith("tetra") else "hexahedron")
+    points = points / counts * (1.0, 0.6, 0.4)
     x, y, z = points.T
     points = points + 0.08 * np.stack([y * z, x * z - x * y, x * y], axis=1)
     return fs.Mesh(*solid_elements.raised(points, cells, kind), kind)

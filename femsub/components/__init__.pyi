@@ -15,6 +15,12 @@ from .mesh_checks import checked as checked
 from .patches import patch as patch
 from .solid import DIRECTIONS as DIRECTIONS, materials_of as materials_of
 from .solid_assembly import Material as Material, Pattern as Pattern, at_points as at_points
-from .solid_elements import KINDS as KINDS, reference as reference, shape_functions as shape_functions, skfem as skfem
+from .solid_elements import (
+    KINDS as KINDS,
+    on_side as on_side,
+    reference as reference,
+    shape_functions as shape_functions,
+    side_quadrature as side_quadrature,
+)
 from .two_mode import two_mode_critical as two_mode_critical
 from .ziegler import ziegler_critical as ziegler_critical

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix, finite_number, mapping, real_array
+from femsub.components.solid_assembly import Pattern
 from femsub.errors import ConditionWarning, InputError, InputTypeError, warn
 from femsub.model import Substructure
 
@@ -62,24 +62,18 @@ def proportional(sub: Substructure, rayleigh: tuple[float, float]) -> Matrix:
 def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ...]]) -> tuple[Matrix, ...]:
     """Σ_e of the element matrices, as (K_e, M_e), that `matrices` gives for a slice of the elements, as CSR (size, size).
 
-    `dofs` (m, k) numbers the DOF of each element. Both triangles are added up in the same order, so that symmetric
-    element matrices give exactly symmetric sums.
+    `dofs` (m, k) numbers the DOF of each element. Both triangles are exactly alike.
     """
-    step = max(1, CHUNK // dofs.shape[1] ** 2)
-    total: list[Matrix] = []
+    pattern, step = Pattern(dofs, size), max(1, CHUNK // dofs.shape[1] ** 2)
+    total: list[Array] = []
     for start in range(0, len(dofs), step):
         part = slice(start, start + step)
-        rows = np.asarray(dofs[part], dtype=np.int64)
-        places = (rows[:, :, None] * size + rows[:, None, :]).ravel()
-        order = np.argsort(places, kind="stable")
-        places = places[order]
-        first = np.flatnonzero(np.diff(places, prepend=-1))
-        row, column = np.divmod(places[first], size)
-        pointers = np.searchsorted(row, np.arange(size + 1))
-        summed = [sp.csr_array((np.add.reduceat(values.ravel()[order], first), column, pointers), shape=(size, size))
-                  for values in matrices(part)]
-        total = [a + b for a, b in zip(total, summed, strict=True)] if total else summed
-    return tuple(total)
+        keep, places, add = pattern.places(part)
+        found = matrices(part)
+        total = total or [np.zeros(pattern.size) for _ in found]
+        for sums, values in zip(total, found, strict=True):
+            sums[places] += add @ values.ravel()[keep]
+    return tuple(map(pattern.scalar, total))
 
 
 def free_to_lift(K: Matrix, lift: Array) -> Matrix:

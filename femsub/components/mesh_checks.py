@@ -77,9 +77,7 @@ def _first_alike(mesh: Mesh) -> Array:
 
 def _in_cells(mesh: Mesh) -> Array:
     """Which nodes belong to a cell, bool (n,)."""
-    used = np.zeros(len(mesh.points), dtype=bool)
-    used[mesh.cells] = True
-    return used
+    return np.bincount(mesh.cells.ravel(), minlength=len(mesh.points)) > 0
 
 
 def _refuse(mesh: Mesh, bad: Array, labels: Array, what: str, advice: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from femsub.checks import Array
 from femsub.components.mesh import Mesh, boundary_faces, corner_nodes, corners_of, edges_of, edges_within, sides_of
 from femsub.components.mesh_checks import listed
-from femsub.components.solid_elements import face_quadrature, jacobians, quadrature, reference, shape_functions
+from femsub.components.solid_elements import jacobians, on_side, quadrature, reference, shape_functions, side_quadrature
 from femsub.errors import InputError, PortWarning, unknown_name, warn
 
 
@@ -154,12 +154,9 @@ def _quadrature(kind: str, what: str, side: int) -> tuple[Array, Array, Array]:
     if what == "cells":
         X, w = quadrature(kind, 4 * element.degree - (3 if kind.startswith("tetra") else 1))  # the degree of N det J
         return X, np.eye(3), w
-    if what == "faces":
-        X, tangents, w = face_quadrature(kind, 2 * element.degree)
-        return X[side], tangents[side], w
-    s, w = np.polynomial.legendre.leggauss(4)
-    start, end = element.nodes[list(element.edges[side])]
-    return start + (s[:, None] + 1) / 2 * (end - start), (end - start)[None, :], w / 2
+    corners = (element.faces if what == "faces" else element.edges)[side]
+    s, w = side_quadrature(len(corners), 2 * element.degree if what == "faces" else 7)
+    return *on_side(kind, corners, s), w
 
 
 def _patch(kind: str, nodes: Array, cells: Array, sides: Array | None = None) -> Patch:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, instance, mapping, positive_number
-from femsub.components import KINDS, Mesh, patch, reference, shape_functions, sides_of, skfem
+from femsub.components import KINDS, Mesh, on_side, patch, reference, shape_functions, side_quadrature, sides_of
 from femsub.coupling.joints import End, Joint, Link, Site, nearest, site, stacked, title
 from femsub.errors import InputError, InputTypeError
 
@@ -203,9 +203,8 @@ class Side:
     def shapes(self) -> tuple[Array, Array]:
         """N (q, k) and ∂N/∂s (q, k, 2) of the nodes of each face, which are those of the first face of the reference element."""
         nodes = sides_of(self.surface.kind, "faces")[0]
-        around = reference(self.surface.kind).nodes[nodes[:self.surface.corners]]
-        tangents = np.stack([around[1] - around[0], around[-1] - around[0]])
-        N, gradients = shape_functions(self.surface.kind, around[0] + self.s @ tangents, nodes)
+        X, tangents = on_side(self.surface.kind, nodes[:self.surface.corners], self.s)
+        N, gradients = shape_functions(self.surface.kind, X, nodes)
         return N, gradients @ tangents.T
 
     @cached_property
@@ -309,8 +308,8 @@ def common_points(ours: Surface, theirs: Surface) -> tuple[Side, Side, Array, Ar
     keep = area > SLIVER * ours.radii[face] ** 2
     face, pair, triangle, area = face[keep], pair[keep], triangle[keep], area[keep]
     degree = max(4 * reference(surface.kind).degree + surface.excess for surface in (ours, theirs))  # of N_i N_j
-    s, w = skfem().quadrature.get_quadrature(skfem().refdom.RefTri, degree)
-    N = np.stack([1 - s[0] - s[1], s[0], s[1]], axis=1)
+    s, w = side_quadrature(3, degree)
+    N = np.stack([1 - s[:, 0] - s[:, 1], s[:, 0], s[:, 1]], axis=1)
     x = np.einsum("qk,pks->pqs", N, triangle)
     points = ours.centres[face][:, None] + np.einsum("pqs,psi->pqi", x, ours.frames[face, :2])
     count = len(w)

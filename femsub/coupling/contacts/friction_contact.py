@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
-from femsub.components import Mesh, reference, skfem
+from femsub.components import Mesh, reference, side_quadrature
 from femsub.coupling.contacts.friction_in_motion import FrictionInMotion
 from femsub.coupling.joints import GROUND, Joint, Link
 from femsub.coupling.ties import Side, Surface, common_points, motion_of_nodes, reach
@@ -368,10 +368,9 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
 
 def _own_points(surface: Surface) -> tuple[Side, Array]:
     """Points of quadrature on all faces of a surface, with their weights on the reference face (q,)."""
-    refdom = skfem().refdom.RefQuad if surface.corners == 4 else skfem().refdom.RefTri
-    s, w = skfem().quadrature.get_quadrature(refdom, 4 * reference(surface.kind).degree)  # the degree of N_i N_j, area and all
+    s, w = side_quadrature(surface.corners, 4 * reference(surface.kind).degree)  # the degree of N_i N_j, area and all
     count = len(surface.faces)
-    return Side(surface, np.repeat(np.arange(count), len(w)), np.tile(s.T, (count, 1))), np.tile(w, count)
+    return Side(surface, np.repeat(np.arange(count), len(w)), np.tile(s, (count, 1))), np.tile(w, count)
 
 
 def _moved(model: Substructure, name: str, side: Side, N: Matrix) -> list[Matrix]:
