@@ -93,7 +93,7 @@ def test_two_materials() -> None:
     motion = np.zeros(sub.size)
     motion[0::3] = 1.0
     assert motion @ (sub.M @ motion) == pytest.approx(6.0, rel=1e-12)
-    with pytest.raises(InputError, match="8 cells of 'mesh' have none, and 0 have several"):
+    with pytest.raises(InputError, match="8 cells of 'mesh' are in none of the groups, and 0 in several"):
         fs.solid(mesh, {"pad": heavy})
     with pytest.raises(InputError, match="unknown group of cells"):
         fs.solid(mesh, {"pads": heavy})

@@ -38,6 +38,17 @@ def per_part(name: str, value: Any, count: int, part: str, zero: bool = False) -
     return values
 
 
+def node_at(points: Array, place: Any, what: str, within: float) -> int:
+    """The row of `points` (n, d) that is at a place."""
+    apart = np.linalg.norm(points - place, axis=1)
+    nearest = int(apart.argmin())
+    if apart[nearest] > within:
+        there, here = (f"x = {x[0]:.9g}" if len(x) == 1 else f"({', '.join(f'{value:.9g}' for value in x)})"
+                       for x in (place, points[nearest]))
+        raise InputError(f"{what}: there is no node at {there}. The nearest is at {here}")
+    return nearest
+
+
 def not_negative(name: str, value: Any) -> float:
     """A finite number that is zero or more."""
     number = finite_number(name, value)
@@ -131,7 +142,7 @@ def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array],
     if not len(free):
         raise InputError(f"supports hold every DOF of {name!r}, so nothing can move. Leave some of them out")
     number = np.cumsum(loose) - 1
-    sets = {place: rows[loose[rows]] for place, rows in interface.items()}
+    sets = {place: number[rows[loose[rows]]] for place, rows in interface.items()}
     lost = [place for place, rows in sets.items() if not len(rows)]
     if lost and (not by_node or len(lost) == len(sets)):
         raise InputError(f"interface {', '.join(map(repr, lost))} of {name!r} is held by the supports: leave out one or the "
@@ -139,12 +150,10 @@ def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array],
     for port, w in ports.items():
         if not np.any(w[free]):
             raise InputError(f"port {port!r} of {name!r} sits on DOF that the supports hold. Move the port or the support")
-    joined = np.concatenate([*sets.values(), np.zeros(0, dtype=np.intp)]).astype(np.intp)
-    joined, first = np.unique(joined, return_index=True)
-    order = np.arange(len(joined)) if by_node else np.argsort(first)
-    place_of = np.argsort(order)
+    sets = {place: rows for place, rows in sets.items() if len(rows)}
+    joined = np.unique(np.concatenate([*sets.values(), free[:0]]))
     whole = len(free) == dofs.size
-    sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=number[joined[order]],
+    sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=joined if by_node else sets,
                        ports={port: w[free] for port, w in ports.items()}, name=name, dofs=dofs.kept(free),
-                       sets={place: place_of[np.searchsorted(joined, rows)] for place, rows in sets.items() if len(rows)})
+                       sets={place: np.searchsorted(joined, rows) for place, rows in sets.items()})
     return sub if rayleigh is None else sub.with_damping(sub.D + proportional(sub, rayleigh))

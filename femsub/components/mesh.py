@@ -103,6 +103,15 @@ class Mesh(Frozen):
             raise InputError(f"the set {name!r} of the mesh {self.name!r} is empty. Name a set with nodes")
         return self.sets[name]
 
+    def cells_in(self, groups: Iterable[str], what: str) -> dict[str, Array]:
+        """The cells of some groups, which must have each cell of the mesh exactly once."""
+        found = {name: self.groups[choice(f"group of cells of the mesh {self.name!r}:", name, self.groups)] for name in groups}
+        times = np.bincount(np.concatenate([np.zeros(0, dtype=int), *found.values()]), minlength=len(self.cells))
+        if (times != 1).any():
+            raise InputError(f"{what}: {np.count_nonzero(times == 0)} cells of {self.name!r} are in none of the groups, and "
+                             f"{np.count_nonzero(times > 1)} in several. Each cell needs exactly one")
+        return found
+
     def with_sets(self, **sets: Any) -> Mesh:
         """A copy with additional (or replaced) sets of nodes.
 

@@ -95,18 +95,10 @@ def materials_of(mesh: Mesh, material: Material | Mapping[str, Material]) -> lis
         return [(material, np.arange(len(mesh.cells)))]
     if not isinstance(material, Mapping):
         raise InputTypeError(f"material must be a Material or map groups of cells to one, not {material!r:.60}")
-    covered = np.zeros(len(mesh.cells), dtype=int)
-    parts = []
     for group, one in material.items():
         if not isinstance(one, Material):
             raise InputTypeError(f"material of the group {group!r} must be a Material(E, nu, rho), not {one!r:.60}")
-        cells = mesh.groups[choice(f"group of cells of the mesh {mesh.name!r}:", group, mesh.groups)]
-        covered[cells] += 1
-        parts.append((one, cells))
-    if (covered != 1).any():
-        raise InputError(f"material: {np.count_nonzero(covered == 0)} cells of {mesh.name!r} have none, and "
-                         f"{np.count_nonzero(covered > 1)} have several. Each cell needs exactly one")
-    return parts
+    return [(material[group], cells) for group, cells in mesh.cells_in(material, "material").items()]
 
 
 def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | None) -> dict[str, Array]:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra import Frozen, partition, runs
-from femsub.checks import Array, Matrix, choice, instance, items, whole_number
+from femsub.checks import Array, Matrix, instance, items, whole_number
 from femsub.components import Mesh, corners_of, edges_of
 from femsub.coupling.joints import Rigid
 from femsub.coupling.matrix_cut import divided, members
@@ -152,7 +152,9 @@ def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: S
     whole = build(mesh, **arguments)
     if instance("what build returns", whole, Substructure).dofs is None:
         raise InputError("the component that build returns has no map of its DOF (dofs=), by which parts find theirs")
-    cells = _pieces(mesh, whole, into) if sets is None else _groups(mesh, sets)
+    cells = _pieces(mesh, whole, into) if sets is None else mesh.cells_in(items("sets", sets, "names of groups of cells"), "sets")
+    if empty := [name for name, chosen in cells.items() if not len(chosen)]:
+        raise InputError(f"sets: the group {empty[0]!r} of the mesh {mesh.name!r} is empty; leave it out")
     own = {key: value for key, value in arguments.items() if key not in PLACES}
     matrices, rows, meshes = {}, {}, {}
     for name, chosen in cells.items():
@@ -161,20 +163,6 @@ def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: S
         rows[name], kept = _places(whole.dofs, part.dofs, mesh, meshes[name], nodes)
         matrices[name] = tuple(A if len(kept) == part.size else A[kept][:, kept] for A in (part.M, part.D, part.K))
     return replace(_joined(whole, rows, matrices), cells=cells, meshes=meshes)
-
-
-def _groups(mesh: Mesh, sets: Sequence[str]) -> dict[str, Array]:
-    """The cells of named groups, each cell in one of them."""
-    found = {name: mesh.groups[choice(f"group of cells of the mesh {mesh.name!r}:", name, mesh.groups)]
-             for name in items("sets", sets, "names of groups of cells")}
-    for name, chosen in found.items():
-        if not len(chosen):
-            raise InputError(f"sets: the group {name!r} of the mesh {mesh.name!r} is empty; leave it out")
-    times = np.bincount(np.concatenate([np.zeros(0, dtype=int), *found.values()]), minlength=len(mesh.cells))
-    if (times != 1).any():
-        raise InputError(f"sets: {np.count_nonzero(times == 0)} cells of {mesh.name!r} are in none of the groups, and "
-                         f"{np.count_nonzero(times > 1)} in several. Each cell needs exactly one")
-    return found
 
 
 def _pieces(mesh: Mesh, whole: Substructure, into: int) -> dict[str, Array]:
