@@ -113,7 +113,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
 
 
 class _Layout:
-    """The DOF of a plate: `step` at each node of `plane` (n, 2), of which the first are `w` (n,); then one for each edge of triangles.
+    """The DOF of a plate: `step` at each node of `plane` (n, 2), the first of them `w` (n,), then one at each triangle's edge.
 
     Those of each cell are `rows` (m, k), and `shape` is what the integrals over the cells need to know.
     """

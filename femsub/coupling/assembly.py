@@ -140,19 +140,17 @@ class System(Substructure):
     @cached_property
     def interface_dofs(self) -> DofMap | None:
         """The maps of all parts in one, with nodes numbered anew from 1; None if a part has no map."""
-        maps = [self.parts[name].interface_dofs for name, places in self.open.items() if len(places)]
+        names = [name for name, places in self.open.items() if len(places)]
+        maps = [self.parts[name].interface_dofs for name in names]
         if not maps or any(one is None or one.points is None for one in maps):
             return None
-        found = [one.kept(places) for one, places in zip(maps, (p for p in self.open.values() if len(p)), strict=True) if one]
+        found = [one.kept(self.open[name]) for name, one in zip(names, maps, strict=True) if one]
         labels = tuple(dict.fromkeys(label for one in found for label in one.labels))
-        nodes, components, start = [], [], 1
-        for one in found:
-            _, number = np.unique(one.nodes, return_inverse=True)
-            nodes.append(start + number)
-            start = int(nodes[-1].max(initial=start - 1)) + 1
-            components.append(np.array([labels.index(label) for label in one.labels])[one.components])
+        owner = np.repeat(np.arange(len(found)), [one.size for one in found])
+        nodes = np.unique([owner, np.concatenate([one.nodes for one in found])], axis=1, return_inverse=True)[1]
+        components = [labels.index(one.labels[k]) for one in found for k in one.components]
         points = np.concatenate([spatial(one.points) for one in found if one.points is not None])
-        return DofMap(np.concatenate(nodes), np.concatenate(components), labels, points)
+        return DofMap(nodes.ravel() + 1, components, labels, points)
 
     def expand(self, x: Array) -> dict[str, Array]:
         """The displacements of each part, {name: u}, from x of shape (n,) or (n, k); u has the shape (n_p,) or (n_p, k).
@@ -395,7 +393,7 @@ def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix,
     alike = not dense and is_identity(S)  # nothing is joined but by springs and contacts: each product would be a copy
     moved = [(links_without_rounding(R @ S, joined.unit, largest(abs(R) * unit)), link) for R, link in springs]
     found = []
-    for key in "MDK":
+    for key, of in (("M", ""), ("D", "damping"), ("K", "stiffness")):
         matrices = [getattr(part, key) for part in parts.values()]
         if dense:
             A = np.zeros((S.shape[1], S.shape[1]))
@@ -410,9 +408,7 @@ def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix,
         plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for _, link in springs if key == "D")))
         if plain and not alike:
             A = (A + A.T) / 2  # but for rounding it is symmetric
-        middles = [(R, {"K": link.stiffness, "D": link.damping}.get(key)) for R, link in moved]
-        added = [R.T @ (middle if dense else sp.csr_array(middle)) @ R for R, middle in middles
-                 if middle is not None and np.any(middle)]
+        added = [R.T @ (C if dense else sp.csr_array(C)) @ R for R, link in moved if of and np.any(C := getattr(link, of))]
         if key == "K" and len(joined.owner):
             added.append(joined.work().toarray() if dense else joined.work())
         if added:  # summed first: they have few entries, and A has many
@@ -434,24 +430,19 @@ def _settled(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix, 
     if not len(mixed):
         return matrices
     S = sp.csr_array(abs(S[:, mixed]))
-    found = []
-    for key, A in zip("MDK", matrices, strict=True):
-        if key == "D":
-            found.append(A)
-            continue
-        bound = np.zeros(len(mixed))
-        for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
-            at = np.flatnonzero(np.diff(S[rows].indptr))
-            own = S[rows][at]
-            bound += own.multiply(product(abs(getattr(part, key)[at][:, at]), own)).sum(axis=0)
-        for whole, link in springs if key == "K" else ():
-            if np.any(link.stiffness):
-                R = abs(whole) @ S
-                bound = bound + R.multiply(abs(link.stiffness) @ R).sum(axis=0)
-        if key == "M":  # the square of a rounding, beside the stiffness of the coordinate
-            stiffness = np.abs(matrices[2].diagonal())
-            bound = np.maximum(bound, FAINT * stiffness[mixed] / units(A.diagonal(), stiffness)[1])
-        whole = np.zeros(A.shape[0])
-        whole[mixed] = bound
-        found.append(without_dust(A, whole))
-    return found[0], found[1], found[2]
+    bound = {key: np.zeros(len(mixed)) for key in "MK"}
+    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
+        at = np.flatnonzero(np.diff(S[rows].indptr))
+        own = S[rows][at]
+        for key in bound:
+            bound[key] += own.multiply(product(abs(getattr(part, key)[at][:, at]), own)).sum(axis=0)
+    for R, link in springs:
+        if np.any(link.stiffness):
+            moved = abs(R) @ S
+            bound["K"] += moved.multiply(abs(link.stiffness) @ moved).sum(axis=0)
+    M, D, K = matrices
+    stiffness = np.abs(K.diagonal())
+    # the square of a rounding, beside the stiffness of the coordinate
+    bound["M"] = np.maximum(bound["M"], FAINT * stiffness[mixed] / units(M.diagonal(), stiffness)[1])
+    M, K = (without_dust(A, np.bincount(mixed, bound[key], len(stiffness))) for key, A in (("M", M), ("K", K)))
+    return M, D, K

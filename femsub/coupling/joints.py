@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, finite_number, items, positive_number, real_array, shown, word
+from femsub.checks import Array, Matrix, items, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model import DofMap, Substructure
 
@@ -310,15 +310,11 @@ class Spring(Joint):
         allowed(self.tol)
         if _is_ground(self.first):
             raise InputError("the first end of a Spring must be a part's, ('disc', 'left'); the ground is the second")
-        stiffness = real_array("stiffness", self.stiffness)
-        if stiffness.ndim == 0:
-            negative = finite_number("stiffness", float(stiffness)) < 0
-        else:
-            if np.abs(stiffness - stiffness.T).max(initial=0.0) > 1e-9 * np.abs(stiffness).max(initial=0.0):
-                raise InputError("the stiffness of a Spring must be symmetric; friction belongs to a contact")
-            values = np.linalg.eigvalsh((stiffness + stiffness.T) / 2)
-            negative = bool(len(values)) and values[0] < -1e-12 * values[-1]
-        if negative:
+        stiffness = np.atleast_2d(real_array("stiffness", self.stiffness))
+        if np.abs(stiffness - stiffness.T).max(initial=0.0) > 1e-9 * np.abs(stiffness).max(initial=0.0):
+            raise InputError("the stiffness of a Spring must be symmetric; friction belongs to a contact")
+        values = np.linalg.eigvalsh((stiffness + stiffness.T) / 2)
+        if len(values) and values[0] < -1e-12 * abs(values[-1]):
             raise InputError("the stiffness of a Spring must not be negative")
         if not np.any(stiffness) and not np.any(real_array("damping", self.damping)):
             raise InputError("a Spring needs a stiffness or a damping")
