@@ -98,13 +98,7 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
     if 3 * (end - start) > 2 * np.pi * bricks[1]:
         least = math.ceil(3 * (end - start) / (2 * math.pi))
         raise InputError(f"counts: an annulus needs at least {least} bricks around, not {bricks[1]}")
-    grid, cells = box(bricks, kind)
-    if sector is None:
-        half = np.rint(2 * grid).astype(np.intp)
-        half[:, 1] %= 2 * bricks[1]  # the ring is closed: the last nodes are the first ones
-        place = np.ravel_multi_index(tuple(half.T), tuple(2 * bricks + 1))
-        _, first, number = np.unique(place, return_index=True, return_inverse=True)
-        grid, cells = grid[first], number[cells]
+    grid, cells = ring(bricks, kind, closed=sector is None)
     r, angle = low + grid[:, 0] / bricks[0] * (high - low), start + (end - start) * grid[:, 1] / bricks[1]
     points = np.stack([r * np.cos(angle), r * np.sin(angle), grid[:, 2] / bricks[2] * height], axis=1)
     sides = _sides(grid, bricks)
@@ -112,6 +106,18 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
     if sector is not None:
         sets |= {"start": sides["front"], "end": sides["back"]}
     return Mesh(points, cells, kind, sets, name=name)
+
+
+def ring(counts: Sequence[int] | Array, kind: str, closed: bool) -> tuple[Array, Array]:
+    """`box`; in a closed ring, the last nodes of the second axis are the first ones."""
+    grid, cells = box(counts, kind)
+    if closed:
+        half = np.rint(2 * grid).astype(np.intp)
+        half[:, 1] %= 2 * counts[1]
+        place = np.ravel_multi_index(tuple(half.T), tuple(2 * np.asarray(counts) + 1))
+        _, first, number = np.unique(place, return_index=True, return_inverse=True)
+        grid, cells = grid[first], number[cells]
+    return grid, cells
 
 
 def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad", name: str = "rectangle") -> Mesh:

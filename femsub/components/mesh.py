@@ -121,6 +121,15 @@ class Mesh(Frozen):
         return replace(self, sets={**self.sets, **found})
 
 
+def places_of(wanted: Array, known: Array) -> Array:
+    """Where some numbers are among the known ones, which are unique; -1 where one is not."""
+    if not len(known):
+        return np.full(len(wanted), -1)
+    order = np.argsort(known)
+    place = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(order) - 1)]
+    return np.where(known[place] == wanted, place, -1)
+
+
 def corners_of(mesh: Mesh) -> Array:
     """The corners of each cell, (m, c)."""
     return mesh.cells[:, :reference(mesh.kind).corners] if mesh.kind in KINDS else mesh.cells

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -132,8 +132,8 @@ class _Layout:
 
     def matrices(self, nu: float) -> tuple[Matrix, Matrix]:
         """K and M for unit bending stiffness and unit mass per area."""
-        of_cells = morley_matrices if self.triangles else bfs_matrices
-        return gathered(self.rows, self.size, lambda part: of_cells(*(values[part] for values in self.shape), nu))
+        of_cells: Callable[..., tuple[Array, Array]] = morley_matrices if self.triangles else bfs_matrices
+        return gathered(self.rows, self.size, lambda part: of_cells(*(values[part] for values in self.shape), nu=nu))
 
     def _triangles(self) -> tuple[Array, tuple[Array, ...]]:
         """The DOF, the corners (m, 3, 2), and the normals of the edges opposite them (m, 3, 2)."""
@@ -215,8 +215,8 @@ class _Layout:
 
     def _along_triangles(self, found: Patch) -> tuple[Array, Array]:
         """DOF, and ∫ φ ds along edges. Between two triangles, whose functions differ there, the mean of both sides counts."""
-        shape = (values[found.cells] for values in self.shape)
-        return self.rows[found.cells], morley_edge_integrals(*shape, (found.sides + 2) % 3)
+        corners, normals = (values[found.cells] for values in self.shape)
+        return self.rows[found.cells], morley_edge_integrals(corners, normals, (found.sides + 2) % 3)
 
     def _along_rectangles(self, found: Patch) -> tuple[Array, Array]:
         """DOF, and ∫ φ ds along edges, with a cubic on each."""

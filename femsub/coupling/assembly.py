@@ -33,15 +33,19 @@ from femsub.coupling.joined import (
     check_connected,
     checked_parts,
     conditions,
+    distinct,
     equations_of,
     joint_forces,
     linked,
+    listed,
+    open_rows,
     rows_of_parts,
     springs_of,
     sprung,
+    unjoined,
+    whole_sets,
 )
 from femsub.coupling.joints import End, Joint, Link, spatial
-from femsub.coupling.open_interface import distinct, listed, open_rows, unjoined, whole_sets
 from femsub.errors import InputError
 from femsub.model import DofMap, ReducedSubstructure, Substructure, checked_sets
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra import Frozen, partition, runs
 from femsub.checks import Array, Matrix, instance, items, whole_number
-from femsub.components import Mesh, corners_of, edges_of
+from femsub.components import Mesh, corners_of, edges_of, places_of
+from femsub.components.chain import chain
 from femsub.coupling.joints import Rigid
 from femsub.coupling.matrix_cut import divided, members
 from femsub.errors import InputError, InputTypeError
@@ -229,10 +231,8 @@ def _places(whole: DofMap | None, part: DofMap | None, mesh: Mesh, piece: Mesh, 
         edges = nodes[edges_of(piece)[0][numbers[beyond] - piece.numbers.max() - 1]] @ ends
         numbers[beyond] = mesh.numbers.max() + 1 + np.searchsorted(edges_of(mesh)[0] @ ends, edges)
     count = len(whole.labels)
-    known, wanted = whole.nodes * count + whole.components, numbers * count + part.components
-    order = np.argsort(known)
-    place = order[np.minimum(np.searchsorted(known[order], wanted), len(order) - 1)]
-    kept = np.flatnonzero(known[place] == wanted)
+    place = places_of(numbers * count + part.components, whole.nodes * count + whole.components)
+    kept = np.flatnonzero(place >= 0)
     return place[kept], kept
 
 
@@ -314,3 +314,20 @@ def _owners(whole: Substructure, names: Sequence[str], member: Array) -> dict[st
                              "of cells that leave it whole, or fewer parts")
         found[key] = names[int(under.all(axis=0).argmax())]
     return found
+
+
+def cut_chain(n: int, pieces: int, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0,
+              springs: Any = 1.0) -> tuple[dict[str, Substructure], list[Rigid], str]:
+    """The chain of `chain` in pieces of about the same length, joined at masses of which either side has half.
+
+    Returns
+    -------
+    parts, joints, port
+        'p1', 'p2', ... from the wall on, the joints for `couple`, and the belt's port in the system, 'p1.belt'. Only the part
+        under the belt has a port.
+    """
+    whole = chain(n, belt, damping, masses=masses, springs=springs, interface=())
+    ends = np.linspace(0, n - 1, whole_number("pieces", pieces, 2, n - 1) + 1).astype(int)
+    parts, joints = in_rows(whole, {f"p{number}": np.arange(first, last + 1) for number, (first, last) in
+                                    enumerate(pairwise(ends.tolist()), start=1)})
+    return parts, list(joints), next(f"{name}.belt" for name, part in parts.items() if part.ports)

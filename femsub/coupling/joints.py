@@ -241,11 +241,9 @@ class Rigid(Joint):
         # a full part's DOF then stands in one equation, which gives it by the coordinates of the one that has none
         sites.sort(key=lambda one: one.physical)
         centre, others = sites[0], sites[1:]
-        seen = {(centre.part, *centre.places.tolist())}
-        for other in others:
-            if (other.part, *other.places.tolist()) in seen:
-                raise InputError(f"{other.title} is joined to itself")
-            seen.add((other.part, *other.places.tolist()))
+        ends = [(one.part, *one.places.tolist()) for one in sites]
+        if twice := [one.title for at, one in enumerate(sites) if ends[at] in ends[:at]]:
+            raise InputError(f"{twice[0]} is joined to itself")
         pairs = [((centre.part, centre.chosen()), (other.part, matched(centre, other, self.tol).chosen(-1.0)))
                  for other in others]
         return Link(equations=stacked(*pairs, *([((centre.part, centre.chosen()),)] if grounded else [])), grounded=grounded)
