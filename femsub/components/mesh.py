@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from femsub.algebra import Frozen
-from femsub.checks import Array, choice, items, real_array, rows
+from femsub.checks import Array, choice, items, mapping, real_array, rows, word
 from femsub.components.solid_elements import KINDS, reference
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import InputError
 
 #: kind: (dimension of the cell, nodes)
 CELLS = {"line": (1, 2), "triangle": (2, 3), "quad": (2, 4), "tetra": (3, 4), "tetra10": (3, 10), "hexahedron": (3, 8),
@@ -80,11 +80,8 @@ class Mesh(Frozen):
         named = np.arange(1, count + 1) if numbers is None else _node_numbers(numbers, count)
         node_sets = {key: np.unique(_within(f"set {key!r}", chosen, count)) for key, chosen in _named("sets", sets)}
         cell_sets = {key: np.unique(_within(f"group {key!r}", chosen, len(corners))) for key, chosen in _named("groups", groups)}
-        if isinstance(repairs, (str, Mapping)):
-            repairs = (repairs,) if isinstance(repairs, str) else list(repairs)
-        repairs = items("repairs", repairs, "strings")
-        self._set(points=places, cells=corners, kind=kind, numbers=named, repairs=tuple(repairs), name=str(name),
-                  sets=node_sets, groups=cell_sets)
+        self._set(points=places, cells=corners, kind=kind, numbers=named, repairs=tuple(items("repairs", repairs, "strings")),
+                  name=str(name), sets=node_sets, groups=cell_sets)
 
     def __repr__(self) -> str:
         sets = f"sets {', '.join(self.sets)}" if self.sets else "no sets"
@@ -203,12 +200,8 @@ def corner_nodes(mesh: Mesh, cells: Array, sides: Array) -> Array:
 
 
 def _named(what: str, values: Any) -> list[tuple[str, Any]]:
-    if values is not None and not isinstance(values, Mapping):
-        raise InputTypeError(f"{what} must map names to rows, e.g. {{'left': [0, 3]}}, not {type(values).__name__}")
-    for name in values or {}:
-        if not isinstance(name, str):
-            raise InputTypeError(f"the names of {what} must be strings, such as {str(name)!r}, not {name!r}")
-    return list((values or {}).items())
+    found = mapping(what, {} if values is None else values, "names and rows, as {'left': [0, 3]}")
+    return [(word(f"each name in {what}", name), chosen) for name, chosen in found.items()]
 
 
 def _node_numbers(values: Any, count: int) -> Array:
@@ -218,10 +211,9 @@ def _node_numbers(values: Any, count: int) -> Array:
     wrong = (named % 1 != 0) | (np.abs(named) >= 2.0**53)
     if wrong.any():
         raise InputError(f"numbers must be whole numbers, but node {int(wrong.argmax())}, counted from 0, has {named[wrong][0]}")
-    ordered = np.sort(named)
-    again = ordered[1:][ordered[1:] == ordered[:-1]]
-    if len(again):
-        raise InputError(f"numbers must be unique, but {int(again[0])} comes twice")
+    different, times = np.unique(named, return_counts=True)
+    if len(different) < count:
+        raise InputError(f"numbers must be unique, but {int(different[times.argmax()])} comes twice")
     return named.astype(np.int64)
 
 

@@ -78,7 +78,6 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
         raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D, but a solid needs one of "
                          f"{', '.join(KINDS)}")
     refuse_spoilt(mesh)
-    interface = () if interface is None else interface
     held = np.concatenate([np.zeros(0, dtype=int), *_motions(mesh, "supports", supports).values()])
     joined = _motions(mesh, "interface", interface)
     ports = optional_mapping("ports", ports, "names and (set, direction)")

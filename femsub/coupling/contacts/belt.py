@@ -176,7 +176,9 @@ def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
     """μ and μ' of a law as functions of one float: its `scalar()` if it has one."""
     if callable(own := getattr(law, "scalar", None)):
         value, slope = own()
-        return (value, slope) if type(law).__module__ == __name__ else (_told(law, "value", value), _told(law, "slope", slope))
+        if type(law).__module__ == __name__:
+            return value, slope
+        return lambda v: asked(law, "value", v, value), lambda v: asked(law, "slope", v, slope)
     return lambda v: _number(law, "value", v), lambda v: _number(law, "slope", v)
 
 
@@ -189,10 +191,6 @@ def asked(law: FrictionLaw | None, name: str, v: Any, function: Callable[[Any], 
     except Exception as error:
         raise InputError(f"{type(law).__name__}.{name}(v), of the friction law, fails at v = {shown(v)} with "
                          f"{type(error).__name__}: {error}. It must give μ, or μ', at every sliding speed") from error
-
-
-def _told(law: FrictionLaw, name: str, function: Scalar) -> Scalar:
-    return lambda v: asked(law, name, v, function)
 
 
 def _number(law: FrictionLaw, name: str, v: float) -> float:

@@ -350,8 +350,10 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
     """
     ours = Surface.of(*first)
     if second is None:
-        side, w = _own_points(ours)
-        return Points(side, None, side.x, w * np.linalg.norm(np.cross(side.J[:, 0], side.J[:, 1]), axis=1))
+        s, w = side_quadrature(ours.corners, 4 * reference(ours.kind).degree)  # the degree of N_i N_j, area and all
+        count = len(ours.faces)
+        side = Side(ours, np.repeat(np.arange(count), len(w)), np.tile(s, (count, 1)))
+        return Points(side, None, side.x, np.tile(w, count) * np.linalg.norm(np.cross(side.J[:, 0], side.J[:, 1]), axis=1))
     side, far, x, w = common_points(ours, Surface.of(*second))
     gap = np.linalg.norm(x - far.x, axis=1)
     near = gap <= reach(ours, side.face, tol)
@@ -364,13 +366,6 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
         raise InputError(f"{first[2]} and {second[2]} do not face each other at {x[np.argmax(facing)].round(6)}: their outward "
                          "normals agree; name the surfaces that touch, or turn the cells of one mesh")
     return Points(side, far, x, w, float(w.sum() / np.linalg.norm(ours.areas, axis=1).sum()))
-
-
-def _own_points(surface: Surface) -> tuple[Side, Array]:
-    """Points of quadrature on all faces of a surface, with their weights on the reference face (q,)."""
-    s, w = side_quadrature(surface.corners, 4 * reference(surface.kind).degree)  # the degree of N_i N_j, area and all
-    count = len(surface.faces)
-    return Side(surface, np.repeat(np.arange(count), len(w)), np.tile(s, (count, 1))), np.tile(w, count)
 
 
 def _moved(model: Substructure, name: str, side: Side, N: Matrix) -> list[Matrix]:
