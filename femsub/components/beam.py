@@ -125,7 +125,8 @@ def _nodes(length: Any, elements: Any) -> Array:
 def _node(x: Array, place: Any, what: str) -> int:
     if isinstance(place, str):
         return 0 if choice(f"place in {what}:", place, ("left", "right")) == "left" else len(x) - 1
-    return node_at(x[:, None], [finite_number(f"a place in {what}", place)], what, 1e-6 * np.diff(x).min())
+    where = [finite_number(f"a place in {what}", place)]
+    return node_at(x[:, None], 1 + np.arange(len(x)), where, what, 1e-6 * np.diff(x).min())
 
 
 def _column(x: Array, place: Any, what: str) -> Array:

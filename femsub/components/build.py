@@ -38,14 +38,14 @@ def per_part(name: str, value: Any, count: int, part: str, zero: bool = False) -
     return values
 
 
-def node_at(points: Array, place: Any, what: str, within: float) -> int:
-    """The row of `points` (n, d) that is at a place."""
+def node_at(points: Array, numbers: Array, place: Any, what: str, within: float) -> int:
+    """The row of `points` (n, d), of nodes with these numbers, that is at a place."""
     apart = np.linalg.norm(points - place, axis=1)
     nearest = int(apart.argmin())
     if apart[nearest] > within:
         there, here = (f"x = {x[0]:.9g}" if len(x) == 1 else f"({', '.join(f'{value:.9g}' for value in x)})"
                        for x in (place, points[nearest]))
-        raise InputError(f"{what}: there is no node at {there}. The nearest is at {here}")
+        raise InputError(f"{what}: there is no node at {there}. The nearest is number {numbers[nearest]} at {here}")
     return nearest
 
 

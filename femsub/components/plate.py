@@ -210,7 +210,7 @@ class _Layout:
         if not isinstance(where, (Sequence, np.ndarray)) or len(where) != 2:
             raise InputTypeError(f"port {port!r} must be the name of a set or a place (x, y), not {where!r:.80}")
         place = [finite_number(f"port {port!r}", value) for value in where]
-        w[self.w[node_at(self.plane, place, f"port {port!r}", SKEW * np.ptp(self.plane, axis=0).max())]] = 1.0
+        w[self.w[node_at(self.plane, self.mesh.numbers, place, f"port {port!r}", SKEW * np.ptp(self.plane, axis=0).max())]] = 1.0
         return w
 
     def _along_triangles(self, found: Patch) -> tuple[Array, Array]:
