@@ -18,8 +18,7 @@ import femsub as fs
 from femsub.app.cli import main
 from femsub.app.expressions import Expression, Factor
 from femsub.app.scene import load
-from femsub.components.disc_pair import disc_pair
-from femsub.components.two_mode import two_mode
+from femsub.components import disc_pair, two_mode
 from femsub.errors import InputError
 
 OWN = """

@@ -14,8 +14,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub.components.two_mode import two_mode
-from femsub.components.ziegler import ziegler
+from femsub.components import two_mode, ziegler
 
 EYE = np.eye(2)
 TWO_MODE = two_mode()

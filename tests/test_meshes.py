@@ -269,8 +269,8 @@ TETRA = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     ({"numbers": ["a", "b", "c", "d"]}, "numbers must be real numbers, not <U1"),
     ({"numbers": [1, 2, 3]}, "numbers must have 4 entries"),
     ({"numbers": [1, 2, 3, float("nan")]}, "numbers must be whole numbers"),
-    ({"sets": ["left"]}, "sets must map names to rows"),
-    ({"sets": {7: [0]}}, "the names of sets must be strings, such as '7', not 7"),
+    ({"sets": ["left"]}, "sets must be a dict of names and rows"),
+    ({"sets": {7: [0]}}, "each name in sets must be a string, not 7"),
     ({"sets": {"a": [[0, 1], [2]]}}, "set 'a' must be rows of the same length"),
     ({"groups": {"a": [0.5]}}, "group 'a' must hold whole numbers, not float64"),
 ])
@@ -281,7 +281,7 @@ def test_arguments_of_the_wrong_kind(arguments: dict, text: str) -> None:
 
 
 def test_whole_numbers_in_floats_are_numbers() -> None:
-    mesh = fs.Mesh(TETRA, [[0, 1, 2, 3]], "tetra", numbers=[10.0, 20.0, 30.0, 40.0], repairs="one")
+    mesh = fs.Mesh(TETRA, [[0, 1, 2, 3]], "tetra", numbers=[10.0, 20.0, 30.0, 40.0], repairs=["one"])
     assert mesh.numbers.tolist() == [10, 20, 30, 40] and mesh.numbers.dtype.kind == "i" and mesh.repairs == ("one",)
     with pytest.raises(fs.InputError, match="unknown set of nodes"):
         mesh.nodes(["left"])  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ import scipy.io
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.scene import load
-from femsub.coupling.cut_chain import cut_chain
+from femsub.coupling import cut_chain
 from femsub.modes.normal_modes import all_modes
 
 CHAIN = 'scene = "chain-parts"\nn = 24\nbelt = 5\nparts = [2, 4]\nmodes = [1, 3]\nrepeats = 1\n'

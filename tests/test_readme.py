@@ -22,7 +22,7 @@ import scipy.io
 import femsub as fs
 from benchmarks.pages import BLOCK, GIVEN, blocks_of, differences, run
 from femsub.app.cli import main
-from femsub.components.disc_pair import disc_pair
+from femsub.components import disc_pair
 
 ROOT = Path(__file__).parent.parent
 #: All pages but those that the site's build makes.

@@ -24,7 +24,8 @@ ELEMENTS = {"hexahedron": skfem.ElementHex1, "hexahedron20": skfem.ElementHexS2,
 
 def warped(kind: str, counts: tuple[int, int, int]) -> fs.Mesh:
     """A block whose cells have straight edges but are no parallelepipeds."""
-    points, cells = solid_elements.box((1.0, 0.6, 0.4), counts, "tetra" if kind.startswith("tetra") else "hexahedron")
+    points, cells = solid_elements.box(counts, "tetra" if kind.startswith("tetra") else "hexahedron")
+    points = points / counts * (1.0, 0.6, 0.4)
     x, y, z = points.T
     points = points + 0.08 * np.stack([y * z, x * z - x * y, x * y], axis=1)
     return fs.Mesh(*solid_elements.raised(points, cells, kind), kind)
@@ -92,7 +93,7 @@ def test_two_materials() -> None:
     motion = np.zeros(sub.size)
     motion[0::3] = 1.0
     assert motion @ (sub.M @ motion) == pytest.approx(6.0, rel=1e-12)
-    with pytest.raises(InputError, match="8 cells of 'mesh' have none, and 0 have several"):
+    with pytest.raises(InputError, match="8 cells of 'mesh' are in none of the groups, and 0 in several"):
         fs.solid(mesh, {"pad": heavy})
     with pytest.raises(InputError, match="unknown group of cells"):
         fs.solid(mesh, {"pads": heavy})

@@ -11,7 +11,7 @@ import scipy.sparse.linalg as spla
 from test_coupling import HOW
 
 import femsub as fs
-from femsub.coupling.ties import Surface
+from femsub.coupling.ties import Side, Surface
 
 STEEL = fs.Material(1.0, 0.3, 1.0)
 
@@ -136,14 +136,13 @@ def test_points_on_curved_faces_are_placed_in_few_steps(monkeypatch: pytest.Monk
     _, mesh = box("hexahedron20", (1, 3, 3), 0.0, bent=0.05)
     far = fs.Mesh(mesh.points + 20.0, mesh.cells, mesh.kind, sets=mesh.sets)  # where rounding is 5e-14 of a face
     surface = Surface.of(far, "right", "right")
-    rng, evaluated, tangents = np.random.default_rng(2), [], Surface.tangents
+    rng, evaluated, along = np.random.default_rng(2), [], Side.along
     at, s = rng.integers(len(surface.faces), size=2000), rng.random((2000, 2))
-    x = np.einsum("pk,pki->pi", surface.shapes(at, s)[0], surface.points[surface.faces[at]])
 
-    def counted(surface: Surface, at: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        evaluated.append(len(at))
-        return tangents(surface, at, s)
+    def counted(side: Side, way: np.ndarray) -> np.ndarray:
+        evaluated.append(len(way))
+        return along(side, way)
 
-    monkeypatch.setattr(Surface, "tangents", counted)
-    assert np.abs(surface.place(at, x) - s).max() < 1e-11
+    monkeypatch.setattr(Side, "along", counted)
+    assert np.abs(Side.nearest(surface, at, Side(surface, at, s).x).s - s).max() < 1e-11
     assert sum(evaluated) < 7 * len(at)

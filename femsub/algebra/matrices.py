@@ -79,10 +79,10 @@ def is_identity(matrix: Matrix) -> bool:
 
 
 def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:
-    """diag(A₁, A₂, …) of square matrices, sparse. That of SciPy takes twice the memory of its result beside it."""
+    """diag(A₁, A₂, …), sparse. That of SciPy takes twice the memory of its result beside it."""
     blocks = [sp.csr_array(one) for one in matrices]
-    ends = np.cumsum([one.shape[0] for one in blocks])
-    wide = [sp.csr_array((one.data, one.indices + one.indices.dtype.type(end - one.shape[0]), one.indptr),
+    ends = np.cumsum([one.shape[1] for one in blocks])
+    wide = [sp.csr_array((one.data, one.indices + one.indices.dtype.type(end - one.shape[1]), one.indptr),
                          shape=(one.shape[0], ends[-1])) for one, end in zip(blocks, ends, strict=True)]
     return sp.csr_array(sp.vstack(wide, format="csr"))
 

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from femsub.algebra.elimination import largest
-from femsub.algebra.matrices import is_symmetric, same
+from femsub.algebra.matrices import block_diagonal, is_symmetric, same
 from femsub.algebra.shared import shared
 from femsub.checks import Array, Matrix
 
@@ -229,12 +229,12 @@ class Joined(Source):
             if motion is None:
                 return None
             own.append(motion)
-        Z = sp.block_diag([sp.csr_array(motion.shapes) for motion in own], format="csr")
+        Z = block_diagonal([motion.shapes for motion in own])
         if not Z.shape[1]:
             return RigidMotion.none(self.L.shape[1])
         unit = np.split(self.unit, np.cumsum([len(motion.shapes) for motion in own])[:-1])
         moved = (sizes(motion.shapes, one) for motion, one in zip(own, unit, strict=True))
-        size = sp.block_diag([sp.csr_array(one) for one in moved], format="csr")
+        size = block_diagonal(list(moved))
         conditions = [A for A in (self.equations, *self.springs) if A.shape[0]]
         turn = null_space(*_stacked([(A @ Z, abs(A) @ size) for A in conditions], Z.shape[1]))
         if turn is None:

@@ -1,18 +1,32 @@
 from .beam import SUPPORTS as SUPPORTS
 from .build import not_negative as not_negative, pair as pair, per_part as per_part, proportional as proportional
 from .fields import node_rows as node_rows
-from .grids import annulus as annulus
+from .grids import annulus as annulus, ring as ring
 from .mesh import (
     CELLS as CELLS,
     Mesh as Mesh,
     boundary_faces as boundary_faces,
     corner_nodes as corner_nodes,
     corners_of as corners_of,
+    edges_of as edges_of,
+    places_of as places_of,
+    sides_of as sides_of,
 )
 from .mesh_checks import checked as checked
-from .patches import patch as patch, sides_of as sides_of
+from .patches import patch as patch
+from .small_models import (
+    disc_pair as disc_pair,
+    two_mode as two_mode,
+    two_mode_critical as two_mode_critical,
+    ziegler as ziegler,
+    ziegler_critical as ziegler_critical,
+)
 from .solid import DIRECTIONS as DIRECTIONS, materials_of as materials_of
 from .solid_assembly import Material as Material, Pattern as Pattern, at_points as at_points
-from .solid_elements import KINDS as KINDS, reference as reference, shape_functions as shape_functions, skfem as skfem
-from .two_mode import two_mode_critical as two_mode_critical
-from .ziegler import ziegler_critical as ziegler_critical
+from .solid_elements import (
+    KINDS as KINDS,
+    on_side as on_side,
+    reference as reference,
+    shape_functions as shape_functions,
+    side_quadrature as side_quadrature,
+)

@@ -10,7 +10,7 @@ import numpy as np
 from femsub.algebra import check_room
 from femsub.checks import Array, choice, finite_number, items, positive_number, real_array, whole_number
 from femsub.components.bending_elements import hermite_matrices
-from femsub.components.build import component, free_to_lift, gathered, optional_mapping, per_part, tell_rounding
+from femsub.components.build import component, free_to_lift, gathered, node_at, optional_mapping, per_part, tell_rounding
 from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap
 
@@ -125,11 +125,8 @@ def _nodes(length: Any, elements: Any) -> Array:
 def _node(x: Array, place: Any, what: str) -> int:
     if isinstance(place, str):
         return 0 if choice(f"place in {what}:", place, ("left", "right")) == "left" else len(x) - 1
-    where = finite_number(f"a place in {what}", place)
-    nearest = int(np.argmin(np.abs(x - where)))
-    if abs(x[nearest] - where) > 1e-6 * np.diff(x).min():
-        raise InputError(f"{what}: there is no node at x = {where:.9g}. The nearest is at x = {x[nearest]:.9g}")
-    return nearest
+    where = [finite_number(f"a place in {what}", place)]
+    return node_at(x[:, None], 1 + np.arange(len(x)), where, what, 1e-6 * np.diff(x).min())
 
 
 def _column(x: Array, place: Any, what: str) -> Array:

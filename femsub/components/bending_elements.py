@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from femsub.checks import Array
-from femsub.components.solid_elements import skfem
+from femsub.components.solid_elements import side_quadrature, skfem
 
 #: corners of the rectangle in the order of its DOF
 CORNERS = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -90,9 +90,8 @@ def _slopes(sides: Array) -> Array:
 @cache
 def _triangle_mass() -> Array:
     """∫ φ φᵀ / area for φ = (λ1, λ2, λ3, λ2λ3, λ3λ1, λ1λ2), shape (6, 6)."""
-    fem = skfem()
-    X, w = fem.quadrature.get_quadrature(fem.refdom.RefTri, 4)
-    corner = np.stack([1 - X[0] - X[1], X[0], X[1]])
+    X, w = side_quadrature(3, 4)
+    corner = np.stack([1 - X[:, 0] - X[:, 1], X[:, 0], X[:, 1]])
     values = np.vstack([corner, [corner[i] * corner[j] for i, j in OPPOSITE]])
     return np.round(180 * 2 * (values * w) @ values.T) / 180
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix, finite_number, mapping, real_array
+from femsub.components.solid_assembly import Pattern
 from femsub.errors import ConditionWarning, InputError, InputTypeError, warn
 from femsub.model import Substructure
 
@@ -38,6 +38,17 @@ def per_part(name: str, value: Any, count: int, part: str, zero: bool = False) -
     return values
 
 
+def node_at(points: Array, numbers: Array, place: Any, what: str, within: float) -> int:
+    """The row of `points` (n, d), of nodes with these numbers, that is at a place."""
+    apart = np.linalg.norm(points - place, axis=1)
+    nearest = int(apart.argmin())
+    if apart[nearest] > within:
+        there, here = (f"x = {x[0]:.9g}" if len(x) == 1 else f"({', '.join(f'{value:.9g}' for value in x)})"
+                       for x in (place, points[nearest]))
+        raise InputError(f"{what}: there is no node at {there}. The nearest is number {numbers[nearest]} at {here}")
+    return nearest
+
+
 def not_negative(name: str, value: Any) -> float:
     """A finite number that is zero or more."""
     number = finite_number(name, value)
@@ -62,24 +73,18 @@ def proportional(sub: Substructure, rayleigh: tuple[float, float]) -> Matrix:
 def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ...]]) -> tuple[Matrix, ...]:
     """Σ_e of the element matrices, as (K_e, M_e), that `matrices` gives for a slice of the elements, as CSR (size, size).
 
-    `dofs` (m, k) numbers the DOF of each element. Both triangles are added up in the same order, so that symmetric
-    element matrices give exactly symmetric sums.
+    `dofs` (m, k) numbers the DOF of each element. Both triangles are exactly alike.
     """
-    step = max(1, CHUNK // dofs.shape[1] ** 2)
-    total: list[Matrix] = []
+    pattern, step = Pattern(dofs, size), max(1, CHUNK // dofs.shape[1] ** 2)
+    total: list[Array] = []
     for start in range(0, len(dofs), step):
         part = slice(start, start + step)
-        rows = np.asarray(dofs[part], dtype=np.int64)
-        places = (rows[:, :, None] * size + rows[:, None, :]).ravel()
-        order = np.argsort(places, kind="stable")
-        places = places[order]
-        first = np.flatnonzero(np.diff(places, prepend=-1))
-        row, column = np.divmod(places[first], size)
-        pointers = np.searchsorted(row, np.arange(size + 1))
-        summed = [sp.csr_array((np.add.reduceat(values.ravel()[order], first), column, pointers), shape=(size, size))
-                  for values in matrices(part)]
-        total = [a + b for a, b in zip(total, summed, strict=True)] if total else summed
-    return tuple(total)
+        keep, places, add = pattern.places(part)
+        found = matrices(part)
+        total = total or [np.zeros(pattern.size) for _ in found]
+        for sums, values in zip(total, found, strict=True):
+            sums[places] += add @ values.ravel()[keep]
+    return tuple(map(pattern.scalar, total))
 
 
 def free_to_lift(K: Matrix, lift: Array) -> Matrix:
@@ -137,7 +142,7 @@ def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array],
     if not len(free):
         raise InputError(f"supports hold every DOF of {name!r}, so nothing can move. Leave some of them out")
     number = np.cumsum(loose) - 1
-    sets = {place: rows[loose[rows]] for place, rows in interface.items()}
+    sets = {place: number[rows[loose[rows]]] for place, rows in interface.items()}
     lost = [place for place, rows in sets.items() if not len(rows)]
     if lost and (not by_node or len(lost) == len(sets)):
         raise InputError(f"interface {', '.join(map(repr, lost))} of {name!r} is held by the supports: leave out one or the "
@@ -145,12 +150,10 @@ def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array],
     for port, w in ports.items():
         if not np.any(w[free]):
             raise InputError(f"port {port!r} of {name!r} sits on DOF that the supports hold. Move the port or the support")
-    joined = np.concatenate([*sets.values(), np.zeros(0, dtype=np.intp)]).astype(np.intp)
-    joined, first = np.unique(joined, return_index=True)
-    order = np.arange(len(joined)) if by_node else np.argsort(first)
-    place_of = np.argsort(order)
+    sets = {place: rows for place, rows in sets.items() if len(rows)}
+    joined = np.unique(np.concatenate([*sets.values(), free[:0]]))
     whole = len(free) == dofs.size
-    sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=number[joined[order]],
+    sub = Substructure(M if whole else M[free][:, free], K if whole else K[free][:, free], interface=joined if by_node else sets,
                        ports={port: w[free] for port, w in ports.items()}, name=name, dofs=dofs.kept(free),
-                       sets={place: place_of[np.searchsorted(joined, rows)] for place, rows in sets.items() if len(rows)})
+                       sets={place: np.searchsorted(joined, rows) for place, rows in sets.items()})
     return sub if rayleigh is None else sub.with_damping(sub.D + proportional(sub, rayleigh))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from femsub.checks import Array, instance, real_array
-from femsub.components.mesh import Mesh
+from femsub.components.mesh import Mesh, places_of
 from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap
 
@@ -58,11 +58,8 @@ def displacements(mesh: Mesh, dofs: DofMap, u: Array) -> Array:
 
 def node_rows(mesh: Mesh, numbers: Array) -> Array:
     """The rows of `points` of nodes by their numbers."""
-    order = np.argsort(mesh.numbers, kind="stable")
-    ordered = mesh.numbers[order]
-    place = np.minimum(np.searchsorted(ordered, numbers), len(ordered) - 1)
-    strange = ordered[place] != numbers
-    if strange.any():
-        raise InputError(f"the mesh {mesh.name!r} has no node {numbers[np.argmax(strange)]}, so the DOF map belongs to another "
+    place = places_of(numbers, mesh.numbers)
+    if (place < 0).any():
+        raise InputError(f"the mesh {mesh.name!r} has no node {numbers[np.argmin(place)]}, so the DOF map belongs to another "
                          "mesh. Give the component's own mesh")
-    return order[place]
+    return place

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from femsub.algebra import check_room
-from femsub.checks import Array, choice, interval, items, real_array, shown
+from femsub.checks import Array, interval, items, real_array, shown
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import box
 from femsub.errors import InputError
@@ -47,7 +47,7 @@ def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedr
     (20, 4, 4)
     """
     sizes, bricks = _lengths("lengths", lengths, 3), _counts(counts, 3)
-    grid, cells = box(bricks, bricks, kind)  # of edge 1: coordinates are whole and half numbers, exactly
+    grid, cells = box(bricks, kind)
     return Mesh(grid / bricks * sizes, cells, kind, _sides(grid, bricks), name=name)
 
 
@@ -98,13 +98,7 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
     if 3 * (end - start) > 2 * np.pi * bricks[1]:
         least = math.ceil(3 * (end - start) / (2 * math.pi))
         raise InputError(f"counts: an annulus needs at least {least} bricks around, not {bricks[1]}")
-    grid, cells = box(bricks, bricks, kind)
-    if sector is None:
-        half = np.rint(2 * grid).astype(np.intp)
-        half[:, 1] %= 2 * bricks[1]  # the ring is closed: the last nodes are the first ones
-        place = np.ravel_multi_index(tuple(half.T), tuple(2 * bricks + 1))
-        _, first, number = np.unique(place, return_index=True, return_inverse=True)
-        grid, cells = grid[first], number[cells]
+    grid, cells = ring(bricks, kind, closed=sector is None)
     r, angle = low + grid[:, 0] / bricks[0] * (high - low), start + (end - start) * grid[:, 1] / bricks[1]
     points = np.stack([r * np.cos(angle), r * np.sin(angle), grid[:, 2] / bricks[2] * height], axis=1)
     sides = _sides(grid, bricks)
@@ -112,6 +106,18 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
     if sector is not None:
         sets |= {"start": sides["front"], "end": sides["back"]}
     return Mesh(points, cells, kind, sets, name=name)
+
+
+def ring(counts: Sequence[int] | Array, kind: str, closed: bool) -> tuple[Array, Array]:
+    """`box`; in a closed ring, the last nodes of the second axis are the first ones."""
+    grid, cells = box(counts, kind)
+    if closed:
+        half = np.rint(2 * grid).astype(np.intp)
+        half[:, 1] %= 2 * counts[1]
+        place = np.ravel_multi_index(tuple(half.T), tuple(2 * np.asarray(counts) + 1))
+        _, first, number = np.unique(place, return_index=True, return_inverse=True)
+        grid, cells = grid[first], number[cells]
+    return grid, cells
 
 
 def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad", name: str = "rectangle") -> Mesh:
@@ -145,14 +151,8 @@ def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad
     >>> len(mesh.points), len(mesh.cells), len(mesh.nodes("edge"))
     (15, 16, 12)
     """
-    choice("kind of cell of a rectangle", kind, ("quad", "triangle"))
     sizes, quads = _lengths("lengths", lengths, 2), _counts(counts, 2)
-    nx, ny = quads
-    grid = np.stack(np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), indexing="ij"), axis=-1).reshape(-1, 2)
-    corner = (np.arange(nx)[:, None] * (ny + 1) + np.arange(ny)).reshape(-1, 1)
-    cells = corner + np.array([0, ny + 1, ny + 2, 1])
-    if kind == "triangle":
-        cells = cells[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    grid, cells = box(quads, kind)
     sides = _sides(grid, quads)
     sides["edge"] = np.unique(np.concatenate(list(sides.values())))
     return Mesh(grid / quads * sizes, cells, kind, sides, name=name)

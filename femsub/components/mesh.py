@@ -1,4 +1,4 @@
-"""`Mesh`: points, cells of one kind, named sets of nodes and of cells; the faces of its surface."""
+"""`Mesh`: points, cells of one kind, named sets of nodes and of cells; its faces and edges."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from femsub.algebra import Frozen
-from femsub.checks import Array, choice, items, real_array, rows
+from femsub.checks import Array, choice, items, mapping, real_array, rows, word
 from femsub.components.solid_elements import KINDS, reference
-from femsub.errors import InputError, InputTypeError
+from femsub.errors import InputError
 
 #: kind: (dimension of the cell, nodes)
 CELLS = {"line": (1, 2), "triangle": (2, 3), "quad": (2, 4), "tetra": (3, 4), "tetra10": (3, 10), "hexahedron": (3, 8),
@@ -80,11 +80,8 @@ class Mesh(Frozen):
         named = np.arange(1, count + 1) if numbers is None else _node_numbers(numbers, count)
         node_sets = {key: np.unique(_within(f"set {key!r}", chosen, count)) for key, chosen in _named("sets", sets)}
         cell_sets = {key: np.unique(_within(f"group {key!r}", chosen, len(corners))) for key, chosen in _named("groups", groups)}
-        if isinstance(repairs, (str, Mapping)):
-            repairs = (repairs,) if isinstance(repairs, str) else list(repairs)
-        repairs = items("repairs", repairs, "strings")
-        self._set(points=places, cells=corners, kind=kind, numbers=named, repairs=tuple(repairs), name=str(name),
-                  sets=node_sets, groups=cell_sets)
+        self._set(points=places, cells=corners, kind=kind, numbers=named, repairs=tuple(items("repairs", repairs, "strings")),
+                  name=str(name), sets=node_sets, groups=cell_sets)
 
     def __repr__(self) -> str:
         sets = f"sets {', '.join(self.sets)}" if self.sets else "no sets"
@@ -103,6 +100,15 @@ class Mesh(Frozen):
             raise InputError(f"the set {name!r} of the mesh {self.name!r} is empty. Name a set with nodes")
         return self.sets[name]
 
+    def cells_in(self, groups: Iterable[str], what: str) -> dict[str, Array]:
+        """The cells of some groups, which must have each cell of the mesh exactly once."""
+        found = {name: self.groups[choice(f"group of cells of the mesh {self.name!r}:", name, self.groups)] for name in groups}
+        times = np.bincount(np.concatenate([np.zeros(0, dtype=int), *found.values()]), minlength=len(self.cells))
+        if (times != 1).any():
+            raise InputError(f"{what}: {np.count_nonzero(times == 0)} cells of {self.name!r} are in none of the groups, and "
+                             f"{np.count_nonzero(times > 1)} in several. Each cell needs exactly one")
+        return found
+
     def with_sets(self, **sets: Any) -> Mesh:
         """A copy with additional (or replaced) sets of nodes.
 
@@ -112,22 +118,80 @@ class Mesh(Frozen):
         return replace(self, sets={**self.sets, **found})
 
 
+def places_of(wanted: Array, known: Array) -> Array:
+    """Where some numbers are among the known ones, which are unique; -1 where one is not."""
+    if not len(known):
+        return np.full(len(wanted), -1)
+    order = np.argsort(known)
+    place = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(order) - 1)]
+    return np.where(known[place] == wanted, place, -1)
+
+
 def corners_of(mesh: Mesh) -> Array:
     """The corners of each cell, (m, c)."""
     return mesh.cells[:, :reference(mesh.kind).corners] if mesh.kind in KINDS else mesh.cells
 
 
+def sides_of(kind: str, what: str) -> Array:
+    """The nodes of each face or edge of a cell, (s, k): the corners as in `reference(kind).faces`, the middles of the edges
+    between them in the same order, and the face's own. A plane cell has edges only.
+    """
+    if kind not in KINDS:
+        count = {"triangle": 3, "quad": 4}[kind]
+        return np.stack([np.arange(count), (np.arange(count) + 1) % count], axis=1)
+    element = reference(kind)
+    middle = {frozenset(group): element.corners + i for i, group in enumerate(element.middles)}
+    found = []
+    for side in element.faces if what == "faces" else element.edges:
+        groups = map(frozenset, (*zip(side, (*side[1:], side[0]), strict=True), side))
+        found.append([*side, *dict.fromkeys(middle[group] for group in groups if group in middle)])
+    return np.array(found)
+
+
+def distinct_sides(mesh: Mesh, sides: Array) -> tuple[Array, Array, Array]:
+    """The different faces or edges of a mesh, those of each cell, and how many cells have each.
+
+    Parameters
+    ----------
+    sides : ndarray, shape (s, c)
+        The corners of those of a cell.
+
+    Returns
+    -------
+    corners : ndarray, shape (f, c)
+        As rows of `points`, ascending in each row and from row to row.
+    number : ndarray, shape (m, s)
+    times : ndarray, shape (f,)
+    """
+    rows = np.sort(mesh.cells[:, sides].reshape(-1, sides.shape[1]), axis=1)
+    corners, number, times = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    return corners, number.reshape(len(mesh.cells), -1), times
+
+
 def boundary_faces(mesh: Mesh) -> tuple[Array, Array]:
     """The faces that belong to one cell only: their cells (f,), and their index among the cell's faces (f,)."""
-    faces = np.array(reference(mesh.kind).faces)
-    corners = np.sort(mesh.cells[:, faces].reshape(-1, faces.shape[1]), axis=1)
-    order = np.lexsort(corners.T)
-    same = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
-    alone = np.ones(len(order), dtype=bool)
-    alone[1:] &= ~same
-    alone[:-1] &= ~same
-    chosen = np.sort(order[alone])
-    return chosen // len(faces), chosen % len(faces)
+    _, number, times = distinct_sides(mesh, np.array(reference(mesh.kind).faces))
+    cells, sides = np.nonzero(times[number] == 1)
+    return cells, sides
+
+
+def edges_of(mesh: Mesh) -> tuple[Array, Array, Array]:
+    """The edges of a plane or solid mesh: their ends (e, 2), those of each cell (m, s), and which are on its border."""
+    table = sides_of(mesh.kind, "edges")[:, :2]
+    ends, number, times = distinct_sides(mesh, table)
+    if mesh.dimension == 2:
+        return ends, number, times == 1
+    cells, sides = boundary_faces(mesh)
+    of_face = np.array([[at for at, edge in enumerate(table) if set(edge) <= set(face)] for face in reference(mesh.kind).faces])
+    border = np.zeros(len(ends), dtype=bool)
+    border[number[cells[:, None], of_face[sides]]] = True
+    return ends, number, border
+
+
+def edges_within(ends: Array, border: Array, nodes: Array) -> Array:
+    """Which edges have both ends in a set, bool (e,). Between two nodes of the border only edges of the border count."""
+    outer = np.isin(ends, ends[border]).all(axis=1)
+    return np.isin(ends, nodes).all(axis=1) & (border | ~outer)
 
 
 def corner_nodes(mesh: Mesh, cells: Array, sides: Array) -> Array:
@@ -136,12 +200,8 @@ def corner_nodes(mesh: Mesh, cells: Array, sides: Array) -> Array:
 
 
 def _named(what: str, values: Any) -> list[tuple[str, Any]]:
-    if values is not None and not isinstance(values, Mapping):
-        raise InputTypeError(f"{what} must map names to rows, e.g. {{'left': [0, 3]}}, not {type(values).__name__}")
-    for name in values or {}:
-        if not isinstance(name, str):
-            raise InputTypeError(f"the names of {what} must be strings, such as {str(name)!r}, not {name!r}")
-    return list((values or {}).items())
+    found = mapping(what, {} if values is None else values, "names and rows, as {'left': [0, 3]}")
+    return [(word(f"each name in {what}", name), chosen) for name, chosen in found.items()]
 
 
 def _node_numbers(values: Any, count: int) -> Array:
@@ -151,10 +211,9 @@ def _node_numbers(values: Any, count: int) -> Array:
     wrong = (named % 1 != 0) | (np.abs(named) >= 2.0**53)
     if wrong.any():
         raise InputError(f"numbers must be whole numbers, but node {int(wrong.argmax())}, counted from 0, has {named[wrong][0]}")
-    ordered = np.sort(named)
-    again = ordered[1:][ordered[1:] == ordered[:-1]]
-    if len(again):
-        raise InputError(f"numbers must be unique, but {int(again[0])} comes twice")
+    different, times = np.unique(named, return_counts=True)
+    if len(different) < count:
+        raise InputError(f"numbers must be unique, but {int(different[times.argmax()])} comes twice")
     return named.astype(np.int64)
 
 

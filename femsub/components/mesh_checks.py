@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import Array
-from femsub.components.mesh import Mesh, corners_of
+from femsub.components.mesh import Mesh, corners_of, distinct_sides, sides_of
 from femsub.components.solid_elements import KINDS, jacobians, quadrature, reference, shape_functions
 from femsub.errors import InputError
 
@@ -71,21 +71,13 @@ def refuse_spoilt(mesh: Mesh) -> None:
 
 def _first_alike(mesh: Mesh) -> Array:
     """For each cell the first cell with the same nodes: itself, unless it is given twice."""
-    weights = np.random.default_rng(0).integers(1 << 62, size=len(mesh.points), dtype=np.uint64)
-    keys = weights[mesh.cells].sum(axis=1)  # the same key for the same nodes in any order; sorting numbers is fast
-    _, first, number = np.unique(keys, return_index=True, return_inverse=True)
-    first = first[number]
-    again = np.flatnonzero(first != np.arange(len(first)))
-    other = (np.sort(mesh.cells[again]) != np.sort(mesh.cells[first[again]])).any(axis=1)
-    first[again[other]] = again[other]
-    return first
+    _, first, number = np.unique(np.sort(mesh.cells, axis=1), axis=0, return_index=True, return_inverse=True)
+    return first[number.ravel()]
 
 
 def _in_cells(mesh: Mesh) -> Array:
     """Which nodes belong to a cell, bool (n,)."""
-    used = np.zeros(len(mesh.points), dtype=bool)
-    used[mesh.cells] = True
-    return used
+    return np.bincount(mesh.cells.ravel(), minlength=len(mesh.points)) > 0
 
 
 def _refuse(mesh: Mesh, bad: Array, labels: Array, what: str, advice: str) -> None:
@@ -198,19 +190,13 @@ def _mirror(kind: str) -> Array:
 
 def _folded(mesh: Mesh) -> Array:
     """Cells on the same side of a face as a neighbour: both list the face's corners in the same sense."""
-    sides = reference(mesh.kind).faces if mesh.kind in KINDS else [(i, (i + 1) % mesh.cells.shape[1])
-                                                                   for i in range(mesh.cells.shape[1])]
-    faces = np.array(sides)
-    count, size = faces.shape
-    corners = mesh.cells[:, faces].reshape(-1, size)
-    start, rows = corners.argmin(axis=1), np.arange(len(corners))
-    sense = corners[rows, (start + 1) % size] < corners[rows, (start - 1) % size] if size > 2 else start == 0
-    keys = np.sort(corners, axis=1)
-    order = np.lexsort(keys.T)
-    same = (keys[order[1:]] == keys[order[:-1]]).all(axis=1) & (sense[order[1:]] == sense[order[:-1]])
-    bad = np.zeros(len(mesh.cells), dtype=bool)
-    bad[order[1:][same] // count] = bad[order[:-1][same] // count] = True
-    return bad
+    sides = np.array(reference(mesh.kind).faces) if mesh.kind in KINDS else sides_of(mesh.kind, "edges")
+    corners, size = mesh.cells[:, sides], sides.shape[1]
+    start = corners.argmin(axis=2, keepdims=True)
+    after, before = (np.take_along_axis(corners, (start + step) % size, axis=2) for step in (1, -1))
+    sense = after < before if size > 2 else start == 0
+    key = 2 * distinct_sides(mesh, sides)[1] + sense[:, :, 0]
+    return (np.bincount(key.ravel())[key] > 1).any(axis=1)
 
 
 def _notes(mesh: Mesh) -> tuple[str, ...]:

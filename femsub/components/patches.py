@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from femsub.checks import Array
-from femsub.components.mesh import Mesh, boundary_faces, corner_nodes, corners_of
+from femsub.components.mesh import Mesh, boundary_faces, corner_nodes, corners_of, edges_of, edges_within, sides_of
 from femsub.components.mesh_checks import listed
-from femsub.components.solid_elements import KINDS, face_quadrature, jacobians, quadrature, reference, shape_functions
+from femsub.components.solid_elements import jacobians, on_side, quadrature, reference, shape_functions, side_quadrature
 from femsub.errors import InputError, PortWarning, unknown_name, warn
 
 
@@ -67,46 +68,45 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
         return _patch("cells", np.unique(mesh.cells[group]), group)
     if name not in mesh.sets:
         raise unknown_name(f"set of nodes or group of cells of the mesh {mesh.name!r}:", name, (*mesh.sets, *mesh.groups))
-    nodes = mesh.nodes(name)
-    marked = np.zeros(len(mesh.points), dtype=bool)
-    marked[nodes] = True
-    found = _candidates(mesh, nodes, marked)
-    lefts = [np.setdiff1d(nodes, nodes_of(mesh, one)) for one in found]
-    for one, left in zip(found, lefts, strict=True):
+    nodes, tried = mesh.nodes(name), []
+    for one in _candidates(mesh, nodes):
+        left = np.setdiff1d(nodes, nodes_of(mesh, one))
         if not len(left):
             return one
-    if not found:
+        tried.append((one, left))
+    if not tried:
         return _patch("nodes", nodes, every[:0])
     corners = np.unique(corners_of(mesh))
-    for one, left in zip(found, lefts, strict=True):
+    for one, left in tried:
         if not np.isin(left, corners).any():
             warn(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} (number "
                  f"{listed(mesh.numbers[left])}) are midside nodes of {one.kind} whose corners are not all in the set. "
                  f"The mean is taken over the complete {one.kind} only", PortWarning)
             return one
-    kind, left = found[0].kind, lefts[0]
+    kind, left = tried[0][0].kind, tried[0][1]
     raise InputError(f"{what}: {len(left)} of the {len(nodes)} nodes of the set {name!r} belong to none of the {kind} within it "
                      f"(number {listed(mesh.numbers[left])}), so a mean over {kind} would leave them out. Take them out of the "
                      f"set, add the nodes that complete their {kind}, or name a group of cells")
 
 
-def _candidates(mesh: Mesh, nodes: Array, marked: Array) -> list[Patch]:
+def _candidates(mesh: Mesh, nodes: Array) -> Iterator[Patch]:
     """The faces, the cells and the edges within a set, as far as there are any, in `patch`'s order of preference."""
-    every = np.arange(len(mesh.cells))
+    every, some = np.arange(len(mesh.cells)), False
     ways = [("cells", every, np.zeros_like(every), corners_of(mesh))]
     if mesh.dimension == 3:
         cells, sides = boundary_faces(mesh)
         ways.insert(0, ("faces", cells, sides, corner_nodes(mesh, cells, sides)))
-    found = []
     for kind, cells, sides, corners in ways:
-        inside = marked[corners].all(axis=1)
+        inside = np.isin(corners, nodes).all(axis=1)
         if inside.any():
-            found.append(_patch(kind, nodes, cells[inside], sides[inside]))
-    cells, sides, share, border = _edges(mesh, marked)
+            some = True
+            yield _patch(kind, nodes, cells[inside], sides[inside])
+    ends, number, border = edges_of(mesh)
+    chosen = edges_within(ends, border, nodes)
     # a row of nodes along the border of a plane mesh may contain a whole cell in a corner
-    if len(cells) and (not found or (mesh.dimension == 2 and bool(border.all()))):
-        found.append(Patch("edges", nodes, cells, sides, share))
-    return found
+    if chosen.any() and (not some or (mesh.dimension == 2 and bool(border[chosen].all()))):
+        cells, sides = np.nonzero(chosen[number])
+        yield Patch("edges", nodes, cells, sides, 1 / np.bincount(number.ravel())[number[cells, sides]])
 
 
 def nodes_of(mesh: Mesh, found: Patch) -> Array:
@@ -114,17 +114,6 @@ def nodes_of(mesh: Mesh, found: Patch) -> Array:
     if found.kind in ("cells", "nodes"):
         return np.unique(mesh.cells[found.cells]) if found.kind == "cells" else found.nodes
     return np.unique(mesh.cells[found.cells[:, None], sides_of(mesh.kind, found.kind)[found.sides]])
-
-
-def sides_of(kind: str, what: str) -> Array:
-    """The nodes of each face or edge of a cell, (s, k): corners first, as in `reference(kind).faces`."""
-    if kind not in KINDS:
-        count = {"triangle": 3, "quad": 4}[kind]
-        return np.stack([np.arange(count), (np.arange(count) + 1) % count], axis=1)
-    element = reference(kind)
-    sides = element.faces if what == "faces" else element.edges
-    return np.array([(*side, *(element.corners + i for i, group in enumerate(element.middles) if set(group) <= set(side)))
-                     for side in sides])
 
 
 def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
@@ -165,42 +154,10 @@ def _quadrature(kind: str, what: str, side: int) -> tuple[Array, Array, Array]:
     if what == "cells":
         X, w = quadrature(kind, 4 * element.degree - (3 if kind.startswith("tetra") else 1))  # the degree of N det J
         return X, np.eye(3), w
-    if what == "faces":
-        X, tangents, w = face_quadrature(kind, 2 * element.degree)
-        return X[side], tangents[side], w
-    s, w = np.polynomial.legendre.leggauss(4)
-    start, end = element.nodes[list(element.edges[side])]
-    return start + (s[:, None] + 1) / 2 * (end - start), (end - start)[None, :], w / 2
+    corners = (element.faces if what == "faces" else element.edges)[side]
+    s, w = side_quadrature(len(corners), 2 * element.degree if what == "faces" else 7)
+    return *on_side(kind, corners, s), w
 
 
 def _patch(kind: str, nodes: Array, cells: Array, sides: Array | None = None) -> Patch:
     return Patch(kind, nodes, cells, np.zeros_like(cells) if sides is None else sides, np.ones(len(cells)))
-
-
-def _edges(mesh: Mesh, marked: Array) -> tuple[Array, Array, Array, Array]:
-    """Edges with both ends marked, once for each cell that has them: cells, sides, shares, and whether they are on the border.
-
-    Between two nodes of the border (of a plane mesh) or of the surface (of a solid) only edges that lie in it count.
-    """
-    table = sides_of(mesh.kind, "edges")[:, :2]
-    ends = np.sort(mesh.cells[:, table], axis=2).reshape(-1, 2)
-    rim = _rim(mesh)
-    outer = np.zeros(len(marked), dtype=bool)
-    outer[rim] = True
-    chosen = np.flatnonzero(marked[ends].all(axis=1))
-    key, border = ends[chosen] @ [len(marked), 1], np.sort(rim, axis=1) @ [len(marked), 1]
-    on_border = np.isin(key, border)
-    keep = on_border | ~outer[ends[chosen]].all(axis=1)
-    chosen, key, on_border = chosen[keep], key[keep], on_border[keep]
-    _, number, count = np.unique(key, return_inverse=True, return_counts=True)
-    return chosen // len(table), chosen % len(table), 1.0 / count[number], on_border
-
-
-def _rim(mesh: Mesh) -> Array:
-    """The edges of the border of a plane mesh, or of the faces of a solid's surface, as pairs of nodes."""
-    if mesh.dimension == 3:
-        faces = corner_nodes(mesh, *boundary_faces(mesh))
-        return np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    ends = np.sort(mesh.cells[:, sides_of(mesh.kind, "edges")], axis=2).reshape(-1, 2)
-    found, count = np.unique(ends, axis=0, return_counts=True)
-    return found[count == 1]

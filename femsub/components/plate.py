@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,12 +18,11 @@ from femsub.components.bending_elements import (
     morley_integrals,
     morley_matrices,
 )
-from femsub.components.build import component, gathered, optional_mapping, tell_rounding
-from femsub.components.mesh import Mesh
+from femsub.components.build import component, gathered, node_at, optional_mapping, tell_rounding
+from femsub.components.mesh import Mesh, edges_of, edges_within, sides_of
 from femsub.components.mesh_checks import refuse_spoilt
-from femsub.components.patches import Patch, patch, sides_of
+from femsub.components.patches import Patch, patch
 from femsub.components.solid_assembly import Material
-from femsub.components.solid_elements import skfem
 from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap, Substructure
 
@@ -102,10 +101,10 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     supports = optional_mapping("supports", supports, "names of sets and kinds, as {'edge': 'clamped'}")
     ports = optional_mapping("ports", ports, "names and places, as {'belt': 'patch'}")
     interface = items("interface", interface, "names of sets")
-    K, M = layout.gathered(steel.nu)
+    K, M = layout.matrices(steel.nu)
     K = bending * K
     sides = np.ptp(layout.plane, axis=0)
-    tell_rounding(K, layout.deflections, bending * sides.prod() / sides.max() ** 4, ROUNDING, name, "take larger cells")
+    tell_rounding(K, layout.w, bending * sides.prod() / sides.max() ** 4, ROUNDING, name, "take larger cells")
     held = np.concatenate([*(layout.held(mesh.nodes(where), kind) for where, kind in supports.items()),
                            np.zeros(0, dtype=int)])
     return component(
@@ -114,7 +113,10 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
 
 
 class _Layout:
-    """The DOF of each node, at `plane` (n, 2), and of each edge of a mesh; edges and borders come from `grid`."""
+    """The DOF of a plate: `step` at each node of `plane` (n, 2), the first of them `w` (n,), then one at each triangle's edge.
+
+    Those of each cell are `rows` (m, k), and `shape` is what the integrals over the cells need to know.
+    """
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh, self.plane = mesh, mesh.points[:, :2]
@@ -122,26 +124,20 @@ class _Layout:
             raise InputError(f"a plate lies in a plane of constant z, but z of {mesh.name!r} runs from "
                              f"{mesh.points[:, 2].min():.6g} to {mesh.points[:, 2].max():.6g}")
         self.triangles = mesh.kind == "triangle"
-        kind = skfem().MeshTri if self.triangles else skfem().MeshQuad
-        self.grid = kind(np.ascontiguousarray(self.plane.T), np.ascontiguousarray(mesh.cells.T))
-        self.size = len(self.plane) + self.grid.facets.shape[1] if self.triangles else 4 * len(self.plane)
-        every = np.arange(self.size)
-        self.deflections = every < len(self.plane) if self.triangles else every % 4 == 0  # which DOF are w
+        self.step = 1 if self.triangles else 4
+        self.ends, self.of_cell, self.border = edges_of(mesh)
+        self.w = self.step * np.arange(len(self.plane))
+        self.size = self.step * len(self.plane) + self.triangles * len(self.ends)
+        self.rows, self.shape = self._triangles() if self.triangles else self._rectangles()
 
-    def gathered(self, nu: float) -> tuple[Matrix, Matrix]:
+    def matrices(self, nu: float) -> tuple[Matrix, Matrix]:
         """K and M for unit bending stiffness and unit mass per area."""
-        if self.triangles:
-            return self._morley(nu)
-        dofs, sides = self._squared()
-        return gathered(dofs, self.size, lambda part: bfs_matrices(sides[part], nu))
+        of_cells: Callable[..., tuple[Array, Array]] = morley_matrices if self.triangles else bfs_matrices
+        return gathered(self.rows, self.size, lambda part: of_cells(*(values[part] for values in self.shape), nu=nu))
 
-    @property
-    def _triangles(self) -> tuple[Array, Array]:
-        """Corners of the triangles, and the edges opposite them, (m, 3)."""
-        return self.grid.t.T, self.grid.t2f.T[:, [1, 2, 0]]  # scikit-fem's edges are (0, 1), (1, 2), (0, 2)
-
-    def _morley(self, nu: float) -> tuple[Matrix, Matrix]:
-        cells, edges = self._triangles
+    def _triangles(self) -> tuple[Array, tuple[Array, ...]]:
+        """The DOF, the corners (m, 3, 2), and the normals of the edges opposite them (m, 3, 2)."""
+        cells, edges = self.mesh.cells, self.of_cell[:, [1, 2, 0]]
         corners = self.plane[cells]
         span = np.stack([corners[:, k] - corners[:, j] for j, k in OPPOSITE], axis=1)
         area = np.abs(span[:, 0, 0] * span[:, 1, 1] - span[:, 0, 1] * span[:, 1, 0])
@@ -149,20 +145,18 @@ class _Layout:
         if flat.any():
             raise InputError(f"{int(flat.sum())} triangles of {self.mesh.name!r} are flat. The first is cell "
                              f"{int(flat.argmax())}, counted from 0. Mesh that part anew")
-        normals = self._normals()[edges]
-        return gathered(np.hstack([cells, len(self.plane) + edges]), self.size,
-                        lambda part: morley_matrices(corners[part], normals[part], nu))
+        return np.hstack([cells, len(self.plane) + edges]), (corners, self._normals()[edges])
 
     def _normals(self) -> Array:
         """Unit normals of the edges (f, 2), pointing to +x, or to +y if the edge is parallel to x."""
-        along = self.plane[self.grid.facets[1]] - self.plane[self.grid.facets[0]]
+        along = self.plane[self.ends[:, 1]] - self.plane[self.ends[:, 0]]
         along = along / np.linalg.norm(along, axis=1)[:, None]
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
         leading = np.where(np.abs(normal[:, 0]) > SKEW, normal[:, 0], normal[:, 1])
         return normal * np.sign(leading)[:, None]
 
-    def _squared(self) -> tuple[Array, Array]:
-        """DOF of the rectangles (m, 16), corners as in CORNERS, and their sides (m, 2)."""
+    def _rectangles(self) -> tuple[Array, tuple[Array, ...]]:
+        """The DOF, corners as in CORNERS, and the sides (m, 2)."""
         corners = self.plane[self.mesh.cells]
         low, high = corners.min(axis=1), corners.max(axis=1)
         sides = high - low
@@ -178,14 +172,7 @@ class _Layout:
                              f"cell {int(right.argmin())}, counted from 0. Mesh the plate with triangles, or rotate it")
         order = order[:, [2 * i + j for i, j in CORNERS]]
         cells = np.take_along_axis(self.mesh.cells, order, axis=1)
-        return (4 * cells[:, :, None] + np.arange(4)).reshape(len(cells), 16), sides
-
-    def edges(self, nodes: Array) -> Array:
-        """The edges with both nodes in a set. An edge between two nodes of the border counts only if it is on the border."""
-        facets, border = self.grid.facets, self.grid.boundary_facets()
-        member, outer, on_border = (np.zeros(count, dtype=bool) for count in (len(self.plane), len(self.plane), facets.shape[1]))
-        member[nodes], outer[facets[:, border]], on_border[border] = True, True, True
-        return np.flatnonzero(member[facets].all(axis=0) & (on_border | ~outer[facets].all(axis=0)))
+        return (4 * cells[:, :, None] + np.arange(4)).reshape(len(cells), 16), (sides,)
 
     def held(self, nodes: Array, kind: Any) -> Array:
         """The DOF that a support holds along a set."""
@@ -195,69 +182,51 @@ class _Layout:
             return self.all_of(nodes)
         if self.triangles:
             return nodes
-        edges = self.edges(nodes)
-        ends = self.grid.facets[:, edges]
-        along = np.abs(self.plane[ends[1]] - self.plane[ends[0]]).argmax(axis=1)  # 0: along x, so w,x is zero as well
-        return np.concatenate([4 * nodes, (4 * ends + 1 + along).ravel()])
+        ends = self.ends[edges_within(self.ends, self.border, nodes)]
+        along = np.abs(self.plane[ends[:, 1]] - self.plane[ends[:, 0]]).argmax(axis=1)  # 0: along x, so w,x is zero as well
+        return np.concatenate([4 * nodes, (4 * ends + 1 + along[:, None]).ravel()])
 
     def all_of(self, nodes: Array) -> Array:
         """All DOF of the nodes and of the edges in a set."""
-        if self.triangles:
-            return np.concatenate([nodes, len(self.plane) + self.edges(nodes)])
-        return (4 * nodes[:, None] + np.arange(4)).ravel()
+        at_nodes = (self.step * nodes[:, None] + np.arange(self.step)).ravel()
+        edges = np.flatnonzero(edges_within(self.ends, self.border, nodes)) if self.triangles else nodes[:0]
+        return np.concatenate([at_nodes, len(self.plane) + edges])
 
     def column(self, where: Any, port: str, held: Array) -> Array:
         """The mean of w over a set, or w at a node, as a column for all DOF."""
-        w, step = np.zeros(self.size), 1 if self.triangles else 4
+        w = np.zeros(self.size)
         if isinstance(where, str):
             found = patch(self.mesh, where, f"port {port!r}")
             if found.kind == "nodes":
-                w[step * found.nodes] = 1.0
+                w[self.w[found.nodes]] = 1.0
             elif found.kind == "cells":
-                self._over_cells(found.cells, w)
-            elif not np.isin(step * found.nodes, held).all():  # along a support w is 0 (for triangles at nodes only)
-                (self._along_triangles if self.triangles else self._along_rectangles)(found, w)
-            lift = w[:step * len(self.plane):step].sum()  # of w = 1 everywhere
+                over = morley_integrals if self.triangles else bfs_integrals
+                np.add.at(w, self.rows[found.cells], over(*(values[found.cells] for values in self.shape)))
+            elif not np.isin(self.w[found.nodes], held).all():  # along a support w is 0 (for triangles at nodes only)
+                rows, integrals = (self._along_triangles if self.triangles else self._along_rectangles)(found)
+                np.add.at(w, rows, found.share[:, None] * integrals)
+            lift = w[self.w].sum()  # of w = 1 everywhere
             return w / lift if lift else w
         if not isinstance(where, (Sequence, np.ndarray)) or len(where) != 2:
             raise InputTypeError(f"port {port!r} must be the name of a set or a place (x, y), not {where!r:.80}")
-        x, y = (finite_number(f"port {port!r}", value) for value in where)
-        apart = np.hypot(*(self.plane - (x, y)).T)
-        nearest = int(apart.argmin())
-        if apart[nearest] > SKEW * np.ptp(self.plane, axis=0).max():
-            raise InputError(f"port {port!r}: there is no node at ({x:.9g}, {y:.9g}). The nearest is number "
-                             f"{self.mesh.numbers[nearest]} at ({self.plane[nearest, 0]:.9g}, {self.plane[nearest, 1]:.9g})")
-        w[step * nearest] = 1.0
+        place = [finite_number(f"port {port!r}", value) for value in where]
+        w[self.w[node_at(self.plane, self.mesh.numbers, place, f"port {port!r}", SKEW * np.ptp(self.plane, axis=0).max())]] = 1.0
         return w
 
-    def _over_cells(self, cells: Array, w: Array) -> None:
-        """Add ∫ φ dA over cells to a column."""
-        if self.triangles:
-            corners, edges = (part[cells] for part in self._triangles)
-            integrals = morley_integrals(self.plane[corners], self._normals()[edges])
-            np.add.at(w, np.hstack([corners, len(self.plane) + edges]), integrals)
-        else:
-            dofs, sides = (part[cells] for part in self._squared())
-            np.add.at(w, dofs, bfs_integrals(sides))
+    def _along_triangles(self, found: Patch) -> tuple[Array, Array]:
+        """DOF, and ∫ φ ds along edges. Between two triangles, whose functions differ there, the mean of both sides counts."""
+        corners, normals = (values[found.cells] for values in self.shape)
+        return self.rows[found.cells], morley_edge_integrals(corners, normals, (found.sides + 2) % 3)
 
-    def _along_triangles(self, found: Patch, w: Array) -> None:
-        """Add ∫ φ ds along edges. Between two triangles, whose functions differ there, it is the mean of both sides."""
-        corners, edges = (part[found.cells] for part in self._triangles)
-        lone = self.mesh.cells[found.cells, (found.sides + 2) % 3]
-        integrals = morley_edge_integrals(self.plane[corners], self._normals()[edges], (corners == lone[:, None]).argmax(axis=1))
-        np.add.at(w, np.hstack([corners, len(self.plane) + edges]), found.share[:, None] * integrals)
-
-    def _along_rectangles(self, found: Patch, w: Array) -> None:
-        """Add ∫ φ ds along edges, with a cubic on each."""
+    def _along_rectangles(self, found: Patch) -> tuple[Array, Array]:
+        """DOF, and ∫ φ ds along edges, with a cubic on each."""
         ends = self.mesh.cells[found.cells[:, None], sides_of("quad", "edges")[found.sides]]
         along = self.plane[ends[:, 1]] - self.plane[ends[:, 0]]
         axis = np.abs(along).argmax(axis=1)
-        step = np.take_along_axis(along, axis[:, None], axis=1)[:, 0]
-        parts = (found.share * np.abs(step))[:, None] * HERMITE_MEAN
-        parts[:, 1::2] *= step[:, None]
-        dofs = 4 * np.repeat(ends, 2, axis=1)
-        dofs[:, 1::2] += 1 + axis[:, None]
-        np.add.at(w, dofs, parts)
+        step = np.take_along_axis(along, axis[:, None], axis=1)
+        rows = 4 * np.repeat(ends, 2, axis=1)
+        rows[:, 1::2] += 1 + axis[:, None]
+        return rows, np.abs(step) * HERMITE_MEAN * np.where(np.arange(4) % 2, step, 1.0)
 
     def dofs(self) -> DofMap:
         """The DOF map: w, w,x, w,y, w,xy at nodes; or w at nodes and w,n in the middle of edges, whose numbers follow."""
@@ -265,7 +234,7 @@ class _Layout:
         if not self.triangles:
             return DofMap(np.repeat(numbers, 4), np.tile(np.arange(4), len(numbers)), ("w", "w,x", "w,y", "w,xy"),
                           np.repeat(self.plane, 4, axis=0))
-        count = self.grid.facets.shape[1]
-        middle = self.plane[self.grid.facets].mean(axis=0)
+        count = len(self.ends)
+        middle = self.plane[self.ends].mean(axis=1)
         return DofMap(np.concatenate([numbers, numbers.max() + 1 + np.arange(count)]),
                       np.repeat([0, 1], [len(numbers), count]), ("w", "w,n"), np.vstack([self.plane, middle]))

@@ -78,7 +78,6 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
         raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D, but a solid needs one of "
                          f"{', '.join(KINDS)}")
     refuse_spoilt(mesh)
-    interface = () if interface is None else interface
     held = np.concatenate([np.zeros(0, dtype=int), *_motions(mesh, "supports", supports).values()])
     joined = _motions(mesh, "interface", interface)
     ports = optional_mapping("ports", ports, "names and (set, direction)")
@@ -95,18 +94,10 @@ def materials_of(mesh: Mesh, material: Material | Mapping[str, Material]) -> lis
         return [(material, np.arange(len(mesh.cells)))]
     if not isinstance(material, Mapping):
         raise InputTypeError(f"material must be a Material or map groups of cells to one, not {material!r:.60}")
-    covered = np.zeros(len(mesh.cells), dtype=int)
-    parts = []
     for group, one in material.items():
         if not isinstance(one, Material):
             raise InputTypeError(f"material of the group {group!r} must be a Material(E, nu, rho), not {one!r:.60}")
-        cells = mesh.groups[choice(f"group of cells of the mesh {mesh.name!r}:", group, mesh.groups)]
-        covered[cells] += 1
-        parts.append((one, cells))
-    if (covered != 1).any():
-        raise InputError(f"material: {np.count_nonzero(covered == 0)} cells of {mesh.name!r} have none, and "
-                         f"{np.count_nonzero(covered > 1)} have several. Each cell needs exactly one")
-    return parts
+    return [(material[group], cells) for group, cells in mesh.cells_in(material, "material").items()]
 
 
 def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | None) -> dict[str, Array]:

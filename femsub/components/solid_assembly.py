@@ -136,7 +136,7 @@ def _gradients(points: Array, cells: Array, dN: Array, w: Array) -> tuple[Array,
     """√(w det J) as (m, q), and its product with ∂N/∂x as (m, q, k, 3)."""
     J = jacobians(points, cells, dN)
     a, b, c = J[..., 0, :], J[..., 1, :], J[..., 2, :]
-    adjugate = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=-1)  # J⁻¹ det J
+    adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)  # J⁻¹ det J
     det = np.einsum("mqd,mqd->mq", a, adjugate[..., 0])
     if det.min() <= 0:
         bad = np.flatnonzero((det <= 0).any(axis=1))
@@ -155,13 +155,6 @@ def _products(N: Array, root: Array, G: Array) -> tuple[Array, Array]:
     pairs = (G.swapaxes(1, 2) @ G).reshape(m, k, 3, k, 3).transpose(0, 1, 3, 2, 4)
     S = N * root[..., None]
     return np.ascontiguousarray(pairs), S.swapaxes(1, 2) @ S
-
-
-def _cross(a: Array, b: Array) -> Array:
-    result = np.empty_like(a)
-    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
-        result[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
-    return result
 
 
 def _moduli(material: Material) -> Array:
@@ -186,7 +179,7 @@ class Pattern:
         self.keys = self.rows * nodes + self.columns
         self.size = len(self.keys)
 
-    def places(self, members: Array) -> tuple[Array, slice, Matrix]:
+    def places(self, members: Array | slice) -> tuple[Array, slice, Matrix]:
         """For some cells: which of their k² pairs have i ≤ j (flat), the blocks that these add to, and the sum as a matrix.
 
         A value of each kept pair, v (pairs, c), adds `matrix @ v` to those blocks.
@@ -220,11 +213,12 @@ class Pattern:
         data[mirrored] = data[mirrored].transpose(0, 2, 1)
         return sp.csr_array(sp.bsr_array((data, columns, indptr), shape=(3 * self.nodes,) * 2))
 
-    def spread_diagonal(self, values: Array, skew: bool = False) -> Matrix:
-        """CSR (3n, 3n) from one number (size,) for each upper block, which is that multiple of the identity.
-
-        `skew`: the blocks below the diagonal have the opposite sign.
-        """
+    def scalar(self, values: Array, skew: bool = False) -> Matrix:
+        """CSR (n, n) from one number (size,) for each upper block; `skew`: those below the diagonal have the opposite sign."""
         indptr, columns, source, mirrored = self._both()
         data = np.where(mirrored, -values[source], values[source]) if skew else values[source]
-        return sp.kron(sp.csr_array((data, columns, indptr), shape=(self.nodes,) * 2), sp.eye_array(3), format="csr")
+        return sp.csr_array((data, columns, indptr), shape=(self.nodes,) * 2)
+
+    def spread_diagonal(self, values: Array, skew: bool = False) -> Matrix:
+        """CSR (3n, 3n): the entries of `scalar`, times the unit matrix each."""
+        return sp.kron(self.scalar(values, skew), sp.eye_array(3), format="csr")

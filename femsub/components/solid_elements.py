@@ -23,6 +23,7 @@ _TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 _TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))  # outward
 #: six tetrahedra that fill a brick and fit those of its neighbours: one for each order of the axes (Kuhn)
 _SIXTHS = np.array([[0, 1, 2, 6], [0, 5, 1, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 4, 5, 6], [0, 7, 4, 6]])
+_HALVES = np.array([[0, 1, 2], [0, 2, 3]])  #: two triangles that fill a quadrilateral
 
 #: kind: (scikit-fem's element, corners, groups of corners whose centres are the other nodes, faces, degree)
 _TABLE: dict[str, tuple[str, Array, tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...], int]] = {
@@ -33,7 +34,6 @@ _TABLE: dict[str, tuple[str, Array, tuple[tuple[int, ...], ...], tuple[tuple[int
     "tetra10": ("ElementTetP2", _TET, _TET_EDGES, _TET_FACES, 2),
 }
 KINDS = tuple(_TABLE)
-QUADRATIC = {"hexahedron": "hexahedron20", "tetra": "tetra10"}  # the element of degree 2 with the same corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,15 +107,18 @@ def quadrature(kind: str, degree: int) -> tuple[Array, Array]:
     return X.T, w
 
 
-def face_quadrature(kind: str, degree: int) -> tuple[Array, Array, Array]:
-    """For each of f faces: points (f, q, 3) on it, its two tangents ∂X/∂s (f, 2, 3), and the weights (q,)."""
-    corners = reference(kind).nodes
-    faces = np.array(reference(kind).faces)
-    refdom = skfem().refdom.RefQuad if faces.shape[1] == 4 else skfem().refdom.RefTri
+def side_quadrature(corners: int, degree: int) -> tuple[Array, Array]:
+    """Points s (q, d) and weights (q,) on the reference line, triangle or square, by its number of corners."""
+    refdom = getattr(skfem().refdom, {2: "RefLine", 3: "RefTri", 4: "RefQuad"}[corners])
     s, w = skfem().quadrature.get_quadrature(refdom, degree)
-    origin = corners[faces[:, 0]]
-    tangents = np.stack([corners[faces[:, 1]] - origin, corners[faces[:, -1]] - origin], axis=1)
-    return origin[:, None, :] + np.einsum("sq,fsd->fqd", s, tangents), tangents, w
+    return s.T, w
+
+
+def on_side(kind: str, corners: Sequence[int] | Array, s: Array) -> tuple[Array, Array]:
+    """Points X (q, 3) of an edge or a face of the reference cell, from its corners and its own s (q, d); and ∂X/∂s (d, 3)."""
+    around = reference(kind).nodes[list(corners)]
+    tangents = around[[1, -1][:s.shape[1]]] - around[0]
+    return around[0] + s @ tangents, tangents
 
 
 def jacobians(points: Array, cells: Array, gradients: Array) -> Array:
@@ -125,18 +128,21 @@ def jacobians(points: Array, cells: Array, gradients: Array) -> Array:
     return (flat @ points[cells]).reshape(len(cells), q, d, d)
 
 
-def box(lengths: Sequence[float] | Array, counts: Sequence[int] | Array, kind: str) -> tuple[Array, Array]:
-    """Points (n, 3) and cells (m, k) of a box [0, lx] x [0, ly] x [0, lz]; tetrahedra are six to a brick."""
-    choice("kind of solid element", kind, KINDS)
-    nx, ny, nz = counts
-    axes = [np.linspace(0.0, length, count + 1) for length, count in zip(lengths, counts, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    first = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), np.arange(nz), indexing="ij"), axis=-1).reshape(-1, 3)
-    corner = first[:, None, :] + _HEX.astype(int)[None, :, :]
-    cells = (corner[..., 0] * (ny + 1) + corner[..., 1]) * (nz + 1) + corner[..., 2]
-    if kind.startswith("tetra"):
-        cells = cells[:, _SIXTHS].reshape(-1, 4)
-    return raised(points, cells, kind)
+def box(counts: Sequence[int] | Array, kind: str) -> tuple[Array, Array]:
+    """Points (n, d) and cells (m, k) of a box of nx x ny x nz bricks, or nx x ny quadrilaterals, of edge 1.
+
+    Tetrahedra are six to a brick, triangles two to a quadrilateral. Coordinates are whole and half numbers, exactly.
+    """
+    size = len(counts)
+    what, valid = ("solid element", KINDS) if size == 3 else ("cell of a rectangle", ("quad", "triangle"))
+    choice(f"kind of {what}", kind, valid)
+    points = np.stack(np.meshgrid(*(np.arange(count + 1.0) for count in counts), indexing="ij"), axis=-1).reshape(-1, size)
+    corner = points[(points < counts).all(axis=1), None].astype(int) + _HEX[:2**size, :size].astype(int)
+    cells = np.ravel_multi_index(tuple(np.moveaxis(corner, -1, 0)), tuple(np.add(counts, 1)))
+    if kind.startswith("t"):
+        split = _SIXTHS if size == 3 else _HALVES
+        cells = cells[:, split].reshape(-1, split.shape[1])
+    return raised(points, cells, kind) if size == 3 else (points, cells)
 
 
 def raised(points: Array, cells: Array, kind: str) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
@@ -32,16 +32,20 @@ from femsub.coupling.dual import Multiplied, by_forces, check_span, finite_span,
 from femsub.coupling.joined import (
     check_connected,
     checked_parts,
+    conditions,
+    distinct,
     equations_of,
     joint_forces,
     linked,
-    physical_coordinates,
+    listed,
+    open_rows,
     rows_of_parts,
+    springs_of,
     sprung,
-    units_of_energy,
+    unjoined,
+    whole_sets,
 )
 from femsub.coupling.joints import End, Joint, Link, spatial
-from femsub.coupling.open_interface import distinct, listed, open_rows, unjoined, whole_sets
 from femsub.errors import InputError
 from femsub.model import DofMap, ReducedSubstructure, Substructure, checked_sets
 
@@ -140,19 +144,17 @@ class System(Substructure):
     @cached_property
     def interface_dofs(self) -> DofMap | None:
         """The maps of all parts in one, with nodes numbered anew from 1; None if a part has no map."""
-        maps = [self.parts[name].interface_dofs for name, places in self.open.items() if len(places)]
+        names = [name for name, places in self.open.items() if len(places)]
+        maps = [self.parts[name].interface_dofs for name in names]
         if not maps or any(one is None or one.points is None for one in maps):
             return None
-        found = [one.kept(places) for one, places in zip(maps, (p for p in self.open.values() if len(p)), strict=True) if one]
+        found = [one.kept(self.open[name]) for name, one in zip(names, maps, strict=True) if one]
         labels = tuple(dict.fromkeys(label for one in found for label in one.labels))
-        nodes, components, start = [], [], 1
-        for one in found:
-            _, number = np.unique(one.nodes, return_inverse=True)
-            nodes.append(start + number)
-            start = int(nodes[-1].max(initial=start - 1)) + 1
-            components.append(np.array([labels.index(label) for label in one.labels])[one.components])
+        owner = np.repeat(np.arange(len(found)), [one.size for one in found])
+        nodes = np.unique([owner, np.concatenate([one.nodes for one in found])], axis=1, return_inverse=True)[1]
+        components = [labels.index(one.labels[k]) for one in found for k in one.components]
         points = np.concatenate([spatial(one.points) for one in found if one.points is not None])
-        return DofMap(np.concatenate(nodes), np.concatenate(components), labels, points)
+        return DofMap(nodes.ravel() + 1, components, labels, points)
 
     def expand(self, x: Array) -> dict[str, Array]:
         """The displacements of each part, {name: u}, from x of shape (n,) or (n, k); u has the shape (n_p,) or (n_p, k).
@@ -190,11 +192,8 @@ class System(Substructure):
                                  f"{np.shape(u.get(name, 0.0))}")
             blocks.append(part.collected(inner) if isinstance(part, System) else u[name])
         L = sp.csc_array(self.L)
-        gram, load = sp.csc_array(L.T @ L), L.T @ np.concatenate(blocks)
-        diagonal = gram.diagonal()
-        if gram.nnz == np.count_nonzero(diagonal):  # equal DOF alone
-            return load / diagonal.reshape(-1, *[1] * (load.ndim - 1))
-        factor = splu(gram)
+        gram, load = L.T @ L, L.T @ np.concatenate(blocks)
+        factor = splu(sp.csc_array(gram + sp.diags_array((gram.diagonal() == 0) * 1.0)))  # multipliers move nothing, and are 0
         return factor.solve(load.real) + 1j * factor.solve(load.imag) if np.iscomplexobj(load) else factor.solve(load)
 
     def with_parts(self, parts: Mapping[str, Substructure]) -> System:
@@ -307,7 +306,8 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     check_connected(parts, links)
     weak = [bool(link.equations) and (assembly == "dual" or any(by_forces(parts[part]) for part in link.equations))
             for link in links]
-    equations = equations_of(parts, links, units_of_energy(parts), physical_coordinates(parts))
+    C, owner = conditions(parts, links)
+    equations = equations_of(parts, C, owner)
 
     def refuse(owner: Array, equations: int, coordinates: int) -> None:
         """Locked coordinates are a result of too few modes, unless all parts of these joints have all of theirs."""
@@ -316,14 +316,14 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
             raise InputError(f"{', '.join(repr(joints[i]) for i in named)}: the {equations} equations leave no motion to the "
                              f"{coordinates} coordinates they couple: keep more modes in these parts, or join fewer DOF")
 
-    dual = np.array(weak, dtype=bool)[equations.owner]
+    dual = np.array(weak, dtype=bool)[owner]
     found = eliminate(equations.chosen(~dual), refuse)
-    joined = Multiplied(found.L, sp.csr_array((0, found.L.shape[1])), equations.A[:0], found.unit, equations.owner[:0])
+    joined = Multiplied(found.L, sp.csr_array((0, found.L.shape[1])), equations.A[:0], found.unit, owner[:0])
     redundant, spurious, dense = found.redundant, 0, not any(sp.issparse(part.K) for part in parts.values())
     weakly = False
     if dual.any() or any(map(by_forces, parts.values())):
-        forces, compliance = joint_forces(parts, links, weak, equations.unit)
-        K = sp.block_diag([sp.csr_array(part.K) for part in parts.values()], format="csr")
+        forces, compliance = joint_forces(parts, C[np.flatnonzero(dual)], equations.unit)
+        K = block_diagonal([part.K for part in parts.values()])
         joined = multiplied(equations.chosen(dual), found.L, forces, compliance, K, sprung(parts, links), refuse)
         redundant += int(dual.sum()) - len(joined.owner)
         weakly = bool(forces.nnz)
@@ -331,9 +331,10 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
             check_span(joined.S.shape[1], name)
     if not joined.S.shape[1]:
         raise InputError(f"the joints of {name!r} leave nothing to move")
+    springs = springs_of(parts, links)
     chosen = unjoined(parts, links) if interface is None else listed(parts, interface)
     if weakly:
-        matrices = _matrices(parts, links, joined, equations.unit, True)
+        matrices = _matrices(parts, springs, joined, equations.unit, True)
         X, unit, matrices, spurious = finite_span(*matrices, joined.multipliers, open_rows(parts, joined.S, chosen))
         joined = joined.through(X, unit)
         if not len(unit):
@@ -345,16 +346,14 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
         if weakly:
             matrices = congruent(matrices[0], T), congruent(matrices[1], T), congruent(matrices[2], T)
     if not weakly:
-        matrices = _matrices(parts, links, joined, equations.unit, dense)
-    M, D, K = matrices if len(joined.owner) and not weakly else _settled(parts, links, joined, matrices)
+        matrices = _matrices(parts, springs, joined, equations.unit, dense)
+    M, D, K = matrices if len(joined.owner) and not weakly else _settled(parts, springs, joined, matrices)
     if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > FULL * K.shape[0] ** 2:
         M, D, K = (A.toarray() for A in matrices)
     L = joined.S if sp.issparse(K) else joined.S.toarray()
     unit = units(M.diagonal(), K.diagonal())[0]
     ports = {f"{part}.{port}": _port(L[rows], w, unit, equations.unit[rows])
              for (part, sub), rows in zip(parts.items(), rows_of_parts(parts), strict=True) for port, w in sub.ports.items()}
-    blocks, whole = dict(zip(parts, rows_of_parts(parts), strict=True)), sp.eye_array(len(equations.unit), format="csr")
-    springs = [(sp.csr_array(_moved(link, blocks, whole)), link) for link in links if link.motions]
     motion = Joined(tuple(parts.values()), joined.S, equations.unit, equations.A,
                     *(tuple(sp.csr_array(C) @ R for R, link in springs if np.any(C := getattr(link, key)))
                       for key in ("stiffness", "damping")))
@@ -389,23 +388,18 @@ def _by_joint(joints: Sequence[Joint], joined: Multiplied) -> dict[str, Matrix]:
     return found
 
 
-def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: Multiplied,
+def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix, Link]], joined: Multiplied,
               unit: Array, dense: bool) -> tuple[Matrix, Matrix, Matrix]:
     """M, D, K in the coordinates of the system, with springs and multipliers."""
-    blocks = dict(zip(parts, rows_of_parts(parts), strict=True))
     S = joined.S.toarray() if dense else joined.S
     alike = not dense and is_identity(S)  # nothing is joined but by springs and contacts: each product would be a copy
-    springs = []
-    for link in links:
-        if link.motions:
-            whole = np.max([largest(abs(R) * unit[blocks[part]]) for part, R in link.motions.items()], axis=0)
-            springs.append((links_without_rounding(_moved(link, blocks, S), joined.unit, whole), link))
+    moved = [(links_without_rounding(R @ S, joined.unit, largest(abs(R) * unit)), link) for R, link in springs]
     found = []
-    for key in "MDK":
+    for key, of in (("M", ""), ("D", "damping"), ("K", "stiffness")):
         matrices = [getattr(part, key) for part in parts.values()]
         if dense:
             A = np.zeros((S.shape[1], S.shape[1]))
-            for matrix, rows in zip(matrices, blocks.values(), strict=True):
+            for matrix, rows in zip(matrices, rows_of_parts(parts), strict=True):
                 moving = np.unique(joined.S[rows].indices)  # few coordinates of the system move a part
                 T = joined.S[rows][:, moving]
                 A[np.ix_(moving, moving)] += product(T.T, product(matrix, T))
@@ -413,12 +407,10 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
             A = block_diagonal(matrices)
             if not alike:
                 A = sp.csr_array(S.T @ (A @ S))
-        plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for link in links if key == "D")))
+        plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for _, link in springs if key == "D")))
         if plain and not alike:
             A = (A + A.T) / 2  # but for rounding it is symmetric
-        middles = [(R, {"K": link.stiffness, "D": link.damping}.get(key)) for R, link in springs]
-        added = [R.T @ (middle if dense else sp.csr_array(middle)) @ R for R, middle in middles
-                 if middle is not None and np.any(middle)]
+        added = [R.T @ (C if dense else sp.csr_array(C)) @ R for R, link in moved if of and np.any(C := getattr(link, of))]
         if key == "K" and len(joined.owner):
             added.append(joined.work().toarray() if dense else joined.work())
         if added:  # summed first: they have few entries, and A has many
@@ -428,41 +420,31 @@ def _matrices(parts: Mapping[str, Substructure], links: Sequence[Link], joined: 
     return found[0], found[1], found[2]
 
 
-def _moved(link: Link, blocks: Mapping[str, slice], S: Matrix, part_of: Callable[[Matrix], Matrix] = lambda A: A) -> Matrix:
-    """What springs act on, R q with q = S x, shape (s, n); with `abs` the sum of the sizes instead."""
-    return sum(part_of(R) @ part_of(S[blocks[part]]) for part, R in link.motions.items())
-
-
-def _settled(parts: Mapping[str, Substructure], links: Sequence[Link], joined: Multiplied,
+def _settled(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix, Link]], joined: Multiplied,
              matrices: tuple[Matrix, Matrix, Matrix]) -> tuple[Matrix, Matrix, Matrix]:
     """M, D, K with 0 for what is only rounding: coordinates without mass, and those of rigid motion.
 
     m_jj and k_jj are compared with the sums of the sizes of which they are left. Only in these sums can be seen that a
     coordinate is free. Where each coordinate is a DOF nothing cancels.
     """
-    blocks, S = dict(zip(parts, rows_of_parts(parts), strict=True)), sp.csc_array(joined.S)
+    S = sp.csc_array(joined.S)
     mixed = np.flatnonzero(np.bincount(np.repeat(np.arange(S.shape[1]), np.diff(S.indptr)), S.data != 1.0, S.shape[1]))
     if not len(mixed):
         return matrices
     S = sp.csr_array(abs(S[:, mixed]))
-    found = []
-    for key, A in zip("MDK", matrices, strict=True):
-        if key == "D":
-            found.append(A)
-            continue
-        bound = np.zeros(len(mixed))
-        for part, rows in zip(parts.values(), blocks.values(), strict=True):
-            at = np.flatnonzero(np.diff(S[rows].indptr))
-            own = S[rows][at]
-            bound += own.multiply(product(abs(getattr(part, key)[at][:, at]), own)).sum(axis=0)
-        for link in links if key == "K" else ():
-            if link.motions and np.any(link.stiffness):
-                R = _moved(link, blocks, S, abs)
-                bound = bound + R.multiply(abs(link.stiffness) @ R).sum(axis=0)
-        if key == "M":  # the square of a rounding, beside the stiffness of the coordinate
-            stiffness = np.abs(matrices[2].diagonal())
-            bound = np.maximum(bound, FAINT * stiffness[mixed] / units(A.diagonal(), stiffness)[1])
-        whole = np.zeros(A.shape[0])
-        whole[mixed] = bound
-        found.append(without_dust(A, whole))
-    return found[0], found[1], found[2]
+    bound = {key: np.zeros(len(mixed)) for key in "MK"}
+    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
+        at = np.flatnonzero(np.diff(S[rows].indptr))
+        own = S[rows][at]
+        for key in bound:
+            bound[key] += own.multiply(product(abs(getattr(part, key)[at][:, at]), own)).sum(axis=0)
+    for R, link in springs:
+        if np.any(link.stiffness):
+            moved = abs(R) @ S
+            bound["K"] += moved.multiply(abs(link.stiffness) @ moved).sum(axis=0)
+    M, D, K = matrices
+    stiffness = np.abs(K.diagonal())
+    # the square of a rounding, beside the stiffness of the coordinate
+    bound["M"] = np.maximum(bound["M"], FAINT * stiffness[mixed] / units(M.diagonal(), stiffness)[1])
+    M, K = (without_dust(A, np.bincount(mixed, bound[key], len(stiffness))) for key, A in (("M", M), ("K", K)))
+    return M, D, K

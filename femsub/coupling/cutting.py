@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +12,11 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra import Frozen, partition, runs
-from femsub.checks import Array, Matrix, choice, instance, items, whole_number
-from femsub.components import Mesh, corners_of
+from femsub.checks import Array, Matrix, instance, items, whole_number
+from femsub.components import Mesh, corners_of, edges_of, places_of
+from femsub.components.chain import chain
 from femsub.coupling.joints import Rigid
-from femsub.coupling.matrix_cut import divided, members, pattern
+from femsub.coupling.matrix_cut import divided, members
 from femsub.errors import InputError, InputTypeError
 from femsub.model import Substructure
 
@@ -152,7 +154,9 @@ def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: S
     whole = build(mesh, **arguments)
     if instance("what build returns", whole, Substructure).dofs is None:
         raise InputError("the component that build returns has no map of its DOF (dofs=), by which parts find theirs")
-    cells = _pieces(mesh, whole, into) if sets is None else _groups(mesh, sets)
+    cells = _pieces(mesh, whole, into) if sets is None else mesh.cells_in(items("sets", sets, "names of groups of cells"), "sets")
+    if empty := [name for name, chosen in cells.items() if not len(chosen)]:
+        raise InputError(f"sets: the group {empty[0]!r} of the mesh {mesh.name!r} is empty; leave it out")
     own = {key: value for key, value in arguments.items() if key not in PLACES}
     matrices, rows, meshes = {}, {}, {}
     for name, chosen in cells.items():
@@ -163,20 +167,6 @@ def _cut_mesh(mesh: Mesh, build: Callable[..., Substructure], into: Any, sets: S
     return replace(_joined(whole, rows, matrices), cells=cells, meshes=meshes)
 
 
-def _groups(mesh: Mesh, sets: Sequence[str]) -> dict[str, Array]:
-    """The cells of named groups, each cell in one of them."""
-    found = {name: mesh.groups[choice(f"group of cells of the mesh {mesh.name!r}:", name, mesh.groups)]
-             for name in items("sets", sets, "names of groups of cells")}
-    for name, chosen in found.items():
-        if not len(chosen):
-            raise InputError(f"sets: the group {name!r} of the mesh {mesh.name!r} is empty; leave it out")
-    times = np.bincount(np.concatenate([np.zeros(0, dtype=int), *found.values()]), minlength=len(mesh.cells))
-    if (times != 1).any():
-        raise InputError(f"sets: {np.count_nonzero(times == 0)} cells of {mesh.name!r} are in none of the groups, and "
-                         f"{np.count_nonzero(times > 1)} in several. Each cell needs exactly one")
-    return found
-
-
 def _pieces(mesh: Mesh, whole: Substructure, into: int) -> dict[str, Array]:
     """Cells that hang together by faces (of a plane mesh by edges), in so many pieces; those under a port in one."""
     count = len(mesh.cells)
@@ -185,11 +175,12 @@ def _pieces(mesh: Mesh, whole: Substructure, into: int) -> dict[str, Array]:
     neighbours = sp.coo_array(corners @ corners.T)
     beside = neighbours.data >= mesh.dimension
     graph = sp.csr_array((np.ones(beside.sum()), (neighbours.row[beside], neighbours.col[beside])), shape=(count, count))
-    nodes, numbers = _incidence(mesh.cells, len(mesh.points)), mesh.numbers
+    cells, numbers = mesh.cells, mesh.numbers
     if mesh.kind == "triangle":  # a plate's edges have DOF, too
-        edges = _edges(mesh)
-        nodes = sp.csr_array(sp.hstack([nodes, (nodes @ _incidence(edges, len(mesh.points)).T >= 2) * 1.0]))
+        edges, of_cell, _ = edges_of(mesh)
+        cells = np.hstack([cells, len(numbers) + of_cell])
         numbers = np.concatenate([numbers, numbers.max() + 1 + np.arange(len(edges))])
+    nodes = _incidence(cells, len(numbers))
     assert whole.dofs is not None
     together = []
     for w in whole.ports.values():
@@ -237,23 +228,16 @@ def _places(whole: DofMap | None, part: DofMap | None, mesh: Mesh, piece: Mesh, 
     beyond = np.flatnonzero(numbers > piece.numbers.max())
     if len(beyond):  # edges of triangles, whose numbers continue those of the nodes
         ends = np.array([len(mesh.points), 1])
-        edges = nodes[_edges(piece)[numbers[beyond] - piece.numbers.max() - 1]] @ ends
-        numbers[beyond] = mesh.numbers.max() + 1 + np.searchsorted(_edges(mesh) @ ends, edges)
+        edges = nodes[edges_of(piece)[0][numbers[beyond] - piece.numbers.max() - 1]] @ ends
+        numbers[beyond] = mesh.numbers.max() + 1 + np.searchsorted(edges_of(mesh)[0] @ ends, edges)
     count = len(whole.labels)
-    known, wanted = whole.nodes * count + whole.components, numbers * count + part.components
-    order = np.argsort(known)
-    place = order[np.minimum(np.searchsorted(known[order], wanted), len(order) - 1)]
-    kept = np.flatnonzero(known[place] == wanted)
+    place = places_of(numbers * count + part.components, whole.nodes * count + whole.components)
+    kept = np.flatnonzero(place >= 0)
     return place[kept], kept
 
 
-def _edges(mesh: Mesh) -> Array:
-    """The edges of a mesh of triangles as pairs of nodes, in the order in which `plate` numbers them."""
-    return np.unique(np.sort(mesh.cells[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0)
-
-
 def _cut_matrices(whole: Substructure, into: int) -> Cut:
-    A = pattern(whole)
+    A = sp.csr_array(sum(abs(sp.csr_array(B)) for B in (whole.K, whole.M, whole.D, whole.D.T)))
     if whole.dofs is None:
         node = runs(A)
     else:
@@ -269,7 +253,13 @@ def _cut_matrices(whole: Substructure, into: int) -> Cut:
     ported[np.concatenate([*under, np.zeros(0, dtype=int)]).astype(int)] = True
     member, common = members(graph, owner, ported, into)
     member, common = member[node], [sp.csr_array(of_node.T @ one @ of_node) for one in common]
-    rows = {f"p{at + 1}": np.flatnonzero(column) for at, column in enumerate(member.T)}
+    return in_rows(whole, {f"p{at + 1}": np.flatnonzero(column) for at, column in enumerate(member.T)}, common)
+
+
+def in_rows(whole: Substructure, rows: dict[str, Array], common: Sequence[Matrix] | None = None) -> Cut:
+    """The parts of a substructure that have these DOF; see `members` for `common`."""
+    member = np.stack([np.isin(np.arange(whole.size), own) for own in rows.values()], axis=1)
+    common = common or [sp.csr_array(whole.M.shape)] * len(rows)
     shares = [divided(sp.csr_array(B), common, member) for B in (whole.M, whole.D, whole.K)]
     return _joined(whole, rows, dict(zip(rows, zip(*shares, strict=True), strict=True)))
 
@@ -277,9 +267,7 @@ def _cut_matrices(whole: Substructure, into: int) -> Cut:
 def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, tuple[Matrix, Matrix, Matrix]]) -> Cut:
     """The parts with their interfaces, sets and ports, and the joints between them."""
     names, count = list(rows), whole.size
-    member = np.zeros((count, len(names)), dtype=bool)
-    for number, own in enumerate(rows.values()):
-        member[own, number] = True
+    member = np.stack([np.isin(np.arange(count), own) for own in rows.values()], axis=1)
     cut_sets, joints = _meetings(names, member)
     owner = _owners(whole, names, member)
     named = {key: whole.interface[places] for key, places in whole.sets.items()} | cut_sets
@@ -326,3 +314,20 @@ def _owners(whole: Substructure, names: Sequence[str], member: Array) -> dict[st
                              "of cells that leave it whole, or fewer parts")
         found[key] = names[int(under.all(axis=0).argmax())]
     return found
+
+
+def cut_chain(n: int, pieces: int, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0,
+              springs: Any = 1.0) -> tuple[dict[str, Substructure], list[Rigid], str]:
+    """The chain of `chain` in pieces of about the same length, joined at masses of which either side has half.
+
+    Returns
+    -------
+    parts, joints, port
+        'p1', 'p2', ... from the wall on, the joints for `couple`, and the belt's port in the system, 'p1.belt'. Only the part
+        under the belt has a port.
+    """
+    whole = chain(n, belt, damping, masses=masses, springs=springs, interface=())
+    ends = np.linspace(0, n - 1, whole_number("pieces", pieces, 2, n - 1) + 1).astype(int)
+    parts, joints = in_rows(whole, {f"p{number}": np.arange(first, last + 1) for number, (first, last) in
+                                    enumerate(pairwise(ends.tolist()), start=1)})
+    return parts, list(joints), next(f"{name}.belt" for name, part in parts.items() if part.ports)

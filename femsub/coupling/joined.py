@@ -1,4 +1,4 @@
-"""What parts and joints say together: checked, and as equations on the coordinates of all parts."""
+"""What parts and joints say together: checked, on the coordinates of all parts, and where a system can be joined further."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.algebra import Equations, units
-from femsub.checks import Array, Matrix, instance, mapping, word
+from femsub.algebra import Equations, block_diagonal, product, units
+from femsub.checks import Array, Matrix, instance, items, mapping, word
 from femsub.coupling.dual import FORCE, by_forces
-from femsub.coupling.joints import Joint, Link
+from femsub.coupling.joints import End, Joint, Link, site
 from femsub.errors import InputError, InputTypeError
 from femsub.model import Substructure
+
+SAME = 1e-9  # of a row of the interface that two rows may differ by which are the motion of one DOF
 
 
 def checked_parts(parts: Any) -> dict[str, Substructure]:
@@ -47,21 +49,16 @@ def linked(joint: Joint, parts: Mapping[str, Substructure]) -> Link:
 
 def check_connected(parts: Mapping[str, Substructure], links: Sequence[Link]) -> None:
     """All parts hang together, by joints or by the ground."""
-    if len(parts) == 1:
-        return
-    names = list(parts)
-    pairs = [(names[0], names[0])]
+    names, ground = list(parts), "."  # the ground is one more, whose name no part can have
+    groups = [{name} for name in (*names, ground)]
     for link in links:
-        members = [*link.equations, *link.motions, *(["."] if link.grounded else [])]
-        pairs += [(members[0], other) for other in members]
-    number = {name: at for at, name in enumerate((*names, "."))}  # the ground is one more, whose name no part can have
-    table = np.array([[number[one], number[other]] for one, other in pairs])
-    graph = sp.csr_array((np.ones(len(table)), (table[:, 0], table[:, 1])), shape=(len(number), len(number)))
-    group = connected_components(graph, directed=False)[1]
-    alone = [name for name, own in zip(names, group, strict=False) if np.count_nonzero(group == own) == 1]
-    if alone:
+        members = {*link.equations, *link.motions, *([ground] if link.grounded else [])}
+        touched = [group for group in groups if group & members]
+        groups = [group for group in groups if not group & members] + [set().union(*touched)]
+    first = next(group for group in groups if names[0] in group)
+    apart = [name for name in names if name not in first]
+    if apart and (alone := [name for name in names if {name} in groups]):
         raise InputError(f"the part {alone[0]!r} is joined to nothing: give a joint that names it, or leave it out")
-    apart = [name for name, own in zip(names, group, strict=False) if own != group[0]]
     if apart:
         raise InputError(f"no joints lead from {names[0]!r} to {', '.join(map(repr, apart))}: these are systems of their own")
 
@@ -79,62 +76,139 @@ def units_of_energy(parts: Mapping[str, Substructure]) -> Array:
     return units(M, K)[0]
 
 
-def physical_coordinates(parts: Mapping[str, Substructure]) -> Array:
-    """Which coordinates are displacements of interface DOF."""
-    found = np.zeros(sum(part.size for part in parts.values()), dtype=bool)
-    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
-        found[rows.start + part.interface] = True
-    return found
+def on_all_parts(table: Mapping[str, Matrix], widths: Mapping[str, int]) -> Matrix:
+    """The matrices of a joint on some parts, in one for the coordinates of all parts, sparse, shape (m, Σ widths)."""
+    rows = next(iter(table.values())).shape[0]
+    return sp.csr_array(sp.hstack([sp.csr_array(table.get(name, (rows, width))) for name, width in widths.items()]))
 
 
-def equations_of(parts: Mapping[str, Substructure], links: Sequence[Link], unit: Array, physical: Array) -> Equations:
-    """Σ_p C_p B_p q_p = 0 of all joints below each other."""
-    rows = dict(zip(parts, rows_of_parts(parts), strict=True))
-    blocks, owner = [], []
-    interfaces = {name: sp.csr_array(part.interface_rows) for name, part in parts.items()}
-    for number, link in enumerate(links):
-        if link.equations:
-            block = sum(sp.csr_array(_spread(sp.csr_array(C) @ interfaces[part], rows[part].start, len(unit)))
-                        for part, C in link.equations.items())
-            blocks.append(block)
-            owner.append(np.full(block.shape[0], number))
-    A = sp.csr_array(sp.vstack(blocks)) if blocks else sp.csr_array((0, len(unit)))
-    return Equations(A, unit, physical, np.concatenate([np.zeros(0, dtype=int), *owner]))
+def conditions(parts: Mapping[str, Substructure], links: Sequence[Link]) -> tuple[Matrix, Array]:
+    """C (m, Σ n_b) with C u_b = 0 of all joints below each other, for the interfaces of all parts; and the joint of each row."""
+    widths = {name: len(part.interface_numbers) for name, part in parts.items()}
+    found = {number: on_all_parts(link.equations, widths) for number, link in enumerate(links) if link.equations}
+    owner = np.repeat(np.array([*found], dtype=int), np.array([C.shape[0] for C in found.values()], dtype=int))
+    none = sp.csr_array((0, sum(widths.values())))
+    return sp.csr_array(sp.vstack([none, *found.values()])), owner
 
 
-def _spread(C: Matrix, start: int, size: int) -> Matrix:
-    """The columns of a sparse C from a place on among `size`."""
-    return sp.csr_array((C.data, C.indices + start, C.indptr), shape=(C.shape[0], size))
+def equations_of(parts: Mapping[str, Substructure], C: Matrix, owner: Array) -> Equations:
+    """Σ_p C_p B_p q_p = 0 of `conditions`, on the coordinates of all parts."""
+    A = sp.csr_array(C @ block_diagonal([part.interface_rows for part in parts.values()]))
+    A.sort_indices()
+    physical = [np.isin(np.arange(part.size), part.interface) for part in parts.values()]
+    return Equations(A, units_of_energy(parts), np.concatenate(physical), owner)
 
 
-def joint_forces(parts: Mapping[str, Substructure], links: Sequence[Link], weak: Sequence[bool],
-                 unit: Array) -> tuple[Matrix, Array]:
-    """Of the parts that are reduced by interface forces g: -C_pᵀ in the rows of g, sparse, shape (N, m), of all weak joints; and,
-    for each g, the square of how far its DOF moves at unit energy of the part, shape (N,).
+def joint_forces(parts: Mapping[str, Substructure], C: Matrix, unit: Array) -> tuple[Matrix, Array]:
+    """Of the parts that are reduced by interface forces g: -Cᵀ of `conditions` in the rows of g, sparse, shape (N, m); and, for
+    each g, the square of how far its DOF moves at unit energy of the part, shape (N,).
     """
-    size, compliance = len(unit), np.zeros(len(unit))
-    at = {}
-    for (name, part), rows in zip(parts.items(), rows_of_parts(parts), strict=True):
+    compliance, places = np.zeros(len(unit)), []
+    for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
+        place = sp.csr_array((part.size, len(part.interface_numbers)))
         if by_forces(part):
             force = np.array(part.kinds) == FORCE  # type: ignore[attr-defined]
-            at[name] = rows.start + np.flatnonzero(force)
-            compliance[at[name]] = (np.asarray(part.interface_rows)[:, ~force] ** 2 @ unit[rows][~force] ** 2
-                                    + part.K.diagonal()[force])  # modes may not move a DOF at all
-    columns = [sp.csr_array((size, 0))]
-    for link in (link for link, held in zip(links, weak, strict=True) if held):
-        column = sp.csr_array((size, next(iter(link.equations.values())).shape[0]))
-        for name in at.keys() & link.equations.keys():
-            C = sp.coo_array(link.equations[name])
-            column = column + sp.csr_array((-C.data, (at[name][C.col], C.row)), shape=column.shape)
-        columns.append(column)
-    return sp.csr_array(sp.hstack(columns)), compliance
+            place = sp.eye_array(part.size, format="csr")[:, np.flatnonzero(force)]
+            moved = np.asarray(part.interface_rows)[:, ~force] ** 2 @ unit[rows][~force] ** 2
+            compliance[rows] = place @ (moved + part.K.diagonal()[force])  # modes may not move a DOF at all
+        places.append(place)
+    return sp.csr_array(block_diagonal(places) @ -C.T), compliance
+
+
+def springs_of(parts: Mapping[str, Substructure], links: Sequence[Link]) -> list[tuple[Matrix, Link]]:
+    """R (s, N) of each joint with springs or dampers, on the coordinates of all parts: they act on the motion R q."""
+    widths = {name: part.size for name, part in parts.items()}
+    return [(on_all_parts(link.motions, widths), link) for link in links if link.motions]
 
 
 def sprung(parts: Mapping[str, Substructure], links: Sequence[Link]) -> Array:
     """Which coordinates of the parts springs move, shape (N,)."""
-    rows = dict(zip(parts, rows_of_parts(parts), strict=True))
     found = np.zeros(sum(part.size for part in parts.values()), dtype=bool)
-    for link in links:
-        for name, R in link.motions.items():
-            found[rows[name].start + sp.coo_array(R).col] = True
+    for R, _ in springs_of(parts, links):
+        found[R.indices] = True
+    return found
+
+
+def open_rows(parts: Mapping[str, Substructure], L: Matrix, open_: Mapping[str, Array]) -> Matrix:
+    """B_p L_p of the open places of all parts below each other, sparse, shape (n_b, n)."""
+    found = [sp.csr_array((0, L.shape[1]))]
+    for (name, part), rows in zip(parts.items(), rows_of_parts(parts), strict=True):
+        places = open_.get(name, ())
+        if len(places):
+            found.append(sp.csr_array(product(sp.csr_array(part.interface_rows)[places], sp.csr_array(L[rows]))))
+    B = sp.csr_array(sp.vstack(found))
+    B.eliminate_zeros()
+    B.sort_indices()
+    return B
+
+
+def unjoined(parts: Mapping[str, Substructure], links: Sequence[Link]) -> dict[str, Array]:
+    """The places of each part's interface that no equation touches; of a set that has some of these all."""
+    chosen = {}
+    for name, part in parts.items():
+        left = np.ones(len(part.interface_numbers), dtype=bool)
+        for link in links:
+            if name in link.equations:
+                left[sp.csr_array(link.equations[name]).indices] = False
+        for places in part.sets.values():  # a corner that two edges share stays open with the edge that is not joined
+            if left[places].any():
+                left[places] = True
+        chosen[name] = np.flatnonzero(left)
+    return chosen
+
+
+def listed(parts: Mapping[str, Substructure], ends: Sequence[End]) -> dict[str, Array]:
+    chosen: dict[str, list[int]] = {name: [] for name in parts}
+    for end in items("interface", ends, "ends, as [('disc', 'left')]"):
+        found = site(parts, end)
+        chosen[found.part] += found.places.tolist()
+    return {name: np.array(list(dict.fromkeys(places)), dtype=np.intp) for name, places in chosen.items()}
+
+
+def distinct(parts: Mapping[str, Substructure], chosen: Mapping[str, Array], L: Matrix,
+              unit: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+    """The chosen places without those that are held, or equal to an earlier one; and, for every place in the interface of a
+    part, its place in that of the system (-1: none).
+
+    Within one part only equal coordinates count: shapes of a reduced part may move two DOF alike by chance.
+    """
+    B = sp.csr_array(open_rows(parts, L, chosen) @ sp.diags_array(unit))
+    size = np.sqrt(B.multiply(B).sum(axis=1))
+    moving = size > 0
+    B = sp.csr_array(sp.diags_array(1 / np.where(moving, size, 1.0)) @ B)
+    # equal rows have equal values in any direction
+    value = B @ np.random.default_rng(3).standard_normal(B.shape[1])
+    order = np.argsort(np.where(moving, value, np.inf), kind="stable")[:int(moving.sum())]
+    one, other = order[:-1], order[1:]
+    owner = np.repeat(np.arange(len(parts)), [len(chosen[name]) for name in parts])
+    alike = (owner[one] != owner[other]) | (np.diff(B.indptr)[one] == 1)
+    close = alike & (np.abs(value[other] - value[one]) <= SAME) & (np.abs(size[other] - size[one]) <= SAME * size[one])
+    one, other = one[close], other[close]
+    same = abs(B[one] - B[other]).max(axis=1).toarray().ravel() <= SAME if len(one) else np.zeros(0, dtype=bool)
+    graph = sp.csr_array((np.ones(int(same.sum())), (one[same], other[same])), shape=(B.shape[0],) * 2)
+    first = np.zeros(0, dtype=np.intp)
+    if B.shape[0]:
+        _, leader, group = np.unique(connected_components(graph, directed=False)[1], return_index=True, return_inverse=True)
+        first = leader[group]
+    keep = moving & (first == np.arange(B.shape[0]))
+    number = np.where(moving, (np.cumsum(keep) - 1)[first], -1)
+    open_, place, start = {}, {}, 0
+    for name, part in parts.items():
+        places = chosen[name]
+        rows = slice(start, start + len(places))
+        start += len(places)
+        open_[name] = places[keep[rows]]
+        place[name] = np.full(len(part.interface_numbers), -1)
+        place[name][places] = number[rows]
+    return open_, place
+
+
+def whole_sets(parts: Mapping[str, Substructure], place: Mapping[str, Array]) -> dict[str, Array]:
+    """The sets of the parts, 'disc.left', that are whole in the interface of the system."""
+    found = {}
+    for name, part in parts.items():
+        for key, places in part.sets.items():
+            at = np.array(list(dict.fromkeys(place[name][places].tolist())), dtype=np.intp)  # DOF may have become one
+            if len(at) and (at >= 0).all():
+                found[f"{name}.{key}"] = at
     return found

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, finite_number, items, positive_number, real_array, shown, word
+from femsub.checks import Array, Matrix, items, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model import DofMap, Substructure
 
@@ -241,11 +241,9 @@ class Rigid(Joint):
         # a full part's DOF then stands in one equation, which gives it by the coordinates of the one that has none
         sites.sort(key=lambda one: one.physical)
         centre, others = sites[0], sites[1:]
-        seen = {(centre.part, *centre.places.tolist())}
-        for other in others:
-            if (other.part, *other.places.tolist()) in seen:
-                raise InputError(f"{other.title} is joined to itself")
-            seen.add((other.part, *other.places.tolist()))
+        ends = [(one.part, *one.places.tolist()) for one in sites]
+        if twice := [one.title for at, one in enumerate(sites) if ends[at] in ends[:at]]:
+            raise InputError(f"{twice[0]} is joined to itself")
         pairs = [((centre.part, centre.chosen()), (other.part, matched(centre, other, self.tol).chosen(-1.0)))
                  for other in others]
         return Link(equations=stacked(*pairs, *([((centre.part, centre.chosen()),)] if grounded else [])), grounded=grounded)
@@ -310,15 +308,11 @@ class Spring(Joint):
         allowed(self.tol)
         if _is_ground(self.first):
             raise InputError("the first end of a Spring must be a part's, ('disc', 'left'); the ground is the second")
-        stiffness = real_array("stiffness", self.stiffness)
-        if stiffness.ndim == 0:
-            negative = finite_number("stiffness", float(stiffness)) < 0
-        else:
-            if np.abs(stiffness - stiffness.T).max(initial=0.0) > 1e-9 * np.abs(stiffness).max(initial=0.0):
-                raise InputError("the stiffness of a Spring must be symmetric; friction belongs to a contact")
-            values = np.linalg.eigvalsh((stiffness + stiffness.T) / 2)
-            negative = bool(len(values)) and values[0] < -1e-12 * values[-1]
-        if negative:
+        stiffness = np.atleast_2d(real_array("stiffness", self.stiffness))
+        if np.abs(stiffness - stiffness.T).max(initial=0.0) > 1e-9 * np.abs(stiffness).max(initial=0.0):
+            raise InputError("the stiffness of a Spring must be symmetric; friction belongs to a contact")
+        values = np.linalg.eigvalsh((stiffness + stiffness.T) / 2)
+        if len(values) and values[0] < -1e-12 * abs(values[-1]):
             raise InputError("the stiffness of a Spring must not be negative")
         if not np.any(stiffness) and not np.any(real_array("damping", self.damping)):
             raise InputError("a Spring needs a stiffness or a damping")

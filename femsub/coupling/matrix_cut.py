@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix
+from femsub.components import places_of
 from femsub.errors import InputError
-
-if TYPE_CHECKING:
-    from femsub.model import Substructure
 
 DOMINANT = 1e-9  # share of the diagonal entry that the sum of the others may exceed it by, as rounding
 BALANCING = 100  # steps at most
-
-
-def pattern(whole: Substructure) -> Matrix:
-    """|K| + |M| + |D| + |D|ᵀ by its pattern, each entry 1."""
-    found = sum(sp.csr_array(abs(B)) for B in (whole.K, whole.M, whole.D, whole.D.T))
-    found = sp.csr_array(found)
-    return sp.csr_array((np.ones(found.nnz), found.indices, found.indptr), shape=found.shape)
 
 
 def members(graph: Matrix, owner: Array, ported: Array, count: int) -> tuple[Array, list[Matrix]]:
@@ -147,7 +137,5 @@ def _balanced(rest: Matrix, inner: Array, row: Array, column: Array, each: Array
 def _entries(A: Matrix, row: Array, column: Array) -> Array:
     """The entries at so many places of a sparse A (n, n)."""
     found = sp.coo_array(A)
-    known, wanted = found.row * A.shape[1] + found.col, row * A.shape[1] + column
-    order = np.argsort(known)
-    place = np.minimum(np.searchsorted(known[order], wanted), max(len(order) - 1, 0))
-    return np.where(known[order][place] == wanted, found.data[order][place], 0.0) if len(order) else np.zeros(len(wanted))
+    place = places_of(row * A.shape[1] + column, found.row * A.shape[1] + found.col)
+    return np.append(found.data, 0.0)[place]

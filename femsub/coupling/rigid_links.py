@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,46 +50,45 @@ def rigid_rows(dofs: DofMap, origin: Array) -> Array:
     return R
 
 
-@dataclass(frozen=True, eq=False)
-class _Node:
-    """A reference node and a surface: their sites, the places of the DOF, and R (k, 6) of both about the node."""
+@dataclass(frozen=True, eq=False, repr=False)
+class _OneNode(Joint):
+    """A joint of a reference node and a surface, of which one follows the other: u_f = R_f g, where g is the leader's motion."""
 
-    node: Site
-    surface: Site
-    own: Array
-    rows: Array
-    dofs: DofMap
+    reference: End
+    surface: End
 
-    @classmethod
-    def of(cls, parts: Mapping[str, Substructure], reference: End, surface: End) -> _Node:
-        sites = [site(parts, end) for end in (reference, surface)]
-        for one in sites:
+    def __repr__(self) -> str:
+        return self.name or f"{type(self).__name__}({title(self.reference)}, {title(self.surface)})"  # type: ignore[attr-defined]
+
+    def _sites(self, parts: Mapping[str, Substructure]) -> tuple[tuple[Site, Array], tuple[Site, Array]]:
+        """The node and the surface, each with R (k, 6), in units in which rotations are comparable with displacements."""
+        node, surface = (site(parts, end) for end in (self.reference, self.surface))
+        for one in (node, surface):
             if one.dofs is None or one.dofs.points is None:
                 raise InputError(f"the DOF of {one.title} have no known places: give {one.part!r} a DofMap with points")
-        (node, other), (where, dofs) = sites, (sites[0].dofs, sites[1].dofs)
-        assert where is not None and dofs is not None
-        if len(np.unique(where.nodes)) > 1:
-            raise InputError(f"{node.title} must be one node, but its DOF belong to {len(np.unique(where.nodes))}")
-        assert where.points is not None
-        origin = spatial(where.points)[0]
-        return cls(node, other, rigid_rows(where, origin), rigid_rows(dofs, origin), dofs)
-
-    def size(self) -> Array:
-        """What makes rotations comparable with displacements: 1 for t, one over the extent of the surface for θ."""
-        reach = float(np.abs(self.rows[:, 3:]).max(initial=0.0))
-        return np.append(np.ones(3), np.full(3, 1 / reach if reach > 0 else 1.0))
+        assert node.dofs is not None and node.dofs.points is not None and surface.dofs is not None
+        if len(np.unique(node.dofs.nodes)) > 1:
+            raise InputError(f"{node.title} must be one node, but its DOF belong to {len(np.unique(node.dofs.nodes))}")
+        own, rows = (rigid_rows(dofs, spatial(node.dofs.points)[0]) for dofs in (node.dofs, surface.dofs))
+        reach = float(np.abs(rows[:, 3:]).max(initial=0.0))  # the extent of the surface
+        unit = np.append(np.ones(3), np.full(3, 1 / reach if reach > 0 else 1.0))
+        return (node, own * unit), (surface, rows * unit)
 
 
-def _missing(rows: Array, known: Array) -> Array:
-    """How much of each row is not in the row space of `known`, relative to its length."""
-    _, values, V = np.linalg.svd(known)
+def _following(follower: tuple[Site, Array], leader: tuple[Site, Array], weight: Array, lost: Callable[[str], str]) -> Link:
+    """u_f = R_f (W R_l)⁺ W u_l, W = diag(weight); `lost` tells of a DOF of the follower that the leader does not determine."""
+    (first, rows), (second, known) = follower, leader
+    _, values, V = np.linalg.svd(weight[:, None] * known)
     basis = V[:int(np.count_nonzero(values > LOST * values.max(initial=0.0)))]
-    rest = rows - (rows @ basis.T) @ basis
-    return np.linalg.norm(rest, axis=1) / np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
+    missing = np.linalg.norm(rows - (rows @ basis.T) @ basis, axis=1) / np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
+    if missing.max(initial=0.0) > LOST:
+        raise InputError(lost(first.name(int(missing.argmax()))))
+    follow = rows @ np.linalg.pinv(weight[:, None] * known, rcond=LOST) * weight
+    return Link(stacked([(first.part, first.chosen()), (second.part, sp.csr_array(-follow) @ second.chosen())]))
 
 
-@dataclass(frozen=True, eq=False)
-class Kinematic(Joint):
+@dataclass(frozen=True, eq=False, repr=False)
+class Kinematic(_OneNode):
     """A surface that moves as a rigid body with one node (RBE2, kinematic coupling): u_s = R g, g the motion of the node.
 
     Parameters
@@ -113,29 +112,17 @@ class Kinematic(Joint):
     Kinematic(hub.node, disc.bore)
     """
 
-    reference: End
-    surface: End
     name: str = ""
-
-    def __repr__(self) -> str:
-        return self.name or f"Kinematic({title(self.reference)}, {title(self.surface)})"
 
     def link(self, parts: Mapping[str, Substructure]) -> Link:
         """One equation for each DOF of the surface."""
-        found = _Node.of(parts, self.reference, self.surface)
-        unit = found.size()
-        own, rows = found.own * unit, found.rows * unit
-        lost = _missing(rows, own)
-        if lost.max(initial=0.0) > LOST:
-            raise InputError(f"{found.node.title} does not determine {found.surface.name(int(lost.argmax()))}: it needs all "
-                             "translations and rotations of its node ('rx', 'ry', 'rz')")
-        follow = rows @ np.linalg.pinv(own)
-        return Link(stacked([(found.surface.part, found.surface.chosen()),
-                             (found.node.part, sp.csr_array(-follow) @ found.node.chosen())]))
+        node, surface = self._sites(parts)
+        return _following(surface, node, np.ones(len(node[0])), lambda dof: f"{node[0].title} does not determine {dof}: it needs "
+                          "all translations and rotations of its node ('rx', 'ry', 'rz')")
 
 
-@dataclass(frozen=True, eq=False)
-class Averaged(Joint):
+@dataclass(frozen=True, eq=False, repr=False)
+class Averaged(_OneNode):
     """A node that moves as a surface does on average (RBE3, distributing coupling).
 
     u_r = R_r g with the rigid motion g that minimises Σ w_i |u_i - R_i g|² over the surface. The joint does not stiffen the
@@ -165,30 +152,18 @@ class Averaged(Joint):
     Averaged(hub.node, disc.bore)
     """
 
-    reference: End
-    surface: End
     weights: Sequence[float] | None = None
     name: str = ""
 
-    def __repr__(self) -> str:
-        return self.name or f"Averaged({title(self.reference)}, {title(self.surface)})"
-
     def link(self, parts: Mapping[str, Substructure]) -> Link:
         """One equation for each DOF of the node."""
-        found = _Node.of(parts, self.reference, self.surface)
-        count, unit = len(found.surface), found.size()
-        weights = np.ones(count) if self.weights is None else real_array("weights", self.weights)
-        if weights.shape != (count,) or (weights < 0).any() or not weights.any():
-            raise InputError(f"weights must be {count} numbers, one per DOF of {found.surface.title}, none negative and not "
+        node, (surface, rows) = self._sites(parts)
+        weights = np.ones(len(surface)) if self.weights is None else real_array("weights", self.weights)
+        if weights.shape != (len(surface),) or (weights < 0).any() or not weights.any():
+            raise InputError(f"weights must be {len(surface)} numbers, one per DOF of {surface.title}, none negative and not "
                              "all 0")
-        moved = np.isin(found.dofs.components, [i for i, label in enumerate(found.dofs.labels) if label in TRANSLATIONS])
-        root = np.sqrt(weights * moved)
-        own, rows = found.own * unit, root[:, None] * found.rows * unit
-        lost = _missing(own, rows)
-        if lost.max(initial=0.0) > LOST:
-            raise InputError(f"the mean motion of {found.surface.title} does not determine "
-                             f"{found.node.name(int(lost.argmax()))}: take a surface whose nodes do not lie on one line, or "
-                             "leave that DOF out of the node")
-        mean = own @ np.linalg.pinv(rows, rcond=LOST) * root
-        return Link(stacked([(found.node.part, found.node.chosen()),
-                             (found.surface.part, sp.csr_array(-mean) @ found.surface.chosen())]))
+        assert surface.dofs is not None
+        moved = np.isin(np.array(surface.dofs.labels)[surface.dofs.components], list(TRANSLATIONS))
+        return _following(node, (surface, rows), np.sqrt(weights * moved), lambda dof: f"the mean motion of {surface.title} does "
+                          f"not determine {dof}: take a surface whose nodes do not lie on one line, or leave that DOF out of "
+                          "the node")

@@ -11,12 +11,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, instance, mapping, positive_number
-from femsub.components import KINDS, Mesh, patch, reference, shape_functions, sides_of, skfem
+from femsub.components import KINDS, Mesh, on_side, patch, reference, shape_functions, side_quadrature, sides_of
 from femsub.coupling.joints import End, Joint, Link, Site, nearest, site, stacked, title
 from femsub.errors import InputError, InputTypeError
 
 if TYPE_CHECKING:
-    from femsub.model import Substructure
+    from femsub.model import DofMap, Substructure
 
 GAP = 0.05  # of a face's size that the surfaces may lie apart, where no tolerance is given
 COVERED = 1e-3  # of a face that may lie beside the other surface
@@ -86,14 +86,14 @@ class Tied(Joint):
         """For each DOF of the first surface one equation."""
         (one, ours), (other, theirs) = (self._surface(parts, end) for end in (self.first, self.second))
         T = mortar(ours, theirs, self.tol, f"{one.title} and {other.title}")
-        assert one.dofs is not None
+        assert one.dofs is not None and other.dofs is not None
         blocks = []
         for label in dict.fromkeys(one.dofs.labels[k] for k in one.dofs.components):
-            mine, yours = rows_of_nodes(one, ours, label), rows_of_nodes(other, theirs, label)
-            if (mine < 0).any():
-                raise InputError(f"{label} of {int((mine < 0).sum())} nodes of {one.title} is held, or no interface DOF, e.g. of "
-                                 f"node {ours.numbers[int(np.argmin(mine))]}: release it, or let {other.title} come first")
-            blocks.append([(one.part, _chosen(one, mine)), (other.part, -T @ _chosen(other, yours))])
+            mine, yours = motion_of_nodes(one.dofs, ours, label), motion_of_nodes(other.dofs, theirs, label)
+            if (held := np.diff(mine.indptr) == 0).any():
+                raise InputError(f"{label} of {int(held.sum())} nodes of {one.title} is held, or no interface DOF, e.g. of "
+                                 f"node {ours.numbers[int(held.argmax())]}: release it, or let {other.title} come first")
+            blocks.append([(one.part, mine @ one.chosen()), (other.part, -T @ yours @ other.chosen())])
         return Link(stacked(*blocks))
 
     def _surface(self, parts: Mapping[str, Substructure], end: End) -> tuple[Site, Surface]:
@@ -112,9 +112,7 @@ class Surface:
     Attributes
     ----------
     faces : ndarray, shape (f, k)
-        Places of each face's nodes among those of the surface, corners first.
-    sides : ndarray, shape (f,)
-        Which of its cell's faces each is.
+        Places of each face's nodes among those of the surface, in the order of `sides_of`.
     points : ndarray, shape (n, 3)
     numbers : ndarray, shape (n,)
         The nodes' numbers, for messages.
@@ -122,7 +120,6 @@ class Surface:
 
     kind: str
     faces: Array
-    sides: Array
     points: Array
     numbers: Array
 
@@ -135,7 +132,7 @@ class Surface:
             raise InputError(f"{what}: the set {name!r} of the mesh {mesh.name!r} is made of {found.kind}, and a tie needs faces")
         rows = np.take_along_axis(mesh.cells[found.cells], sides_of(mesh.kind, "faces")[found.sides], axis=1)
         nodes, faces = np.unique(rows, return_inverse=True)
-        return cls(mesh.kind, faces.reshape(rows.shape), found.sides, mesh.points[nodes], mesh.numbers[nodes])
+        return cls(mesh.kind, faces.reshape(rows.shape), mesh.points[nodes], mesh.numbers[nodes])
 
     @property
     def corners(self) -> int:
@@ -165,53 +162,80 @@ class Surface:
         return np.linalg.norm(self.polygons - self.centres[:, None], axis=2).max(axis=1)
 
     @cached_property
+    def areas(self) -> Array:
+        """Area times normal of each face, (f, 3): half the cross product of two edges of a triangle, of the diagonals else."""
+        P = self.polygons
+        return np.cross(P[:, 2] - P[:, 0], P[:, -1] - P[:, 1]) / 2
+
+    @cached_property
     def frames(self) -> Array:
         """Two axes in the mean plane of each face, and its normal, (f, 3, 3)."""
-        P = self.polygons
-        normal = np.cross(P[:, 1] - P[:, 0], P[:, 2] - P[:, 0])
-        if self.corners == 4:
-            normal = np.cross(P[:, 2] - P[:, 0], P[:, 3] - P[:, 1])
-        normal = normal / np.linalg.norm(normal, axis=1)[:, None]
-        first = P[:, 1] - P[:, 0]
+        normal = self.areas / np.linalg.norm(self.areas, axis=1)[:, None]
+        first = self.polygons[:, 1] - self.polygons[:, 0]
         first = first - np.einsum("fi,fi->f", first, normal)[:, None] * normal
         first = first / np.linalg.norm(first, axis=1)[:, None]
         return np.stack([first, np.cross(normal, first), normal], axis=1)
 
-    def shapes(self, at: Array, s: Array) -> tuple[Array, Array]:
-        """N (p, k) and ∂N/∂s (p, k, 2) of the faces `at` (p,) at their own coordinates s (p, 2)."""
-        corners, table = reference(self.kind).nodes, sides_of(self.kind, "faces")
-        N, dN = np.zeros((len(at), self.faces.shape[1])), np.zeros((len(at), self.faces.shape[1], 2))
-        for side in np.unique(self.sides):
-            members = np.flatnonzero(self.sides[at] == side)
-            around = corners[list(reference(self.kind).faces[side])]
-            tangents = np.stack([around[1] - around[0], around[-1] - around[0]])
-            N[members], gradients = shape_functions(self.kind, around[0] + s[members] @ tangents, table[side])
-            dN[members] = gradients @ tangents.T
-        return N, dN
 
-    def place(self, at: Array, x: Array) -> Array:
-        """The own coordinates s (p, 2) of the faces `at` where they are nearest to the points x (p, 3), by Gauss-Newton."""
-        s = np.full((len(at), 2), 0.5 if self.corners == 4 else 1 / 3)
-        going = np.arange(len(at))
+@dataclass(frozen=True, eq=False)
+class Side:
+    """Points on a surface: their faces (q,), and the faces' own coordinates there (q, 2)."""
+
+    surface: Surface
+    face: Array
+    s: Array
+
+    @classmethod
+    def nearest(cls, surface: Surface, face: Array, x: Array) -> Side:
+        """Where these faces (q,) are nearest to points x (q, 3), by Gauss-Newton."""
+        s = np.full((len(face), 2), 0.5 if surface.corners == 4 else 1 / 3)
+        going = np.arange(len(face))
         for _ in range(STEPS):
-            N, J = self.tangents(at[going], s[going])
-            gap = x[going] - np.einsum("pk,pki->pi", N, self.points[self.faces[at[going]]])
-            step = np.linalg.solve(J @ J.transpose(0, 2, 1), (J @ gap[:, :, None]))[:, :, 0]
+            side = cls(surface, face[going], s[going])
+            step = side.along(x[going] - side.x)
             s[going] += step
             going = going[np.abs(step).max(axis=1) > PLACED]
             if not len(going):
                 break
-        return s
+        return cls(surface, face, s)
 
-    def tangents(self, at: Array, s: Array) -> tuple[Array, Array]:
-        """N (p, k) and ∂x/∂s (p, 2, 3) of the faces `at` at s (p, 2)."""
-        N, dN = self.shapes(at, s)
-        return N, np.einsum("pks,pki->psi", dN, self.points[self.faces[at]])
+    @cached_property
+    def shapes(self) -> tuple[Array, Array]:
+        """N (q, k) and ∂N/∂s (q, k, 2) of the nodes of each face, which are those of the first face of the reference element."""
+        nodes = sides_of(self.surface.kind, "faces")[0]
+        X, tangents = on_side(self.surface.kind, nodes[:self.surface.corners], self.s)
+        N, gradients = shape_functions(self.surface.kind, X, nodes)
+        return N, gradients @ tangents.T
 
-    def foot(self, at: Array, x: Array) -> tuple[Array, Array]:
-        """N (p, k) of the faces `at` where they are nearest to the points x (p, 3), and how far these are."""
-        N = self.shapes(at, self.place(at, x))[0]
-        return N, np.linalg.norm(x - np.einsum("pk,pki->pi", N, self.points[self.faces[at]]), axis=1)
+    @cached_property
+    def J(self) -> Array:
+        """∂x/∂s, (q, 2, 3)."""
+        return np.einsum("qks,qki->qsi", self.shapes[1], self.surface.points[self.surface.faces[self.face]])
+
+    @property
+    def x(self) -> Array:
+        """(q, 3)."""
+        return np.einsum("qk,qki->qi", self.shapes[0], self.surface.points[self.surface.faces[self.face]])
+
+    @property
+    def N(self) -> Matrix:
+        """Shape functions, sparse, shape (q, nodes of the surface)."""
+        return self.sparse(self.shapes[0])
+
+    def along(self, way: Array) -> Array:
+        """The own coordinates (q, 2) of the part of vectors (q, 3) that is tangential."""
+        return np.linalg.solve(self.J @ self.J.transpose(0, 2, 1), self.J @ way[:, :, None])[:, :, 0]
+
+    def rate(self, way: Array) -> Matrix:
+        """dN along a velocity (q, 3) in the surface, sparse, in the shape of N."""
+        return self.sparse(np.einsum("qks,qs->qk", self.shapes[1], self.along(way)))
+
+    def chosen(self, rows: Array) -> Side:
+        return Side(self.surface, self.face[rows], self.s[rows])
+
+    def sparse(self, N: Array) -> Matrix:
+        at = np.repeat(np.arange(len(N)), N.shape[1]), self.surface.faces[self.face].ravel()
+        return sp.csr_array(sp.coo_array((N.ravel(), at), shape=(len(N), len(self.surface.points))))
 
 
 def mortar(ours: Surface, theirs: Surface, tol: float | None, what: str) -> Matrix:
@@ -224,38 +248,33 @@ def mortar(ours: Surface, theirs: Surface, tol: float | None, what: str) -> Matr
     InputError
         The surfaces lie apart, or ours reaches beyond theirs.
     """
-    face, pair, x, w = common_parts(ours, theirs)
-    N, _ = ours.foot(face, x)
-    far, gap = theirs.foot(pair, x)
-    limit = reach(ours, face, tol)
+    here, there, x, w = common_points(ours, theirs)
+    gap, limit = np.linalg.norm(x - there.x, axis=1), reach(ours, here.face, tol)
     near = gap <= limit
-    area = np.linalg.norm(areas(ours.polygons), axis=1)
-    covered = np.bincount(face[near], w[near], len(area)) / area
+    area = np.linalg.norm(ours.areas, axis=1)
+    covered = np.bincount(here.face[near], w[near], len(area)) / area
     if covered.min() < 1 - COVERED:
         worst = int(covered.argmin())
-        beside = np.flatnonzero(face == worst)
+        beside = np.flatnonzero(here.face == worst)
         why = (f"the surfaces are {gap[beside].min():.3g} apart, and {limit[beside].max():.3g} is allowed" if len(beside) and
                not near[beside].any() else f"only {max(covered[worst], 0.0):.0%} of it lies on the other surface")
         nodes = ", ".join(map(str, ours.numbers[ours.faces[worst]][:ours.corners]))
         raise InputError(f"{what} cannot be tied: at the face with the nodes {nodes} of the first, {why}; move the part, give a "
                          "larger tolerance, or let the surface that lies within the other come first")
-    face, pair, N, far, w = face[near], pair[near], N[near], far[near], w[near]
-    k = N.shape[1]
-    mass = np.zeros((len(area), k, k))
-    np.add.at(mass, face, w[:, None, None] * N[:, :, None] * N[:, None, :])
-    dual = reference(ours.kind).degree == 1
-    if dual:  # ψ = A N with ∫ ψ_i N_j = δ_ij ∫ N_j on each face
-        share = mass.sum(axis=2)
-        A = share[:, :, None] * np.linalg.inv(mass)
-        N, mass = np.einsum("pij,pj->pi", A[face], N), share[:, :, None] * np.eye(k)
-    size, other = len(ours.points), len(theirs.points)
-    D = _summed(mass, ours.faces, ours.faces, (size, size))
-    B = _summed(w[:, None, None] * N[:, :, None] * far[:, None, :], ours.faces[face], theirs.faces[pair], (size, other))
-    if dual:
-        return sp.csr_array(sp.diags_array(1 / D.diagonal()) @ B)
-    from scipy.sparse.linalg import splu
+    here, there, w = here.chosen(near), there.chosen(near), w[near]
+    N, load = here.N, sp.diags_array(w)
+    if reference(ours.kind).degree > 1:
+        from scipy.sparse.linalg import splu
 
-    return sp.csr_array(splu(sp.csc_array(D)).solve(B.toarray()))
+        return sp.csr_array(splu(sp.csc_array(N.T @ load @ N)).solve((N.T @ load @ there.N).toarray()))
+    # ψ = A N with ∫ ψ_i N_j = δ_ij ∫ N_j on each face
+    local = here.shapes[0]
+    mass = np.zeros((len(area), *local.shape[1:] * 2))
+    np.add.at(mass, here.face, w[:, None, None] * local[:, :, None] * local[:, None, :])
+    share = mass.sum(axis=2)
+    A = share[:, :, None] * np.linalg.inv(mass)
+    psi = here.sparse(np.einsum("pij,pj->pi", A[here.face], local))
+    return sp.csr_array(sp.diags_array(1 / np.bincount(ours.faces.ravel(), share.ravel())) @ (psi.T @ load @ there.N))
 
 
 def reach(surface: Surface, face: Array, tol: float | None) -> Array:
@@ -263,19 +282,8 @@ def reach(surface: Surface, face: Array, tol: float | None) -> Array:
     return GAP * surface.radii[face] if tol is None else np.full(len(face), tol)
 
 
-def _summed(blocks: Array, rows: Array, columns: Array, shape: tuple[int, int]) -> Matrix:
-    at, to = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
-    return sp.csr_array(sp.coo_array((blocks.ravel(), (at.ravel(), to.ravel())), shape=shape))
-
-
-def areas(polygons: Array) -> Array:
-    """Area times normal of plane polygons (f, k, 3)."""
-    rest = polygons[:, 1:] - polygons[:, :1]
-    return np.cross(rest[:, :-1], rest[:, 1:]).sum(axis=1) / 2
-
-
-def common_parts(ours: Surface, theirs: Surface) -> tuple[Array, Array, Array, Array]:
-    """Points of quadrature on the common parts of our faces and theirs: our face (p,), theirs (p,), x (p, 3), weight (p,)."""
+def common_points(ours: Surface, theirs: Surface) -> tuple[Side, Side, Array, Array]:
+    """Points of quadrature on the common parts of our faces and theirs: on ours, on theirs, x (q, 3), weight (q,)."""
     from scipy.spatial import cKDTree
 
     reach = float(ours.radii.max() + theirs.radii.max())
@@ -300,12 +308,14 @@ def common_parts(ours: Surface, theirs: Surface) -> tuple[Array, Array, Array, A
     keep = area > SLIVER * ours.radii[face] ** 2
     face, pair, triangle, area = face[keep], pair[keep], triangle[keep], area[keep]
     degree = max(4 * reference(surface.kind).degree + surface.excess for surface in (ours, theirs))  # of N_i N_j
-    s, w = skfem().quadrature.get_quadrature(skfem().refdom.RefTri, degree)
-    N = np.stack([1 - s[0] - s[1], s[0], s[1]], axis=1)
+    s, w = side_quadrature(3, degree)
+    N = np.stack([1 - s[:, 0] - s[:, 1], s[:, 0], s[:, 1]], axis=1)
     x = np.einsum("qk,pks->pqs", N, triangle)
     points = ours.centres[face][:, None] + np.einsum("pqs,psi->pqi", x, ours.frames[face, :2])
     count = len(w)
-    return (np.repeat(face, count), np.repeat(pair, count), points.reshape(-1, 3), (2 * area[:, None] * w).ravel())
+    x = points.reshape(-1, 3)
+    here, there = (Side.nearest(surface, np.repeat(at, count), x) for surface, at in ((ours, face), (theirs, pair)))
+    return here, there, x, (2 * area[:, None] * w).ravel()
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -335,16 +345,10 @@ def clipped(P: Array, Q: Array) -> Array:
     return P
 
 
-def rows_of_nodes(found: Site, surface: Surface, label: str) -> Array:
-    """The place among the DOF of a site of a motion of each node of the surface; -1 where it has none."""
-    assert found.dofs is not None and found.dofs.points is not None
-    labels = [found.dofs.labels[k] for k in found.dofs.components]
-    place, apart = nearest(surface.points, found.dofs.points, [label] * len(surface.points), labels)
-    return np.where(apart <= 1e-9 * np.abs(surface.points).max(), place, -1)
-
-
-def _chosen(found: Site, places: Array) -> Matrix:
-    """Which of the interface's DOF (columns) each row is; no entry where the place is -1: that node is held."""
-    rows = np.flatnonzero(places >= 0)
-    shape = len(places), len(found.sub.interface_numbers)
-    return sp.csr_array((np.ones(len(rows)), (rows, found.places[places[rows]])), shape=shape)
+def motion_of_nodes(dofs: DofMap, surface: Surface, label: str) -> Matrix:
+    """One motion of the nodes of a surface, picked from DOF, sparse, shape (n, dofs); the row of a node that is held is empty."""
+    assert dofs.points is not None
+    labels = [dofs.labels[k] for k in dofs.components]
+    place, apart = nearest(surface.points, dofs.points, [label] * len(surface.points), labels)
+    nodes = np.flatnonzero(apart <= 1e-9 * np.abs(surface.points).max())
+    return sp.csr_array((np.ones(len(nodes)), (nodes, place[nodes])), shape=(len(place), dofs.size))

@@ -15,7 +15,7 @@ from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.flutter import FlutterScene, flutter
 from femsub.checks import Matrix, check_band
-from femsub.components.disc_pair import disc_pair
+from femsub.components import disc_pair
 from femsub.errors import InputError, unknown_name
 from femsub.io import read_aligned
 

@@ -11,7 +11,7 @@ from femsub import couple
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result, run_outputs
 from femsub.app.scenes.joined_parts import JoinedScene, compared
-from femsub.coupling.cut_chain import cut_chain
+from femsub.coupling import cut_chain
 from femsub.errors import InputError
 
 MOST = 10**6  # masses

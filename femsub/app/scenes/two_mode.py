@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.flutter import FlutterScene, flutter
-from femsub.components import two_mode_critical
-from femsub.components.two_mode import two_mode
+from femsub.components import two_mode, two_mode_critical
 
 
 @dataclass(frozen=True)

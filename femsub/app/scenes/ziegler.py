@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from femsub.app.keys import key
 from femsub.app.scene import Progress, Result
 from femsub.app.scenes.flutter import FlutterScene, flutter
-from femsub.components import ziegler_critical
-from femsub.components.ziegler import ziegler
+from femsub.components import ziegler, ziegler_critical
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Matrix, finite_number, real_array, shown, word
+from femsub.checks import EPS, Array, finite_number, real_array, shown, word
 from femsub.errors import FemsubError, InputError, InputTypeError
-from femsub.model import contact_matrix
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -96,24 +95,27 @@ class StribeckArctan:
 
     def value(self, v: Any) -> Any:
         """μ(v)."""
-        return self.coulomb * 2 / np.pi * np.arctan(v / self.eps) + self.drop * np.exp(-self.decay * np.abs(v))
+        return self._formulas(np.arctan, np.exp, np.copysign)[0](v)
 
     def slope(self, v: Any) -> Any:
-        """μ'(v) = c (2/π) ε/(ε² + v²) - d r sign(v) exp(-r|v|); at v = 0 the mean of both sides."""
-        rise = self.coulomb * 2 / np.pi / self.eps / (1 + np.square(v / self.eps))
-        return rise - self.drop * self.decay * np.sign(v) * np.exp(-self.decay * np.abs(v))
+        """μ'(v); at v = 0 the mean of both sides."""
+        return self._formulas(np.arctan, np.exp, np.copysign)[1](v)
 
     def scalar(self) -> tuple[Scalar, Scalar]:
         """μ and μ' for one Python float: ten times faster than NumPy, for the integrators."""
-        c, eps, drop, decay, atan, exp = self.coulomb * 2 / math.pi, self.eps, self.drop, self.decay, math.atan, math.exp
+        return self._formulas(math.atan, math.exp, math.copysign)
 
-        def value(v: float) -> float:
+    def _formulas(self, atan: Callable[..., Any], exp: Callable[..., Any],
+                  copysign: Callable[..., Any]) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+        """μ(v), and μ'(v) = c (2/π) ε/(ε² + v²) - d r sign(v) exp(-r|v|), by functions of NumPy or of floats."""
+        c, eps, drop, decay = self.coulomb * 2 / math.pi, self.eps, self.drop, self.decay
+
+        def value(v: Any) -> Any:
             return c * atan(v / eps) + drop * exp(-decay * abs(v))
 
-        def slope(v: float) -> float:
-            fall = drop * decay * exp(-decay * abs(v)) if v else 0.0
+        def slope(v: Any) -> Any:
             ratio = v / eps
-            return c / eps / (1 + ratio * ratio) - math.copysign(fall, v)
+            return c / eps / (1 + ratio * ratio) - copysign(drop * decay * exp(-decay * abs(v)), v) * (v != 0)
 
         return value, slope
 
@@ -151,26 +153,17 @@ class StribeckArctanOdd(StribeckArctan):
 
     label: ClassVar[str] = "odd variant"
 
-    def value(self, v: Any) -> Any:
-        """μ(v)."""
-        return (self.coulomb + self.drop * np.exp(-self.decay * np.abs(v))) * 2 / np.pi * np.arctan(v / self.eps)
+    def _formulas(self, atan: Callable[..., Any], exp: Callable[..., Any],
+                  copysign: Callable[..., Any]) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+        """μ(v), and μ'(v), even in v and smooth."""
+        two, c, eps, drop, decay = 2 / math.pi, self.coulomb, self.eps, self.drop, self.decay
 
-    def slope(self, v: Any) -> Any:
-        """μ'(v), even in v and smooth."""
-        level = self.coulomb + self.drop * np.exp(-self.decay * np.abs(v))
-        fall = self.drop * self.decay * np.exp(-self.decay * np.abs(v)) * np.arctan(np.abs(v) / self.eps)
-        return 2 / np.pi * (level / self.eps / (1 + np.square(v / self.eps)) - fall)
-
-    def scalar(self) -> tuple[Scalar, Scalar]:
-        """μ and μ' for one Python float."""
-        two, c, eps, drop, decay, atan, exp = (2 / math.pi, self.coulomb, self.eps, self.drop, self.decay, math.atan, math.exp)
-
-        def value(v: float) -> float:
+        def value(v: Any) -> Any:
             return (c + drop * exp(-decay * abs(v))) * two * atan(v / eps)
 
-        def slope(v: float) -> float:
-            more = drop * exp(-decay * abs(v))
-            return two * ((c + more) / eps / (1 + (v / eps) * (v / eps)) - decay * more * atan(abs(v) / eps))
+        def slope(v: Any) -> Any:
+            ratio, more = v / eps, drop * exp(-decay * abs(v))
+            return two * ((c + more) / eps / (1 + ratio * ratio) - decay * more * atan(abs(ratio)))
 
         return value, slope
 
@@ -183,7 +176,9 @@ def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
     """μ and μ' of a law as functions of one float: its `scalar()` if it has one."""
     if callable(own := getattr(law, "scalar", None)):
         value, slope = own()
-        return (value, slope) if type(law).__module__ == __name__ else (_told(law, "value", value), _told(law, "slope", slope))
+        if type(law).__module__ == __name__:
+            return value, slope
+        return lambda v: asked(law, "value", v, value), lambda v: asked(law, "slope", v, slope)
     return lambda v: _number(law, "value", v), lambda v: _number(law, "slope", v)
 
 
@@ -196,10 +191,6 @@ def asked(law: FrictionLaw | None, name: str, v: Any, function: Callable[[Any], 
     except Exception as error:
         raise InputError(f"{type(law).__name__}.{name}(v), of the friction law, fails at v = {shown(v)} with "
                          f"{type(error).__name__}: {error}. It must give μ, or μ', at every sliding speed") from error
-
-
-def _told(law: FrictionLaw, name: str, function: Scalar) -> Scalar:
-    return lambda v: asked(law, name, v, function)
 
 
 def _number(law: FrictionLaw, name: str, v: float) -> float:
@@ -297,10 +288,6 @@ class Belt:
             elif finite_number("slope", self.slope) != slope:
                 raise InputError(f"slope={shown(self.slope)} contradicts the law, whose slope at {self.speed!r} is {slope!r}")
         finite_number("slope", self.slope)
-
-    def damping(self, w: Array) -> Matrix:
-        """F μ'(v0) w wᵀ, sparse, shape (n, n), for a port w of shape (n,) or (n, p)."""
-        return contact_matrix(w, self.force * self.slope)  # type: ignore[operator]
 
     @property
     def ports(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from femsub.checks import Array, positive_number
-from femsub.components import Mesh, annulus
+from femsub.components import Mesh, node_rows, ring
 from femsub.coupling.contacts.friction_contact import contact_points
 from femsub.errors import InputError
 
@@ -51,8 +51,7 @@ def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tol: float | None
     assert points.second is not None
     on = points.second.surface
     nodes = np.unique(on.faces[np.unique(points.second.face)])
-    rows = np.argsort(other.numbers)
-    return rows[np.searchsorted(other.numbers[rows], on.numbers[nodes])]
+    return node_rows(other, on.numbers[nodes])
 
 
 def check_held(mesh: Mesh, sets: Sequence[str], what: str) -> None:
@@ -91,16 +90,11 @@ def _bricks(name: str, radii: Cuts, angles: Cuts, heights: Cuts, size: float, le
     widest = max(end - start for start, end in pairwise(angles))
     counts = [[max(1, round((end - start) * scale / size)) for start, end in pairwise(cuts)]
               for cuts, scale in ((radii, 1.0), (angles, length / widest), (heights, 1.0))]
-    closed = angles[-1] - angles[0] == 360
-    total = [sum(one) for one in counts]
-    sector = None if closed else (0.0, 1.0)
-    mesh = annulus(1.0, 2.0, 1.0, (total[0], total[1], total[2]), "hexahedron20", sector=sector, name=name)
-    r, z = np.hypot(mesh.points[:, 0], mesh.points[:, 1]) - 1.0, mesh.points[:, 2]
-    turn = np.arctan2(mesh.points[:, 1], mesh.points[:, 0]) / (2 * np.pi if closed else 1.0) % (1.0 if closed else np.inf)
-    r, turn, z = (np.interp(share, np.concatenate([[0.0], np.cumsum(one)]) / sum(one), cuts)
-                  for share, one, cuts in ((r, counts[0], radii), (turn, counts[1], angles), (z, counts[2], heights)))
+    grid, cells = ring([sum(one) for one in counts], "hexahedron20", closed=angles[-1] - angles[0] == 360)
+    r, turn, z = (np.interp(places, np.append(0.0, np.cumsum(one)), cuts)
+                  for places, one, cuts in zip(grid.T, counts, (radii, angles, heights), strict=True))
     angle = np.radians(turn)
-    return Mesh(np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1), mesh.cells, mesh.kind, name=name)
+    return Mesh(np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1), cells, "hexahedron20", name=name)
 
 
 def _middles(mesh: Mesh) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +11,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
-from femsub.components import Mesh, reference, skfem
+from femsub.components import Mesh, reference, side_quadrature
 from femsub.coupling.contacts.friction_in_motion import FrictionInMotion
-from femsub.coupling.joints import GROUND, Joint, Link, Site
-from femsub.coupling.ties import Surface, areas, common_parts, reach, rows_of_nodes
+from femsub.coupling.joints import GROUND, Joint, Link
+from femsub.coupling.ties import Side, Surface, common_points, motion_of_nodes, reach
 from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
 from femsub.model import TRANSLATIONS
 
@@ -185,7 +185,7 @@ class FrictionContact(Joint):
         return Link(motions={owner: sp.csr_array((0, parts[owner].size)) for owner in owners}, grounded=self.second == GROUND)
 
     def linearised(self, model: Substructure) -> tuple[Matrix | None, Matrix]:
-        """(C_D, C_K), sparse, shape (p, p), on the DOF of both sets."""
+        """(C_D, C_K), sparse, shape (p, p), on the DOF of both sets: at rest, minus the tangents of what it exerts in motion."""
         points = self._points()
         sides = [model.sets[name].tobytes() if name in model.sets else None for name in self.sets]
         ways = [np.array(way, dtype=float).tobytes() for way in (self.direction, self.axis, self.centre)]  # None is NaN
@@ -194,31 +194,28 @@ class FrictionContact(Joint):
         if key not in points.terms:
             while len(points.terms) >= KEPT:
                 points.terms.pop(next(iter(points.terms)))
-            points.terms[key] = self._terms(model, points, *directions)
-        (K, with_mu), *others = points.terms[key]
-        K = K + float(self.mu) * with_mu
-        if not others:
-            return None, sp.csr_array(K)
-        D, with_mu = others[0]
-        if len(others) == 2:
-            K = K - float(self.mu) * others[1][1] - others[1][0]
-        return sp.csr_array(D + float(self.mu) * with_mu), sp.csr_array(K)
+            exerting = self._exerting(model, points, *directions)
+            without, full = (replace(exerting, mu=mu).at_rest() for mu in (0.0, 1.0))
+            points.terms[key] = [(A, B - A) for A, B in zip(without, full, strict=True)]  # all are affine in μ
+        K, *D = [sp.csr_array(A + float(self.mu) * B) for A, B in points.terms[key]]
+        return D[0] if D else None, K
 
-    def _terms(self, model: Substructure, points: Points, n: Array, t: Array, s: Array, r: Array) -> list[tuple[Matrix, Matrix]]:
-        """Pairs (A, B) of K = A + μ B; with a velocity and a pressure of D, and with an axis of what the material carries."""
+    def _exerting(self, model: Substructure, points: Points, n: Array, t: Array, s: Array, r: Array) -> FrictionInMotion:
         move = self._motions(model, points)
+        turns = self.speed is not None and self.pressure > 0
+        carried = None
+        if turns and self.axis is not None:
+            moved = [float(self.speed or 0.0) * motion for motion in self._carried(model, points)]
+            carried = _along(t, moved), _along(s, moved)
         N, T, S = (_along(vectors, move) for vectors in (n, t, s))
-        normal = float(self.stiffness) * (sp.diags_array(points.weight) @ N)
-        found = [(N.T @ normal, T.T @ normal)]
-        if self.speed is None or not self.pressure:
-            return found
-        load = self.pressure * points.weight
-        turned, fallen = sp.diags_array(load / (self.speed * r)), sp.diags_array(self.slope * load)
-        found.append((T.T @ (fallen @ T), S.T @ (turned @ S)))
-        if self.axis is not None:
-            carried = [self.speed * motion for motion in self._carried(model, points)]
-            found.append((T.T @ (fallen @ _along(t, carried)), S.T @ (turned @ _along(s, carried))))
-        return found
+        return FrictionInMotion(N, T, S, carried, points.weight, float(self.speed or 0.0) * r if turns else None,
+                                float(self.stiffness), float(self.pressure), float(self.mu), float(self.slope))
+
+    def in_motion(self, model: Substructure) -> FrictionInMotion:
+        """What it exerts in motion on a model, for `transient` and limit cycles."""
+        points = self._points()
+        exerting = self._exerting(model, points, *self._directions(points))
+        return exerting.dense() if np.prod(exerting.N.shape) <= FEW else exerting
 
     def patch_loads(self, model: Substructure, degree: int) -> Array:
         """Forces (n, k) of smooth tractions along n and t on the first surface: ∫ N P_j dA and ∫ T P_j dA, for all j.
@@ -235,23 +232,6 @@ class FrictionContact(Joint):
         n, t, *_ = self._directions(points)
         forces = np.hstack([_along(way, move).T @ (points.weight[:, None] * P) for way in (n, t)])
         return np.asarray(model.interface_rows[model.sets[self.first]].T @ forces)
-
-    def in_motion(self, model: Substructure) -> FrictionInMotion:
-        """What it exerts in motion on a model, for `transient` and limit cycles."""
-        points = self._points()
-        n, t, s, r = self._directions(points)
-        move = self._motions(model, points)
-        if len(n) * move[0].shape[1] <= FEW:  # a sparse product of few numbers takes longer
-            move = [one.toarray() for one in move]
-        turns = self.speed is not None and self.pressure > 0
-        carried = None
-        if turns and self.axis is not None:
-            moved = [float(self.speed or 0.0) * (motion if sp.issparse(move[0]) else motion.toarray())
-                     for motion in self._carried(model, points)]
-            carried = _along(t, moved), _along(s, moved)
-        N, T, S = (_along(vectors, move) for vectors in (n, t, s))
-        return FrictionInMotion(N, T, S, carried, points.weight, float(self.speed or 0.0) * r if turns else None,
-                               float(self.stiffness), float(self.pressure), float(self.mu), float(self.slope))
 
     def _points(self) -> Points:
         surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]
@@ -331,43 +311,6 @@ class FrictionContact(Joint):
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
-    """Points on one of two surfaces: their faces (q,), and the faces' own coordinates there (q, 2)."""
-
-    surface: Surface
-    face: Array
-    s: Array
-
-    @property
-    def N(self) -> Matrix:
-        """Shape functions, sparse, shape (q, nodes of the surface)."""
-        return self._sparse(self.surface.tangents(self.face, self.s)[0])
-
-    @cached_property
-    def J(self) -> Array:
-        """∂x/∂s, (q, 2, 3)."""
-        return self.surface.tangents(self.face, self.s)[1]
-
-    @property
-    def x(self) -> Array:
-        """(q, 3)."""
-        corners = self.surface.points[self.surface.faces[self.face]]
-        return np.einsum("qk,qki->qi", self.surface.tangents(self.face, self.s)[0], corners)
-
-    def rate(self, way: Array) -> Matrix:
-        """dN along a velocity (q, 3) in the surface, sparse, in the shape of N."""
-        steps = np.linalg.solve(self.J @ self.J.transpose(0, 2, 1), self.J @ way[:, :, None])[:, :, 0]
-        return self._sparse(np.einsum("qks,qs->qk", self.surface.shapes(self.face, self.s)[1], steps))
-
-    def chosen(self, rows: Array) -> Side:
-        return Side(self.surface, self.face[rows], self.s[rows])
-
-    def _sparse(self, N: Array) -> Matrix:
-        at = np.repeat(np.arange(len(N)), N.shape[1]), self.surface.faces[self.face].ravel()
-        return sp.csr_array(sp.coo_array((N.ravel(), at), shape=(len(N), len(self.surface.points))))
-
-
-@dataclass(frozen=True, eq=False)
 class Points:
     """Points of quadrature of two surfaces that touch.
 
@@ -407,51 +350,35 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
     """
     ours = Surface.of(*first)
     if second is None:
-        side, w = _own_points(ours)
-        return Points(side, None, side.x, w * np.linalg.norm(np.cross(side.J[:, 0], side.J[:, 1]), axis=1))
-    theirs = Surface.of(*second)
-    face, pair, x, w = common_parts(ours, theirs)
-    far = Side(theirs, pair, theirs.place(pair, x))
+        s, w = side_quadrature(ours.corners, 4 * reference(ours.kind).degree)  # the degree of N_i N_j, area and all
+        count = len(ours.faces)
+        side = Side(ours, np.repeat(np.arange(count), len(w)), np.tile(s, (count, 1)))
+        return Points(side, None, side.x, np.tile(w, count) * np.linalg.norm(np.cross(side.J[:, 0], side.J[:, 1]), axis=1))
+    side, far, x, w = common_points(ours, Surface.of(*second))
     gap = np.linalg.norm(x - far.x, axis=1)
-    near = gap <= reach(ours, face, tol)
+    near = gap <= reach(ours, side.face, tol)
     if not near.any():
         apart = f"they are at least {gap.min():.3g} apart" if len(gap) else "no faces of them lie opposite each other"
         raise InputError(f"{first[2]} and {second[2]} do not touch: {apart}; move a part, or give a larger tolerance")
-    facing = np.einsum("qi,qi->q", ours.frames[face, 2], theirs.frames[pair, 2])[near]
+    side, far, x, w = side.chosen(near), far.chosen(near), x[near], w[near]
+    facing = np.einsum("qi,qi->q", ours.frames[side.face, 2], far.surface.frames[far.face, 2])
     if (facing > 0).any():
-        where = x[near][np.argmax(facing)].round(6)
-        raise InputError(f"{first[2]} and {second[2]} do not face each other at {where}: their outward normals agree; name the "
-                         "surfaces that touch, or turn the cells of one mesh")
-    side = Side(ours, face[near], ours.place(face[near], x[near]))
-    share = float(w[near].sum() / np.linalg.norm(areas(ours.polygons), axis=1).sum())
-    return Points(side, far.chosen(near), x[near], w[near], share)
-
-
-def _own_points(surface: Surface) -> tuple[Side, Array]:
-    """Points of quadrature on all faces of a surface, with their weights on the reference face (q,)."""
-    refdom = skfem().refdom.RefQuad if surface.corners == 4 else skfem().refdom.RefTri
-    s, w = skfem().quadrature.get_quadrature(refdom, 4 * reference(surface.kind).degree)  # the degree of N_i N_j, area and all
-    count = len(surface.faces)
-    return Side(surface, np.repeat(np.arange(count), len(w)), np.tile(s.T, (count, 1))), np.tile(w, count)
+        raise InputError(f"{first[2]} and {second[2]} do not face each other at {x[np.argmax(facing)].round(6)}: their outward "
+                         "normals agree; name the surfaces that touch, or turn the cells of one mesh")
+    return Points(side, far, x, w, float(w.sum() / np.linalg.norm(ours.areas, axis=1).sum()))
 
 
 def _moved(model: Substructure, name: str, side: Side, N: Matrix) -> list[Matrix]:
     """N u at the points for the motions along x, y and z, each (q, p), in the DOF of an interface set."""
     if name not in model.sets:
         raise unknown_name(f"interface set of {model.name!r}", name, model.sets)
-    places, known = model.sets[name], model.interface_dofs
+    known = model.interface_dofs
     if known is None or known.points is None:
         raise InputTypeError(f"the DOF of {name!r} have no known places: a friction contact needs parts made of meshes")
-    found = Site(model.name, name, model, places, known.kept(places), True)
-    moved = []
-    for label in TRANSLATIONS:
-        place = rows_of_nodes(found, side.surface, label)  # -1: held
-        nodes = np.flatnonzero(place >= 0)
-        moved.append(N @ sp.csr_array((np.ones(len(nodes)), (nodes, place[nodes])), shape=(len(place), len(places))))
-    return moved
+    dofs = known.kept(model.sets[name])
+    return [N @ motion_of_nodes(dofs, side.surface, label) for label in TRANSLATIONS]
 
 
 def _along(vectors: Array, motions: list[Matrix]) -> Matrix:
     """Σ v_i U_i, (q, p): the component along a direction (q, 3)."""
-    found = sum(sp.diags_array(vectors[:, i]) @ motions[i] for i in range(3))
-    return sp.csr_array(found) if sp.issparse(found) else found
+    return sp.csr_array(sum(sp.diags_array(vectors[:, i]) @ motions[i] for i in range(3)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -54,21 +54,35 @@ class FrictionInMotion:
 
     def tangents(self, u: Array, v: Array) -> tuple[Array, Array | None]:
         """(∂f/∂u, ∂f/∂v), shape (p, p) each; None for 0."""
+        of_u, *of_v = (A.toarray() if sp.issparse(A) else A for A in self._derivatives(u, v))
+        return of_u, of_v[0] if of_v else None
+
+    def at_rest(self) -> list[Matrix]:
+        """-∂f/∂u, and -∂f/∂v unless it is 0, at u = 0 and v = 0."""
+        rest = np.zeros(self.N.shape[1])
+        return [-A for A in self._derivatives(rest, rest)]
+
+    def dense(self) -> FrictionInMotion:
+        """The same with dense matrices: sparse products of few numbers take longer."""
+        N, T, S, *carried = (A.toarray() for A in (self.N, self.T, self.S, *(self.carried or ())))
+        return replace(self, N=N, T=T, S=S, carried=tuple(carried) or None)
+
+    def _derivatives(self, u: Array, v: Array) -> list[Matrix]:
+        """∂f/∂u, and ∂f/∂v unless it is 0."""
         more, touching = self._pressed(u)
         normal = self._by(-self.stiffness * touching, self.N)
         if self.speed is None:
-            return _dense(self.N.T @ normal + self.mu * (self.T.T @ normal)), None
+            return [self.N.T @ normal + self.mu * (self.T.T @ normal)]
         along, across, slow, mu, moves = self._sliding(u, v)
         P = self.pressure + more
         turned = mu * P / slow  # of the friction, over a velocity across it
         fallen = moves * (self.slope * P - turned)
         blocks = turned + fallen * along**2, fallen * along * across, turned + fallen * across**2
-        pairs = (self.T, self.S)
-        of_v = -self._squared(blocks, pairs)
+        of_v = -self._squared(blocks, (self.T, self.S))
         of_u = self.N.T @ normal + self.T.T @ _scaled(mu * along, normal) + self.S.T @ _scaled(mu * across, normal)
         if self.carried is not None:
             of_u = of_u + self._squared(blocks, self.carried)
-        return _dense(of_u), _dense(of_v)
+        return [of_u, of_v]
 
     def _pressed(self, u: Array) -> tuple[Array, Array]:
         """P - p, and where the surfaces touch."""
@@ -99,8 +113,3 @@ class FrictionInMotion:
 
 def _scaled(factor: Array, A: Matrix) -> Matrix:
     return sp.diags_array(factor) @ A if sp.issparse(A) else factor[:, None] * A
-
-
-def _dense(A: Matrix) -> Array:
-    found: Array = A.toarray() if sp.issparse(A) else A
-    return found

@@ -1,0 +1,79 @@
+"""Small models with known answers: two modes and Ziegler's pendulum, which flutter, and a pair of waves of a turning disc."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femsub.checks import Array, finite_number
+from femsub.model import Affine
+
+
+def two_mode(damping: tuple[float, float] = (0.0, 0.0)) -> Affine:
+    """A mass on two springs across each other, pressed onto a moving belt: parameter "mu", the coefficient of friction.
+
+    M = I, D = diag(d1, d2), K = [[2, 1 - 4μ/3], [1, 2]]; without damping ω² = 2 ± √(1 - 4μ/3). Both in units of the mass and of
+    one of the springs.
+
+    Parameters
+    ----------
+    damping : (d1, d2)
+        Dashpots along and across the belt.
+
+    References
+    ----------
+    N. Hoffmann, M. Fischer, R. Allgaier, L. Gaul, Int. J. Mech. Sci. 44 (2002) 2029.
+    """
+    d = np.diag([finite_number("each of damping", value) for value in damping])
+    return Affine(np.eye(2), d if d.any() else None, [(1.0, [[2.0, 1.0], [1.0, 2.0]]), ("mu", [[0.0, -4 / 3], [0.0, 0.0]])])
+
+
+def two_mode_critical(damping: tuple[float, float] = (0.0, 0.0)) -> float:
+    """The friction at which `two_mode` begins to flutter: μ = 3/4 (1 + 2 d1 d2), for d1, d2 ≥ 0.
+
+    From the Hurwitz determinant of (s² + d1 s + 2)(s² + d2 s + 2) - (1 - 4μ/3), which vanishes at s² = -2.
+    """
+    return 0.75 * (1 + 2 * damping[0] * damping[1])
+
+
+def ziegler(damping: float = 0.0) -> Affine:
+    """Ziegler's pendulum: two bars of length l, masses 2m and m, springs k and dashpots b in both joints: parameter "P".
+
+    M = [[3, 1], [1, 1]], D = b [[2, -1], [-1, 1]], K = [[2 - P, P - 1], [-1, 1]], in the units m = l = k = 1. The load P follows
+    the direction of the second bar, so K is unsymmetric.
+
+    Parameters
+    ----------
+    damping : float
+        b ≥ 0 of the dashpot in each joint.
+
+    References
+    ----------
+    H. Ziegler, Ing.-Arch. 20 (1952) 49; O. N. Kirillov, Nonconservative Stability Problems of Modern Physics (2013), ch. 1.
+    """
+    joints = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    D = finite_number("damping", damping) * joints
+    return Affine([[3.0, 1.0], [1.0, 1.0]], D if D.any() else None, [(1.0, joints), ("P", [[-1.0, 1.0], [0.0, 0.0]])])
+
+
+def ziegler_critical(damping: float = 0.0) -> float:
+    """The load at which `ziegler` begins to flutter: 7/2 - √2 without damping, else 41/28 + b²/2.
+
+    The second from the Hurwitz determinant of 2s⁴ + 7bs³ + (7 - 2P + b²)s² + 2bs + 1. Its limit for b → 0 is lower
+    than the first by 30 %: the destabilisation paradox.
+    """
+    return 41 / 28 + damping**2 / 2 if damping else 3.5 - float(np.sqrt(2.0))
+
+
+def disc_pair() -> dict[str, Array]:
+    """The matrices M, D1, DR, DG, K1, KR and Kgeo, (2, 2) each, of q̈ + (D1 + μ DR/Ω + Ω DG) q̇ + (K1 + μ KR + Ω² Kgeo) q = 0.
+
+    The deflection w = q₁ cos mθ + q₂ sin mθ has m = 3 nodal diameters in a fixed frame. The material flows through it at the
+    speed Ω, which gives DG = 2m [[0, 1], [-1, 0]] and Kgeo = -m² I. Without the pad the frequencies are ω₀ ∓ mΩ, and ω₀ = 1.
+    Springs of the pad press on both faces of the disc at θ = 0, with k = 0.1 in all: K1 = diag(1 + k, 1). A face at the
+    distance h/2 moves by -h/2 ∂w/∂θ along the circumference, where friction acts on it. So KR = -k (h m / 2) [[0, 0], [1, 0]]
+    with h = 0.1. Where the direction of sliding turns, friction damps: DR = diag(c, 0). D1 = d I is damping from outside. The
+    radius of the pad, the modal mass and ω₀ are the units.
+    """
+    m, k, h, c, d = 3, 0.1, 0.1, 1e-4, 2e-3
+    return {"M": np.eye(2), "D1": d * np.eye(2), "DR": np.diag([c, 0.0]), "DG": 2 * m * np.array([[0.0, 1.0], [-1.0, 0.0]]),
+            "K1": np.diag([1 + k, 1.0]), "KR": -k * h * m / 2 * np.array([[0.0, 0.0], [1.0, 0.0]]), "Kgeo": -m**2 * np.eye(2)}
