@@ -38,9 +38,9 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array
-from femsub.errors import InputError, NotConvergedError
-from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State
+from femsub.checks import EPS, Array, Matrix
+from femsub.errors import NotConvergedError
+from femsub.motion.nonlinear_model import SMALL, Change, Sliding, State, massless
 
 PERIODS = 200  # periods of the highest mode integrated in one call; progress is reported in between
 SHARP = 1e-12  # largest rounding of K x₀, relative to the friction, if the motion is far from x₀
@@ -93,19 +93,10 @@ class Equations:
         """y of a state, with zero work and dissipation."""
         return np.concatenate([self.Tinv @ state.displacement - self.rest, self.Tinv @ state.velocity, [0.0, 0.0]])
 
-    def state(self, y: Array) -> State:
-        """q and q̇ of y."""
-        n = self.size
-        return State(self.T @ (y[:n] + self.rest), self.T @ y[n:2 * n])
-
     def energy(self, y: Array) -> float:
         """½ uᵀu + ½ xᵀK̂x: of the motion about x₀."""
         x, u = y[:self.size], y[self.size:2 * self.size]
         return float(u @ u + x @ (self.K @ x)) / 2
-
-    def common(self, x: Array) -> float:
-        """x₀ᵀK̂x = f(0)ᵀGᵀx, which is work of the friction at rest as well as energy."""
-        return float(self.rest @ (self.K @ x))
 
     def motion(self, y: Array) -> float:
         """m of the error control."""
@@ -138,8 +129,7 @@ def equations(contact: Sliding, start: State) -> Equations:
         L = np.zeros_like(M)
     # entry by entry: rotations and displacements in one vector have masses of different units
     if (np.diagonal(L) ** 2 <= len(M) * EPS * M.diagonal()).any():
-        raise InputError(f"M of {model.name!r} is singular (massless DOF), so velocities are not determined there. Condense "
-                         "those DOF, or reduce the model first (by Rubin: MacNeal leaves the interface without mass)")
+        raise massless(f"M of {model.name!r}", "velocities are not determined")
     Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))
     T = la.solve_triangular(L, Q, lower=True, trans="T")
     K, D, G = T.T @ K @ T, T.T @ D @ T, T.T @ contact.W
@@ -199,7 +189,7 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
     A = np.zeros((size + (0 if one else len(rows)), size))
     A[:n, n:2 * n] = np.eye(n)
     A[n:2 * n, :n], A[n:2 * n, n:2 * n] = -K, -D
-    A[loss if one else slice(size, None), n:2 * n] = rows[0] if one else rows
+    A[loss if one else slice(size, None), n:2 * n] = rows
     weights = values[felt]
     weight = float(weights[0]) if one else 0.0
     whole = np.empty(len(A))
@@ -278,8 +268,8 @@ class Flow:
     ----------
     t, y
         Current time and state.
-    columns, whole
-        What is recorded: columnsᵀq; also all of q if `whole`.
+    columns
+        What is recorded: columnsᵀq.
     begins : float
         The motion at the start, as a speed.
     stretch : float
@@ -293,8 +283,7 @@ class Flow:
     y: Array
     tol: float
     method: str
-    columns: Array
-    whole: bool
+    columns: Matrix
     steps: int = 0
     rhs: int = 0
     jacobians: int = 0
@@ -307,8 +296,8 @@ class Flow:
     def stretch(self) -> float:
         return PERIODS * 2 * np.pi / (self.system.highest or 1.0)
 
-    def advance(self, times: Array) -> tuple[Array, ...]:
-        """columnsᵀq and columnsᵀq̇ (m, c) at times, and with `whole` q and q̇ (m, n).
+    def advance(self, times: Array) -> tuple[Array, Array]:
+        """columnsᵀq and columnsᵀq̇ at times, (m, c) each.
 
         times[0] is the current time; the integrator restarts there.
 
@@ -325,26 +314,25 @@ class Flow:
                                     "friction law is not finite, or the motion grows without bound. A belt cannot cause that, "
                                     "so check D")
         self.t, self.y = float(times[-1]), found[-1].copy()
-        n, T = self.system.size, self.system.T
-        parts = found[:, :n] + self.system.rest, found[:, n:2 * n]
-        C = T.T @ self.columns
-        ports = parts[0] @ C, parts[1] @ C
-        return (*ports, parts[0] @ T.T, parts[1] @ T.T) if self.whole else ports
+        n, C = self.system.size, self.system.T.T @ self.columns
+        return (found[:, :n] + self.system.rest) @ C, found[:, n:2 * n] @ C
 
     def close(self) -> None:
         """Nothing to free; same interface as `AlphaFlow`."""
 
     @property
     def state(self) -> State:
-        return self.system.state(self.y)
+        n, T = self.system.size, self.system.T
+        return State(T @ (self.y[:n] + self.system.rest), T @ self.y[n:2 * n])
 
     @property
     def balance(self) -> Balance:
         """The terms of the energy balance since the start."""
-        before, now = self.system.energy(self.first), self.system.energy(self.y)
-        n = self.system.size
-        return (float(self.y[-2]), float(self.y[-1]), now - before, self.system.common(self.y[:n] - self.first[:n]),
-                max(before, now))
+        system = self.system
+        before, now = system.energy(self.first), system.energy(self.y)
+        # x₀ᵀK̂x = f(0)ᵀGᵀx is work of the friction at rest as well as energy
+        common = float(system.rest @ (system.K @ (self.y - self.first)[:system.size]))
+        return float(self.y[-2]), float(self.y[-1]), now - before, common, max(before, now)
 
 
 def _lsoda(flow: Flow, times: Array) -> Array:

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array
+from femsub.checks import Array
 from femsub.errors import NotConvergedError
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
@@ -38,8 +38,6 @@ from femsub.motion.nonlinear_model import Sliding
 ALIASING = 1e-7  # samples are doubled until the relative change of v is smaller
 SAMPLES = 2**17  # largest number of samples per period
 STEP = 1e-9  # relative size of a Newton step at which the iteration ends
-ROUNDS = 50  # Newton steps to the mean displacement
-STILL = 1e3 * EPS  # relative residual at which it is reached
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,18 +130,9 @@ class Balance:
         if self.contact.by_speed:
             return Course(None, v, self.contact.exerted(v, v), None)
         u = samples_of(orbit.v / (1j * orbit.omega * np.arange(1, orbit.harmonics + 1)[:, None]), count)
-        mean = self.contact.W.T @ self.contact.equilibrium if orbit.mean is None else orbit.mean
-        static = self.contact.static[1]
-        for _ in range(ROUNDS):
-            f = self.contact.exerted(mean[:, None] + u, v)
-            rest = mean - static @ f.mean(axis=1)
-            size = float(np.abs(mean).max() + np.abs(u).max())
-            if np.abs(rest).max() <= STILL * size:
-                return Course(u, v, f, mean)
-            of_u = self.contact.tangents(mean[:, None] + u, v)[0].mean(axis=-1)
-            mean = mean - np.linalg.solve(np.eye(len(mean)) - static @ of_u, rest)
-        raise NotConvergedError(f"no mean displacement under the contacts was found: Newton's last residual is "
-                                f"{np.abs(rest).max() / size:.1e} of the motion. Give another start")
+        begin = self.contact.W.T @ self.contact.equilibrium if orbit.mean is None else orbit.mean
+        mean, f = self.contact.mean(u, v, begin)
+        return Course(u, v, f, mean)
 
     def force(self, orbit: Orbit, count: int) -> Array:
         """f at `count` equidistant times of one period, (p, count)."""
