@@ -63,7 +63,7 @@ class Orbit:
     @property
     def vector(self) -> Array:
         """[Re v, Im v, ω] (2Hp + 1,)."""
-        return np.concatenate([self.v.real.ravel(), self.v.imag.ravel(), [self.omega]])
+        return np.append(parts_of(self.v), self.omega)
 
     def at(self, x: Array) -> Orbit:
         """The orbit of a vector of the same shape."""
@@ -79,6 +79,11 @@ class Orbit:
     def samples(self, count: int) -> Array:
         """v at `count` equidistant times of one period, (p, count)."""
         return samples_of(self.v, count)
+
+
+def parts_of(v: Array) -> Array:
+    """[Re v, Im v] (2Hp,) of v (H, p)."""
+    return np.concatenate([v.real.ravel(), v.imag.ravel()])
 
 
 def samples_of(v: Array, count: int) -> Array:
@@ -173,7 +178,16 @@ class Balance:
             J[0, :, :, part], J[1, :, :, part] = change.real, change.imag
         J = J.reshape(2 * H * p, 2 * H * p)
         J[np.diag_indices(len(J))] += 1.0
-        return np.hstack([J, np.concatenate([omega.real.ravel(), omega.imag.ravel()])[:, None]])
+        return np.hstack([J, parts_of(omega)[:, None]])
+
+    def system(self, orbit: Orbit, terms: Terms) -> tuple[Array, Array]:
+        """R and 0 for the phase condition Σ k Im(v̄_k δv_k) = 0, (2Hp + 1,), and their Jacobian (2Hp + 1, 2Hp + 1).
+
+        The condition allows no step along the orbit itself.
+        """
+        k = np.arange(1, orbit.harmonics + 1)[:, None]
+        phase = np.append(parts_of(1j * k * orbit.v), 0.0)
+        return np.append(parts_of(terms.R), 0.0), np.vstack([self.derivative(orbit, terms), phase / np.linalg.norm(phase)])
 
     def _linear(self, orbit: Orbit, course: Course) -> tuple[Array, Array, Array | None]:
         """∂f_k/∂v_j and ∂f_k/∂v̄_j (H, p, H, p), and ∂f_k/∂ω (H, p), None for 0."""
@@ -212,7 +226,7 @@ class Balance:
         return truncation, alias, int(enough[0]) if len(enough) else top
 
     def solve(self, orbit: Orbit, *, rounds: int = 40, tol: float = STEP) -> tuple[Orbit, float, int]:
-        """Newton's method with a line search and the phase condition Σ k Im(v̄_k δv_k) = 0; returns ‖R‖/‖v‖ and the steps, too.
+        """Newton's method with a line search on `system`; returns ‖R‖/‖v‖ and the steps, too.
 
         Raises
         ------
@@ -222,14 +236,13 @@ class Balance:
         start, count = orbit.norm, self.samples(orbit)
         terms = self.residual(orbit, count)
         for turn in range(1, rounds + 1):
-            J = np.vstack([self.derivative(orbit, terms), self.phase(orbit)])
-            right = np.concatenate([terms.R.real.ravel(), terms.R.imag.ravel(), [0.0]])
+            R, J = self.system(orbit, terms)
             try:
-                step = -la.solve(J, right, check_finite=False)
+                step = -la.solve(J, R, check_finite=False)
             except (la.LinAlgError, ValueError):
                 raise NotConvergedError(f"harmonic balance met a singular Jacobian at ω = {orbit.omega:.6g} in step {turn}, "
                                         "probably at a fold. Use fs.branch, which follows the branch around it") from None
-            size = self.size(orbit, step)
+            size = float(np.linalg.norm(step[:-1]) / np.linalg.norm(orbit.v) + abs(step[-1]) / orbit.omega)
             orbit, terms = self._searched(orbit, step, size, terms, count)
             if orbit.norm < 1e-3 * start or not orbit.omega > 0:
                 raise NotConvergedError("the iteration fell back to steady sliding: there is no cycle near the initial guess. "
@@ -243,16 +256,6 @@ class Balance:
         raise NotConvergedError(f"harmonic balance with {orbit.harmonics} harmonics did not converge: after {rounds} steps the "
                                 f"last relative step was {size:.1e}, above {tol:g}. Give a better start, e.g. a "
                                 "transient's signal: start=(t, v)")
-
-    def size(self, orbit: Orbit, step: Array) -> float:
-        """Relative size of a step."""
-        return float(np.linalg.norm(step[:-1]) / np.linalg.norm(orbit.v) + abs(step[-1]) / orbit.omega)
-
-    def phase(self, orbit: Orbit) -> Array:
-        """Σ k Im(v̄_k δv_k) as a row over [δRe v, δIm v, δω]: no step along the orbit itself."""
-        k = np.arange(1, orbit.harmonics + 1)[:, None]
-        row = np.concatenate([-(k * orbit.v.imag).ravel(), (k * orbit.v.real).ravel(), [0.0]])
-        return row / np.linalg.norm(row)
 
     def _searched(self, orbit: Orbit, step: Array, size: float, terms: Terms, count: int) -> tuple[Orbit, Terms]:
         before, factor = np.linalg.norm(terms.R), min(1.0, 0.5 / size)

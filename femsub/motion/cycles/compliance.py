@@ -9,8 +9,9 @@ requested frequencies, and the solutions serve as a basis for frequencies nearby
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -32,16 +33,20 @@ AT_ONCE = 8  # frequencies that are solved before the others are checked again
 CHUNK = 2_000_000  # entries of a temporary array
 
 
-class Compliance(Protocol):
+class Compliance(ABC):
     """Y(s) (m, p, p) and dY/ds at m frequencies; responses x = P(s)⁻¹W f (n, m) to forces f (m, p)."""
 
-    solves: int  #: linear systems of the size of the model that were solved for it
+    solves = 0  #: linear systems of the size of the model that were solved for it
 
+    @abstractmethod
     def mobility(self, s: Array) -> tuple[Array, Array]: ...
 
-    def estimate(self, s: Array) -> Array: ...
-
+    @abstractmethod
     def response(self, s: Array, force: Array) -> Array: ...
+
+    def estimate(self, s: Array) -> Array:
+        """Y(s) without a new solve, shape (m, p, p)."""
+        return self.mobility(s)[0]
 
 
 class Spectral:
@@ -81,46 +86,32 @@ class Spectral:
 _KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
 
 
-def spectral(model: Substructure) -> Spectral | None:
-    """The decomposition of a dense (or small) model, made once per model; None if M is not definite."""
-    if model not in _KNOWN:
-        form = modal_form(model.pencil.dense())
-        _KNOWN[model] = None if form is None else Spectral(form)
-    return _KNOWN[model]
-
-
 def compliance(contact: Sliding) -> Compliance:
-    """The compliance of a model under its belts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves."""
+    """The compliance of a model under its belts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves.
+
+    A model is decomposed once. One whose M is not definite has no decomposition.
+    """
     model = contact.model
     if model.pencil.is_sparse and model.size > QUADRATIC:
         return Solved(model.pencil, contact.W)
-    found = spectral(model)
-    if found is not None and found.usable:
-        fractions = Fractions(found, contact.W)
-        if fractions.error <= AGREE:
-            return fractions
-    return Solved(model.pencil, contact.W)
+    if model not in _KNOWN:
+        form = modal_form(model.pencil.dense())
+        _KNOWN[model] = None if form is None else Spectral(form)
+    found = _KNOWN[model]
+    fractions = Fractions(found, contact.W) if found is not None and found.usable else None
+    return fractions if fractions is not None and fractions.error <= AGREE else Solved(model.pencil, contact.W)
 
 
-class Fractions:
-    """Y(s) = Σ_j R_j / (s - λ_j), R = c_j b_jᵀ with c = Wᵀ X, b = Wᵀ Y of the eigenvectors, m = 2n of them.
-
-    Conjugate pairs are taken together, (s 2Re R - 2Re(R λ̄)) / ((s - λ)(s - λ̄)), which is half of the work.
-    """
+class Fractions(Compliance):
+    """Y(s) = Σ_j R_j / (s - λ_j), R = c_j b_jᵀ with c = Wᵀ X, b = Wᵀ Y of the eigenvectors, m = 2n of them."""
 
     def __init__(self, found: Spectral, W: Array) -> None:
-        self.found, self.solves = found, 0
+        self.found = found
         self._last: tuple[Array, Array, Array] | None = None
         self.w = found.form.shapes.T @ W
         self.out = self.w.T @ found.right[found.lower]
         self.into = found.left[:, found.lower] @ self.w
         self.residues = (self.out.T[:, :, None] * self.into[:, None, :]).reshape(len(found.values), -1)
-        upper, self.real = found.values.imag > 0, found.values.imag == 0
-        self.pairs, R = found.values[upper], self.residues[upper]
-        rise, rest = 2 * R.real, -2 * (R * self.pairs.conj()[:, None]).real
-        turn = -2 * self.pairs.real[:, None]
-        self.once = np.hstack([rise, rest]).astype(complex)
-        self.twice = np.hstack([2 * rise, turn * rise + 2 * rest, turn * rest]).astype(complex)
         self.error = self._checked()
 
     def mobility(self, s: Array) -> tuple[Array, Array]:
@@ -132,24 +123,14 @@ class Fractions:
         Y, slope = (np.empty((len(s), p * p), dtype=complex) for _ in range(2))
         step = max(1, CHUNK // len(self.found.values))
         for start in range(0, len(s), step):
-            part = s[start:start + step, None]
-            inverse = 1 / ((part - self.pairs) * (part - self.pairs.conj()))
+            at = slice(start, start + step)
+            inverse = 1 / (s[at, None] - self.found.values)
             # einsum instead of @: for such small products waking the threads of a BLAS costs more than it gains, and they
             # slow down the other libraries' threads (NumPy, SciPy and PETSc have their own)
-            rise, rest = np.split(np.einsum("mj,jk->mk", inverse, self.once), 2, axis=1)
-            square, line, constant = np.split(np.einsum("mj,jk->mk", np.square(inverse), self.twice), 3, axis=1)
-            Y[start:start + step] = part * rise + rest
-            slope[start:start + step] = rise - (part * (part * square + line) + constant)
-            if self.real.any():
-                poles = 1 / (part - self.found.values[self.real])
-                Y[start:start + step] += poles @ self.residues[self.real]
-                slope[start:start + step] -= np.square(poles) @ self.residues[self.real]
+            Y[at] = np.einsum("mj,jk->mk", inverse, self.residues)
+            slope[at] = -np.einsum("mj,jk->mk", np.square(inverse, out=inverse), self.residues)
         self._last = s.copy(), Y.reshape(-1, p, p), slope.reshape(-1, p, p)
         return self._last[1:]
-
-    def estimate(self, s: Array) -> Array:
-        """Y(s), shape (m, p, p)."""
-        return self.mobility(s)[0]
 
     def response(self, s: Array, force: Array) -> Array:
         """x (n, m) with P(s_k) x_k = W f_k, s ≠ 0."""
@@ -170,7 +151,7 @@ class Fractions:
         return float((np.abs(found - exact).max(axis=(1, 2)) / np.where(size > 0, size, 1.0)).max())
 
 
-class Solved:
+class Solved(Compliance):
     """Y(s) by one solve for each frequency that the responses found so far do not represent.
 
     The real and imaginary parts of the responses span V. V q with VᵀP(s)V q = VᵀW replaces the model if the error of h,
@@ -179,13 +160,12 @@ class Solved:
     """
 
     def __init__(self, pencil: Pencil, W: Array) -> None:
-        self.pencil, self.W, self.solves = pencil, W, 0
+        self.pencil, self.W = pencil, W
         self.symmetric = all(pencil.symmetric)
         self.V = np.zeros((pencil.size, 0))
+        self.quick: Fractions | None = None
         if pencil.is_sparse and pencil.size > QUADRATIC:
             self._grow(self._first())
-        else:
-            self._project()
 
     def _first(self) -> Array:
         """The first basis: the lowest modes, which nearby responses cannot distinguish, and the first moments of h about 0."""
@@ -196,13 +176,6 @@ class Solved:
             moments.append(self.static.solve(self.pencil.M @ moments[-1]))
         self.V = orthonormal(modes.shapes, np.asarray)[0]  # first, since little of the moments remains beside the modes
         return np.hstack(moments)
-
-    def _project(self) -> None:
-        self.images = [part @ self.V for part in (self.pencil.M, self.pencil.D, self.pencil.K)]
-        M, D, K = (self.V.T @ image for image in self.images)
-        form = modal_form(Pencil((M + M.T) / 2, D, (K + K.T) / 2)) if len(M) else None
-        found = None if form is None else Spectral(form)
-        self.quick = Fractions(found, self.V.T @ self.W) if found is not None and found.usable else None
 
     def _galerkin(self, s: Array) -> tuple[Array, Array]:
         """x = V q - K⁻¹r with r = P(s)Vq - W, shape (m, n, p), and the error |rᵀK⁻¹r| / |h| (m,), infinite without a basis.
@@ -258,7 +231,11 @@ class Solved:
     def _grow(self, new: Array) -> None:
         new = np.hstack([new.real, new.imag]) if np.iscomplexobj(new) else new
         self.V = np.hstack([self.V, orthonormal(new, np.asarray, self.V)[0]])
-        self._project()
+        self.images = [part @ self.V for part in (self.pencil.M, self.pencil.D, self.pencil.K)]
+        M, D, K = (self.V.T @ image for image in self.images)
+        form = modal_form(Pencil((M + M.T) / 2, D, (K + K.T) / 2))
+        found = None if form is None else Spectral(form)
+        self.quick = Fractions(found, self.V.T @ self.W) if found is not None and found.usable else None
 
     def mobility(self, s: Array) -> tuple[Array, Array]:
         """Y(s) and dY/ds = h - s yᵀ(2sM + D)x, shape (m, p, p) each."""
@@ -273,10 +250,8 @@ class Solved:
         return Y, slope
 
     def estimate(self, s: Array) -> Array:
-        """Y(s) from the responses found so far, without a new solve, shape (m, p, p)."""
-        if self.quick is None:
-            return self.mobility(s)[0]
-        return self.quick.mobility(s)[0].copy()
+        """Y(s) from the responses found so far, shape (m, p, p)."""
+        return (self.mobility(s) if self.quick is None else self.quick.mobility(s))[0]
 
     def response(self, s: Array, force: Array) -> Array:
         """x (n, m) with P(s_k) x_k = W f_k."""

@@ -17,7 +17,7 @@ import scipy.linalg as la
 from femsub.checks import Array
 from femsub.coupling import Belt, with_slope
 from femsub.errors import InputError, NotConvergedError
-from femsub.motion.cycles.balance import Balance, Orbit, coefficients
+from femsub.motion.cycles.balance import Balance, Orbit, coefficients, parts_of
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
 
@@ -85,15 +85,12 @@ class Path:
         speed, omega, size = self.scales
         balance = self.balance(value)
         terms = balance.residual(orbit, count)
-        J = balance.derivative(orbit, terms)
+        R, J = balance.system(orbit, terms)
         h = DIFFERENCE * size
         ahead, behind = (coefficients(self.balance(value + side).force(orbit, count), orbit.harmonics)[1:] for side in (h, -h))
         change = -np.einsum("kij,kj->ki", terms.Y, (ahead - behind) / (2 * h))
-        column = np.concatenate([change.real.ravel(), change.imag.ravel()]) * (size / speed)
-        scaled = np.hstack([J[:, :-1], J[:, -1:] * (omega / speed), column[:, None]])
-        R = np.concatenate([terms.R.real.ravel(), terms.R.imag.ravel()]) / speed
-        phase = np.append(balance.phase(orbit), 0.0)
-        return np.append(R, 0.0), np.vstack([scaled, phase]), terms.course.mean
+        column = np.append(parts_of(change) * (size / speed), 0.0)
+        return R / speed, np.hstack([J[:, :-1], J[:, -1:] * (omega / speed), column[:, None]]), terms.course.mean
 
     def correct(self, orbit: Orbit, value: float, row: Array, target: float, rounds: int = 14) -> tuple[Place, int]:
         """Newton's method on R = 0, phase = 0, row·x = target. The tangent has a positive component along `row`.
