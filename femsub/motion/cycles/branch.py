@@ -12,18 +12,18 @@ point its name.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import Array, choice, finite_number, listener, truth, whole_number
+from femsub.checks import Array, choice, finite_number, listener, positive_number, truth, whole_number
 from femsub.coupling import Belt
-from femsub.errors import InputError, InputTypeError, NotConvergedError
+from femsub.errors import InputError, NotConvergedError
 from femsub.model import fields_of
 from femsub.motion.cycles.balance import Orbit, in_phase
-from femsub.motion.cycles.compliance import Compliance
-from femsub.motion.cycles.continuation import EASY, HARD, Path, Place, with_parameter
+from femsub.motion.cycles.continuation import Path, Place, with_parameter
 from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of, within
 from femsub.motion.cycles.limit_cycle import LimitCycle, flexibility_of
 from femsub.motion.nonlinear_model import Sliding, sliding
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
 
 
+EASY, HARD = 4, 8  # with fewer Newton steps the step along the branch grows; with so many it was too long
 LONGEST, SHORTEST, FIRST = 0.15, 1e-5, 0.01  # scaled steps along a branch
 HALVINGS = 6  # halvings to locate a special point
 YOUNG = 0.02  # amplitude / belt speed below which the amplitude's multiplier is 1 within its error
@@ -199,24 +200,30 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
     with_parameter(one, parameter, value)  # told now if the law cannot
     flexibility = flexibility_of(contact, start)
     tell = listener("progress", progress)
+    hopf = shape = None
+    walks = [(1.0, points)]
     if isinstance(start, LimitCycle):
-        limits = limits_of(between, parameter, value, one)
-        path = _path(contact, flexibility, parameter, at, limits, start.orbit, tol, harmonics)
-        first = path.at_value(start.orbit.with_harmonics(min(start.orbit.harmonics, harmonics)), value, value)
-        back, ahead = (Tracer(path, sign, limits, stability).walk(first, points // 2, tell) for sign in (-1.0, 1.0))
-        return Branch(parameter, np.array([*back.values[:0:-1], *ahead.values]), (*back.cycles[:0:-1], *ahead.cycles),
-                      (*back.special[::-1], *ahead.special), None, f"{back.ended}; {ahead.ended}")
-    if start is not None and (isinstance(start, bool) or not isinstance(start, (int, float))):
-        raise InputTypeError(f"start must be a frequency or a LimitCycle, not {type(start).__name__}")
-    if len(contact.contacts) > 1 or not isinstance(one, Belt):
-        raise InputError("with several contacts, or one that is no belt, a branch must begin at a known cycle. Give start=, a "
-                         "cycle from fs.harmonic_balance")
-    hopf, shape = hopf_point(contact, flexibility, parameter, between, start)
-    limits = within(limits_of(between, parameter, hopf.value, one), parameter, hopf)
-    path = _path(contact, flexibility, parameter, at, limits, Orbit(shape[None, :], hopf.omega), tol, harmonics)
-    hopf, first = begun(path, hopf, shape)
-    traced = Tracer(path, 1.0, limits, stability).walk(first, points, tell)
-    return Branch(parameter, np.array(traced.values), tuple(traced.cycles), tuple(traced.special), hopf, traced.ended)
+        limits, orbit = limits_of(between, parameter, value, one), start.orbit
+        walks = [(-1.0, points // 2), (1.0, points // 2)]
+    else:
+        near = None if start is None else positive_number("start (a frequency, if it is no LimitCycle)", start)
+        if len(contact.contacts) > 1 or not isinstance(one, Belt):
+            raise InputError("with several contacts, or one that is no belt, a branch must begin at a known cycle. Give start=, "
+                             "a cycle from fs.harmonic_balance")
+        hopf, shape = hopf_point(contact, flexibility, parameter, between, near)
+        limits = within(limits_of(between, parameter, hopf.value, one), parameter, hopf)
+        orbit = Orbit(shape[None, :], hopf.omega)
+    speed = float(contact.speeds[contact.blocks[at]].max()) or orbit.norm
+    path = Path(contact, flexibility, parameter, at, (speed, orbit.omega, limits[1] - limits[0]), tol, harmonics)
+    if hopf is None or shape is None:
+        first = path.at_value(orbit.with_harmonics(min(orbit.harmonics, harmonics)), value, value)
+    else:
+        hopf, first = begun(path, hopf, shape)
+    *back, ahead = (Tracer(path, sign, limits, stability).walk(first, most, tell) for sign, most in walks)
+    found = [*(point for walk in back for point in walk.points[:0:-1]), *ahead.points]
+    special = [*(point for walk in back for point in walk.special[::-1]), *ahead.special]
+    return Branch(parameter, np.array([point.place.value for point in found]), tuple(point.cycle for point in found),
+                  tuple(special), hopf, "; ".join(walk.ended for walk in (*back, ahead)))
 
 
 def _varied(contact: Sliding, parameter: str, port: str | None) -> int:
@@ -230,111 +237,87 @@ def _varied(contact: Sliding, parameter: str, port: str | None) -> int:
     return ports[choice(f"port of a contact with a {parameter}", port, ports)]
 
 
-def _path(contact: Sliding, flexibility: Compliance, parameter: str, at: int, limits: tuple[float, float], orbit: Orbit,
-          tol: float, harmonics: int) -> Path:
-    speed = float(contact.speeds[contact.blocks[at]].max()) or orbit.norm
-    return Path(contact, flexibility, parameter, at, (speed, orbit.omega, limits[1] - limits[0]), tol, harmonics)
+class Point(NamedTuple):
+    """A place on a path, and its cycle."""
+
+    place: Place
+    cycle: LimitCycle
+
+    @property
+    def key(self) -> tuple[bool, int]:
+        """Whether the parameter grows, and the number of multipliers outside the unit circle."""
+        return self.place.direction > 0, 0 if self.cycle.floquet is None else self.cycle.floquet.unstable
 
 
 class Tracer:
-    """One walk along a path, in one direction: the cycles found, in order, and why it ended."""
+    """One walk along a path, in one direction: the points found, in order, and why it ended."""
 
     def __init__(self, path: Path, direction: float, limits: tuple[float, float], stability: bool) -> None:
         self.path, self.direction, self.limits, self.stability = path, direction, limits, stability
-        self.values: list[float] = []
-        self.cycles: list[LimitCycle] = []
+        self.points: list[Point] = []
         self.special: list[SpecialPoint] = []
         self.ended = ""
 
-    def walk(self, first: Place, points: int, tell: Callable[[str], None]) -> Tracer:
+    def walk(self, first: Place, most: int, tell: Callable[[str], None]) -> Tracer:
         """Walk from `first` on, until the end of the range, of the branch, or of the allowed number of points."""
-        place, length = first, FIRST
-        cycle = self.cycle(place)
-        self._keep(place, cycle)
-        while len(self.values) < points:
-            tell(f"branch: {len(self.values)} cycles, {self.path.parameter} = {place.value:.6g}")
+        self.points.append(self.point(first))
+        length = FIRST
+        while not self.ended:
+            last = self.points[-1]
+            if len(self.points) >= most:
+                self.ended = f"{most} points"
+                break
+            where = f"{self.path.parameter} = {last.place.value:.6g}"
+            tell(f"branch: {len(self.points)} cycles, {where}")
             try:
-                found, turns = self.path.step(place, self.direction * length)
-                if self._angle(place, found) < TURN:
+                found, turns = self.path.step(last.place, self.direction * length)
+                if self.path.resized(last.place, found.orbit.harmonics).tangent @ found.tangent < TURN:
                     raise NotConvergedError("the branch turns too sharply for this step")
             except NotConvergedError as error:
                 length /= 2
                 if length < SHORTEST:
-                    self.ended = f"the steps became too small at {self.path.parameter} = {place.value:.6g}: {error}"
-                    return self
+                    self.ended = f"the steps became too small at {where}: {error}"
                 continue
-            self.ended = self._over(place, found, first)
-            if self.ended:
-                self._last(found)
-                return self
-            fresh = self.cycle(found)
-            self._scan(place, cycle, found, fresh, length, HALVINGS)
-            place, cycle = found, fresh
-            self._keep(place, cycle)
-            length = min(LONGEST, 1.5 * length) if turns <= EASY else 0.5 * length if turns >= HARD else length
-        self.ended = f"{points} points"
+            self.ended = self._over(last.place, found)
+            if not self.ended:
+                self.points.append(self.point(found))
+                self._scan(last, self.points[-1], length, HALVINGS)
+                length = min(LONGEST, 1.5 * length) if turns <= EASY else 0.5 * length if turns >= HARD else length
         return self
 
-    def cycle(self, place: Place) -> LimitCycle:
-        """The `LimitCycle` of a place."""
+    def point(self, place: Place) -> Point:
+        """The point at a place."""
         truncation, aliasing = place.left_out or self.path.left_out(place)
-        return LimitCycle(self.path.contact(place.value), in_phase(place.orbit), self.path.flexibility, place.residual,
-                          truncation, aliasing, stability=self.stability)
+        return Point(place, LimitCycle(self.path.contact(place.value), in_phase(place.orbit), self.path.flexibility,
+                                       place.residual, truncation, aliasing, stability=self.stability))
 
-    def _keep(self, place: Place, cycle: LimitCycle) -> None:
-        self.values.append(place.value)
-        self.cycles.append(cycle)
-
-    def _angle(self, old: Place, new: Place) -> float:
-        if new.orbit.harmonics != old.orbit.harmonics:
-            old = self.path.resized(old, new.orbit.harmonics)
-        return float(old.tangent @ new.tangent)
-
-    def _over(self, old: Place, new: Place, first: Place) -> str:
-        """Why the branch ends at a new place; empty if it does not."""
-        lo, hi = self.limits
-        if not lo <= new.value <= hi:
-            return f"the range ends at {self.path.parameter} = {lo if new.value < lo else hi:.6g}"
-        kept = min(old.orbit.harmonics, new.orbit.harmonics)
-        if np.vdot(old.orbit.v[:kept], new.orbit.v[:kept]).real <= 0:
+    def _over(self, old: Place, new: Place) -> str:
+        """Why the branch ends at a new place; empty if it does not. Where the range ends, the cycle exactly there is kept."""
+        edge = float(np.clip(new.value, *self.limits))
+        if new.value != edge:
+            with suppress(NotConvergedError):
+                self.points.append(self.point(self.path.at_value(new.orbit, new.value, edge)))
+            return f"the range ends at {self.path.parameter} = {edge:.6g}"
+        here, there, before = (replace(place, orbit=place.orbit.with_harmonics(new.orbit.harmonics))
+                               for place in (new, self.points[0].place, old))
+        if np.vdot(before.orbit.v, here.orbit.v).real <= 0:
             return f"back at steady sliding, a Hopf point near {self.path.parameter} = {(old.value + new.value) / 2:.6g}"
-        if len(self.values) > 8:
-            big = self.path.resized(first, new.orbit.harmonics)
-            last = old.orbit.with_harmonics(new.orbit.harmonics)
-            here, there, before = (self.path.scaled(orbit, value) for orbit, value in (
-                (new.orbit, new.value), (big.orbit, big.value), (last, old.value)))
-            if np.linalg.norm(here - there) < 0.6 * np.linalg.norm(here - before):
-                return "the branch is closed"
+        x, begin, last = (self.path.scaled(place.orbit, place.value) for place in (here, there, before))
+        if len(self.points) > 8 and np.linalg.norm(x - begin) < 0.6 * np.linalg.norm(x - last):
+            return "the branch is closed"
         return ""
 
-    def _last(self, beyond: Place) -> None:
-        """The cycle exactly at the end of the range."""
-        lo, hi = self.limits
-        if lo <= beyond.value <= hi:
-            return
-        try:
-            place = self.path.at_value(beyond.orbit, beyond.value, lo if beyond.value < lo else hi)
-        except NotConvergedError:
-            return
-        self._keep(place, self.cycle(place))
-
-    def _key(self, place: Place, cycle: LimitCycle) -> tuple[bool, int]:
-        return place.direction > 0, 0 if cycle.floquet is None else cycle.floquet.unstable
-
-    def _scan(self, a: Place, one: LimitCycle, b: Place, two: LimitCycle, length: float, halvings: int) -> None:
-        if self._key(a, one) == self._key(b, two):
+    def _scan(self, a: Point, b: Point, length: float, halvings: int) -> None:
+        """Locate what changes between two points, by halving the step between them."""
+        if a.key == b.key:
             return
         if halvings:
-            try:
-                middle, _ = self.path.step(a, self.direction * length / 2)
-            except NotConvergedError:
-                halvings = 0
-            else:
-                between = self.cycle(middle)
-                self._scan(a, one, middle, between, length / 2, halvings - 1)
-                self._scan(middle, between, b, two, length / 2, halvings - 1)
+            with suppress(NotConvergedError):
+                middle = self.point(self.path.step(a.place, self.direction * length / 2)[0])
+                self._scan(a, middle, length / 2, halvings - 1)
+                self._scan(middle, b, length / 2, halvings - 1)
                 return
-        point = self._named(a, one, b, two)
+        point = self._named(a, b)
         if point is not None and not self._told(point):
             self.special.append(point)
 
@@ -347,29 +330,27 @@ class Tracer:
             return False
         return bool(near)
 
-    def _named(self, a: Place, one: LimitCycle, b: Place, two: LimitCycle) -> SpecialPoint | None:
-        fold = (a.direction > 0) != (b.direction > 0)
-        critical = 1 + 0j
-        if not fold and max(one.peak, two.peak) < YOUNG * self.path.scales[0]:
-            return None
-        if fold:
-            share = a.direction / (a.direction - b.direction)
-        else:
-            critical, before, after = _passing(one, two)
-            share = float(np.clip(before / (before - after), 0, 1)) if before != after else 0.5
-        kind = "fold" if fold else _kind(critical)
-        return SpecialPoint(kind, a.value + share * (b.value - a.value), one.omega + share * (two.omega - one.omega),
-                            one.rms + share * (two.rms - one.rms), critical)
+    def _named(self, a: Point, b: Point) -> SpecialPoint | None:
+        critical, ends = 1 + 0j, (a.place.direction, b.place.direction)
+        fold = (ends[0] > 0) != (ends[1] > 0)
+        if not fold:
+            if max(a.cycle.peak, b.cycle.peak) < YOUNG * self.path.scales[0]:
+                return None
+            critical, ends = _passing(a.cycle, b.cycle)
+        share = float(np.clip(ends[0] / (ends[0] - ends[1]), 0, 1)) if ends[0] != ends[1] else 0.5
+        value, omega, rms = (x + share * (y - x) for x, y in ((a.place.value, b.place.value), (a.cycle.omega, b.cycle.omega),
+                                                              (a.cycle.rms, b.cycle.rms)))
+        return SpecialPoint("fold" if fold else _kind(critical), value, omega, rms, critical)
 
 
-def _passing(one: LimitCycle, two: LimitCycle) -> tuple[complex, float, float]:
+def _passing(one: LimitCycle, two: LimitCycle) -> tuple[complex, tuple[float, float]]:
     """The multiplier that passes the unit circle between two neighbours, and its distance from the circle at both."""
     assert one.floquet is not None and two.floquet is not None
     before, after = one.floquet.values[:12], two.floquet.values[:12]
     before = before[np.argmin(np.abs(np.subtract.outer(after, before)), axis=1)]
     gaps = np.abs(before) - 1, np.abs(after) - 1
     at = int(np.argmin(np.abs(gaps[0]) + np.abs(gaps[1]) + (gaps[0] * gaps[1] > 0)))
-    return complex((before[at] + after[at]) / 2), float(gaps[0][at]), float(gaps[1][at])
+    return complex((before[at] + after[at]) / 2), (float(gaps[0][at]), float(gaps[1][at]))
 
 
 def _kind(multiplier: complex) -> str:

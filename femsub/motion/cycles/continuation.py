@@ -22,7 +22,6 @@ from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
 
 PARAMETERS = ("speed", "force", "slope")  # of a belt
-EASY, HARD = 4, 8  # with fewer Newton steps the step along the branch grows; with so many it was too long
 DIFFERENCE = 1e-6  # step of the central difference for dR/dp, relative to the scale of p
 CONVERGED = 1e-8
 
