@@ -242,18 +242,20 @@ class Sliding:
     def checked(self, start: State) -> State:
         """A checked copy of an initial state: finite, and of the model's size."""
         instance("start", start, State, "displacement, velocity")
-        parts = [(name, real_array(f"the start's {name}", getattr(start, name))) for name in ("displacement", "velocity")]
-        for name, part in parts:
-            if part.shape != (self.model.size,):
-                raise InputError(f"the start's {name} has the shape {part.shape}, but the model has {self.model.size} DOF. "
-                                 "Project a state of the full model onto a reduced one with nonlinear_model.project")
-        return State(*(part.copy() for _, part in parts))
+        return State(self._vector("the start's displacement", start.displacement),
+                     self._vector("the start's velocity", start.velocity))
 
     def perturbed(self, displacement: Any = 0.0, velocity: Any = 0.0) -> State:
         """The sliding equilibrium plus a displacement and a velocity in the model's coordinates, shape (n,) each."""
-        parts = [_vector(name, value, self.model.size) for name, value in
-                 (("displacement", displacement), ("velocity", velocity))]
-        return State(self.equilibrium + parts[0], parts[1])
+        return State(self.equilibrium + self._vector("displacement", displacement), self._vector("velocity", velocity))
+
+    def _vector(self, name: str, value: Any) -> Array:
+        """A copy of a vector of the model's coordinates (n,); of a number, the vector with this number everywhere."""
+        found, size = real_array(name, value), self.model.size
+        if found.shape not in ((), (size,)):
+            raise InputError(f"{name} must have {size} entries, one per DOF of the model, but its shape is {found.shape}. "
+                             "Project a state of the full model onto a reduced one with nonlinear_model.project")
+        return np.broadcast_to(found, (size,)).copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,10 +364,3 @@ def massless(matrix: str, lacks: str) -> InputError:
     """The error for a singular M."""
     return InputError(f"{matrix} is singular (massless DOF), so {lacks} there. Condense those DOF, or reduce the model first (by "
                       "Rubin: MacNeal leaves the interface without mass)")
-
-
-def _vector(name: str, value: Any, size: int) -> Array:
-    found = real_array(name, value)
-    if found.shape not in ((), (size,)):
-        raise InputError(f"{name} must have {size} entries, one per DOF of the model, but its shape is {found.shape}")
-    return np.broadcast_to(found, (size,)).copy()

@@ -140,10 +140,6 @@ class Transient:
         """wᵀq̇(t) on a port, shape (m,) or (m, p)."""
         return self._recorded(self.velocities, name)
 
-    def relative_velocity(self, name: str) -> Array:
-        """v0 - wᵀq̇(t) under a belt."""
-        return self.belt(name).speed - self.velocity(name)
-
     def friction(self, name: str) -> Array:
         """F μ(v0 - wᵀq̇(t)) under a belt."""
         belt = self.belt(name)

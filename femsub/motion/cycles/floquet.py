@@ -61,18 +61,11 @@ class Multipliers:
         orbit is too far from a cycle.
     trivial : complex
         The one that is 1 in exact arithmetic.
-    discretisation, moved : float
-        The largest change by the last extrapolation of the step, and by the correction of the orbit.
-    steps : int
-        Steps per period.
     """
 
     values: Array
     doubts: Array
     trivial: complex
-    discretisation: float
-    moved: float
-    steps: int
 
     @property
     def error(self) -> float:
@@ -132,8 +125,7 @@ def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps
     doubts = MARGIN * (moved + stepped + SPILLED * (moved + stepped).max()) + AMPLIFIED * abs(values[at] - 1)
     if corrected is None:
         doubts = np.full(len(values), np.inf)
-    return Multipliers(np.delete(values, at), np.delete(doubts, at), complex(values[at]), float(stepped.max()),
-                       float(moved.max()), 2 * steps)
+    return Multipliers(np.delete(values, at), np.delete(doubts, at), complex(values[at]))
 
 
 def _sorted(values: Array) -> Array:

@@ -37,15 +37,11 @@ def levels(contact: Sliding) -> list[Sliding]:
     widths = [width_of(belt.law) if is_dataclass(belt.law) else np.nan for belt in contact.belts]
     speeds = [abs(belt.speed or 0.0) for belt in contact.belts]
     most = max([1.0, *(WIDE * speed / width for width, speed in zip(widths, speeds, strict=True) if width > 0)])
-    steps = max(0, int(np.ceil(np.log(most) / -np.log(SHARPER))))
-    found = []
-    for at in range(steps, -1, -1):
-        factor = most ** (at / steps) if steps else 1.0
-        belts = tuple(belt if np.isnan(width) or factor == 1 else
-                      replace(belt, law=replace(belt.law, eps=max(width, min(width * factor, WIDE * speed))))  # type: ignore[type-var]
-                      for belt, width, speed in zip(contact.belts, widths, speeds, strict=True))
-        found.append(contact.changed(belts))
-    return found
+    steps = int(np.ceil(np.log(most) / -np.log(SHARPER)))
+    return [contact.changed([belt if np.isnan(width) or factor == 1 else
+                             replace(belt, law=replace(belt.law, eps=max(width, min(width * factor, WIDE * speed))))  # type: ignore[type-var]
+                             for belt, width, speed in zip(contact.belts, widths, speeds, strict=True)])
+            for factor in np.geomspace(most, 1.0, steps + 1).tolist()]
 
 
 def harmonics_for(contact: Sliding, most: int) -> int:
@@ -105,8 +101,6 @@ def _no_seeds(contact: Sliding, flexibility: Fractions, near: float | None) -> N
 def _because(contact: Sliding) -> str:
     if all(belt.speed == 0 for belt in contact.belts):
         return " (the belt is at rest and supplies no energy: give it a speed)"
-    if all(belt.force == 0 for belt in contact.belts):
-        return " (the normal force is zero: give it one)"
     slopes = ", ".join(f"F μ' = {belt.force * belt.slope:.4g}" for belt in contact.belts if belt.slope is not None)
     return f" ({slopes})"
 
@@ -190,7 +184,7 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     InputError
         The signal is too short, not finite, or not periodic.
     """
-    from scipy.signal import find_peaks
+    from scipy.signal import correlate, find_peaks
 
     time, speed = real_array("t of start=(t, v)", t), np.atleast_2d(real_array("v of start=(t, v)", v))
     if time.ndim != 1 or speed.shape != (columns, len(time)) or not (np.diff(time) > 0).all():
@@ -201,8 +195,8 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     even = np.linspace(time[len(time) // 2], time[-1], power_of_two(len(time)))
     tail = np.array([np.interp(even, time, row) for row in speed])
     tail = tail - tail.mean(axis=1, keepdims=True)
-    spectrum = np.fft.rfft(tail, n=2 * len(even), axis=1)
-    alike = np.fft.irfft((np.abs(spectrum) ** 2).sum(axis=0))[:len(even) // 2] / np.arange(len(even), len(even) // 2, -1)
+    lags = np.arange(len(even) // 2)
+    alike = sum(correlate(row, row, method="fft")[len(even) - 1 + lags] for row in tail) / (len(even) - lags)
     low = np.flatnonzero(alike < 0.3 * alike[0])
     if not alike[0] > 0 or not len(low):
         raise InputError("the second half of the signal must contain two oscillations, but does not. Give a longer signal")
