@@ -205,59 +205,46 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
         elif len(tail):
             out[loss] = (weights * tail) @ tail
 
-    def start_gradient(y: Array) -> None:
+    def rhs(t: float, y: Array) -> Array:
+        dot(y, whole)
+        v = y[n:n + p] @ G
+        f = change(y[:p] @ G, v)
+        out[n:n + p] += G @ f
+        dissipated()
+        out[work] = f @ v
+        return out
+
+    def jacobian(t: float, y: Array) -> Array:
         np.copyto(gradient, linear)
         gradient[n:work, loss] = 2 * (symmetric @ y[n:work])
+        u, v = y[:p] @ G, y[n:n + p] @ G
+        of_u, of_v = contact.tangents(change.place + u, v)
+        gradient[:p, n:n + p] += (G @ of_u @ G.T).T
+        gradient[n:n + p, n:n + p] += (G @ of_v @ G.T).T
+        gradient[:p, work] = G @ (of_u.T @ v)
+        gradient[n:n + p, work] = G @ (change(u, v) + of_v.T @ v)
+        return gradient
 
     alone = contact.moving[0]
     if contact.columns > 1 or not contact.by_speed or not callable(getattr(alone, "scalar", None)):
-        def rhs(t: float, y: Array) -> Array:
-            dot(y, whole)
-            v = y[n:n + p] @ G
-            f = change(y[:p] @ G, v)
-            out[n:n + p] += G @ f
-            dissipated()
-            out[work] = f @ v
-            return out
+        return rhs, jacobian
+    exerted, slope = alone.scalar()
+    g, first, rounding = float(G[0, 0]), float(change.rest[0]), float(change.rounding[0])
+    small = SMALL * abs(first)
 
-        def jacobian(t: float, y: Array) -> Array:
-            start_gradient(y)
-            u, v = y[:p] @ G, y[n:n + p] @ G
-            of_u, of_v = contact.tangents(change.place + u, v)
-            gradient[:p, n:n + p] += (G @ of_u @ G.T).T
-            gradient[n:n + p, n:n + p] += (G @ of_v @ G.T).T
-            gradient[:p, work] = G @ (of_u.T @ v)
-            gradient[n:n + p, work] = G @ (change(u, v) + of_v.T @ v)
-            return gradient
-    else:
-        exerted, slope = alone.scalar()
-        g, first, rounding = float(G[0, 0]), float(change.rest[0]), float(change.rounding[0])
-        small = SMALL * abs(first)
+    def scalar_rhs(t: float, y: Array) -> Array:
+        dot(y, whole)
+        v = g * y.item(n)
+        f = exerted(v) - first
+        if -small < f < small:  # `change` in floats
+            smooth = v * slope(v / 2)
+            f = smooth if abs(smooth - f) <= rounding else f
+        out[n] += g * f
+        dissipated()
+        out[work] = f * v
+        return out
 
-        def smooth(f: float, v: float) -> float:  # `change` in floats
-            found = v * slope(v / 2)
-            return found if abs(found - f) <= rounding else f
-
-        def rhs(t: float, y: Array) -> Array:
-            dot(y, whole)
-            v = g * y.item(n)
-            f = exerted(v) - first
-            if -small < f < small:
-                f = smooth(f, v)
-            out[n] += g * f
-            dissipated()
-            out[work] = f * v
-            return out
-
-        def jacobian(t: float, y: Array) -> Array:
-            start_gradient(y)
-            v = g * y.item(n)
-            f, tangent = exerted(v) - first, slope(v)
-            gradient[n, n] += g * g * tangent
-            gradient[n, work] = g * ((smooth(f, v) if -small < f < small else f) + v * tangent)
-            return gradient
-
-    return rhs, jacobian
+    return scalar_rhs, jacobian
 
 
 @dataclass(repr=False)
