@@ -260,13 +260,11 @@ def _contact_force(force: Change, guess: tuple[Array, Array], change: Array, bef
             return f
         of_u, of_v = contact.tangents(force.place + place + (v - begin) / s, v)
         step = np.linalg.solve(np.eye(len(v)) - C @ (of_v + of_u / s), rest)
-        part = 1.0
-        while part > 1e-12:
+        for part in 0.5 ** np.arange(40):
             trial = v - part * step
             found, f = gap(trial)
             if np.linalg.norm(found) < np.linalg.norm(rest) or np.abs(found).max() <= floor:
                 break
-            part /= 2
         else:
             if np.abs(rest).max() <= 1e4 * floor:
                 return gap(v)[1]

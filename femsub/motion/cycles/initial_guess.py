@@ -88,23 +88,6 @@ def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None) -
         _of_crossings(contact, flexibility, growing, near)
 
 
-def _no_seeds(contact: Sliding, flexibility: Fractions, near: float | None) -> NoCycleError:
-    if near is None and not len(unstable_modes(contact, flexibility)):
-        return NoCycleError(f"steady sliding is stable{_because(contact)}: no mode of {contact.model.name!r} grows, so there is "
-                            "no initial guess for a cycle. Make the slope of the friction more negative or its force larger (see "
-                            "fs.critical_slope), or give start= if a cycle is known")
-    return NoCycleError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
-                        + (f" near ω = {near:g}" if near else "") +
-                        ". Give start=(t, v), a signal in time, or another frequency")
-
-
-def _because(contact: Sliding) -> str:
-    if all(belt.speed == 0 for belt in contact.belts):
-        return " (the belt is at rest and supplies no energy: give it a speed)"
-    slopes = ", ".join(f"F μ' = {belt.force * belt.slope:.4g}" for belt in contact.belts if belt.slope is not None)
-    return f" ({slopes})"
-
-
 def _sweep(contact: Sliding) -> Array:
     shares = np.concatenate([np.geomspace(1e-3, 0.3, 40), np.linspace(0.31, 1.3, 200), np.linspace(1.32, SWEPT, 60)])
     return float(contact.speeds.max()) * shares
@@ -135,7 +118,7 @@ def crossings(flexibility: Fractions, lo: float, hi: float) -> tuple[Array, Arra
     omega, c = (np.concatenate([pair[i] for pair in pairs] or [np.zeros(0)]) for i in range(2))
     order = np.argsort(omega)
     omega, c = omega[order], c[order]
-    fresh = np.append(True, np.diff(omega) > 1e-9 * omega[1:]) if len(omega) else np.zeros(0, dtype=bool)
+    fresh = np.diff(omega, prepend=-np.inf) > 1e-9 * omega
     return omega[fresh], c[fresh]
 
 
@@ -231,7 +214,15 @@ def orbits(contact: Sliding, flexibility: Compliance, near: float | None) -> Ite
         found = seeds(sharp[at], flexibility, near)
         for orbit in found[:2]:
             yield sharp[at:], orbit
-        if found and at + 1 < len(sharp) and at > len(sharp) // 2:
+        if found and at > len(sharp) // 2:
             return
-    if not found:
-        raise _no_seeds(contact, flexibility, near)
+    if found:
+        return
+    if near is None and not len(unstable_modes(contact, flexibility)):
+        slopes = ", ".join(f"F μ' = {belt.force * belt.slope:.4g}" for belt in contact.belts if belt.slope is not None)
+        why = slopes if contact.speeds.any() else "the belt is at rest and supplies no energy: give it a speed"
+        raise NoCycleError(f"steady sliding is stable ({why}): no mode of {contact.model.name!r} grows, so there is no initial "
+                           "guess for a cycle. Make the slope of the friction more negative or its force larger (see "
+                           "fs.critical_slope), or give start= if a cycle is known")
+    raise NoCycleError(f"no amplitude up to {SWEPT:g} times the belt's speed balances one harmonic"
+                       + (f" near ω = {near:g}" if near else "") + ". Give start=(t, v), a signal in time, or another frequency")
