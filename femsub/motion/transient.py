@@ -231,16 +231,16 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
         raise InputError("give either start or impulse, not both: an impulse starts from the sliding equilibrium")
     first = contact.impulse(1e-3 if impulse is None else impulse) if start is None else contact.checked(start)
     flow, grid = _flow(contact, first, (t0, t1), (step, samples, record_from), tol, method, columns)
-    parts: list[tuple[Array, ...]] = []
+    parts = [(np.zeros((0, columns.shape[1])),) * 2]
     told = clock.perf_counter()
     with closing(flow), Interruptible() as course:
         for times, wanted in _stretches(t0, t1, grid, flow.stretch):
-            parts.append(tuple(part[wanted] for part in flow.advance(times)))
+            q, v = flow.advance(times)
+            parts.append((q[wanted], v[wanted]))
             if clock.perf_counter() - told > TELL:
                 told = clock.perf_counter()
                 tell(f"t = {flow.t:.6g} of {t1:g}")
-    q, v = (np.concatenate(pieces) for pieces in zip(*parts, strict=True)) if parts else \
-        (np.zeros((0, columns.shape[1])),) * 2
+    q, v = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
     work, loss, change, common, energy = flow.balance
     largest = max(abs(work), abs(loss), abs(change), FAINT * energy)
     balance = EnergyBalance(work + common, loss, change + common, abs(work - loss - change) / largest if largest else 0.0)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from femsub.model import Substructure
     from femsub.motion.nonlinear_model import Sliding
 
+COALESCED = 1e8  # condition of the matrix of eigenvectors, ‖X‖ ‖X⁻¹‖ / m in the Frobenius norm (1 for a normal A)
 AGREE = 1e-7  # largest relative difference of partial fractions from a solve
 NEARBY = 1e-7  # estimated relative error of h up to which a basis of responses replaces the model
 MODES, MOMENTS = 40, 3  # size of the first basis of a sparse model
@@ -49,38 +50,34 @@ class Compliance(ABC):
         return self.mobility(s)[0]
 
 
-class Spectral:
-    """λ_j, right and left vectors of a dense pencil in modal form: (s - A)⁻¹ by partial fractions.
+class Spectral(NamedTuple):
+    """λ_j, right and left vectors of a dense pencil in modal form, A = right diag(values) left."""
 
-    Attributes
-    ----------
-    form : ModalForm
-        The undamped modes, in which the state is (Ωq, q̇).
-    values : ndarray of complex, shape (m,)
-    right, left : ndarray of complex, shape (m, m)
-        A = right · diag(values) · left.
-    condition : float
-        Condition of the matrix of eigenvectors, ‖X‖ ‖X⁻¹‖ / m in the Frobenius norm; 1 for a normal A.
+    form: ModalForm  #: the undamped modes, in which the state is (Ωq, q̇)
+    values: Array
+    right: Array
+    left: Array
+    lower: slice  #: the rows of q̇
+
+
+def spectral(pencil: Pencil) -> Spectral | None:
+    """The decomposition of a dense pencil.
+
+    None if M is not definite, or if eigenvalues (nearly) coalesce, so that partial fractions would suffer cancellation.
     """
-
-    def __init__(self, form: ModalForm) -> None:
-        A = form.state()
-        self.form, n, r = form, len(form.omega), form.rigid
-        values, right = la.eig(A, check_finite=False)
-        if form.H is None and (form.sign[r:] > 0).all() and is_symmetric(form.C):
-            values = with_energy(values, right[n - r:], form.C)
-        self.values, self.right = values, right
-        try:
-            self.left = la.inv(right, check_finite=False)
-            self.condition = float(np.linalg.norm(right) * np.linalg.norm(self.left)) / len(A)
-        except la.LinAlgError:
-            self.left, self.condition = np.full_like(right, np.nan), np.inf
-        self.lower = slice(n - r, None)  # the rows of q̇
-
-    @property
-    def usable(self) -> bool:
-        """False if eigenvalues (nearly) coalesce, so that partial fractions would suffer cancellation."""
-        return self.condition < 1e8
+    form = modal_form(pencil)
+    if form is None:
+        return None
+    n, r, A = len(form.omega), form.rigid, form.state()
+    values, right = la.eig(A, check_finite=False)
+    if form.H is None and (form.sign[r:] > 0).all() and is_symmetric(form.C):
+        values = with_energy(values, right[n - r:], form.C)
+    try:
+        left = la.inv(right, check_finite=False)
+    except la.LinAlgError:
+        return None
+    condition = np.linalg.norm(right) * np.linalg.norm(left) / len(A)
+    return Spectral(form, values, right, left, slice(n - r, None)) if condition < COALESCED else None
 
 
 _KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
@@ -89,16 +86,15 @@ _KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
 def compliance(contact: Sliding) -> Compliance:
     """The compliance of a model under its belts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves.
 
-    A model is decomposed once. One whose M is not definite has no decomposition.
+    A model is decomposed once.
     """
     model = contact.model
     if model.pencil.is_sparse and model.size > QUADRATIC:
         return Solved(model.pencil, contact.W)
     if model not in _KNOWN:
-        form = modal_form(model.pencil.dense())
-        _KNOWN[model] = None if form is None else Spectral(form)
+        _KNOWN[model] = spectral(model.pencil.dense())
     found = _KNOWN[model]
-    fractions = Fractions(found, contact.W) if found is not None and found.usable else None
+    fractions = None if found is None else Fractions(found, contact.W)
     return fractions if fractions is not None and fractions.error <= AGREE else Solved(model.pencil, contact.W)
 
 
@@ -233,9 +229,8 @@ class Solved(Compliance):
         self.V = np.hstack([self.V, orthonormal(new, np.asarray, self.V)[0]])
         self.images = [part @ self.V for part in (self.pencil.M, self.pencil.D, self.pencil.K)]
         M, D, K = (self.V.T @ image for image in self.images)
-        form = modal_form(Pencil((M + M.T) / 2, D, (K + K.T) / 2))
-        found = None if form is None else Spectral(form)
-        self.quick = Fractions(found, self.V.T @ self.W) if found is not None and found.usable else None
+        found = spectral(Pencil((M + M.T) / 2, D, (K + K.T) / 2))
+        self.quick = None if found is None else Fractions(found, self.V.T @ self.W)
 
     def mobility(self, s: Array) -> tuple[Array, Array]:
         """Y(s) and dY/ds = h - s yᵀ(2sM + D)x, shape (m, p, p) each."""
