@@ -32,7 +32,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -53,103 +52,137 @@ Right = Callable[[float, Array], Array]
 Balance = tuple[float, float, float, float, float]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Equations:
-    """ẏ = rhs(t, y) of y = [x, u, work, dissipation], shape (2n + 2,).
+class Flow:
+    """A trajectory of a model small enough to be dense: `advance` integrates it along a grid and keeps the current state.
 
     Attributes
     ----------
-    rhs, jacobian : callable
-        ẏ and ∂ẏ/∂y **transposed**, in arrays that the next call overwrites.
+    t, y
+        Current time and state, y = [x, u, work, dissipation], shape (2n + 2,).
+    rate, jacobian : callable
+        ẏ = rate(t, y) and ∂ẏ/∂y **transposed**, in arrays that the next call overwrites.
     rest : ndarray, shape (n,)
-        x₀.
+        x₀, if it is known (`shifted`); else 0.
     scale : float
         v/‖w‖_M⁻¹ of the error control: the largest s for velocities.
     omega, thrust : float
         ω and ‖G f(0)‖ of the error control.
     highest : float
         The largest ω of the model.
-    shifted : bool
-        Whether x₀ is known; else it is 0 here.
-    """
-
-    T: Array
-    Tinv: Array
-    K: Array
-    rest: Array
-    rhs: Right
-    jacobian: Right
-    scale: float
-    omega: float
-    thrust: float
-    highest: float
-    shifted: bool
-
-    @property
-    def size(self) -> int:
-        return len(self.T)
-
-    def vector(self, state: State) -> Array:
-        """y of a state, with zero work and dissipation."""
-        return np.concatenate([self.Tinv @ state.displacement - self.rest, self.Tinv @ state.velocity, [0.0, 0.0]])
-
-    def energy(self, y: Array) -> float:
-        """½ uᵀu + ½ xᵀK̂x: of the motion about x₀."""
-        x, u = y[:self.size], y[self.size:2 * self.size]
-        return float(u @ u + x @ (self.K @ x)) / 2
-
-    def motion(self, y: Array) -> float:
-        """m of the error control."""
-        n = self.size
-        return float(np.hypot(np.linalg.norm(y[n:2 * n]), np.linalg.norm(self.rhs(0.0, y)[n:2 * n]) / self.omega))
-
-    def tolerances(self, y: Array, tol: float) -> Array:
-        """tol · s of the error control from y on, at least the rounding, shape (2n + 2,)."""
-        n, pushed = self.size, self.thrust / self.omega
-        m = max(self.motion(y), FAINTEST * self.scale)
-        at = max(tol * min(self.scale, m), NOISE * (min(pushed, m / SMALL) if self.shifted else pushed))
-        power = at * (min(self.scale, m) + (min(pushed, m) if self.shifted else pushed))
-        return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
-
-
-def equations(contact: Sliding, start: State) -> Equations:
-    """The first-order system of a model small enough to be dense.
+    columns
+        What is recorded: columnsᵀq.
+    begins : float
+        The motion at the start, as a speed.
+    steps, rhs, jacobians : int
+        Counters of the effort.
 
     Raises
     ------
     InputError
         M is singular.
     """
-    model = contact.model
-    pencil = model.pencil.dense()
-    M, D, K = pencil.M, pencil.D, pencil.K
+
+    error = None  # SciPy's integrators do not report their local errors
+
+    def __init__(self, contact: Sliding, start: State, t: float, tol: float, method: str, columns: Matrix) -> None:
+        self.t, self.tol, self.method, self.columns = t, tol, method, columns
+        self.steps = self.rhs = self.jacobians = 0
+        pencil = contact.model.pencil.dense()
+        self.T = T = _coordinates(contact, pencil.M)
+        K, D, G = T.T @ pencil.K @ T, T.T @ pencil.D @ T, T.T @ contact.W
+        self.K = K = (K + K.T) / 2
+        self.highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
+        inverse = T.T @ pencil.M
+        begin = inverse @ start.displacement
+        rest = _rest(contact, start, begin, K, G)
+        self.shifted = rest is not None
+        change = contact.change(start.displacement if rest is None else T @ rest)
+        self.thrust = float(np.linalg.norm(G @ change.rest))
+        if rest is None:
+            rest, none = np.zeros(len(K)), np.zeros(contact.columns)
+            change = Change(contact, none, none, none)
+        self.rest = rest
+        self.rate, self.jacobian = _functions(change, K, D, G[:min(contact.columns, len(K))])
+        self.scale, self.omega = _scale(contact, start, K, G, self.highest)
+        self.first = self.y = np.concatenate([begin - rest, inverse @ start.velocity, [0.0, 0.0]])
+        self.begins = self._motion()
+
+    @property
+    def stretch(self) -> float:
+        """The time to integrate in one call."""
+        return PERIODS * 2 * np.pi / (self.highest or 1.0)
+
+    def advance(self, times: Array) -> tuple[Array, Array]:
+        """columnsᵀq and columnsᵀq̇ at times, (m, c) each.
+
+        times[0] is the current time; the integrator restarts there.
+
+        Raises
+        ------
+        NotConvergedError
+            The integrator failed.
+        """
+        step = _lsoda if self.method == "lsoda" else _solve_ivp
+        with np.errstate(over="ignore", invalid="ignore"):  # NaN and Inf are checked below
+            found = step(self, times)
+        if not np.isfinite(found).all():
+            raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}. Either the "
+                                    "friction law is not finite, or the motion grows without bound. A belt cannot cause that, "
+                                    "so check D")
+        self.t, self.y = float(times[-1]), found[-1].copy()
+        n, C = len(self.T), self.T.T @ self.columns
+        return (found[:, :n] + self.rest) @ C, found[:, n:2 * n] @ C
+
+    def close(self) -> None:
+        """Nothing to free; same interface as `AlphaFlow`."""
+
+    @property
+    def state(self) -> State:
+        n = len(self.T)
+        return State(self.T @ (self.y[:n] + self.rest), self.T @ self.y[n:2 * n])
+
+    @property
+    def balance(self) -> Balance:
+        """The terms of the energy balance since the start."""
+        before, now = self._energy(self.first), self._energy(self.y)
+        # x₀ᵀK̂x = f(0)ᵀGᵀx is work of the friction at rest as well as energy
+        common = float(self.rest @ (self.K @ (self.y - self.first)[:len(self.T)]))
+        return float(self.y[-2]), float(self.y[-1]), now - before, common, max(before, now)
+
+    def _energy(self, y: Array) -> float:
+        """½ uᵀu + ½ xᵀK̂x: of the motion about x₀."""
+        x, u = np.split(y[:-2], 2)
+        return float(u @ u + x @ (self.K @ x)) / 2
+
+    def _motion(self) -> float:
+        """m of the error control."""
+        u, a = self.y[len(self.T):-2], self.rate(0.0, self.y)[len(self.T):-2]
+        return float(np.hypot(np.linalg.norm(u), np.linalg.norm(a) / self.omega))
+
+    def tolerances(self) -> Array:
+        """tol · s of the error control from now on, at least the rounding, shape (2n + 2,)."""
+        n, pushed = len(self.T), self.thrust / self.omega
+        m = max(self._motion(), FAINTEST * self.scale)
+        at = max(self.tol * min(self.scale, m), NOISE * (min(pushed, m / SMALL) if self.shifted else pushed))
+        power = at * (min(self.scale, m) + (min(pushed, m) if self.shifted else pushed))
+        return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
+
+
+def _coordinates(contact: Sliding, M: Array) -> Array:
+    """T (n, n)."""
     try:
         L = la.cholesky(M, lower=True)
     except la.LinAlgError:
         L = np.zeros_like(M)
     # entry by entry: rotations and displacements in one vector have masses of different units
     if (np.diagonal(L) ** 2 <= len(M) * EPS * M.diagonal()).any():
-        raise massless(f"M of {model.name!r}", "velocities are not determined")
+        raise massless(f"M of {contact.model.name!r}", "velocities are not determined")
     Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))
-    T = la.solve_triangular(L, Q, lower=True, trans="T")
-    K, D, G = T.T @ K @ T, T.T @ D @ T, T.T @ contact.W
-    K = (K + K.T) / 2
-    highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
-    Tinv = T.T @ M
-    rest = _rest(contact, start, Tinv, K, G)
-    change = contact.change(start.displacement if rest is None else T @ rest)
-    thrust = float(np.linalg.norm(G @ change.rest))
-    if rest is None:
-        none = np.zeros(contact.columns)
-        change = Change(contact, none, none, none)
-    rhs, jacobian = _functions(change, K, D, G[:min(contact.columns, len(M))])
-    return Equations(T, Tinv, K, np.zeros(len(K)) if rest is None else rest, rhs, jacobian,
-                     *_scale(contact, start, K, G, highest), thrust, highest, rest is not None)
+    return la.solve_triangular(L, Q, lower=True, trans="T")
 
 
-def _rest(contact: Sliding, start: State, Tinv: Array, K: Array, G: Array) -> Array | None:
+def _rest(contact: Sliding, start: State, begin: Array, K: Array, G: Array) -> Array | None:
     """x₀: the start, if it is an equilibrium; else K⁻¹ G f(0), if it exists and is accurate enough; else None."""
-    begin = Tinv @ start.displacement
     if not contact.pull(start.displacement).any():
         return begin
     if not contact.by_speed:
@@ -247,88 +280,13 @@ def _functions(change: Change, K: Array, D: Array, G: Array) -> tuple[Right, Rig
     return scalar_rhs, jacobian
 
 
-@dataclass(repr=False)
-class Flow:
-    """A trajectory during integration: `advance` integrates it along a grid and keeps the current state.
-
-    Attributes
-    ----------
-    t, y
-        Current time and state.
-    columns
-        What is recorded: columnsᵀq.
-    begins : float
-        The motion at the start, as a speed.
-    stretch : float
-        The time to integrate in one call.
-    steps, rhs, jacobians : int
-        Counters of the effort.
-    """
-
-    system: Equations
-    t: float
-    y: Array
-    tol: float
-    method: str
-    columns: Matrix
-    steps: int = 0
-    rhs: int = 0
-    jacobians: int = 0
-    error: float | None = None  # SciPy's integrators do not report their local errors
-
-    def __post_init__(self) -> None:
-        self.first, self.begins = self.y, self.system.motion(self.y)
-
-    @property
-    def stretch(self) -> float:
-        return PERIODS * 2 * np.pi / (self.system.highest or 1.0)
-
-    def advance(self, times: Array) -> tuple[Array, Array]:
-        """columnsᵀq and columnsᵀq̇ at times, (m, c) each.
-
-        times[0] is the current time; the integrator restarts there.
-
-        Raises
-        ------
-        NotConvergedError
-            The integrator failed.
-        """
-        step = _lsoda if self.method == "lsoda" else _solve_ivp
-        with np.errstate(over="ignore", invalid="ignore"):  # NaN and Inf are checked below
-            found = step(self, times)
-        if not np.isfinite(found).all():
-            raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}. Either the "
-                                    "friction law is not finite, or the motion grows without bound. A belt cannot cause that, "
-                                    "so check D")
-        self.t, self.y = float(times[-1]), found[-1].copy()
-        n, C = self.system.size, self.system.T.T @ self.columns
-        return (found[:, :n] + self.system.rest) @ C, found[:, n:2 * n] @ C
-
-    def close(self) -> None:
-        """Nothing to free; same interface as `AlphaFlow`."""
-
-    @property
-    def state(self) -> State:
-        n, T = self.system.size, self.system.T
-        return State(T @ (self.y[:n] + self.system.rest), T @ self.y[n:2 * n])
-
-    @property
-    def balance(self) -> Balance:
-        """The terms of the energy balance since the start."""
-        system = self.system
-        before, now = system.energy(self.first), system.energy(self.y)
-        # x₀ᵀK̂x = f(0)ᵀGᵀx is work of the friction at rest as well as energy
-        common = float(system.rest @ (system.K @ (self.y - self.first)[:system.size]))
-        return float(self.y[-2]), float(self.y[-1]), now - before, common, max(before, now)
-
-
 def _lsoda(flow: Flow, times: Array) -> Array:
     from scipy.integrate import ODEintWarning, odeint
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ODEintWarning)  # its message is in `info`
-        found, info = odeint(flow.system.rhs, flow.y, times, Dfun=flow.system.jacobian, col_deriv=True, tfirst=True,
-                             rtol=flow.tol, atol=flow.system.tolerances(flow.y, flow.tol), full_output=True, mxstep=MOST)
+        found, info = odeint(flow.rate, flow.y, times, Dfun=flow.jacobian, col_deriv=True, tfirst=True,
+                             rtol=flow.tol, atol=flow.tolerances(), full_output=True, mxstep=MOST)
     flow.steps += int(info["nst"][-1])
     flow.rhs += int(info["nfe"][-1])
     flow.jacobians += int(info["nje"][-1])
@@ -340,10 +298,10 @@ def _lsoda(flow: Flow, times: Array) -> Array:
 def _solve_ivp(flow: Flow, times: Array) -> Array:
     from scipy.integrate import solve_ivp
 
-    system, implicit = flow.system, flow.method in ("radau", "bdf")
-    options: dict[str, Any] = {"jac": lambda t, y: system.jacobian(t, y).T.copy()} if implicit else {}
-    done = solve_ivp(lambda t, y: system.rhs(t, y).copy(), (times[0], times[-1]), flow.y, method=METHODS[flow.method],
-                     t_eval=times, dense_output=True, rtol=flow.tol, atol=system.tolerances(flow.y, flow.tol), **options)
+    implicit = flow.method in ("radau", "bdf")
+    options: dict[str, Any] = {"jac": lambda t, y: flow.jacobian(t, y).T.copy()} if implicit else {}
+    done = solve_ivp(lambda t, y: flow.rate(t, y).copy(), (times[0], times[-1]), flow.y, method=METHODS[flow.method],
+                     t_eval=times, dense_output=True, rtol=flow.tol, atol=flow.tolerances(), **options)
     flow.steps += len(done.sol.ts) - 1
     flow.rhs += int(done.nfev)
     flow.jacobians += int(done.njev)

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from femsub.algebra import Interruptible
 from femsub.checks import EPS, Array, choice, finite_number, interval, items, listener, positive_number, whole_number, word
 from femsub.errors import InputError, unknown_name
-from femsub.motion.first_order import METHODS, Flow, equations
+from femsub.motion.first_order import METHODS, Flow
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 
 if TYPE_CHECKING:
@@ -275,10 +275,9 @@ def _flow(contact: Sliding, start: State, time: tuple[float, float], grid: tuple
     if model.size > LARGEST:
         raise InputError(f"{method!r} is for dense models of up to {LARGEST} DOF, but {model.name!r} has {model.size}. Use "
                          "method='alpha', or reduce the model first")
-    system = equations(contact, start)
-    points = _grid(*time, *grid, system.highest)
-    return Flow(system, time[0], system.vector(start), TOL["dense"] if tol is None else float(tol),
-                "lsoda" if method == "auto" else method, columns), points
+    flow = Flow(contact, start, time[0], TOL["dense"] if tol is None else float(tol), "lsoda" if method == "auto" else method,
+                columns)
+    return flow, _grid(*time, *grid, flow.highest)
 
 
 def _columns(contact: Sliding, ports: Sequence[str], whole: bool) -> tuple[Any, dict[str, Any]]:
