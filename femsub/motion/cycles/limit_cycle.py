@@ -18,6 +18,7 @@ from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
+from femsub.motion.transient import Transient
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
@@ -253,7 +254,7 @@ def flexibility_of(contact: Sliding, start: Any) -> Compliance:
 def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) -> tuple[Orbit, int]:
     if isinstance(start, LimitCycle):
         return _trimmed(start.orbit), 0
-    if start is not None and hasattr(start, "t") and callable(getattr(start, "velocity", None)):
+    if isinstance(start, Transient):
         start = (start.t, _speeds(contact, start))
     if isinstance(start, tuple) and len(start) == 2:
         orbit = of_signal(*start, contact.columns)
@@ -266,9 +267,9 @@ def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) ->
     return _sharpened(contact, flexibility, near)
 
 
-def _speeds(contact: Sliding, run: Any) -> Array:
+def _speeds(contact: Sliding, run: Transient) -> Array:
     """Wᵀq̇ of a transient, (p, m): of its states, or as recorded at the ports."""
-    if getattr(run, "states", None) is not None and run.contact.model is contact.model:
+    if run.states is not None and run.contact.model is contact.model:
         return np.asarray(contact.W.T @ run.states[1].T)
     if bare := next((one for one in contact.contacts if getattr(one, "sets", ())), None):
         raise InputError(f"{type(bare).__name__} acts on the sets {', '.join(bare.sets)}, which a transient does not record at "

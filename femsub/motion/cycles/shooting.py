@@ -146,7 +146,11 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
     start = contact.checked(start)
     if period is None or finite_number("period", period) <= 0:
         raise InputError(f"shooting from a state needs a positive period, not {period!r}")
-    _check_period(model, period)
+    modes = all_modes(model.K, model.M, carried=model.rigid_motion)
+    turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
+    if (turns > LONGEST).any():  # it would take too long
+        raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most {LONGEST} "
+                         "are allowed. Give the period in the model's unit of time")
     y = np.concatenate([start.displacement, start.velocity])
     flow = _Flow(contact, tol)
     for turn in range(1, rounds + 1):  # noqa: B007 - told in the result
@@ -168,15 +172,6 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
     n = model.size
     return ShotCycle(State(y[:n], y[n:]), float(period), values[np.argsort(-np.abs(values))],
                      float(np.linalg.norm(gap)) / scale, flow.speeds(y, period), turn)
-
-
-def _check_period(model: Substructure, period: float) -> None:
-    """Refuse a period in which the lowest elastic mode oscillates more than LONGEST times: it would take too long."""
-    modes = all_modes(model.K, model.M, carried=model.rigid_motion)
-    turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
-    if (turns > LONGEST).any():
-        raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most {LONGEST} "
-                         "are allowed. Give the period in the model's unit of time")
 
 
 class _Flow:
