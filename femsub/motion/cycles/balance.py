@@ -55,6 +55,11 @@ class Orbit:
     def harmonics(self) -> int:
         return len(self.v)
 
+    @property
+    def s(self) -> Array:
+        """ikω (H,)."""
+        return 1j * self.omega * np.arange(1, self.harmonics + 1)
+
     @cached_property
     def norm(self) -> float:
         """Root mean square of v over one period, summed over the columns."""
@@ -134,7 +139,7 @@ class Balance:
         v = orbit.samples(count)
         if self.contact.by_speed:
             return Course(None, v, self.contact.exerted(v, v), None)
-        u = samples_of(orbit.v / (1j * orbit.omega * np.arange(1, orbit.harmonics + 1)[:, None]), count)
+        u = samples_of(orbit.v / orbit.s[:, None], count)
         begin = self.contact.W.T @ self.contact.equilibrium if orbit.mean is None else orbit.mean
         mean, f = self.contact.mean(u, v, begin)
         return Course(u, v, f, mean)
@@ -148,7 +153,7 @@ class Balance:
         H = orbit.harmonics
         count = power_of_two(max(64, 4 * H + 2))
         f = coefficients(self.force(orbit, count), H)
-        Y = self.flexibility.estimate(1j * orbit.omega * np.arange(1, H + 1))
+        Y = self.flexibility.estimate(orbit.s)
         while count < SAMPLES:
             finer = coefficients(self.force(orbit, 2 * count), H)
             error = np.einsum("kij,kj->ki", Y, (finer - f)[1:])
@@ -159,11 +164,10 @@ class Balance:
 
     def residual(self, orbit: Orbit, count: int) -> Terms:
         """R, and what it is made of."""
-        k = np.arange(1, orbit.harmonics + 1)
-        Y, slope = self.flexibility.mobility(1j * orbit.omega * k)
+        Y, slope = self.flexibility.mobility(orbit.s)
         course = self.course(orbit, count)
         f = coefficients(course.f, orbit.harmonics)[1:]
-        return Terms(orbit.v - np.einsum("kij,kj->ki", Y, f), Y, 1j * k[:, None, None] * slope, f, course)
+        return Terms(orbit.v - np.einsum("kij,kj->ki", Y, f), Y, (orbit.s / orbit.omega)[:, None, None] * slope, f, course)
 
     def derivative(self, orbit: Orbit, terms: Terms) -> Array:
         """dR/d[Re v, Im v, ω], shape (2Hp, 2Hp + 1)."""
@@ -185,8 +189,7 @@ class Balance:
 
         The condition allows no step along the orbit itself.
         """
-        k = np.arange(1, orbit.harmonics + 1)[:, None]
-        phase = np.append(parts_of(1j * k * orbit.v), 0.0)
+        phase = np.append(parts_of(orbit.s[:, None] * orbit.v), 0.0)
         return np.append(parts_of(terms.R), 0.0), np.vstack([self.derivative(orbit, terms), phase / np.linalg.norm(phase)])
 
     def _linear(self, orbit: Orbit, course: Course) -> tuple[Array, Array, Array | None]:
@@ -196,7 +199,7 @@ class Balance:
             return *_around(self.contact.tangents(course.v, course.v)[1], j[:, None], j), None
         k = np.arange(H + 1)[:, None]
         of_u, of_v = self.contact.tangents(course.mean[:, None] + course.u, course.v)
-        turn, static = 1 / (1j * orbit.omega * j)[:, None], self.contact.static[1]
+        turn, static = 1 / orbit.s[:, None], self.contact.static[1]
         (one, two), (less, more) = _around(of_v, k, j), _around(of_u, k, j)
         one, two = one + less * turn, two - more * turn
         fed = coefficients(np.einsum("abm,bm->am", of_u, course.u), H) / -orbit.omega

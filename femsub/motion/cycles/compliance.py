@@ -161,17 +161,13 @@ class Solved(Compliance):
         self.V = np.zeros((pencil.size, 0))
         self.quick: Fractions | None = None
         if pencil.is_sparse and pencil.size > QUADRATIC:
-            self._grow(self._first())
-
-    def _first(self) -> Array:
-        """The first basis: the lowest modes, which nearby responses cannot distinguish, and the first moments of h about 0."""
-        handle = ShiftInvert(self.pencil.K, self.pencil.M, carried=self.pencil.rigid_motion)
-        modes = lowest_modes(handle, MODES, evidence=False)
-        moments = [self.static.solve(self.W)]
-        for _ in range(MOMENTS):
-            moments.append(self.static.solve(self.pencil.M @ moments[-1]))
-        self.V = orthonormal(modes.shapes, np.asarray)[0]  # first, since little of the moments remains beside the modes
-        return np.hstack(moments)
+            # the lowest modes, which nearby responses cannot distinguish, and the first moments of h about 0
+            modes = lowest_modes(ShiftInvert(pencil.K, pencil.M, carried=pencil.rigid_motion), MODES, evidence=False)
+            moments = [self.static.solve(W)]
+            for _ in range(MOMENTS):
+                moments.append(self.static.solve(pencil.M @ moments[-1]))
+            self.V = orthonormal(modes.shapes, np.asarray)[0]  # first, since little of the moments remains beside the modes
+            self._grow(np.hstack(moments))
 
     def _galerkin(self, s: Array) -> tuple[Array, Array]:
         """x = V q - K⁻¹r with r = P(s)Vq - W, shape (m, n, p), and the error |rᵀK⁻¹r| / |h| (m,), infinite without a basis.

@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 
 MOST_ASKED = 100_000  # largest number of harmonics that may be requested; each needs some 16 samples of every column
 MOST = 1500  # largest number of harmonics that is chosen automatically
+TAIL = 1e-5  # share of a cycle that its highest harmonics may be together and yet be left out of a start
 ROUGH = 1e-2  # truncation or aliasing above which there is a warning
 
 
@@ -113,17 +114,14 @@ class LimitCycle:
     def velocity(self, t: Any) -> Array:
         """v(t) = Wᵀq̇, shape of t for one column, `(p, *t.shape)` for several."""
         times = np.asarray(t, dtype=float)
-        k = np.arange(1, self.orbit.harmonics + 1)
-        waves = np.exp(1j * np.multiply.outer(times, k * self.omega))
-        found = np.moveaxis(2 * (waves @ self.orbit.v).real, -1, 0)
+        found = np.moveaxis(2 * (np.exp(np.multiply.outer(times, self.orbit.s)) @ self.orbit.v).real, -1, 0)
         return found[0] if self.contact.columns == 1 else found
 
     @cached_property
     def _motion(self) -> tuple[Array, Array, Array]:
         """K⁻¹W f_0 (n,), ikω (H,) and q_k (n, H)."""
         f = coefficients(Balance(self.contact, self.flexibility).force(self.orbit, self._wave.shape[1]), self.orbit.harmonics)
-        s = 1j * self.omega * np.arange(1, self.orbit.harmonics + 1)
-        return self.contact.static[0] @ f[0].real, s, self.flexibility.response(s, f[1:])
+        return self.contact.static[0] @ f[0].real, self.orbit.s, self.flexibility.response(self.orbit.s, f[1:])
 
     def state(self, t: float = 0.0) -> State:
         """q and q̇ on the cycle at time t in the model's own coordinates: q_k = P(ikω)⁻¹ W f_k, K q_0 = W f_0."""
@@ -253,7 +251,8 @@ def flexibility_of(contact: Sliding, start: Any) -> Compliance:
 
 def _sought(contact: Sliding, flexibility: Compliance, start: Any, most: int) -> tuple[Orbit, int]:
     if isinstance(start, LimitCycle):
-        return _trimmed(start.orbit), 0
+        beyond = np.sqrt(np.cumsum(np.square(np.linalg.norm(start.harmonics, axis=1))[::-1])[::-1])
+        return start.orbit.with_harmonics(max(5, np.count_nonzero(beyond > TAIL * beyond[0]))), 0
     if isinstance(start, Transient):
         start = (start.t, _speeds(contact, start))
     if isinstance(start, tuple) and len(start) == 2:
@@ -275,13 +274,6 @@ def _speeds(contact: Sliding, run: Transient) -> Array:
         raise InputError(f"{type(bare).__name__} acts on the sets {', '.join(bare.sets)}, which a transient does not record at "
                          "ports. Run it on the same model with record='states'")
     return np.vstack([np.asarray(run.velocity(port)).T for one in contact.contacts for port in one.ports])
-
-
-def _trimmed(orbit: Orbit, tail: float = 1e-5) -> Orbit:
-    """The orbit without the highest harmonics that together are less than `tail` of it."""
-    size = np.linalg.norm(orbit.v, axis=1)
-    beyond = np.sqrt(np.cumsum(size[::-1] ** 2)[::-1])
-    return orbit.with_harmonics(max(5, int(np.count_nonzero(beyond > tail * beyond[0]))))
 
 
 def _sharpened(contact: Sliding, flexibility: Compliance, near: float | None) -> tuple[Orbit, int]:
